@@ -1,0 +1,22 @@
+"""The two kinds of failure a user meets: input that cannot be used, and a check that failed."""
+
+
+class WakedeployError(Exception):
+    """An error told to the user as one sentence: what is wrong, where, what to do."""
+
+    exit_status = 1
+
+
+class UnusableInput(WakedeployError):
+    """A file, an argument or a device that cannot be used as it is (exit status 2)."""
+
+    exit_status = 2
+
+
+class CheckFailed(WakedeployError):
+    """A run or a check that was carried out and did not pass (exit status 1)."""
+
+
+def one_line(error: BaseException) -> str:
+    """The text of another library's exception, folded to a single line."""
+    return " ".join(str(error).split()) or type(error).__name__

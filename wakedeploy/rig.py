@@ -1,0 +1,410 @@
+"""A gantry's constants and effects: `rig.toml`, read, validated and written here and nowhere else.
+
+In: a TOML file. Out: a frozen `Rig` in SI units (pulse widths in µs). Any constant may be written as
+`{value, spread, unit, date}`; its spread, the calibration uncertainty, is kept in `Rig.calibration`.
+"""
+
+import functools
+import importlib.resources
+import re
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+import pydantic
+import tomli_w
+from pydantic import Field
+
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import sha256_of, write_text_whole
+
+SCHEMA = 1
+LOOP_RATE_HZ = 32.0
+
+_CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
+_UNIT_OF_SUFFIX = {
+    "m": "m",
+    "kg": "kg",
+    "s": "s",
+    "n": "N",
+    "us": "us",
+    "mps": "m/s",
+    "mps2": "m/s^2",
+    "m2ps": "m^2/s",
+    "m2": "m^2",
+    "per_s": "1/s",
+    "us_per_s": "us/s",
+    "steps_per_m": "steps/m",
+    "n_per_m": "N/m",
+    "n_per_ms": "N/(m s)",
+    "ns_per_m": "N s/m",
+    "n_per_mps": "N s/m",
+}
+
+
+class Calibration(pydantic.BaseModel, frozen=True, extra="forbid"):
+    """What is known about a constant beside its value: uncertainty (1 sd), unit, date."""
+
+    spread: Annotated[float, Field(ge=0)] | None = None
+    unit: str | None = None
+    date: str | None = None
+
+
+class _Section(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Source(_Section):
+    """The wake source's motor, fixed at the centre of the top beam, jet pointing down."""
+
+    height_m: float = Field(gt=0.2, le=20)
+
+
+class Sufferer(_Section):
+    """The robot on the vertical rail."""
+
+    mass_kg: float = Field(gt=0.01, le=50)
+    rotor_radius_m: float = Field(gt=0.005, le=2)
+    travel_m: float = Field(gt=0.05, le=20)
+
+
+class ThrustCurve(_Section):
+    """Static thrust of one motor over the pulse width, linear between the points."""
+
+    pulse_us: tuple[float, ...] = Field(min_length=2)
+    thrust_n: tuple[float, ...] = Field(min_length=2)
+
+    @pydantic.model_validator(mode="after")
+    def _table_is_a_curve(self) -> Self:
+        if len(self.pulse_us) != len(self.thrust_n):
+            raise ValueError("pulse_us and thrust_n need the same number of points")
+        if np.any(np.diff(self.pulse_us) <= 0) or np.any(np.diff(self.thrust_n) <= 0):
+            raise ValueError("pulse_us and thrust_n must both rise from point to point")
+        if self.thrust_n[0] < 0 or self.pulse_us[0] < 500 or self.pulse_us[-1] > 2500:
+            raise ValueError("pulse widths lie within 500 and 2500 us, thrusts are not negative")
+        return self
+
+    def thrust(self, pulse_us: float) -> float:
+        """Thrust [N] at a pulse width [us]; the ends of the table are held beyond it."""
+        return float(np.interp(pulse_us, self.pulse_us, self.thrust_n))
+
+    def pulse(self, thrust_n: float) -> float:
+        """Pulse width [us] for a thrust [N]; saturates at the ends of the table."""
+        return float(np.interp(thrust_n, self.thrust_n, self.pulse_us))
+
+    def throttle(self, pulse_us: float) -> float:
+        """Pulse width as a share of the table's range, 0…1."""
+        low, high = self.pulse_us[0], self.pulse_us[-1]
+        return min(max((pulse_us - low) / (high - low), 0.0), 1.0)
+
+
+class MotorTables(_Section):
+    """The two motors' thrust curves."""
+
+    source: ThrustCurve
+    sufferer: ThrustCurve
+
+
+class SpoolLag(_Section):
+    """First-order lag of one rotor's speed; zero follows at once."""
+
+    up_s: float = Field(default=0.0, ge=0, le=2)
+    down_s: float = Field(default=0.0, ge=0, le=2)
+
+
+class Spool(_Section):
+    """The two motors' spool lags."""
+
+    source: SpoolLag = SpoolLag()
+    sufferer: SpoolLag = SpoolLag()
+
+
+class Rail(_Section):
+    """Friction of the sufferer's vertical rail."""
+
+    coulomb_n: float = Field(default=0.0, ge=0, le=20)
+    stiction_n: float = Field(default=0.0, ge=0, le=40)
+    viscous_n_per_mps: float = Field(default=0.0, ge=0, le=50)
+
+
+class Stepper(_Section):
+    """The carriage's drive in X."""
+
+    steps_per_m: float = Field(gt=1, le=1e6)
+    max_speed_mps: float = Field(gt=0, le=5)
+    max_accel_mps2: float = Field(gt=0, le=50)
+
+
+class RangeSensor(_Section):
+    """The time-of-flight sensor on the carriage base, looking up at the sufferer's reflector."""
+
+    noise_m: float = Field(ge=0, le=0.2)
+    period_s: float = Field(gt=0.001, le=1)
+    resolution_m: float = Field(ge=0, le=0.1)
+
+
+class Latency(_Section):
+    """Measurement to actuation, without the motors: half of it sensing, half the command's way."""
+
+    round_trip_s: float = Field(ge=0, le=0.2)
+
+
+class Limits(_Section):
+    """What the MCU and the loop never exceed."""
+
+    pulse_us: tuple[float, float] = (1000.0, 2000.0)
+    slew_us_per_s: float = Field(default=20_000.0, gt=0, le=1e7)
+    x_m: tuple[float, float] = (-0.6, 0.6)
+    z_m: tuple[float, float] = (-0.05, 1.15)
+    source_descent_s: float = Field(default=0.25, gt=0, le=10)
+    sufferer_descent_s: float = Field(default=1.0, gt=0, le=10)
+
+    @pydantic.field_validator("pulse_us", "x_m", "z_m")
+    @classmethod
+    def _low_before_high(cls, pair: tuple[float, float]) -> tuple[float, float]:
+        if not pair[0] < pair[1]:
+            raise ValueError("the lower limit must lie below the upper one")
+        return pair
+
+
+class Wake(_Section):
+    """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, drag area Cd·A."""
+
+    speed_mps: float = Field(gt=0.1, le=100)
+    diffusivity_m2ps: float = Field(ge=0, le=10)
+    decay_per_s: float = Field(ge=0, le=50)
+    strength: float = Field(ge=0, le=1e5)
+    width_m: float = Field(gt=0.005, le=5)
+    drag_area_m2: float = Field(ge=0, le=10)
+    reference_thrust_n: float = Field(default=4.41, gt=0, le=1000)
+
+
+class Control(_Section):
+    """Altitude PID (force per metre) and the carriage's position loop."""
+
+    kp_n_per_m: float = Field(default=12.0, ge=0, le=1e4)
+    ki_n_per_ms: float = Field(default=8.0, ge=0, le=1e4)
+    kd_ns_per_m: float = Field(default=5.0, ge=0, le=1e4)
+    carriage_gain_per_s: float = Field(default=4.0, ge=0, le=100)
+
+
+class Disturbance(_Section):
+    """What the virtual gantry suffers beyond the model; zero switches each off."""
+
+    turbulence_fraction: float = Field(default=0.04, ge=0, le=2)
+    turbulence_time_s: float = Field(default=0.08, gt=0, le=10)
+    outlier_probability: float = Field(default=0.005, ge=0, le=0.5)
+    outlier_size_m: float = Field(default=0.15, ge=0, le=2)
+    clock_jitter_s: float = Field(default=0.0003, ge=0, le=0.005)
+    rest_s: float = Field(default=3.0, ge=0, le=60)
+    esc_frame_s: float = Field(default=0.02, ge=0, le=0.1)
+
+
+class EffectParameter(_Section):
+    """One parameter of an effect, with its unit and its interval."""
+
+    value: float
+    unit: str
+    low: float | None = None
+    high: float | None = None
+
+
+class Effect(_Section):
+    """A named piece of physics that this rig's simulation includes."""
+
+    name: str
+    parameters: dict[str, EffectParameter] = {}
+    data_sha256: str | None = None
+    date: str | None = None
+
+
+class Rig(_Section):
+    """Everything the model of one gantry knows. Pulse widths in µs, everything else in SI units."""
+
+    schema_version: Literal[1] = Field(alias="schema")
+    source: Source
+    sufferer: Sufferer
+    thrust: MotorTables
+    spool: Spool = Spool()
+    rail: Rail = Rail()
+    stepper: Stepper
+    range_sensor: RangeSensor
+    latency: Latency
+    limits: Limits = Limits()
+    wake: Wake
+    control: Control = Control()
+    disturbance: Disturbance = Disturbance()
+    effect: tuple[Effect, ...] = ()
+    calibration: dict[str, Calibration] = Field(default={}, exclude=True)
+
+    @pydantic.model_validator(mode="after")
+    def _fits_together(self) -> Self:
+        if self.sufferer.travel_m >= self.source.height_m:
+            raise ValueError("sufferer.travel_m must end below source.height_m")
+        hover_n = self.sufferer.mass_kg * 9.81
+        if self.thrust.sufferer.thrust_n[-1] <= hover_n:
+            raise ValueError(f"thrust.sufferer ends below the sufferer's weight of {hover_n:.2f} N")
+        return self
+
+    @property
+    def default_lead_s(self) -> float:
+        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag."""
+        lag = self.spool.sufferer
+        return round(self.latency.round_trip_s + 0.5 * (lag.up_s + lag.down_s), 4)
+
+    @property
+    def text(self) -> str:
+        """The rig as TOML, calibration included; `parse_rig` reads it back to an equal rig."""
+        return tomli_w.dumps(self._as_toml())
+
+    @property
+    def sha256(self) -> str:
+        """Hash over the rig's canonical text: equal rigs have equal hashes, comments do not count."""
+        return sha256_of(self.text.encode())
+
+    def changed(self, **sections: Mapping[str, Any]) -> "Rig":
+        """A copy with some constants replaced: `rig.changed(wake={"speed_mps": 5.0})`.
+
+        Raises UnusableInput when a name or a value is not allowed.
+        """
+        raw = self._as_toml()
+        for section, values in sections.items():
+            raw[section] = _merged(raw.get(section, {}), values)
+        return _validated(raw, "changed rig")
+
+    def without(self, section: str) -> "Rig":
+        """A copy without an optional section: `rig.without("spool")` has motors that follow at once."""
+        raw = self._as_toml()
+        raw.pop(section, None)
+        return _validated(raw, f"rig without [{section}]")
+
+    def write(self, path: Path) -> None:
+        """Write the rig as TOML; a killed process leaves the old file."""
+        write_text_whole(path, self.text)
+
+    def _as_toml(self) -> dict[str, Any]:
+        raw: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        for path, known in self.calibration.items():
+            *sections, name = path.split(".")
+            owner = functools.reduce(lambda table, key: table[key], sections, raw)
+            owner[name] = {"value": owner[name]} | known.model_dump(exclude_none=True)
+        if not raw["effect"]:
+            del raw["effect"]
+        return raw
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and validate a rig file; UnusableInput names file, section, key, value and bound."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UnusableInput(f"{path}: cannot be read as a rig file ({error}).") from error
+    return parse_rig(text, str(path))
+
+
+def parse_rig(text: str, name: str = "rig.toml") -> Rig:
+    """Validate the text of a rig file; `name` stands in error messages."""
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UnusableInput(f"{name}: not valid TOML: {error}.") from error
+    return _validated(raw, name)
+
+
+def default_rig() -> Rig:
+    """The gantry described by the founding paper, its open constants estimated."""
+    return parse_rig(default_rig_text(), "default rig")
+
+
+def default_rig_text() -> str:
+    """The default rig file with its comments, to start a file of one's own from."""
+    return importlib.resources.files("wakedeploy").joinpath("default_rig.toml").read_text("utf-8")
+
+
+def _validated(raw: dict[str, Any], name: str) -> Rig:
+    schema = raw.get("schema")
+    if isinstance(schema, int) and schema > SCHEMA:
+        raise UnusableInput(
+            f"{name}: schema {schema} is newer than this wakedeploy reads ({SCHEMA}); upgrade it."
+        )
+    if "calibration" in raw:
+        raise UnusableInput(f"{name}: [calibration] is not a section; spreads stand at constants.")
+    effects = raw.get("effect", ())
+    calibration: dict[str, dict[str, Any]] = {}
+    plain = _without_calibration({k: v for k, v in raw.items() if k != "effect"}, "", calibration)
+    try:
+        rig = Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
+    except pydantic.ValidationError as error:
+        raise UnusableInput(f"{name}: {_first_problem(error)}") from error
+    _check_units(rig.calibration, name)
+    return rig
+
+
+def _without_calibration(
+    table: Mapping[str, Any], path: str, found: dict[str, dict[str, Any]]
+) -> dict[str, Any]:
+    """The table with `{value, spread, …}` replaced by the value; the rest goes into `found`."""
+    plain: dict[str, Any] = {}
+    for key, entry in table.items():
+        here = f"{path}{key}"
+        if isinstance(entry, Mapping) and "value" in entry and set(entry) <= _CALIBRATION_KEYS:
+            found[here] = {k: _plain_date(v) for k, v in entry.items() if k != "value"}
+            plain[key] = entry["value"]
+        elif isinstance(entry, Mapping):
+            plain[key] = _without_calibration(entry, f"{here}.", found)
+        else:
+            plain[key] = entry
+    return plain
+
+
+def _plain_date(entry: Any) -> Any:
+    return entry.isoformat() if hasattr(entry, "isoformat") else entry
+
+
+def _check_units(calibration: Mapping[str, Calibration], name: str) -> None:
+    for path, known in calibration.items():
+        expected = unit_of(path.rsplit(".", 1)[-1])
+        if known.unit is not None and expected and _folded(known.unit) != _folded(expected):
+            raise UnusableInput(
+                f"{name}: {path} is in {expected}, but its unit says {known.unit!r}; convert it."
+            )
+
+
+def unit_of(name: str) -> str | None:
+    """The unit a constant's name ends in (`mass_kg` → "kg"), or None if it carries none."""
+    parts = name.split("_")
+    for start in range(1, len(parts)):
+        unit = _UNIT_OF_SUFFIX.get("_".join(parts[start:]))
+        if unit:
+            return unit
+    return _UNIT_OF_SUFFIX.get(name)
+
+
+def _folded(unit: str) -> str:
+    """A unit with the usual spellings folded together."""
+    plain = unit.replace("²", "^2").replace("µ", "u").replace("·", " ").replace("**", "^")
+    return re.sub(r"\s+", "", plain).lower()
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    merged = dict(old)
+    for key, entry in new.items():
+        nested = isinstance(entry, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merged(merged[key], entry) if nested and "value" not in entry else entry
+    return merged
+
+
+def _first_problem(error: pydantic.ValidationError) -> str:
+    problem = error.errors()[0]
+    where: Sequence[str] = [str(part) for part in problem["loc"]]
+    place = f"[{'.'.join(where[:-1])}] {where[-1]}" if len(where) > 1 else "".join(where)
+    if problem["type"] == "extra_forbidden":
+        return f"{place} is not known; check its spelling."
+    if problem["type"] == "missing":
+        return f"{place} is missing."
+    given = problem["input"]
+    shown = f" = {given!r}" if isinstance(given, int | float | str) and where else ""
+    message = problem["msg"].removeprefix("Value error, ")
+    return f"{place}{shown}: {message}.".lstrip(": ")
