@@ -1,0 +1,92 @@
+"""The vertical jet in closed form: the paper's wake field where it has no horizontal velocity.
+
+With the source fixed and its jet pointing straight down, the four operations of the field act on
+each injected puff alone: it sinks at w_a, widens to s² = σ² + 2κτ and decays with λ. The field is
+then a sum over puffs, linear in the square root of the source's thrust, and needs no grid.
+"""
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.rig import Wake
+
+AIR_DENSITY_KGPM3 = 1.2
+FloatArray = npt.NDArray[np.float64]
+
+
+class PuffTable:
+    """What a puff of each age contributes, computed once for a wake and a time step.
+
+    `ages_s` (M,) rises from `newest_age_s` in steps of `dt_s` until a puff has sunk
+    `reach_m` and six of its own widths.
+    """
+
+    def __init__(self, wake: Wake, dt_s: float, reach_m: float, newest_age_s: float) -> None:
+        self.ages_s = newest_age_s + dt_s * np.arange(_count(wake, dt_s, reach_m))
+        width2 = wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * self.ages_s
+        fading = np.exp(-wake.decay_per_s * self.ages_s) * wake.width_m**2 / width2
+        self.amplitude_mps = wake.strength * dt_s * fading  # (M,) at the reference thrust
+        self.inverse_2width2 = 0.5 / width2  # (M,)
+        self.sunk_m = wake.speed_mps * self.ages_s  # (M,)
+
+    def velocity(self, root_thrust: FloatArray, x_m: float, above_m: float) -> float:
+        """Vertical velocity [m/s] at a lateral offset and a height relative to the source.
+
+        `root_thrust` (M,): √(u/u_reference) when each puff was injected, newest first.
+        `above_m` is the point's height minus the source's, negative below it.
+        """
+        distance2 = x_m * x_m + (above_m + self.sunk_m) ** 2  # (M,)
+        shape = np.exp(-distance2 * self.inverse_2width2)  # (M,)
+        return -float(np.dot(self.amplitude_mps * root_thrust, shape))
+
+
+class VerticalJet:
+    """The wake of one fixed, downward source whose thrust changes from step to step."""
+
+    def __init__(self, wake: Wake, source_height_m: float, dt_s: float) -> None:
+        self._wake = wake
+        self._height_m = source_height_m
+        # The thrust is held over a step, so a puff stands for the step's middle.
+        self._table = PuffTable(wake, dt_s, source_height_m, 0.5 * dt_s)
+        self._dt_s = dt_s
+        self._length = len(self._table.ages_s)
+        self._history = np.zeros(2 * self._length)  # a ring written twice: always a plain view
+        self._newest = 0
+
+    def inject(self, thrust_n: float) -> None:
+        """Add the puff of one step at the source's present thrust [N]."""
+        root = math.sqrt(max(thrust_n, 0.0) / self._wake.reference_thrust_n)
+        self._newest = (self._newest - 1) % self._length
+        self._history[self._newest] = self._history[self._newest + self._length] = root
+
+    def velocity(self, x_m: float, z_m: float) -> float:
+        """Vertical air velocity [m/s], up positive, at a point of the gantry's plane."""
+        roots = self._history[self._newest : self._newest + self._length]
+        return self._table.velocity(roots, x_m, z_m - self._height_m)
+
+    def velocity_ahead(self, x_m: float, z_m: float, lead_s: float) -> float:
+        """The velocity `lead_s` from now, from the puffs that are already in the air.
+
+        What the source will inject in the meantime is taken as its present thrust; it matters only
+        nearer to the source than a puff sinks within the lead.
+        """
+        steps = round(lead_s / self._dt_s)
+        roots = self._history[self._newest : self._newest + self._length]
+        known = np.concatenate([np.full(steps, roots[0]), roots[: self._length - steps]])
+        return self._table.velocity(known, x_m, z_m - self._height_m)
+
+
+def drag_force(wake: Wake, vx_mps: float, vz_mps: float) -> float:
+    """Vertical force [N] of moving air on the sufferer: ½ρ·CdA·v_z·‖v‖ (the paper, 2D simulator)."""
+    return 0.5 * AIR_DENSITY_KGPM3 * wake.drag_area_m2 * vz_mps * math.hypot(vx_mps, vz_mps)
+
+
+def _count(wake: Wake, dt_s: float, reach_m: float) -> int:
+    """How many puffs are still within reach: the last one has sunk past it by six widths."""
+    age_s = reach_m / wake.speed_mps
+    for _ in range(20):  # the width grows with the age; this converges in a few rounds
+        width_m = math.sqrt(wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * age_s)
+        age_s = (reach_m + 6.0 * width_m) / wake.speed_mps
+    return max(2, math.ceil(age_s / dt_s))

@@ -1,0 +1,61 @@
+"""Motor and ESC: from pulse width to thrust, through the ESC's frame and the rotor's inertia."""
+
+import math
+from dataclasses import dataclass
+
+from wakedeploy.rig import SpoolLag, ThrustCurve
+
+
+def spooled(speed: float, target: float, lag: SpoolLag, dt_s: float) -> float:
+    """Rotor speed after `dt_s` of a first-order lag, slower down than up as the rig says.
+
+    Speeds are in √N, so that thrust = speed². Exact for a target held over the step.
+    """
+    time_constant_s = lag.up_s if target > speed else lag.down_s
+    if time_constant_s <= 0.0:
+        return target
+    return target + (speed - target) * math.exp(-dt_s / time_constant_s)
+
+
+@dataclass
+class Motor:
+    """One motor with its ESC; `speed` is the rotor's, in √N."""
+
+    curve: ThrustCurve
+    lag: SpoolLag
+    speed: float = 0.0
+    target: float = 0.0
+
+    def set_pulse(self, pulse_us: float) -> None:
+        """The ESC takes over a new pulse width [us]."""
+        self.target = math.sqrt(self.curve.thrust(pulse_us))
+
+    def step(self, dt_s: float) -> float:
+        """Thrust [N] after `dt_s`."""
+        self.speed = spooled(self.speed, self.target, self.lag, dt_s)
+        return self.thrust_n
+
+    @property
+    def thrust_n(self) -> float:
+        """Present thrust [N]."""
+        return self.speed * self.speed
+
+
+class EscFrame:
+    """The servo frame: a command waits for the next pulse, 0…`period_s` later.
+
+    A period of zero passes every command on at once.
+    """
+
+    def __init__(self, period_s: float, phase_s: float) -> None:
+        self._period_s = period_s
+        self._next_s = phase_s
+
+    def due(self, t_s: float) -> bool:
+        """Whether a pulse starts at or before `t_s` that has not been asked for yet."""
+        if self._period_s <= 0.0:
+            return True
+        if t_s < self._next_s - 1e-9:
+            return False
+        self._next_s += self._period_s * (1 + int((t_s - self._next_s) / self._period_s))
+        return True
