@@ -106,6 +106,7 @@ class GantryPlant:
 
     def step(self, source_us: float, sufferer_us: float, carriage_mps: float) -> None:
         """One inner step; the MCU's outputs are held over it."""
+        self._read_sensors()
         self._drive_motors(source_us, sufferer_us)
         self.wake_force_n = self._wake_force()
         self.hook_force_n = self._extra_force()
@@ -114,7 +115,6 @@ class GantryPlant:
         self.vx_mps = carriage_mps
         self.x_m += carriage_mps * self.dt_s
         self._count += 1
-        self._read_sensors()
 
     def wake_force_ahead(self, lead_s: float) -> float:
         """The wake's force [N] `lead_s` from now where the sufferer will be at its present speed.

@@ -1,0 +1,206 @@
+"""Height and lateral position from range samples and step counts: filterpy's Kalman filter.
+
+Pure steps, `(state, input) → state`. Height: z, its speed, and the disturbance force that the known
+thrust does not explain. The range sample's age is known and part of the measurement equation; a
+missed or repeated sample is predicted through.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from filterpy.kalman import predict as kalman_predict
+from filterpy.kalman import update as kalman_update
+
+from wakedeploy.physics.motor import spooled
+from wakedeploy.physics.rail import GRAVITY_MPS2
+from wakedeploy.rig import Rig
+
+FloatArray = npt.NDArray[np.float64]
+
+_FORCE_TIME_S = 0.5  # the disturbance is expected to change within half a second …
+_FORCE_SD_N = 0.5  # … by about the size of a wake's force
+_ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
+_STEP_ACCELERATION_SD_MPS2 = 2.0
+_GATE_SD = 5.0
+_PERSISTENT = 4  # that many rejected samples in a row are the truth, not outliers
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What one tick read: newest range sample (NaN: none), its age and how often it was seen; steps."""
+
+    t_s: float
+    range_m: float
+    range_age_s: float
+    range_repeats: int
+    steps: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Filter state after one tick; `height` is (z [m], vz [m/s], disturbance [N])."""
+
+    t_s: float
+    height: FloatArray  # (3,)
+    height_cov: FloatArray  # (3, 3)
+    lateral: FloatArray  # (2,)
+    lateral_cov: FloatArray  # (2, 2)
+    rotor_speed: float = 0.0  # of the sufferer, √N
+    rejected: int = 0
+    innovation_m: float = math.nan
+    innovation_var_m2: float = math.nan
+
+    @property
+    def z_m(self) -> float:
+        """Height [m]."""
+        return float(self.height[0])
+
+    @property
+    def vz_mps(self) -> float:
+        """Vertical speed [m/s]."""
+        return float(self.height[1])
+
+    @property
+    def x_m(self) -> float:
+        """Lateral position [m]."""
+        return float(self.lateral[0])
+
+    @property
+    def vx_mps(self) -> float:
+        """Lateral speed [m/s]."""
+        return float(self.lateral[1])
+
+
+def initial_estimate(t_s: float) -> Estimate:
+    """At rest on the stop, carriage homed."""
+    return Estimate(
+        t_s,
+        np.zeros(3),
+        np.diag([0.02**2, 0.01**2, 0.05**2]),
+        np.zeros(2),
+        np.diag([0.001**2, 0.01**2]),
+    )
+
+
+class Estimator:
+    """The filter's constants for one rig, and its two pure steps."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+        sensor = rig.range_sensor
+        quantum = sensor.resolution_m**2 / 12.0
+        self._range_var = max(sensor.noise_m**2 + quantum, 1e-8)
+        self._step_var = max((1.0 / rig.stepper.steps_per_m) ** 2 / 12.0, 1e-12)
+        # Half the round trip is the command's way; a pulse then waits half a servo frame on average.
+        self.command_delay_s = 0.5 * (rig.latency.round_trip_s + rig.disturbance.esc_frame_s)
+
+    def step(
+        self, before: Estimate, measured: Measurement, pulses_us: tuple[float, float]
+    ) -> Estimate:
+        """Predict to `measured.t_s`, then take in what is new.
+
+        `pulses_us`: the sufferer's commands of the tick before last and of the last tick; the later
+        one acts from the command delay on.
+        """
+        predicted = self._predict(before, measured.t_s, pulses_us)
+        laterally = self._update_lateral(predicted, measured.steps)
+        return self._update_height(laterally, measured)
+
+    def _predict(self, now: Estimate, t_s: float, pulses_us: tuple[float, float]) -> Estimate:
+        dt = min(max(t_s - now.t_s, 1e-4), 0.5)
+        speed, thrust_n = self._mean_thrust(now.rotor_speed, pulses_us, dt)
+        height, height_cov = self._predict_height(now, thrust_n, dt)
+        a_sd = _STEP_ACCELERATION_SD_MPS2
+        lateral, lateral_cov = kalman_predict(
+            now.lateral, now.lateral_cov, np.array([[1.0, dt], [0.0, 1.0]]), _white(a_sd, dt)
+        )
+        return replace(
+            now,
+            t_s=t_s,
+            height=height,
+            height_cov=height_cov,
+            lateral=lateral,
+            lateral_cov=lateral_cov,
+            rotor_speed=speed,
+        )
+
+    def _mean_thrust(
+        self, speed: float, pulses_us: tuple[float, float], dt: float
+    ) -> tuple[float, float]:
+        """The rotor's speed after `dt` and the mean thrust [N] until then."""
+        curve, lag = self._rig.thrust.sufferer, self._rig.spool.sufferer
+        early_s = min(self.command_delay_s, dt)
+        total = 0.0
+        for pulse_us, span_s in zip(pulses_us, (early_s, dt - early_s), strict=True):
+            target = math.sqrt(curve.thrust(pulse_us))
+            after = spooled(speed, target, lag, span_s)
+            total += span_s * (speed * speed + speed * after + after * after) / 3.0
+            speed = after
+        return speed, total / dt
+
+    def _predict_height(
+        self, now: Estimate, thrust_n: float, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        mass_kg = self._rig.sufferer.mass_kg
+        if self._resting(now, thrust_n):
+            return np.array([now.z_m, 0.0, 0.0]), now.height_cov
+        keep = math.exp(-dt / _FORCE_TIME_S)
+        transition = np.array(
+            [[1.0, dt, 0.5 * dt * dt / mass_kg], [0.0, 1.0, dt / mass_kg], [0.0, 0.0, keep]]
+        )
+        noise = np.zeros((3, 3))
+        noise[:2, :2] = _white(_ACCELERATION_SD_MPS2, dt)
+        noise[2, 2] = _FORCE_SD_N**2 * (1.0 - keep**2)
+        a = thrust_n / mass_kg - GRAVITY_MPS2
+        height, cov = kalman_predict(
+            now.height,
+            now.height_cov,
+            transition,
+            noise,
+            np.array([a]),
+            np.array([[0.5 * dt * dt], [dt], [0.0]]),
+        )
+        return height, cov
+
+    def _resting(self, now: Estimate, thrust_n: float) -> bool:
+        """On the stop with too little thrust to leave it: the stop carries the weight."""
+        weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
+        return now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
+
+    def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
+        position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
+        lateral, cov = kalman_update(
+            now.lateral, now.lateral_cov, position, np.array([[self._step_var]]), _POSITION_ROW
+        )
+        return replace(now, lateral=lateral, lateral_cov=cov)
+
+    def _update_height(self, now: Estimate, measured: Measurement) -> Estimate:
+        unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan)
+        if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
+            return unseen
+        age = measured.range_age_s
+        row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
+        innovation = measured.range_m - float((row @ now.height)[0])
+        variance = float((row @ now.height_cov @ row.T)[0, 0]) + self._range_var
+        seen = replace(now, innovation_m=innovation, innovation_var_m2=variance)
+        if innovation**2 > _GATE_SD**2 * variance and now.rejected < _PERSISTENT:
+            return replace(seen, rejected=now.rejected + 1)
+        height, cov = kalman_update(
+            now.height,
+            now.height_cov,
+            np.array([measured.range_m]),
+            np.array([[self._range_var]]),
+            row,
+        )
+        return replace(seen, height=height, height_cov=cov, rejected=0)
+
+
+_POSITION_ROW = np.array([[1.0, 0.0]])
+
+
+def _white(acceleration_sd: float, dt: float) -> FloatArray:
+    """Covariance that an acceleration held over `dt` adds to position and speed."""
+    gain = np.array([0.5 * dt * dt, dt])
+    return np.asarray(np.outer(gain, gain) * acceleration_sd**2)

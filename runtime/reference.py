@@ -1,0 +1,135 @@
+"""What a flight is meant to do: altitude and carriage references and the source's command, per tick.
+
+In: a rig, a duration, a seed. Out: a `FlightPlan` that starts and ends at rest on the stop.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
+
+FloatArray = npt.NDArray[np.float64]
+TAKE_OFF_S = 2.5
+PLAN_RATE_HZ = LOOP_RATE_HZ
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """One tick's aim, in SI units; the source's pulse width in µs."""
+
+    z_m: float
+    vz_mps: float
+    az_mps2: float
+    x_m: float
+    vx_mps: float
+    source_us: float
+
+
+@dataclass(frozen=True, eq=False)
+class FlightPlan:
+    """References of every tick between take-off and touch-down, arrays of equal length (T,)."""
+
+    z_m: FloatArray
+    x_m: FloatArray
+    source_us: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.z_m)
+
+    def at(self, tick: int) -> Reference:
+        """The aim of one tick, 0-based; the last one is held."""
+        i = min(tick, len(self) - 1)
+        before, after = max(i - 1, 0), min(i + 1, len(self) - 1)
+        rate = PLAN_RATE_HZ
+        return Reference(
+            z_m=float(self.z_m[i]),
+            vz_mps=float(self.z_m[after] - self.z_m[before]) * rate / 2.0,
+            az_mps2=float(self.z_m[after] - 2.0 * self.z_m[i] + self.z_m[before]) * rate**2,
+            x_m=float(self.x_m[i]),
+            vx_mps=float(self.x_m[after] - self.x_m[before]) * rate / 2.0,
+            source_us=float(self.source_us[i]),
+        )
+
+
+def random_plan(rig: Rig, seconds: float, seed: int) -> FlightPlan:
+    """A flight whose altitude, carriage and source all vary at random within the rig's limits.
+
+    Altitude: smooth moves between heights, held 1.5–4 s. Carriage: smooth moves through the jet at up
+    to 80 % of its top speed. Source: steps, ramps and a sine, between 20 % and 85 % of its range.
+    """
+    altitude, carriage, source = np.random.SeedSequence([seed, 1]).spawn(3)
+    ticks = max(round(seconds * PLAN_RATE_HZ), 2)
+    t = np.arange(ticks) / PLAN_RATE_HZ
+    air_s = max(seconds - 2.0 * TAKE_OFF_S, 0.0)
+    z = _altitude(rig, t, seconds, air_s, np.random.default_rng(altitude))
+    x = _carriage(rig, t, seconds, np.random.default_rng(carriage))
+    return FlightPlan(z, x, _source(rig, t, seconds, np.random.default_rng(source)))
+
+
+def hold_plan(rig: Rig, seconds: float, z_m: float, source_us: float) -> FlightPlan:
+    """A flight that holds one height under the jet's axis with a constant source."""
+    t = np.arange(max(round(seconds * PLAN_RATE_HZ), 2)) / PLAN_RATE_HZ
+    envelope = _smooth(t / TAKE_OFF_S) * _smooth((seconds - t) / TAKE_OFF_S)
+    idle_us = rig.limits.pulse_us[0]
+    return FlightPlan(z_m * envelope, np.zeros_like(t), idle_us + (source_us - idle_us) * envelope)
+
+
+def _altitude(
+    rig: Rig, t: FloatArray, seconds: float, air_s: float, rng: np.random.Generator
+) -> FloatArray:
+    low, high = 0.3 * rig.sufferer.travel_m, 0.7 * rig.sufferer.travel_m
+    z = np.full_like(t, rng.uniform(low, high))
+    start = TAKE_OFF_S + rng.uniform(1.0, 3.0)
+    while start < TAKE_OFF_S + air_s - 2.0:
+        target = rng.uniform(low, high)
+        move_s = rng.uniform(1.2, 2.5)
+        z += (target - z[-1]) * _smooth((t - start) / move_s)
+        start += move_s + rng.uniform(1.5, 4.0)
+    return np.asarray(z * _smooth(t / TAKE_OFF_S) * _smooth((seconds - t) / TAKE_OFF_S))
+
+
+def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+    reach_m = 0.6 * min(-rig.limits.x_m[0], rig.limits.x_m[1])
+    top_mps = 0.8 * rig.stepper.max_speed_mps
+    x = np.zeros_like(t)
+    start = rng.uniform(0.5, 2.0)
+    while True:
+        target = rng.uniform(-reach_m, reach_m)
+        # A smooth move's top speed is 15/8 of its mean speed.
+        move_s = max(0.4, 15.0 / 8.0 * abs(target - x[-1]) / rng.uniform(0.3, 1.0) / top_mps)
+        if start + move_s > seconds - 3.0:
+            break
+        x += (target - x[-1]) * _smooth((t - start) / move_s)
+        start += move_s + rng.uniform(0.0, 1.0)
+    home_s = max(1.0, 15.0 / 8.0 * abs(x[-1]) / top_mps)
+    return np.asarray(x - x[-1] * _smooth((t - (seconds - home_s)) / home_s))
+
+
+def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+    level = _steps_and_ramps(t, rng)
+    swing = rng.uniform(0.05, 0.15) * np.sin(
+        2.0 * np.pi * rng.uniform(0.2, 1.2) * t + rng.uniform(0.0, 2.0 * np.pi)
+    )
+    share = np.clip(level + swing, 0.2, 0.85)
+    low, high = rig.thrust.source.pulse_us[0], rig.thrust.source.pulse_us[-1]
+    running = _smooth(t / 1.0) * _smooth((seconds - t) / 1.0)
+    return np.asarray(low + (high - low) * share * running)
+
+
+def _steps_and_ramps(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """A level that moves every 0.6–2 s, half of the times at once, else within 0.2–0.8 s."""
+    level = np.full_like(t, rng.uniform(0.3, 0.8))
+    start = rng.uniform(1.0, 2.0)
+    while start < t[-1]:
+        ramp_s = 1.0 / PLAN_RATE_HZ if rng.random() < 0.5 else rng.uniform(0.2, 0.8)
+        level += (rng.uniform(0.3, 0.8) - level[-1]) * np.clip((t - start) / ramp_s, 0.0, 1.0)
+        start += ramp_s + rng.uniform(0.6, 2.0)
+    return level
+
+
+def _smooth(share: FloatArray) -> FloatArray:
+    """The minimum-jerk rise from 0 to 1: 10 s³ − 15 s⁴ + 6 s⁵."""
+    s = np.clip(share, 0.0, 1.0)
+    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
