@@ -1,0 +1,80 @@
+"""RC (ESN): a fixed random reservoir and a linear readout solved by ridge regression (Jaeger 2002).
+
+h ← (1 − a) h + a tanh(W h + W_in (u + c)); force = W_out h + b. The constant c, added to every
+normalised input, stands in for a bias per neuron: without it h would be an odd function of the
+input, and a force that is the same left and right of the jet could not be read out of it.
+"""
+
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from trainers.memory import Memory, Sizes
+from trainers.model import State, StateModel
+
+
+@dataclass(frozen=True)
+class EsnHyper:
+    """Hyper-parameters; 1000 neurons as in Table I, the rest estimates inside the usual ranges.
+
+    `density` is the share of non-zero recurrent weights, `leak` is a, `input_scale` the spread of
+    W_in's rows for unit inputs, `input_offset` is c.
+    """
+
+    neurons: int = 1000
+    spectral_radius: float = 0.9
+    leak: float = 0.3
+    density: float = 0.1
+    input_scale: float = 0.5
+    input_offset: float = 0.5
+
+
+class Esn(StateModel):
+    """Carries the reservoir's activations h (neurons,); only the readout is trained."""
+
+    def __init__(self, sizes: Sizes, hyper: EsnHyper) -> None:
+        super().__init__()
+        self.memory = Memory("state", states={"reservoir": (hyper.neurons,)})
+        self.leak, self.offset = hyper.leak, hyper.input_offset
+        self.recurrent = nn.Parameter(_recurrent_weights(hyper), requires_grad=False)
+        spread = hyper.input_scale / sizes.inputs**0.5
+        drawn = torch.empty(hyper.neurons, sizes.inputs).uniform_(-(3**0.5), 3**0.5)
+        self.inward = nn.Parameter(spread * drawn, requires_grad=False)
+        self.readout = nn.Linear(hyper.neurons, sizes.outputs)
+
+    def echoes(self, sequence: Tensor, state: State) -> tuple[Tensor, State]:
+        """The reservoir's activations, without the readout: (B, T, d) -> (B, T, N), next state."""
+        driven = functional.linear(sequence + self.offset, self.inward)  # (B, T, N)
+        h = state["reservoir"]  # (B, N)
+        history = []
+        for drive in driven.unbind(1):
+            h = self._turn(h, drive)
+            history.append(h)
+        return torch.stack(history, 1), {"reservoir": h}  # (B, T, N)
+
+    def forward(self, sequence: Tensor, state: State | None = None) -> tuple[Tensor, State]:
+        """(B, T, d), state -> (B, T, o), next state."""
+        held = self.initial_state(len(sequence)) if state is None else state
+        h, next_state = self.echoes(sequence, held)  # (B, T, N)
+        return self.readout(h), next_state  # (B, T, o)
+
+    def step(self, observation: Tensor, state: State) -> tuple[Tensor, State]:
+        """(B, d), state -> (B, o), next state."""
+        drive = functional.linear(observation + self.offset, self.inward)  # (B, N)
+        h = self._turn(state["reservoir"], drive)  # (B, N)
+        return self.readout(h), {"reservoir": h}  # (B, o)
+
+    def _turn(self, h: Tensor, drive: Tensor) -> Tensor:
+        """One turn of the reservoir: (B, N), (B, N) -> (B, N)."""
+        excited = torch.tanh(functional.linear(h, self.recurrent) + drive)  # (B, N)
+        return h + self.leak * (excited - h)  # (B, N)
+
+
+def _recurrent_weights(hyper: EsnHyper) -> Tensor:
+    """A sparse random matrix (N, N), scaled to the spectral radius that is asked for."""
+    shape = (hyper.neurons, hyper.neurons)
+    weights = torch.randn(shape) * (torch.rand(shape) < hyper.density)
+    radius: float = torch.linalg.eigvals(weights).abs().max().item()
+    return weights * (hyper.spectral_radius / radius)

@@ -1,0 +1,31 @@
+"""History MLP: an evenly spaced window of snapshots, flattened (Bourlard & Kamp 1988)."""
+
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from trainers.agile_mlp import mlp
+from trainers.memory import Sizes
+from trainers.model import WakeModel
+
+
+@dataclass(frozen=True)
+class HistoryMlpHyper:
+    """Hyper-parameters; the values are the reference shape K·d–128–128–o of Table I."""
+
+    hidden: int = 128
+    layers: int = 2
+
+
+class HistoryMlp(WakeModel):
+    """Maps a flattened window to the force: (B, K, d) -> (B, o)."""
+
+    def __init__(self, sizes: Sizes, hyper: HistoryMlpHyper) -> None:
+        super().__init__()
+        self.memory = sizes.window_memory
+        self.net = mlp(sizes.k * sizes.inputs, hyper.hidden, hyper.layers, sizes.outputs)
+
+    def forward(self, window: Tensor) -> Tensor:
+        """(B, K, d), oldest first -> (B, o)."""
+        force: Tensor = self.net(window.flatten(1))  # (B, o)
+        return force
