@@ -1,0 +1,240 @@
+"""The serial link to the UNO: frames out, statuses in, round trips measured live.
+
+In: a port's name. Out: the newest status and when it came. A thread reads; it only ever waits.
+"""
+
+import contextlib
+import threading
+import time
+from collections import OrderedDict
+from dataclasses import dataclass
+
+import serial
+
+from runtime.protocol import (
+    BAUD,
+    PROTOCOL_VERSION,
+    SEQUENCE_WRAP,
+    Arm,
+    Board,
+    Command,
+    Disarm,
+    Frame,
+    FrameDecoder,
+    Hello,
+    HelloReply,
+    Message,
+    Status,
+    encode_frame,
+)
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+
+HANDSHAKE_LIMIT_S = 5.0  # opening the port reboots an UNO, which takes about 1.7 s
+HELLO_PERIOD_S = 0.1
+ANSWER_LIMIT_S = 0.5
+WRITE_LIMIT_S = 0.05
+_REMEMBERED = 256  # commands whose sending times are kept
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A status, when it arrived [s, monotonic] and how long after its question [s]."""
+
+    status: Status
+    mcu_time_us: int
+    received_s: float
+    round_trip_s: float
+
+
+class Link:
+    """An open port with its reader thread; `close` it, or use it as a context manager."""
+
+    def __init__(self, port: str) -> None:
+        self.port = port
+        self._serial = _opened(port)
+        self._decoder = FrameDecoder()
+        self._sequence = 0
+        self._sent_s: OrderedDict[int, float] = OrderedDict()
+        self._news = threading.Condition()
+        self._reply: HelloReply | None = None
+        self._answer: Answer | None = None
+        self._last_answered: int | None = None
+        self._failure: str | None = None
+        self._closing = False
+        self._reader = threading.Thread(target=self._read, name="link", daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> "Link":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    @property
+    def failure(self) -> str | None:
+        """Why nothing can be sent or received any more, as one sentence; None while all is well."""
+        return self._failure
+
+    @property
+    def malformed(self) -> int:
+        """Frames from the MCU that were dropped."""
+        return self._decoder.malformed
+
+    @property
+    def answer(self) -> Answer | None:
+        """The newest status."""
+        return self._answer
+
+    def handshake(self, limit_s: float = HANDSHAKE_LIMIT_S) -> HelloReply:
+        """Agree on a protocol version; waits for the board to boot.
+
+        Raises UnusableInput when nobody, something else, or another version answers.
+        """
+        deadline_s = time.monotonic() + limit_s
+        self._reply = None
+        while time.monotonic() < deadline_s:
+            self._send(Hello())
+            with self._news:
+                self._news.wait_for(lambda: self._reply or self._failure, HELLO_PERIOD_S)
+            self._require_alive(UnusableInput)
+            if self._reply is not None:
+                return _agreed(self._reply, self.port)
+        raise UnusableInput(self._silence(limit_s))
+
+    def arm(self, limits: Arm) -> Status:
+        """Switch the MCU's outputs on; CheckFailed when it refuses."""
+        status = self._ask(limits)
+        if not status.armed:
+            raise CheckFailed(
+                f"{self.port}: the board refused to arm (fault {status.faults!r}); unplug and "
+                "replug it, then start again."
+            )
+        return status
+
+    def disarm(self) -> None:
+        """Motors to idle at once; quiet when the port is gone, for then the deadman does it."""
+        if self._failure is None:
+            try:
+                self._ask(Disarm())
+            except CheckFailed:
+                return
+
+    def send(self, command: Command) -> int:
+        """Send a command and return its sequence number; a port that is gone shows in `failure`."""
+        return self._send(command)
+
+    def wait_for(self, sequence: int, limit_s: float) -> Answer | None:
+        """The answer to a frame, or None when it does not come within `limit_s`."""
+        with self._news:
+            self._news.wait_for(lambda: self._last_answered == sequence or self._failure, limit_s)
+            return self._answer if self._last_answered == sequence else None
+
+    def close(self) -> None:
+        """Stop reading and free the port."""
+        self._closing = True
+        with contextlib.suppress(OSError):  # a port that is gone has ended the read as well
+            self._serial.cancel_read()
+        self._reader.join(timeout=1.0)
+        self._serial.close()
+
+    def _ask(self, message: Message) -> Status:
+        answer = self.wait_for(self._send(message), ANSWER_LIMIT_S)
+        self._require_alive(CheckFailed)
+        if answer is None:
+            raise CheckFailed(f"{self.port}: the board stopped answering; check the cable.")
+        return answer.status
+
+    def _send(self, message: Message) -> int:
+        self._sequence = (self._sequence + 1) % SEQUENCE_WRAP
+        now_s = time.monotonic()
+        self._sent_s[self._sequence] = now_s
+        if len(self._sent_s) > _REMEMBERED:
+            self._sent_s.popitem(last=False)
+        frame = Frame(self._sequence, int(now_s * 1e6), message)
+        if self._failure is None:
+            try:
+                self._serial.write(encode_frame(frame))
+            except (OSError, serial.SerialException) as error:
+                self._fail(error)
+        return self._sequence
+
+    def _read(self) -> None:
+        while not self._closing:
+            try:
+                data = self._serial.read(max(1, self._serial.in_waiting))
+            except (OSError, TypeError, serial.SerialException) as error:
+                # pyserial reads from None (TypeError) when the port is closed under it.
+                self._fail(error)
+                return
+            now_s = time.monotonic()
+            for frame in self._decoder.feed(data):
+                self._take(frame, now_s)
+
+    def _take(self, frame: Frame, now_s: float) -> None:
+        with self._news:
+            if isinstance(frame.message, HelloReply):
+                self._reply = frame.message
+            elif isinstance(frame.message, Status):
+                trip_s = now_s - self._sent_s.pop(frame.sequence, float("nan"))
+                self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
+                self._last_answered = frame.sequence
+            self._news.notify_all()
+
+    def _fail(self, error: Exception) -> None:
+        if self._closing or self._failure is not None:
+            return
+        with self._news:
+            self._failure = (
+                f"{self.port}: the connection to the board was lost ({one_line(error)}); "
+                "check the USB cable and its power."
+            )
+            self._news.notify_all()
+
+    def _require_alive(self, kind: type[CheckFailed] | type[UnusableInput]) -> None:
+        if self._failure is not None:
+            raise kind(self._failure)
+
+    def _silence(self, limit_s: float) -> str:
+        if self._decoder.bytes_seen:
+            return (
+                f"{self.port}: what answers does not speak wakedeploy's protocol "
+                f"({self._decoder.bytes_seen} bytes, no valid frame in {limit_s:g} s); check that "
+                "it is the UNO and that the sketch is uploaded."
+            )
+        return (
+            f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that the "
+            "sketch is uploaded."
+        )
+
+
+def board_name(reply: HelloReply) -> str:
+    """The board as a word for a person."""
+    known = {Board.VIRTUAL: "virtual gantry", Board.UNO: "Arduino UNO"}
+    return known.get(Board(reply.board), "board") if reply.board in set(Board) else "unknown board"
+
+
+def _agreed(reply: HelloReply, port: str) -> HelloReply:
+    if reply.version != PROTOCOL_VERSION:
+        raise UnusableInput(
+            f"{port}: the board's firmware {reply.firmware} does not speak protocol version "
+            f"{PROTOCOL_VERSION}; upload the sketch that belongs to this wakedeploy."
+        )
+    return reply
+
+
+def _opened(port: str) -> serial.Serial:
+    try:
+        return serial.Serial(port, BAUD, timeout=0.5, write_timeout=WRITE_LIMIT_S, exclusive=True)
+    except (OSError, ValueError, serial.SerialException) as error:
+        raise UnusableInput(f"{port}: {_why_not_open(error)}") from error
+
+
+def _why_not_open(error: Exception) -> str:
+    text = one_line(error)
+    if "Permission denied" in text:
+        return "no permission; add yourself to the group dialout and log in again."
+    if "exclusively lock" in text or "busy" in text.lower():
+        return "the port is used by another program; close it (a serial monitor, another run)."
+    if "No such file" in text or "could not open port" in text:
+        return "no such port; plug the board in, or list the ports with 'wakedeploy doctor'."
+    return f"cannot be used as a serial port ({text})."

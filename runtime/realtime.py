@@ -1,0 +1,95 @@
+"""Real time on Linux: priority, locked memory, a core of one's own, ticks at absolute times."""
+
+import ctypes
+import gc
+import math
+import os
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from wakedeploy.errors import UnusableInput
+
+FIFO_PRIORITY = 50
+_LOCK_CURRENT_FUTURE_ON_FAULT = 1 | 2 | 4
+# ON_FAULT locks pages as they are touched: without it every library is pulled in whole.
+
+
+def become_realtime(core: int | None = None) -> None:
+    """Give this thread and those it starts SCHED_FIFO, locked memory and one core (default: last).
+
+    Raises UnusableInput with the setting to change when the machine does not allow it.
+    """
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(FIFO_PRIORITY))
+    except PermissionError as error:
+        raise UnusableInput(
+            "--realtime: this user may not use SCHED_FIFO; add '@realtime - rtprio 90' and "
+            "'@realtime - memlock unlimited' to /etc/security/limits.conf, join the group "
+            "'realtime' and log in again, or leave --realtime away."
+        ) from error
+    except (AttributeError, OSError) as error:
+        raise UnusableInput(
+            f"--realtime: this system offers no SCHED_FIFO ({error}); leave --realtime away."
+        ) from error
+    _lock_memory()
+    cores = sorted(os.sched_getaffinity(0))
+    os.sched_setaffinity(0, {cores[-1] if core is None else core})
+
+
+def _lock_memory() -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(_LOCK_CURRENT_FUTURE_ON_FAULT) != 0:
+        raise UnusableInput(
+            f"--realtime: memory cannot be locked ({os.strerror(ctypes.get_errno())}); raise the "
+            "memlock limit ('ulimit -l unlimited') or leave --realtime away."
+        )
+
+
+def freeze_garbage() -> None:
+    """Collect once, then keep what lives now out of every later collection."""
+    gc.collect()
+    gc.freeze()
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """One period: its number on the grid, when it should start [s], by how much it was late [s]."""
+
+    index: int
+    start_s: float
+    late_s: float
+    skipped: int
+
+
+LATEST_START = 0.25  # of a period; a tick that would begin later is skipped
+
+
+class Pacer:
+    """Ticks on a fixed grid of absolute times; a slow tick is not repaid by fast ones.
+
+    A tick that could only begin later than a quarter of its period is skipped and counted.
+    """
+
+    def __init__(
+        self,
+        period_s: float,
+        clock: Callable[[], float] = time.monotonic,
+        sleep: Callable[[float], None] = time.sleep,
+    ) -> None:
+        self.period_s = period_s
+        self._clock, self._sleep = clock, sleep
+        self._origin_s = clock()
+        self._next = 0
+
+    def wait(self) -> Tick:
+        """Sleep until the next tick that still lies ahead, or just began."""
+        now_s = self._clock()
+        behind = (now_s - self._origin_s) / self.period_s - self._next
+        skipped = max(0, math.ceil(behind - LATEST_START))
+        index = self._next + skipped
+        start_s = self._origin_s + index * self.period_s
+        if start_s > now_s:
+            self._sleep(start_s - now_s)
+        self._next = index + 1
+        return Tick(index, start_s, max(0.0, self._clock() - start_s), skipped)

@@ -1,0 +1,202 @@
+"""What the loop may do in which state: one transition table and the pure steps around it.
+
+In: what one tick found (late prediction, silent link, height …). Out: the mode, the faults by name,
+how much of the feedforward to use, and the way down after a failsafe.
+"""
+
+import enum
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.reference import Reference
+from wakedeploy.rig import LOOP_RATE_HZ, Limits
+
+LATE_LIMIT = 3  # late predictions in a row that degrade the mode
+CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back
+SENSOR_LOST_S = 0.25  # without a new range sample
+LINK_LOST_S = 0.125  # without an answer: the MCU's own deadman starts its ramp then
+FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
+GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
+DESCENT_MPS = 0.25
+DESCENT_LIMIT_S = 8.0
+LANDED_M = 0.03
+
+
+class Mode(enum.StrEnum):
+    """The state of a run."""
+
+    DISARMED = "DISARMED"
+    ARMED = "ARMED"
+    RUNNING = "RUNNING"
+    DEGRADED = "DEGRADED"
+    FAILSAFE = "FAILSAFE"
+
+
+class Event(enum.Enum):
+    """What can change the mode."""
+
+    ARM = enum.auto()  # the MCU accepted the limits and switched its outputs on
+    START = enum.auto()  # the rest before the flight is over
+    TROUBLE = enum.auto()  # predictions cannot be used: PID alone
+    RECOVERED = enum.auto()  # a clean second
+    FINISH = enum.auto()  # the flight is over: motors idle
+    FAULT = enum.auto()  # flying on is not safe
+    DISARM = enum.auto()  # outputs off; the only way out of a failsafe
+
+
+TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
+    (Mode.DISARMED, Event.ARM): Mode.ARMED,
+    (Mode.ARMED, Event.START): Mode.RUNNING,
+    (Mode.ARMED, Event.FAULT): Mode.FAILSAFE,
+    (Mode.ARMED, Event.DISARM): Mode.DISARMED,
+    (Mode.RUNNING, Event.TROUBLE): Mode.DEGRADED,
+    (Mode.RUNNING, Event.FINISH): Mode.ARMED,
+    (Mode.RUNNING, Event.FAULT): Mode.FAILSAFE,
+    (Mode.RUNNING, Event.DISARM): Mode.DISARMED,
+    (Mode.DEGRADED, Event.RECOVERED): Mode.RUNNING,
+    (Mode.DEGRADED, Event.FINISH): Mode.ARMED,
+    (Mode.DEGRADED, Event.FAULT): Mode.FAILSAFE,
+    (Mode.DEGRADED, Event.DISARM): Mode.DISARMED,
+    (Mode.FAILSAFE, Event.DISARM): Mode.DISARMED,
+}
+
+
+def next_mode(mode: Mode, event: Event) -> Mode:
+    """The mode after an event; an event that the table does not list changes nothing."""
+    return TRANSITIONS.get((mode, event), mode)
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What one tick found out. Positions in m, times in s."""
+
+    late: bool = False  # the prediction did not arrive in time
+    bad_prediction: bool = False  # NaN or infinite
+    bad_observation: bool = False  # not finite, or far outside the trained range
+    range_silence_s: float = 0.0  # since the last new range sample
+    link_silence_s: float = 0.0  # since the MCU last answered
+    link_failed: bool = False
+    mcu_fault: bool = False
+    rebooted: bool = False
+    recorder_failed: bool = False
+    z_m: float = 0.0
+    x_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyState:
+    """Mode and counters between ticks; `faults` are this tick's, `cause` those of the failsafe."""
+
+    mode: Mode = Mode.DISARMED
+    late_in_a_row: int = 0
+    clean_ticks: int = 0
+    faults: tuple[str, ...] = ()
+    cause: tuple[str, ...] = ()
+
+
+def happened(state: SafetyState, event: Event) -> SafetyState:
+    """The state after an event that the loop itself brings about."""
+    return replace(state, mode=next_mode(state.mode, event))
+
+
+def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
+    """One tick of supervision: faults first, then the predictor's health."""
+    fatal, troubles = fatal_faults(found, limits), prediction_troubles(found)
+    late = state.late_in_a_row + 1 if found.late else 0
+    clean = 0 if troubles else state.clean_ticks + 1
+    cause = fatal if fatal and state.mode is not Mode.FAILSAFE else state.cause
+    counted = replace(
+        state, late_in_a_row=late, clean_ticks=clean, faults=fatal + troubles, cause=cause
+    )
+    if fatal:
+        return happened(counted, Event.FAULT)
+    if late >= LATE_LIMIT or found.bad_prediction or found.bad_observation:
+        return happened(counted, Event.TROUBLE)
+    return happened(counted, Event.RECOVERED) if clean >= CLEAN_TICKS else counted
+
+
+def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
+    """Names of the faults that end a flight."""
+    named = {
+        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S,
+        "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
+        "mcu_fault": found.mcu_fault,
+        "mcu_reboot": found.rebooted,
+        "recorder_failed": found.recorder_failed,
+        "x_limit": not limits.x_m[0] <= found.x_m <= limits.x_m[1],
+        "z_limit": not limits.z_m[0] <= found.z_m <= limits.z_m[1],
+    }
+    return tuple(name for name, true in named.items() if true)
+
+
+def prediction_troubles(found: Findings) -> tuple[str, ...]:
+    """Names of what keeps this tick's prediction from being used."""
+    named = {
+        "late_prediction": found.late,
+        "bad_prediction": found.bad_prediction,
+        "bad_observation": found.bad_observation,
+    }
+    return tuple(name for name, true in named.items() if true)
+
+
+def far_outside(
+    observation: npt.NDArray[np.float32],
+    low: npt.NDArray[np.float32],
+    high: npt.NDArray[np.float32],
+) -> bool:
+    """Whether an observation (d,) is not finite or far outside the trained range (low, high: (d,))."""
+    margin = FAR_OUTSIDE * (high - low)
+    return not bool(np.all((observation >= low - margin) & (observation <= high + margin)))
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """How much of the feedforward passes, and the force [N] it last let through."""
+
+    share: float = 0.0
+    force_n: float = 0.0
+
+
+def gate(before: Gate, force_n: float | None) -> Gate:
+    """Open towards a usable force, close (on the last usable one) without; never in one jump."""
+    if force_n is None:
+        return Gate(max(0.0, before.share - 1.0 / GATE_TICKS), before.force_n)
+    return Gate(min(1.0, before.share + 1.0 / GATE_TICKS), force_n)
+
+
+@dataclass(frozen=True, slots=True)
+class Descent:
+    """How a failsafe comes down: where and when it began, and whether height is still known."""
+
+    start_s: float
+    z_m: float
+    x_m: float
+    sufferer_us: float
+    height_known: bool
+
+
+def descent_reference(descent: Descent, t_s: float, idle_us: float) -> Reference:
+    """The aim on the way down [SI]: a straight line in time, the source idle, the carriage held."""
+    fallen_m = DESCENT_MPS * (t_s - descent.start_s)
+    landing = fallen_m >= descent.z_m
+    z_m = 0.0 if landing else descent.z_m - fallen_m
+    return Reference(z_m, 0.0 if landing else -DESCENT_MPS, 0.0, descent.x_m, 0.0, idle_us)
+
+
+def open_loop_pulse(descent: Descent, t_s: float, limits: Limits) -> float:
+    """The sufferer's pulse [µs] on the way down when the height is no longer known."""
+    idle_us, full_us = limits.pulse_us
+    rate = (full_us - idle_us) / limits.sufferer_descent_s
+    return max(idle_us, descent.sufferer_us - rate * (t_s - descent.start_s))
+
+
+def has_landed(descent: Descent, t_s: float, z_m: float, limits: Limits) -> bool:
+    """Whether the motors may be switched off."""
+    since_s = t_s - descent.start_s
+    if not descent.height_known or not math.isfinite(z_m):
+        return since_s >= limits.sufferer_descent_s
+    at_end = DESCENT_MPS * since_s >= descent.z_m
+    return (at_end and z_m < LANDED_M) or since_s > DESCENT_LIMIT_S

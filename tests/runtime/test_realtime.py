@@ -1,0 +1,62 @@
+"""Ticks on a grid of absolute times, with a clock that the test moves."""
+
+import itertools
+
+import pytest
+
+from runtime import realtime
+from wakedeploy.errors import UnusableInput
+
+
+class FakeTime:
+    def __init__(self):
+        self.now_s = 100.0
+
+    def clock(self):
+        return self.now_s
+
+    def sleep(self, seconds):
+        assert seconds > 0.0
+        self.now_s += seconds
+
+
+def paced(work_s):
+    """Tick indices, starts and skips when the ticks' work takes these times."""
+    fake = FakeTime()
+    pacer = realtime.Pacer(0.03125, fake.clock, fake.sleep)
+    ticks = []
+    for seconds in work_s:
+        ticks.append(pacer.wait())
+        fake.now_s += seconds
+    return ticks
+
+
+def test_ticks_stay_on_the_grid_whatever_the_work_takes():
+    ticks = paced([0.001, 0.030, 0.010, 0.002])
+    assert [t.index for t in ticks] == [0, 1, 2, 3]
+    assert [t.start_s for t in ticks] == pytest.approx([100.0, 100.03125, 100.0625, 100.09375])
+    assert [t.late_s for t in ticks] == pytest.approx([0.0] * 4)
+
+
+def test_a_slow_tick_is_not_repaid_by_a_fast_one():
+    ticks = paced([0.050, 0.001, 0.100, 0.001, 0.001])
+    assert [t.index for t in ticks] == [0, 2, 3, 6, 7]
+    assert [t.skipped for t in ticks] == [0, 1, 0, 2, 0]
+    starts = [t.start_s + t.late_s for t in ticks]
+    assert min(b - a for a, b in itertools.pairwise(starts)) >= 0.75 * 0.03125
+
+
+def test_a_tick_may_begin_a_little_late_and_says_so():
+    ticks = paced([0.032, 0.001, 0.001])
+    assert [t.index for t in ticks] == [0, 1, 2]
+    assert ticks[1].late_s == pytest.approx(0.00075)
+    assert ticks[2].late_s == pytest.approx(0.0)
+
+
+def test_a_machine_that_forbids_real_time_says_what_to_change(monkeypatch):
+    def forbidden(*_):
+        raise PermissionError
+
+    monkeypatch.setattr(realtime.os, "sched_setscheduler", forbidden)
+    with pytest.raises(UnusableInput, match=r"limits\.conf"):
+        realtime.become_realtime()
