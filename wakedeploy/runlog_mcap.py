@@ -70,6 +70,7 @@ class RunLogWriter:
         self._writer: Any = Writer(self._file, enable_data_crcs=True)  # its methods have no types
         self._chunk_start_ns: int | None = None
         self._sequence = 0
+        self.flushed = 0  # ticks that the operating system has
         self._writer.start(library=f"wakedeploy {wakedeploy.__version__}")
         self._writer.add_metadata(_METADATA_NAME, {"schema": str(SCHEMA)} | dict(metadata))
         schema = json.dumps(message_schema()).encode()
@@ -96,6 +97,7 @@ class RunLogWriter:
     def flush(self) -> None:
         """Close the chunk and hand everything to the operating system."""
         self._writer.flush()
+        self.flushed = self._sequence
         self._chunk_start_ns = None
 
     def sync(self) -> None:
@@ -104,7 +106,7 @@ class RunLogWriter:
 
     def close(self, ending: Mapping[str, str] | None = None) -> None:
         """Finish the file; `ending` is what is only known now and joins the metadata."""
-        self._writer.flush()
+        self.flush()
         self._writer.add_metadata(_END_NAME, dict(ending or {}))
         self._writer.finish()
         self._file.close()

@@ -1,0 +1,137 @@
+"""Records a run in a thread of its own, so that a stalling disk never holds up the loop."""
+
+import errno
+import os
+import queue
+import threading
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.runlog import Value
+from wakedeploy.runlog_mcap import RunLogWriter
+
+QUEUE_SIZE = 32 * 60  # a minute of ticks: SD cards stall for hundreds of milliseconds, not minutes
+SYNC_S = 1.0
+CLOSE_LIMIT_S = 30.0
+
+Row = Mapping[str, Value]
+
+
+@dataclass(frozen=True)
+class RecorderReport:
+    """How the recording went: ticks on the disk, ticks that are not, and why it stopped early."""
+
+    written: int
+    dropped: int
+    error: str | None
+
+
+class Recorder:
+    """Takes one row per tick and writes it to an MCAP run log.
+
+    `put` never blocks and never raises. When the disk fails the recording stops, what was written
+    stays readable, and `error` says what happened. Raises UnusableInput when the file cannot be
+    started or would replace an earlier recording.
+    """
+
+    def __init__(
+        self, path: Path, metadata: Mapping[str, str], queue_size: int = QUEUE_SIZE
+    ) -> None:
+        self._path = path
+        self._writer = _started(path, metadata)
+        self._queue: queue.Queue[tuple[int, Row]] = queue.Queue(queue_size)
+        self._closing = threading.Event()
+        self._offered = self._taken = 0
+        self._error: str | None = None
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    @property
+    def error(self) -> str | None:
+        """Why recording stopped, or None while it works."""
+        return self._error
+
+    @property
+    def dropped(self) -> int:
+        """Ticks offered so far that are not recorded and do not wait for it."""
+        if self._error is not None:
+            return self._offered - self._writer.flushed
+        return max(0, self._offered - self._taken - self._queue.qsize())
+
+    def put(self, row: Row) -> None:
+        """Hand over one tick; the row must not be changed afterwards."""
+        self._offered += 1
+        if self._error is None:
+            try:
+                self._queue.put_nowait((time.time_ns(), row))
+            except queue.Full:
+                return  # counted: offered, but never taken
+
+    def close(self) -> RecorderReport:
+        """Write what still waits, end the file, and report."""
+        self._closing.set()
+        self._thread.join(CLOSE_LIMIT_S)
+        if self._thread.is_alive():
+            self._error = f"{self._path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
+        written = self._writer.flushed
+        return RecorderReport(written, self._offered - written, self._error)
+
+    def _run(self) -> None:
+        _yield_to_the_loop()
+        try:
+            self._record()
+            self._finish()
+        # Whatever happens here must reach the loop as a message, not end the thread unseen.
+        except Exception as error:
+            self._error = f"{self._path}: recording stopped: {one_line(error)}"
+            self._writer.abandon()
+
+    def _record(self) -> None:
+        next_sync_s = time.monotonic() + SYNC_S
+        while not (self._closing.is_set() and self._queue.empty()):
+            try:
+                log_time_ns, row = self._queue.get(timeout=0.1)
+            except queue.Empty:
+                pass
+            else:
+                self._taken += 1
+                self._writer.write(row, log_time_ns)
+            if time.monotonic() >= next_sync_s:
+                self._sync()
+                next_sync_s = time.monotonic() + SYNC_S
+
+    def _sync(self) -> None:
+        self._writer.flush()
+        try:
+            self._writer.sync()
+        except OSError as error:
+            if error.errno not in (errno.EINVAL, errno.ENOTSUP):  # a pipe cannot be synced
+                raise
+
+    def _finish(self) -> None:
+        self._sync()
+        dropped = self._offered - self._taken
+        self._writer.close({"written": str(self._taken), "dropped": str(dropped)})
+
+
+def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
+    if path.is_file() and path.stat().st_size > 0:
+        raise UnusableInput(f"{path}: there is already a recording; name another file for --log.")
+    try:
+        return RunLogWriter(path, metadata)
+    except OSError as error:
+        raise UnusableInput(
+            f"{path}: no run log can be written there ({one_line(error)})."
+        ) from error
+
+
+def _yield_to_the_loop() -> None:
+    """Leave a real-time class that the thread may have inherited from the loop."""
+    if hasattr(os, "sched_setscheduler"):
+        try:
+            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        except OSError:
+            return  # already in the ordinary class, or forbidden to change: both do no harm
