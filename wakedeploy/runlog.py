@@ -75,6 +75,7 @@ COLUMNS = (
     Column("true_wake_force_n", "N", "number", "extra"),
     Column("true_hook_force_n", "N", "number", "extra"),
     Column("true_z_m", "m", "number", "extra"),
+    Column("true_z_m", "m", "number", "extra"),
 )
 COLUMN = {column.name: column for column in COLUMNS}
 STAGES = ("t_read_s", "t_estimate_s", "t_predict_s", "t_control_s", "t_write_s")
