@@ -147,7 +147,7 @@ def far_outside(
     low: npt.NDArray[np.float32],
     high: npt.NDArray[np.float32],
 ) -> bool:
-    """Whether an observation (d,) is not finite or far outside the trained range (low, high: (d,))."""
+    """Whether an observation (d,) is not finite or far outside the trained range, low to high."""
     margin = FAR_OUTSIDE * (high - low)
     return not bool(np.all((observation >= low - margin) & (observation <= high + margin)))
 

@@ -1,0 +1,179 @@
+"""Range samples without waiting for them: a thread reads, the loop takes the newest.
+
+Two forms: the VL53L0X on the Pi's I²C bus, and a Unix socket behind which a plant process sits.
+Sample times are on the system's monotonic clock, which processes share.
+"""
+
+import contextlib
+import math
+import socket
+import struct
+import threading
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+from wakedeploy.errors import UnusableInput, one_line
+
+TIMING_BUDGET_US = 20_000  # the sensor's fastest; its time of a sample is the middle of it
+NOTHING_IN_RANGE_MM = 8190  # what the VL53L0X says when no light came back
+POLL_S = 0.001
+BUS_RETRIES = 10
+STATUS_NO_TARGET = 4
+FIRST_SAMPLE_S = 3.0
+# range [mm], sensor time [µs, monotonic], status, then what only a simulation knows (else NaN):
+# wake's force [N], extra force [N], height [m].
+SOCKET_LAYOUT = struct.Struct("<dQBddd")
+
+
+@dataclass(frozen=True, slots=True)
+class RangeReading:
+    """One sample: range [mm], when it was taken [µs, monotonic], 0 for a good one; the truth."""
+
+    range_mm: float
+    sensor_time_us: int
+    status: int = 0
+    true_wake_force_n: float = math.nan
+    true_hook_force_n: float = math.nan
+    true_z_m: float = math.nan
+
+    @property
+    def range_m(self) -> float:
+        """The range [m], NaN for a sample that is not good."""
+        return self.range_mm / 1000.0 if self.status == 0 else math.nan
+
+    @property
+    def sensor_time_s(self) -> float:
+        """When the sample was taken [s, monotonic]."""
+        return self.sensor_time_us * 1e-6
+
+    def pack(self) -> bytes:
+        """The sample as one packet of the socket form."""
+        truth = (self.true_wake_force_n, self.true_hook_force_n, self.true_z_m)
+        return SOCKET_LAYOUT.pack(self.range_mm, self.sensor_time_us, self.status, *truth)
+
+
+class RangeSource(Protocol):
+    """Where range samples come from."""
+
+    @property
+    def newest(self) -> RangeReading | None:
+        """The newest sample; None before the first."""
+
+    @property
+    def failure(self) -> str | None:
+        """Why no more samples will come, as one sentence; None while all is well."""
+
+    def close(self) -> None:
+        """Stop reading."""
+
+
+def wait_for_first(source: RangeSource, limit_s: float = FIRST_SAMPLE_S) -> RangeReading:
+    """The first good sample; UnusableInput when none comes."""
+    deadline_s = time.monotonic() + limit_s
+    while time.monotonic() < deadline_s and source.failure is None:
+        reading = source.newest
+        if reading is not None and reading.status == 0:
+            return reading
+        time.sleep(0.01)
+    raise UnusableInput(
+        source.failure
+        or f"The range sensor gave no valid reading within {limit_s:g} s; check that it sees the "
+        "reflector and that its wires are connected."
+    )
+
+
+class SocketRangeSource:
+    """Samples from a plant process, one packet each."""
+
+    def __init__(self, path: Path) -> None:
+        self.newest: RangeReading | None = None
+        self.failure: str | None = None
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            self._socket.connect(str(path))
+        except OSError as error:
+            self._socket.close()
+            raise UnusableInput(
+                f"{path}: no range samples can be read there ({one_line(error)})."
+            ) from error
+        self._thread = threading.Thread(target=self._read, name="range", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading."""
+        with contextlib.suppress(OSError):
+            self._socket.shutdown(socket.SHUT_RDWR)
+        self._thread.join(timeout=1.0)
+        self._socket.close()
+
+    def _read(self) -> None:
+        with contextlib.suppress(OSError):
+            while packet := self._socket.recv(SOCKET_LAYOUT.size + 1):
+                if len(packet) == SOCKET_LAYOUT.size:
+                    self.newest = RangeReading(*SOCKET_LAYOUT.unpack(packet))
+        self.failure = "The plant process stopped sending range samples."
+
+
+class I2cRangeSource:
+    """The VL53L0X in continuous mode on the Pi's I²C bus; needs the `[rig]` extra."""
+
+    def __init__(self, sensor: Any = None) -> None:
+        self.newest: RangeReading | None = None
+        self.failure: str | None = None
+        self._closing = threading.Event()
+        self._sensor = sensor if sensor is not None else _connected_sensor()
+        self._sensor.measurement_timing_budget = TIMING_BUDGET_US
+        self._sensor.start_continuous()
+        self._thread = threading.Thread(target=self._read, name="range", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Stop reading and the sensor's measuring."""
+        self._closing.set()
+        self._thread.join(timeout=1.0)
+        with contextlib.suppress(OSError, RuntimeError):
+            self._sensor.stop_continuous()
+
+    def _read(self) -> None:
+        errors = 0
+        while not self._closing.is_set():
+            try:
+                self._read_one()
+                errors = 0
+            except (OSError, RuntimeError) as error:
+                errors += 1
+                if errors > BUS_RETRIES:
+                    self.failure = f"The range sensor stopped answering ({one_line(error)})."
+                    return
+                self._closing.wait(POLL_S)
+
+    def _read_one(self) -> None:
+        """Sleep through most of a measurement, look until it is ready, take it."""
+        self._closing.wait(0.8e-6 * TIMING_BUDGET_US)
+        while not self._sensor.data_ready:
+            if self._closing.wait(POLL_S):
+                return
+        taken_us = int(time.monotonic() * 1e6) - TIMING_BUDGET_US // 2
+        range_mm = int(self._sensor.range)
+        status = STATUS_NO_TARGET if range_mm >= NOTHING_IN_RANGE_MM else 0
+        self.newest = RangeReading(float(range_mm), taken_us, status)
+
+
+def _connected_sensor() -> Any:
+    try:
+        import adafruit_vl53l0x
+        import board
+    except (ImportError, NotImplementedError) as error:
+        raise UnusableInput(
+            f"The range sensor's driver is not usable here ({one_line(error)}); on the Pi install "
+            "it with: pip install 'wakedeploy[rig]'."
+        ) from error
+    try:
+        return adafruit_vl53l0x.VL53L0X(board.I2C())
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UnusableInput(
+            f"No VL53L0X answers on the I²C bus ({one_line(error)}); check its wiring and that "
+            "I²C is switched on (raspi-config)."
+        ) from error

@@ -1,0 +1,146 @@
+"""The UNO's end of the wire: frames to the MCU's decisions and back, reboot included."""
+
+from collections import deque
+
+from runtime.mcu import Mcu, Outputs
+from runtime.protocol import (
+    PROTOCOL_VERSION,
+    SEQUENCE_WRAP,
+    TIME_WRAP_US,
+    Arm,
+    Board,
+    Command,
+    Disarm,
+    Fault,
+    Frame,
+    FrameDecoder,
+    Hello,
+    HelloReply,
+    Message,
+    Status,
+    encode_frame,
+)
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import Rig
+
+BOOT_S = 1.7  # an UNO's bootloader, from opening the port
+HOME_SWITCH_M = 1e-3
+FIRMWARE = 1
+
+
+class McuPort:
+    """Takes bytes, drives the MCU, answers with bytes. Times are the plant's [s]."""
+
+    def __init__(self, rig: Rig, *, boot_s: float = BOOT_S) -> None:
+        self._rig, self._boot_s = rig, boot_s
+        # The command's half of the round trip; sensing, the other half, is in the plant.
+        self._delay_s = 0.5 * rig.latency.round_trip_s
+        self._mcu = Mcu(rig)
+        self._boots = 0
+        self._started_s = 0.0
+        self._under_way: deque[tuple[float, Frame]] = deque()
+        self._restart()
+
+    def opened(self, t_s: float) -> None:
+        """The port was opened, which resets an UNO."""
+        self._boots += 1
+        self._started_s = t_s + self._boot_s
+        self._restart()
+
+    def receive(self, t_s: float, data: bytes) -> None:
+        """Bytes from the host; whatever comes while the bootloader runs is lost."""
+        if t_s < self._started_s:
+            return
+        for frame in self._decoder.feed(data):
+            self._under_way.append((t_s + self._delay_s, frame))
+
+    def answer(self, t_s: float, plant: GantryPlant) -> bytes:
+        """Act on the frames that have arrived by now; the answers to them."""
+        answers = b""
+        while self._under_way and self._under_way[0][0] <= t_s:
+            arrived_s, frame = self._under_way.popleft()
+            message = self._act(arrived_s, frame, plant)
+            if message is not None:
+                answers += encode_frame(Frame(frame.sequence, self._mcu_time(t_s), message))
+        return answers
+
+    def advance(self, t_s: float, dt_s: float) -> Outputs:
+        """What the pins do over the next step."""
+        return self._mcu.advance(t_s, dt_s)
+
+    def _restart(self) -> None:
+        self._mcu = Mcu(self._rig)
+        self._decoder = FrameDecoder()
+        self._under_way.clear()
+        self._last_sequence: int | None = None
+        self._refused = 0
+        self._may_arm = False
+
+    def _act(self, t_s: float, frame: Frame, plant: GantryPlant) -> Message | None:
+        message = frame.message
+        if isinstance(message, Hello):
+            return self._hello(frame.sequence, message)
+        if not self._is_new(frame.sequence):
+            self._refused += 1  # duplicated or overtaken on the way, or before any handshake
+            return None
+        self._last_sequence = frame.sequence
+        if isinstance(message, Command):
+            speed_mps = message.carriage_steps_per_s / self._rig.stepper.steps_per_m
+            self._mcu.command(
+                t_s, frame.sequence, message.source_us, message.sufferer_us, speed_mps
+            )
+        elif isinstance(message, Arm) and self._may_arm:
+            self._arm(t_s, message)
+        elif isinstance(message, Disarm):
+            self._mcu.disarm()
+        return self._status(plant)
+
+    def _hello(self, sequence: int, hello: Hello) -> HelloReply:
+        fits = hello.oldest <= PROTOCOL_VERSION <= hello.newest
+        self._mcu.disarm()
+        self._last_sequence = sequence
+        self._may_arm = fits
+        return HelloReply(PROTOCOL_VERSION if fits else 0, Board.VIRTUAL, self._boots, FIRMWARE)
+
+    def _arm(self, t_s: float, limits: Arm) -> None:
+        steps_per_m = self._rig.stepper.steps_per_m
+        within = self._rig.changed(
+            limits={
+                "pulse_us": (limits.low_us, limits.high_us),
+                "slew_us_per_s": limits.slew_us_per_s,
+                "source_descent_s": limits.source_descent_ms / 1000.0,
+                "sufferer_descent_s": limits.sufferer_descent_ms / 1000.0,
+            },
+            stepper={
+                "max_speed_mps": limits.max_speed_steps_per_s / steps_per_m,
+                "max_accel_mps2": limits.max_accel_steps_per_s2 / steps_per_m,
+            },
+        )
+        self._mcu = Mcu(within)
+        self._mcu.arm(t_s)
+        self._may_arm = False
+
+    def _is_new(self, sequence: int) -> bool:
+        if self._last_sequence is None:
+            return False
+        return 0 < (sequence - self._last_sequence) % SEQUENCE_WRAP < SEQUENCE_WRAP // 2
+
+    def _status(self, plant: GantryPlant) -> Status:
+        mcu = self._mcu.status
+        return Status(
+            sequence=self._last_sequence or 0,
+            boot=self._boots,
+            faults=Fault.DEADMAN if mcu.latched else Fault.NONE,
+            armed=mcu.armed and not mcu.latched,
+            homed=abs(plant.x_m) < HOME_SWITCH_M,
+            source_us=plant.source_applied_us,
+            sufferer_us=plant.sufferer_applied_us,
+            steps=plant.steps,
+            missed=min(mcu.missed_commands, 0xFFFF),
+            malformed=min(self._decoder.malformed + self._refused, 0xFFFF),
+            applied_time_us=self._mcu_time(plant.pulse_applied_s),
+            battery_mv=0,
+        )
+
+    def _mcu_time(self, t_s: float) -> int:
+        return int((t_s - self._started_s) * 1e6) % TIME_WRAP_US

@@ -1,0 +1,157 @@
+"""The plant process: steps the plant in real time, serves a pseudo-terminal and a socket.
+
+It ends when its standard input is closed, so it never outlives the run that started it.
+"""
+
+import contextlib
+import json
+import os
+import select
+import socket
+import sys
+import time
+import tty
+from pathlib import Path
+from typing import Any
+
+from runtime.range_source import STATUS_NO_TARGET, RangeReading
+from runtime.virtual.hooks import load_hooks
+from runtime.virtual.mcu_port import McuPort
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import parse_rig
+
+
+class PtyPort:
+    """A pseudo-terminal seen from the board: bytes in and out, and when the host opens it."""
+
+    def __init__(self) -> None:
+        self._master, slave = os.openpty()
+        tty.setraw(slave)
+        self.name = os.ttyname(slave)
+        os.set_blocking(self._master, False)
+        os.close(slave)  # from now on the kernel tells whether anyone has it open
+        self._poll = select.poll()
+        self._poll.register(self._master, select.POLLIN)
+        self.is_open = False
+
+    def fileno(self) -> int:
+        """For select; only while open, a closed one would be ready at all times."""
+        return self._master
+
+    def just_opened(self) -> bool:
+        """Whether the host opened the port since the last call."""
+        if self.is_open or any(event & select.POLLHUP for _, event in self._poll.poll(0)):
+            return False
+        self.is_open = True
+        return True
+
+    def read(self) -> bytes:
+        """What has arrived; nothing when the host closed the port."""
+        try:
+            return os.read(self._master, 4096)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            self.is_open = False
+            return b""
+
+    def write(self, data: bytes) -> None:
+        """Send; what the host does not fetch is lost, as on a real wire."""
+        if data and self.is_open:
+            with contextlib.suppress(OSError):
+                os.write(self._master, data)
+
+
+class RangeServer:
+    """Sends each new range sample to whoever is connected."""
+
+    def __init__(self, folder: Path) -> None:
+        self.path = folder / "range.sock"
+        self._listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        self._listener.bind(str(self.path))
+        self._listener.listen(4)
+        self._listener.setblocking(False)
+        self._clients: list[socket.socket] = []
+
+    def send(self, reading: RangeReading) -> None:
+        """Send a sample; a client that does not read loses it, one that is gone is forgotten."""
+        with contextlib.suppress(BlockingIOError):
+            client, _ = self._listener.accept()
+            client.setblocking(False)
+            self._clients.append(client)
+        for client in list(self._clients):
+            try:
+                client.send(reading.pack())
+            except BlockingIOError:
+                continue
+            except OSError:
+                self._clients.remove(client)
+
+
+class VirtualGantry:
+    """Plant, MCU and the two connections, advanced together in real time."""
+
+    def __init__(self, request: dict[str, Any], folder: Path) -> None:
+        rig = parse_rig(request["rig"], "plant rig")
+        hooks = load_hooks(request["hooks"]) if request["hooks"] else {}
+        self._plant = GantryPlant(rig, seed=request["seed"], **hooks)
+        self._mcu = McuPort(rig)
+        self.port = PtyPort()
+        self.ranges = RangeServer(folder)
+        self._sent_s = -1.0
+        self._origin_s = time.monotonic()
+
+    def run(self) -> None:
+        """Step until standard input is closed; a step that is late is made up for, time is time."""
+        self._origin_s = time.monotonic()
+        while self._serve_until(self._origin_s + self._plant.t_s):
+            self._step()
+
+    def _serve_until(self, deadline_s: float) -> bool:
+        """Answer the host until the next step is due; False when the run has ended."""
+        while True:
+            now_s = time.monotonic()
+            if self.port.just_opened():
+                self._mcu.opened(now_s - self._origin_s)
+            watched: list[Any] = [sys.stdin, *([self.port] if self.port.is_open else [])]
+            ready, _, _ = select.select(watched, [], [], max(0.0, deadline_s - now_s))
+            if sys.stdin in ready:
+                return False
+            if self.port in ready:
+                self._mcu.receive(time.monotonic() - self._origin_s, self.port.read())
+            if not ready or time.monotonic() >= deadline_s:
+                return True
+
+    def _step(self) -> None:
+        plant = self._plant
+        self.port.write(self._mcu.answer(plant.t_s, plant))
+        outputs = self._mcu.advance(plant.t_s, plant.dt_s)
+        plant.step(outputs.source_us, outputs.sufferer_us, outputs.carriage_mps)
+        self._send_range()
+
+    def _send_range(self) -> None:
+        sample, plant = self._plant.range_sample(), self._plant
+        if sample.sensor_time_s <= self._sent_s:
+            return
+        self._sent_s = sample.sensor_time_s
+        missing = sample.status != 0 or sample.range_m != sample.range_m
+        self.ranges.send(
+            RangeReading(
+                sample.range_m * 1000.0,
+                int((self._origin_s + sample.sensor_time_s) * 1e6),
+                STATUS_NO_TARGET if missing else 0,
+                plant.wake_force_n,
+                plant.hook_force_n,
+                plant.z_m,
+            )
+        )
+
+
+def main() -> None:
+    """Read the request from standard input, say where to connect, run."""
+    request = json.loads(sys.stdin.readline())
+    gantry = VirtualGantry(request, Path(request["folder"]))
+    where = {"port": gantry.port.name, "range_socket": str(gantry.ranges.path)}
+    sys.stdout.write(json.dumps(where) + "\n")
+    sys.stdout.flush()
+    gantry.run()

@@ -1,0 +1,87 @@
+"""What the link says when the other end is not the board it expects, over real pseudo-terminals."""
+
+import os
+import threading
+import tty
+
+import pytest
+
+from runtime.link import Link
+from runtime.protocol import Frame, FrameDecoder, Hello, HelloReply, encode_frame
+from wakedeploy.errors import UnusableInput
+
+
+class FarEnd:
+    """A pseudo-terminal whose board answers with what a function makes of each read."""
+
+    def __init__(self, answer):
+        self.master, self.slave = os.openpty()
+        tty.setraw(self.slave)
+        self.name = os.ttyname(self.slave)
+        self.answer = answer
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self):
+        try:
+            while data := os.read(self.master, 4096):
+                os.write(self.master, self.answer(data))
+        except OSError:
+            return
+
+    def close(self):
+        for end in (self.slave, self.master):
+            os.close(end)
+
+
+@pytest.fixture
+def far_end():
+    opened = []
+
+    def make(answer):
+        opened.append(FarEnd(answer))
+        return opened[-1]
+
+    yield make
+    for end in opened:
+        end.close()
+
+
+def test_a_silent_port_is_told_apart_from_one_that_answers_garbage(far_end):
+    for answer, words in ((b"", "nothing answered"), (b"ok\r\n>", "does not speak")):
+        end = far_end(lambda _, answer=answer: answer)
+        with Link(end.name) as link, pytest.raises(UnusableInput, match=words):
+            link.handshake(limit_s=0.4)
+
+
+def test_firmware_of_another_version_is_refused(far_end):
+    def answer(data):
+        (frame,) = FrameDecoder().feed(data)
+        assert isinstance(frame.message, Hello)
+        return encode_frame(Frame(frame.sequence, 0, HelloReply(0, 1, 1, 9)))
+
+    with (
+        Link(far_end(answer).name) as link,
+        pytest.raises(UnusableInput, match="upload the sketch"),
+    ):
+        link.handshake()
+
+
+def test_a_port_in_use_a_missing_one_and_a_file_are_refused(far_end, tmp_path):
+    end = far_end(lambda _: b"")
+    with Link(end.name), pytest.raises(UnusableInput, match="used by another program"):
+        Link(end.name)
+    with pytest.raises(UnusableInput, match="no such port"):
+        Link("/dev/ttyACM97")
+    plain = tmp_path / "file"
+    plain.write_text("not a port")
+    with pytest.raises(UnusableInput, match="cannot be used as a serial port"):
+        Link(str(plain))
+
+
+def test_garbage_is_counted_and_kept_out(far_end):
+    end = far_end(lambda _: b"\x05\x01\x02\0\x09abc\0")
+    with Link(end.name) as link:
+        with pytest.raises(UnusableInput):
+            link.handshake(limit_s=0.3)
+        assert link.malformed >= 2
+        assert link.answer is None

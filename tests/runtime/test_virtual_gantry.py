@@ -1,0 +1,197 @@
+"""The virtual gantry over a real pseudo-terminal and socket, in a process of its own."""
+
+import threading
+import time
+
+import pytest
+
+from runtime.link import Link, board_name
+from runtime.protocol import Arm, Command, Disarm, Fault, Frame, FrameDecoder, Hello, encode_frame
+from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
+from runtime.virtual.hooks import load_hooks
+from runtime.virtual.mcu_port import McuPort
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import default_rig
+
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 31_250)
+
+
+@pytest.fixture(scope="module")
+def gantry():
+    with VirtualGantryProcess(default_rig(), seed=3) as running:
+        yield running
+
+
+def test_opening_the_port_reboots_the_board_and_a_command_is_answered(gantry):
+    before_s = time.monotonic()
+    with Link(gantry.port) as link:
+        first = link.handshake()
+        assert time.monotonic() - before_s > 1.5
+        assert board_name(first) == "virtual gantry"
+        assert link.arm(LIMITS).armed
+        sequence = link.send(Command(1234.5, 1000.0, 420))
+        answer = link.wait_for(sequence, 1.0)
+        assert answer.status.sequence == sequence
+        assert 0.009 <= answer.round_trip_s < 1.0  # half of the rig's 18 ms is the command's way
+        link.disarm()
+    with Link(gantry.port) as link:
+        assert link.handshake().boot == first.boot + 1
+
+
+def test_range_samples_come_with_a_time_that_both_processes_share(gantry):
+    source = SocketRangeSource(gantry.range_socket)
+    try:
+        first = wait_for_first(source)
+        assert 0.0 <= time.monotonic() - first.sensor_time_s < 1.0
+        assert first.range_m == pytest.approx(0.0, abs=0.05)
+        assert first.true_z_m == 0.0
+        time.sleep(0.1)
+        assert source.newest.sensor_time_us > first.sensor_time_us
+    finally:
+        source.close()
+
+
+def test_a_killed_plant_is_told_as_one_sentence_by_both_ends():
+    with VirtualGantryProcess(default_rig(), seed=3) as gantry, Link(gantry.port) as link:
+        source = SocketRangeSource(gantry.range_socket)
+        gantry.kill()
+        source._thread.join(2.0)
+        link._reader.join(2.0)
+        assert "connection to the board was lost" in link.failure
+        assert "stopped sending" in source.failure
+        assert link.send(Command(1000, 1000, 0)) > 0  # and nothing raises
+        source.close()
+
+
+def test_a_socket_that_is_not_there_is_unusable(tmp_path):
+    with pytest.raises(UnusableInput, match="no range samples"):
+        SocketRangeSource(tmp_path / "none.sock")
+
+
+class Board:
+    """McuPort and plant without a process; time moves when the test says so."""
+
+    def __init__(self):
+        self.rig = default_rig()
+        self.plant = GantryPlant(self.rig, seed=0)
+        self.port = McuPort(self.rig, boot_s=0.0)
+        self.decoder = FrameDecoder()
+        self.heard = []
+        self.port.opened(0.0)
+
+    def send(self, sequence, message, seconds=0.03):
+        return self.send_bytes(encode_frame(Frame(sequence, 0, message)), seconds)
+
+    def send_bytes(self, data, seconds=0.03):
+        self.port.receive(self.plant.t_s, data)
+        self.heard = []
+        end_s = self.plant.t_s + seconds
+        while self.plant.t_s < end_s:
+            answers = self.port.answer(self.plant.t_s, self.plant)
+            self.heard += self.decoder.feed(answers)
+            out = self.port.advance(self.plant.t_s, self.plant.dt_s)
+            self.plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
+        return self.heard[-1].message if self.heard else None
+
+    def flying(self):
+        self.send(1, Hello())
+        self.send(2, LIMITS)
+        return self
+
+
+def test_nothing_moves_before_the_handshake_and_arming():
+    board = Board()
+    assert board.send(1, Command(1500, 1500, 0)) is None
+    assert board.send(2, LIMITS) is None
+    board.send(3, Hello())
+    status = board.send(4, Command(1500, 1500, 100))
+    assert not status.armed
+    assert (status.source_us, status.sufferer_us) == (1000, 1000)
+
+
+def test_arming_needs_a_new_handshake_each_time():
+    board = Board().flying()
+    assert board.send(3, Command(1200, 1200, 0)).armed
+    assert not board.send(4, Disarm()).armed
+    assert not board.send(5, LIMITS).armed
+    board.send(6, Hello())
+    assert board.send(7, LIMITS).armed
+
+
+def test_silence_ramps_down_latches_and_only_a_handshake_helps():
+    board = Board().flying()
+    board.send(3, Command(1300, 1600, 0), seconds=2.0)
+    status = board.send(4, Command(1300, 1600, 0))
+    assert status.faults == Fault.DEADMAN
+    assert not status.armed
+    assert (status.source_us, status.sufferer_us) == (1000, 1000)
+    assert status.missed > 20
+    board.send(5, Hello())
+    assert board.send(6, LIMITS).faults == Fault.NONE
+
+
+def test_duplicated_reordered_and_corrupted_frames_are_dropped_and_counted():
+    board = Board().flying()
+    good = encode_frame(Frame(10, 0, Command(1300, 1300, 0)))
+    assert board.send_bytes(good).sequence == 10
+    assert board.send_bytes(good) is None
+    assert board.send(9, Command(1900, 1900, 0)) is None
+    assert board.send_bytes(good[:4] + b"\x55" + good[5:]) is None
+    status = board.send(11, Command(1300, 1300, 0), seconds=0.06)
+    assert status.malformed == 3
+    assert status.source_us == 1300
+
+
+def test_a_reboot_forgets_everything_but_counts_itself():
+    board = Board().flying()
+    board.send(3, Command(1500, 1500, 0))
+    board.port.opened(board.plant.t_s)
+    assert board.send(4, Command(1500, 1500, 0)) is None
+    assert board.send(5, Hello()).boot == 2
+
+
+def test_a_foreign_version_is_told_that_none_fits():
+    assert Board().send(1, Hello(7, 9)).version == 0
+
+
+def test_the_carriage_counts_its_steps_in_the_truth_of_the_plant():
+    board = Board().flying()
+    for sequence in range(3, 35):
+        status = board.send(sequence, Command(1000, 1000, 420), seconds=1.0 / 32.0)
+    assert status.steps == pytest.approx(420 * 31 / 32, abs=35)
+    assert not status.homed
+
+
+def test_hooks_are_named_and_a_wrong_name_is_refused():
+    assert load_hooks(f"{__name__}:some_hooks") == {"force_hook": _no_force}
+    for wrong in ("nowhere:f", f"{__name__}:missing", f"{__name__}:wrong_hooks", "plain"):
+        with pytest.raises(UnusableInput, match="--hooks"):
+            load_hooks(wrong)
+
+
+def _no_force(t_s, state):
+    return 0.0
+
+
+def some_hooks():
+    return {"force_hook": _no_force}
+
+
+def wrong_hooks():
+    return {"gravity_hook": _no_force}
+
+
+def test_a_reading_without_a_target_has_no_range():
+    assert RangeReading(120.0, 5).range_m == pytest.approx(0.12)
+    missing = RangeReading(8190.0, 5, status=4)
+    assert missing.range_m != missing.range_m
+
+
+def test_no_thread_is_left_behind(gantry):
+    before = threading.active_count()
+    link, source = Link(gantry.port), SocketRangeSource(gantry.range_socket)
+    link.close()
+    source.close()
+    assert threading.active_count() == before
