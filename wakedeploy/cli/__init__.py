@@ -1,0 +1,114 @@
+"""The command line: one small file per command, each a thin edge over the other packages.
+
+In: arguments. Out: text, tables, files and an exit status (0 done, 1 a run or check failed,
+2 unusable input, 130 Ctrl-C). May import everything, heavy libraries only inside the command
+functions, so that `wakedeploy --help` stays fast.
+"""
+
+import errno
+import importlib
+import importlib.util
+from typing import Any
+
+import click
+
+import wakedeploy
+from wakedeploy.errors import WakedeployError, one_line
+
+COMMANDS = (
+    "demo",
+    "data",
+    "train",
+    "evaluate",
+    "export",
+    "check",
+    "bench",
+    "run-gantry",
+    "log",
+    "rig",
+    "doctor",
+)
+TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors", "plotly"}
+_UNUSABLE = (
+    FileNotFoundError,
+    FileExistsError,
+    NotADirectoryError,
+    IsADirectoryError,
+    PermissionError,
+)
+
+
+class _Commands(click.Group):
+    """Loads a command's file when it is asked for, and tells failures in one sentence."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """The commands in the order of a person's work."""
+        return [name for name in COMMANDS if importlib.util.find_spec(_module_of(name))]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command object of `wakedeploy/cli/<name>.py`."""
+        if cmd_name not in self.list_commands(ctx):
+            return None
+        module = importlib.import_module(_module_of(cmd_name))
+        command: click.Command = module.command
+        return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run a command; what it raises becomes one line and an exit status."""
+        try:
+            return super().invoke(ctx)
+        except (click.ClickException, click.Abort, click.exceptions.Exit):
+            raise
+        except KeyboardInterrupt:
+            click.echo("Interrupted.", err=True)
+            ctx.exit(130)
+        except Exception as error:
+            if ctx.params["debug"] or getattr(error, "errno", None) == errno.EPIPE:
+                raise
+            raise _Told(error) from error
+
+
+class _Told(click.ClickException):
+    """An error as one sentence and its exit status."""
+
+    def __init__(self, error: Exception) -> None:
+        super().__init__(_sentence(error))
+        unusable = isinstance(error, _UNUSABLE) or _missing_library(error)
+        own = error.exit_status if isinstance(error, WakedeployError) else None
+        self.exit_code = own or (2 if unusable else 1)  # type: ignore[misc]
+
+
+def _module_of(command: str) -> str:
+    return f"wakedeploy.cli.{command.replace('-', '_')}"
+
+
+def _sentence(error: Exception) -> str:
+    if isinstance(error, WakedeployError):
+        return one_line(error)
+    library = _missing_library(error)
+    if library in TRAIN_LIBRARIES:
+        return f"{library} is not installed; this command needs: pip install 'wakedeploy[train]'."
+    if library:
+        return f"{library} is not installed; install wakedeploy again with pip."
+    if isinstance(error, OSError) and error.strerror:
+        return ": ".join(filter(None, (str(error.filename or ""), f"{error.strerror}.")))
+    kind = type(error).__name__
+    return f"unexpected {kind}: {one_line(error)}; `wakedeploy --debug …` shows where it happened."
+
+
+def _missing_library(error: Exception) -> str | None:
+    """The library outside this project whose absence the error tells of."""
+    name = (error.name or "").split(".")[0] if isinstance(error, ModuleNotFoundError) else ""
+    return name if name not in ("", "wakedeploy", "trainers", "export", "runtime") else None
+
+
+@click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(wakedeploy.__version__, prog_name="wakedeploy")
+@click.option("--debug", is_flag=True, help="Show the traceback of an error.")
+def main(debug: bool) -> None:
+    """Predict wake forces with small models, and fly them on a gantry.
+
+    \b
+    The main job, end to end, on the virtual gantry:
+        wakedeploy demo
+    """

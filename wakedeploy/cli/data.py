@@ -1,0 +1,151 @@
+"""`wakedeploy data`: make, import and describe episode sets."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+
+if TYPE_CHECKING:
+    from wakedeploy.episodes import EpisodeSet
+
+_OUT = click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Folder to write.",
+)
+_JSON = click.option(
+    "--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON."
+)
+
+
+@click.group()
+def command() -> None:
+    """Make episodes by simulation, import recordings, describe a set.
+
+    \b
+    Example:
+        wakedeploy data make gantry --out sets/gantry --minutes 30 --seed 0
+        wakedeploy data show sets/gantry
+    """
+
+
+@command.group()
+def make() -> None:
+    """Simulate a domain."""
+
+
+@make.command("gantry")
+@_OUT
+@click.option("--minutes", type=click.FloatRange(0.1, 10_000), default=30.0, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--rig", "rig_path", type=click.Path(path_type=Path), help="Default: the default rig."
+)
+@_JSON
+def make_gantry(
+    out: Path, minutes: float, seed: int, rig_path: Path | None, json_path: Path | None
+) -> None:
+    """Fly the simulated gantry closed loop, with PID alone and with feedforward.
+
+    \b
+    Example:
+        wakedeploy data make gantry --out sets/gantry --minutes 30 --seed 0
+    """
+    from wakedeploy.domains.gantry import make_set
+    from wakedeploy.rig import default_rig, read_rig
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    with progress("Flying", 1) as bar:
+        made = make_set(rig, minutes=minutes, seed=seed, progress=bar.update)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
+@command.group("import")
+def import_() -> None:
+    """Import public recordings in their original layout."""
+
+
+@import_.command("fish")
+@click.argument("path", type=click.Path(path_type=Path))
+@_OUT
+@_JSON
+def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
+    """Import recordings of a flag behind a flapping foil (…_Foil, …_Flag2 and …_LDV.mat).
+
+    PATH is the repository, its data folder, or any folder with such files.
+
+    \b
+    Example:
+        wakedeploy data import fish TE-analysis-for-multi-pathway-interaction --out sets/fish
+    """
+    from wakedeploy.domains.fish import import_set
+
+    made = import_set(path)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
+@command.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@_JSON
+def show(folder: Path, json_path: Path | None) -> None:
+    """Describe the episode set in FOLDER: splits, channels and their ranges.
+
+    \b
+    Example:
+        wakedeploy data show sets/gantry
+    """
+    from wakedeploy.episodes import read_episode_set
+
+    _describe(read_episode_set(folder), folder, json_path)
+
+
+def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> None:
+    splits, channels = _splits(described), _channels(described)
+    title = (
+        f"{folder}: {described.domain}, {described.rate_hz:g} Hz, window {described.window_s:g} s"
+    )
+    cells = [[s["split"], str(s["episodes"]), f"{s['seconds']:.1f}"] for s in splits]
+    print_table(title, ["split", "episodes", "seconds"], cells)
+    numbers = ("min", "mean", "sd", "max")
+    print_table(
+        "channels",
+        ["channel", "kind", "unit", *numbers],
+        [[c["name"], c["kind"], c["unit"], *(f"{c[n]:.4g}" for n in numbers)] for c in channels],
+    )
+    if json_path:
+        result = {"domain": described.domain, "rate_hz": described.rate_hz}
+        result |= {"window_s": described.window_s, "sha256": described.sha256}
+        result |= {"splits": splits, "channels": channels}
+        write_json(json_path, result | {"provenance": dict(described.provenance)})
+
+
+def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
+    from wakedeploy.episodes import SPLITS
+
+    parts = {split: described.part(split) for split in SPLITS}
+    return [
+        {
+            "split": split,
+            "episodes": len(part),
+            "seconds": sum(map(len, part)) / described.rate_hz,
+        }
+        for split, part in parts.items()
+    ]
+
+
+def _channels(described: "EpisodeSet") -> list[dict[str, Any]]:
+    import numpy as np
+
+    rows: list[dict[str, Any]] = []
+    for kind, channels in (("observation", described.observation), ("force", described.force)):
+        joined = np.concatenate([e.arrays[kind] for e in described.episodes]).astype(float)
+        for channel, values in zip(channels, joined.T, strict=True):
+            statistics = {"min": values.min(), "mean": values.mean()}
+            statistics |= {"sd": values.std(), "max": values.max()}
+            rows.append({"name": channel.name, "kind": kind, "unit": channel.unit} | statistics)
+    return rows
