@@ -1,0 +1,25 @@
+"""Weighted mean-squared error (paper, § Model Architectures), made dimensionless."""
+
+from collections.abc import Sequence
+
+import torch
+from torch import Tensor
+
+
+class WeightedMse:
+    """Σ_c w_c MSE_c over Σ_c w_c var_c: 1 is what predicting the training mean would cost.
+
+    It takes forces in normalised units. Dividing by a constant leaves the paper's minimum where it
+    is, and makes one learning rate serve newtons and millimetres alike.
+    """
+
+    def __init__(self, weights: Sequence[float], force_sd: Tensor) -> None:
+        shares = torch.tensor(weights, dtype=force_sd.dtype) * force_sd.square()
+        self.shares = shares / shares.sum()  # (o,)
+
+    def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:
+        """Mean over the scored samples: (…, o), (…, o), (…) -> ()."""
+        per_sample = ((predicted - target).square() * self.shares).sum(-1)  # (…)
+        if scored is None:
+            return per_sample.mean()
+        return torch.where(scored, per_sample, 0.0).sum() / scored.sum().clamp(min=1)

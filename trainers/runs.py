@@ -1,0 +1,198 @@
+"""Run folders: `<root>/<domain>/<arch>/s<seed>/`, safetensors and JSON only.
+
+`config.json` says what is trained on what, `last.safetensors` is where an interrupted fit goes on,
+`best.safetensors` holds the weights that did best on validation, `metrics.json` closes a finished
+run and carries the hash of the weights it speaks of.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import safetensors.torch
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+from safetensors import SafetensorError, safe_open
+from torch import Tensor
+
+from trainers.build import build
+from trainers.model import Predictor
+from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.files import sha256_of, write_text_whole, write_whole
+from wakedeploy.package import ForceChannel, ObservationChannel, Scores
+from wakedeploy.validation import first_problem
+
+CONFIG, METRICS = "config.json", "metrics.json"
+BEST, LAST = "best.safetensors", "last.safetensors"
+
+
+class _Record(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+AnyRecord = TypeVar("AnyRecord", bound=_Record)
+
+
+class RunConfig(_Record):
+    """What is trained on what; two runs of equal configuration give equal weights.
+
+    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted.
+    """
+
+    format: Literal[1] = 1
+    arch: str
+    hyper: dict[str, JsonValue]
+    domain: str
+    rate_hz: float
+    lead_s: float
+    window_s: float
+    warm_up_steps: int
+    observation: tuple[ObservationChannel, ...]
+    force: tuple[ForceChannel, ...]
+    loss_weights: tuple[float, ...]
+    data_sha256: str
+    seed: int
+    settings: dict[str, float | int]
+
+
+class RunMetrics(_Record):
+    """How a finished run ended; `history` is the loss on validation after each epoch."""
+
+    finished_utc: str
+    seconds: float
+    epochs: int
+    best_epoch: int
+    history: tuple[float, ...]
+    trainable: int
+    frozen: int
+    validation: Scores
+    test: Scores
+    test_r2_ceiling: dict[str, float] | None
+    weights_sha256: str
+
+
+@dataclass(frozen=True, eq=False)
+class TrainedRun:
+    """A finished run, its predictor ready to use (evaluation mode, best weights)."""
+
+    folder: Path
+    config: RunConfig
+    metrics: RunMetrics
+    predictor: Predictor
+
+
+def run_folder(root: Path, config: RunConfig) -> Path:
+    """Where a run of this configuration belongs."""
+    return root / config.domain / config.arch / f"s{config.seed}"
+
+
+def new_predictor(config: RunConfig) -> Predictor:
+    """The untrained predictor of a configuration. Raises UnusableInput beyond the budget."""
+    inputs, outputs = len(config.observation), len(config.force)
+    core = build(
+        config.arch,
+        inputs=inputs,
+        outputs=outputs,
+        window_s=config.window_s,
+        rate_hz=config.rate_hz,
+        hyper=config.hyper,
+        seed=config.seed,
+    )
+    return Predictor(config.arch, core, inputs, outputs)
+
+
+def load_run(folder: Path) -> TrainedRun:
+    """Read a finished run; UnusableInput names the file and what to do about it."""
+    config, metrics = read_config(folder), read_metrics(folder)
+    predictor = new_predictor(config)
+    weights = _read_weights(folder / BEST, metrics.weights_sha256)
+    try:
+        predictor.load_state_dict(weights)
+    except RuntimeError as error:  # torch's word for missing, foreign and misshapen tensors
+        raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
+    return TrainedRun(folder, config, metrics, predictor.eval())
+
+
+def finished_runs(root: Path) -> list[Path]:
+    """The folders of all finished runs at or below `root`, in order of their names.
+
+    Raises UnusableInput when there is none.
+    """
+    folders = sorted(path.parent for path in root.rglob(METRICS)) if root.is_dir() else []
+    folders = [folder for folder in folders if (folder / CONFIG).is_file()]
+    if not folders:
+        raise UnusableInput(f"{root} holds no finished run; make one with `wakedeploy train`.")
+    return folders
+
+
+def newest_run(root: Path, arch: str) -> Path:
+    """The folder of the run of `arch` that was finished last. Raises UnusableInput without one."""
+    of_arch = [folder for folder in finished_runs(root) if read_config(folder).arch == arch]
+    if not of_arch:
+        raise UnusableInput(
+            f"{root} holds no finished run of {arch}; make one with `wakedeploy train`."
+        )
+    return max(of_arch, key=lambda folder: read_metrics(folder).finished_utc)
+
+
+def read_config(folder: Path) -> RunConfig:
+    """The configuration of a run, finished or not."""
+    return _read(RunConfig, folder / CONFIG)
+
+
+def read_metrics(folder: Path) -> RunMetrics:
+    """How a finished run ended."""
+    return _read(RunMetrics, folder / METRICS)
+
+
+def write_record(path: Path, record: BaseModel) -> None:
+    """Write a configuration or metrics whole."""
+    write_text_whole(path, record.model_dump_json(indent=1) + "\n")
+
+
+def write_tensors(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str, Any]) -> None:
+    """Write tensors with a JSON header in one file, whole or not at all."""
+    kept = {name: value.detach().contiguous() for name, value in tensors.items()}
+    header = {"facts": json.dumps(facts)}
+    write_whole(path, lambda file: safetensors.torch.save_file(kept, file, header))
+
+
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Read what `write_tensors` wrote; UnusableInput when it is damaged or foreign."""
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            facts = json.loads((file.metadata() or {})["facts"])
+    except (OSError, SafetensorError, KeyError, ValueError) as error:
+        raise damaged(path, one_line(error)) from error
+    return tensors, facts
+
+
+def damaged(path: Path, why: str) -> UnusableInput:
+    """The sentence for a checkpoint that cannot be used."""
+    return UnusableInput(f"{path} is damaged ({why}); train this run again with --fresh.")
+
+
+def _read(kind: type[AnyRecord], path: Path) -> AnyRecord:
+    try:
+        return kind.model_validate_json(path.read_bytes())
+    except FileNotFoundError as error:
+        raise UnusableInput(
+            f"{path} does not exist; give the folder of a finished run, or finish it with"
+            " `wakedeploy train`."
+        ) from error
+    except ValidationError as error:
+        raise damaged(path, first_problem(error)) from error
+    except OSError as error:
+        raise UnusableInput(f"{path} cannot be read ({one_line(error)}).") from error
+
+
+def _read_weights(path: Path, sha256: str) -> dict[str, Tensor]:
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise damaged(path, one_line(error)) from error
+    if sha256_of(data) != sha256:
+        raise damaged(path, f"its hash is not the one in {METRICS}")
+    return safetensors.torch.load(data)

@@ -1,0 +1,237 @@
+"""Train one run in its folder: begin, go on where it was stopped, or take it as it is."""
+
+import dataclasses
+import datetime
+import math
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from trainers.build import hyper_parameters
+from trainers.esn import Esn
+from trainers.fit import Fit, FitSettings, Standing
+from trainers.model import Predictor
+from trainers.ridge import solve_readout
+from trainers.runs import (
+    BEST,
+    CONFIG,
+    LAST,
+    METRICS,
+    RunConfig,
+    RunMetrics,
+    TrainedRun,
+    damaged,
+    load_run,
+    new_predictor,
+    read_config,
+    read_tensors,
+    run_folder,
+    write_record,
+    write_tensors,
+)
+from trainers.score import score
+from trainers.tape import Tape, lay_tape
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.files import sha256_of
+from wakedeploy.package import ForceChannel, ObservationChannel, Scores
+from wakedeploy.validation import first_problem
+
+# Called after each epoch with the epochs done and the epochs asked for.
+OnEpoch = Callable[[int, int], None]
+
+
+def configure(
+    data: EpisodeSet,
+    arch: str,
+    *,
+    seed: int,
+    lead_s: float,
+    hyper: Mapping[str, Any] | None = None,
+    settings: FitSettings | None = None,
+) -> RunConfig:
+    """The configuration of a run on this set. Raises UnusableInput for what cannot be built."""
+    values = dataclasses.asdict(hyper_parameters(arch, hyper or {}))
+    try:
+        return RunConfig(
+            arch=arch,
+            hyper=values,
+            domain=data.domain,
+            rate_hz=data.rate_hz,
+            lead_s=lead_s,
+            window_s=data.window_s,
+            warm_up_steps=data.warm_up_steps,
+            observation=_observed(data),
+            force=tuple(ForceChannel(name=c.name, unit=c.unit) for c in data.force),
+            loss_weights=data.loss_weights,
+            data_sha256=data.sha256,
+            seed=seed,
+            settings=dataclasses.asdict(settings or FitSettings()),
+        )
+    except ValidationError as error:
+        raise UnusableInput(f"This {data.domain} set: {first_problem(error)}.") from error
+
+
+def train(
+    config: RunConfig,
+    data: EpisodeSet,
+    root: Path,
+    *,
+    on_epoch: OnEpoch = lambda done, total: None,
+    fresh: bool = False,
+) -> TrainedRun:
+    """The finished run of this configuration: as it lies there, continued, or trained anew.
+
+    Raises UnusableInput when the folder holds a run of another configuration or a damaged one
+    (unless `fresh`), CheckFailed when the fit diverged.
+    """
+    folder = run_folder(root, config)
+    if fresh:
+        _clear(folder)
+    if (folder / CONFIG).exists():
+        _check_same(folder, read_config(folder), config)
+    if (folder / METRICS).exists():
+        return load_run(folder)
+    predictor = new_predictor(config)
+    write_record(folder / CONFIG, config)
+    if isinstance(predictor.core, Esn):
+        standing, seconds = _solve(folder, config, data, predictor)
+        on_epoch(1, 1)
+    else:
+        standing, seconds = _descend(folder, config, data, predictor, on_epoch)
+    _finish(folder, config, data, standing, seconds)
+    return load_run(folder)
+
+
+def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
+    """The observation channels with the range that each takes in the training episodes."""
+    episodes = data.part("train")
+    if not episodes:
+        raise UnusableInput(f"This {data.domain} set has no training episode; make it longer.")
+    low = [min(float(e.observation[:, i].min()) for e in episodes) for i in _columns(data)]
+    high = [max(float(e.observation[:, i].max()) for e in episodes) for i in _columns(data)]
+    return tuple(
+        ObservationChannel(name=c.name, unit=c.unit, min=low[i], max=high[i])
+        for i, c in enumerate(data.observation)
+    )
+
+
+def _columns(data: EpisodeSet) -> range:
+    return range(len(data.observation))
+
+
+def _clear(folder: Path) -> None:
+    for name in (METRICS, LAST, BEST, CONFIG):
+        (folder / name).unlink(missing_ok=True)
+
+
+def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
+    """A run is continued with the configuration it was begun with, or not at all."""
+    old, new = _flat(there), _flat(wanted)
+    if old["data_sha256"] != new["data_sha256"]:
+        raise UnusableInput(
+            f"{folder} was trained on other data; choose another --out, or --fresh to replace it."
+        )
+    for name in sorted(old.keys() | new.keys()):
+        if old.get(name) != new.get(name):
+            raise UnusableInput(
+                f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}; choose"
+                " another --out, or --fresh to replace it."
+            )
+
+
+def _flat(config: RunConfig) -> dict[str, Any]:
+    values = config.model_dump()
+    groups = values.pop("hyper") | values.pop("settings")
+    return {**values, **groups}
+
+
+def _tapes(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
+    """What is learned from, and what decides when it has been learned."""
+    learned = lay_tape(data, "train", config.lead_s, config.warm_up_steps)
+    return learned, lay_tape(data, "validation", config.lead_s, config.warm_up_steps)
+
+
+def _solve(
+    folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor
+) -> tuple[Standing, float]:
+    """The reservoir's way: one pass, nothing to resume."""
+    began = time.monotonic()
+    learned, held_out = _tapes(config, data)
+    loss = solve_readout(predictor, learned, held_out, config.loss_weights)
+    write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
+    return Standing((loss,)), time.monotonic() - began
+
+
+def _descend(
+    folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor, on_epoch: OnEpoch
+) -> tuple[Standing, float]:
+    """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
+    settings = FitSettings(**config.settings)  # type: ignore[arg-type]
+    learned, held_out = _tapes(config, data)
+    fit = Fit(
+        predictor,
+        learned,
+        held_out,
+        loss_weights=config.loss_weights,
+        warm_up=config.warm_up_steps,
+        settings=settings,
+        seed=config.seed,
+    )
+    seconds = _resume(folder / LAST, fit)
+    began = time.monotonic() - seconds
+    while not fit.finished:
+        standing = fit.run_epoch()
+        if not math.isfinite(standing.history[-1]):
+            raise CheckFailed(
+                f"{folder}: training diverged in epoch {standing.epoch}; try --fresh with a smaller"
+                " --learning-rate."
+            )
+        if standing.improved:
+            write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
+        facts = {"history": standing.history, "seconds": time.monotonic() - began}
+        write_tensors(folder / LAST, fit.tensors(), facts)
+        on_epoch(standing.epoch, settings.epochs)
+    return fit.standing, time.monotonic() - began
+
+
+def _resume(path: Path, fit: Fit) -> float:
+    """Go on where the fit was stopped; the seconds it has taken so far."""
+    if not path.exists():
+        return 0.0
+    tensors, facts = read_tensors(path)
+    try:
+        fit.restore(tensors, Standing(tuple(map(float, facts["history"]))))
+        return float(facts["seconds"])
+    except (KeyError, ValueError, TypeError, RuntimeError) as error:
+        raise damaged(path, "it is not a checkpoint of this run") from error
+
+
+def _finish(
+    folder: Path, config: RunConfig, data: EpisodeSet, standing: Standing, seconds: float
+) -> None:
+    """Score the best weights and close the run."""
+    predictor = new_predictor(config)
+    tensors, _ = read_tensors(folder / BEST)
+    try:
+        predictor.load_state_dict(tensors)
+    except RuntimeError as error:
+        raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
+    validation, test = (score(predictor, data, s, config.lead_s) for s in ("validation", "test"))
+    metrics = RunMetrics(
+        finished_utc=datetime.datetime.now(datetime.UTC).isoformat(),
+        seconds=seconds,
+        epochs=standing.epoch,
+        best_epoch=standing.best_epoch,
+        history=standing.history,
+        trainable=predictor.trainable,
+        frozen=predictor.frozen,
+        validation=Scores(rmse=validation.rmse, r2=validation.r2),
+        test=Scores(rmse=test.rmse, r2=test.r2),
+        test_r2_ceiling=test.ceiling,
+        weights_sha256=sha256_of((folder / BEST).read_bytes()),
+    )
+    write_record(folder / METRICS, metrics)
