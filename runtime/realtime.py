@@ -4,6 +4,7 @@ import ctypes
 import gc
 import math
 import os
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from wakedeploy.errors import UnusableInput
 
 FIFO_PRIORITY = 50
+SWITCH_INTERVAL_S = 0.0005
 _LOCK_CURRENT_FUTURE_ON_FAULT = 1 | 2 | 4
 # ON_FAULT locks pages as they are touched: without it every library is pulled in whole.
 
@@ -46,10 +48,11 @@ def _lock_memory() -> None:
         )
 
 
-def freeze_garbage() -> None:
-    """Collect once, then keep what lives now out of every later collection."""
+def quieten_interpreter() -> None:
+    """Keep what lives now out of garbage collection, and let no thread hold the lock for 5 ms."""
     gc.collect()
     gc.freeze()
+    sys.setswitchinterval(SWITCH_INTERVAL_S)
 
 
 @dataclass(frozen=True, slots=True)

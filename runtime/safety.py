@@ -82,6 +82,7 @@ class Findings:
     mcu_fault: bool = False
     rebooted: bool = False
     recorder_failed: bool = False
+    stop_asked: bool = False  # by the operator
     z_m: float = 0.0
     x_m: float = 0.0
 
@@ -126,6 +127,7 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "mcu_fault": found.mcu_fault,
         "mcu_reboot": found.rebooted,
         "recorder_failed": found.recorder_failed,
+        "operator_stop": found.stop_asked,
         "x_limit": not limits.x_m[0] <= found.x_m <= limits.x_m[1],
         "z_limit": not limits.z_m[0] <= found.z_m <= limits.z_m[1],
     }

@@ -94,6 +94,7 @@ def test_recovery_needs_a_clean_second():
         (Findings(mcu_fault=True), "mcu_fault"),
         (Findings(rebooted=True), "mcu_reboot"),
         (Findings(recorder_failed=True), "recorder_failed"),
+        (Findings(stop_asked=True), "operator_stop"),
         (Findings(x_m=0.7), "x_limit"),
         (Findings(x_m=float("nan")), "x_limit"),
         (Findings(z_m=1.2), "z_limit"),

@@ -1,0 +1,307 @@
+"""The 32 Hz loop: read → estimate → predict → control → write → record.
+
+In: an open link, a range source, a plan, optionally a predictor. Out: commands, one row per tick,
+and a tally. The steps between are `runtime.pilot`'s, the same that simulated flights take.
+"""
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+from runtime import safety
+from runtime.controller import Command, Terms
+from runtime.estimator import Measurement
+from runtime.link import Answer, Link
+from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
+from runtime.prediction import PredictionWorker
+from runtime.protocol import TIME_WRAP_US, Arm
+from runtime.protocol import Command as WireCommand
+from runtime.range_source import RangeReading, RangeSource
+from runtime.realtime import Pacer, Tick
+from runtime.reference import FlightPlan, Reference
+from runtime.safety import Event, Findings, Gate, Mode, SafetyState
+from runtime.tally import Tally
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
+
+PERIOD_S = 1.0 / LOOP_RATE_HZ
+WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
+_MOST_STEPS_PER_S = 32_767
+
+Row = dict[str, LogValue]
+
+
+def budget_s(rig: Rig) -> float:
+    """What the Pi may take between measurement and command: the period less the round trip [s]."""
+    return PERIOD_S - rig.latency.round_trip_s
+
+
+@dataclass(frozen=True, slots=True)
+class Prediction:
+    """What became of one tick's prediction; `force_n` is None where it must not be used."""
+
+    logged_n: float | None = None
+    force_n: float | None = None
+    late: bool = False
+    bad_prediction: bool = False
+    bad_observation: bool = False
+
+
+class RowSink(Protocol):
+    """Where rows go: `runtime.recorder.Recorder`."""
+
+    @property
+    def error(self) -> str | None:
+        """Why no more rows can be taken; None while all is well."""
+
+    def put(self, row: Mapping[str, LogValue]) -> None:
+        """Take one row without blocking."""
+
+
+class Laps:
+    """Times between marks, on the monotonic clock."""
+
+    def __init__(self) -> None:
+        self.times_s: Row = {}
+        self._last_s = time.monotonic()
+
+    def mark(self, stage: str) -> None:
+        """The stage that ends here."""
+        now_s = time.monotonic()
+        self.times_s[stage] = now_s - self._last_s
+        self._last_s = now_s
+
+
+class Loop:
+    """One run: rest, flight, rest; `run` it once."""
+
+    def __init__(
+        self,
+        rig: Rig,
+        link: Link,
+        ranges: RangeSource,
+        plan: FlightPlan,
+        worker: PredictionWorker | None = None,
+        recorder: RowSink | None = None,
+    ) -> None:
+        self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
+        self._worker, self._recorder = worker, recorder
+        self._pilot = Pilot(rig)
+        self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
+        self._wait_s = budget_s(rig) - WRITE_MARGIN_S
+        self._safety, self._gate = SafetyState(), Gate()
+        self._descent: safety.Descent | None = None
+        self._last_range_us, self._range_repeats = -1, 0
+        self._last_sequence: int | None = None
+        self._finished = False
+        self.stop_asked = False
+        self.tally = Tally(PERIOD_S)
+
+    @property
+    def failsafe_cause(self) -> tuple[str, ...]:
+        """The faults that ended the flight; empty after a good one."""
+        return self._safety.cause
+
+    def run(self) -> Tally:
+        """Arm, fly, come to rest. The motors are idle when it returns or raises."""
+        self._boot = self._link.arm(arm_limits(self._rig)).boot
+        self._safety = safety.happened(self._safety, Event.ARM)
+        self._origin_s = self._range_seen_s = time.monotonic()
+        self._state = self._pilot.initial(0.0)
+        try:
+            pacer = Pacer(PERIOD_S)
+            while not self._finished:
+                self._tick(pacer.wait())
+        finally:
+            self._link.disarm()
+            self._safety = safety.happened(self._safety, Event.DISARM)
+        return self.tally
+
+    def _tick(self, tick: Tick) -> None:
+        """The order of everything."""
+        laps = Laps()
+        reading, answer, measured = self._read()
+        laps.mark("t_read_s")
+        self._state = self._pilot.estimate(self._state, measured)
+        aim = self._aim(tick.index)
+        laps.mark("t_estimate_s")
+        prediction = self._predict(aim, tick.start_s + self._wait_s)
+        laps.mark("t_predict_s")
+        self._supervise(prediction, answer, measured)
+        aim, command, terms = self._control(aim, measured.t_s, prediction)
+        laps.mark("t_control_s")
+        self._write(command)
+        laps.mark("t_write_s")
+        row = tick_row(tick.index, measured, self._state, aim, command, terms) | laps.times_s
+        self._record(row | self._reported(reading, answer, prediction), tick)
+
+    def _read(self) -> tuple[RangeReading, Answer, Measurement]:
+        """The newest range sample and the newest status; neither is waited for."""
+        now_s = time.monotonic()
+        reading, answer = self._ranges.newest, self._link.answer
+        assert reading is not None  # the first one was waited for before arming
+        assert answer is not None  # arming was answered
+        if reading.sensor_time_us == self._last_range_us:
+            self._range_repeats += 1
+        else:
+            self._range_repeats, self._last_range_us = 0, reading.sensor_time_us
+            if reading.status == 0:
+                self._range_seen_s = now_s
+        age_s = now_s - reading.sensor_time_s
+        measured = Measurement(
+            now_s - self._origin_s,
+            reading.range_m,
+            age_s,
+            self._range_repeats,
+            answer.status.steps,
+        )
+        return reading, answer, measured
+
+    def _aim(self, index: int) -> Reference:
+        """This tick's place in the plan, and the events that come with it."""
+        planned = index - self._rest_ticks
+        if planned < 0:
+            return resting_reference(self._rig)
+        if planned < len(self._plan):
+            self._safety = safety.happened(self._safety, Event.START)
+            return self._plan.at(planned)
+        self._safety = safety.happened(self._safety, Event.FINISH)
+        over = planned >= len(self._plan) + self._rest_ticks - 1
+        self._finished = over and self._safety.mode is Mode.ARMED
+        return resting_reference(self._rig)
+
+    def _predict(self, aim: Reference, deadline_s: float) -> Prediction:
+        """Ask the model and wait until the deadline; what cannot be used resets its memory."""
+        if self._worker is None or self._safety.mode is Mode.FAILSAFE:
+            return Prediction()
+        observed = self._pilot.observe(self._state, aim)
+        if safety.far_outside(observed, self._worker.low, self._worker.high):
+            self._worker.reset()
+            return Prediction(bad_observation=True)
+        result = self._worker.step(observed, deadline_s)
+        if result is None:
+            return Prediction(late=True)
+        if not math.isfinite(result.force_n):
+            self._worker.reset()
+            return Prediction(bad_prediction=True)
+        return Prediction(result.force_n, result.force_n if result.ready else None)
+
+    def _supervise(self, prediction: Prediction, answer: Answer, measured: Measurement) -> None:
+        now_s = measured.t_s + self._origin_s
+        status = answer.status
+        found = Findings(
+            late=prediction.late,
+            bad_prediction=prediction.bad_prediction,
+            bad_observation=prediction.bad_observation,
+            range_silence_s=math.inf if self._ranges.failure else now_s - self._range_seen_s,
+            link_silence_s=now_s - answer.received_s,
+            link_failed=self._link.failure is not None,
+            mcu_fault=bool(status.faults) or not status.armed,
+            rebooted=status.boot != self._boot,
+            recorder_failed=self._recorder is not None and self._recorder.error is not None,
+            stop_asked=self.stop_asked,
+            z_m=self._state.estimate.z_m,
+            x_m=self._state.estimate.x_m,
+        )
+        self._safety = safety.watch(self._safety, found, self._rig.limits)
+
+    def _control(
+        self, aim: Reference, t_s: float, prediction: Prediction
+    ) -> tuple[Reference, Command, Terms]:
+        mode = self._safety.mode
+        usable_n = prediction.force_n if mode is Mode.RUNNING else None
+        self._gate = safety.gate(self._gate, usable_n)
+        feedforward_n = -self._gate.share * self._gate.force_n
+        if mode is Mode.FAILSAFE:
+            return self._come_down(t_s, feedforward_n)
+        if mode is Mode.ARMED:
+            self._state, command, terms = self._pilot.rest(self._state)
+        else:
+            self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
+        return aim, command, terms
+
+    def _come_down(self, t_s: float, feedforward_n: float) -> tuple[Reference, Command, Terms]:
+        """The source idles at once; the sufferer descends, under control while it can be seen."""
+        rig, descent = self._rig, self._began_descent(t_s)
+        aim = safety.descent_reference(descent, t_s, rig.limits.pulse_us[0])
+        if safety.has_landed(descent, t_s, self._state.estimate.z_m, rig.limits):
+            self._finished = True
+            self._state, command, terms = self._pilot.rest(self._state)
+        elif descent.height_known:
+            self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
+        else:
+            pulse_us = safety.open_loop_pulse(descent, t_s, rig.limits)
+            command, terms = Command(aim.source_us, pulse_us, 0.0), Terms(0.0, 0.0, 0.0, 0.0)
+            self._state = replace(self._state, last_us=pulse_us, before_last_us=self._state.last_us)
+        return aim, command, terms
+
+    def _began_descent(self, t_s: float) -> safety.Descent:
+        """The way down, begun anew when the height gets lost on it."""
+        known = not {"sensor_lost", "link_lost", "mcu_reboot"} & set(self._safety.faults)
+        before = self._descent
+        if before is None or (before.height_known and not known):
+            now = self._state
+            self._descent = safety.Descent(
+                t_s, now.estimate.z_m, now.estimate.x_m, now.last_us, known
+            )
+        assert self._descent is not None
+        return self._descent
+
+    def _write(self, command: Command) -> None:
+        steps = round(command.carriage_mps * self._rig.stepper.steps_per_m)
+        bounded = min(max(steps, -_MOST_STEPS_PER_S), _MOST_STEPS_PER_S)
+        self._link.send(WireCommand(command.source_us, command.sufferer_us, bounded))
+
+    def _reported(self, reading: RangeReading, answer: Answer, prediction: Prediction) -> Row:
+        """What board and sensor told, for the log; a status is logged with its round trip once."""
+        status = answer.status
+        fresh = status.sequence != self._last_sequence
+        self._last_sequence = status.sequence
+        return {
+            "force_pred_n": prediction.logged_n,
+            "source_applied_us": status.source_us,
+            "sufferer_applied_us": status.sufferer_us,
+            "seq_echo": status.sequence,
+            "round_trip_s": _or_none(answer.round_trip_s) if fresh else None,
+            "applied_time_s": applied_s(answer) - self._origin_s,
+            "homed": int(status.homed),
+            "battery_v": status.battery_mv / 1000.0 if status.battery_mv else None,
+            "mode": self._safety.mode.value,
+            "faults": "+".join(self._safety.faults),
+            "true_wake_force_n": _or_none(reading.true_wake_force_n),
+            "true_hook_force_n": _or_none(reading.true_hook_force_n),
+            "true_z_m": _or_none(reading.true_z_m),
+        }
+
+    def _record(self, row: Row, tick: Tick) -> None:
+        if self._recorder is not None:
+            # What only some rigs know is no column of the others' logs, rather than an empty one.
+            self._recorder.put({name: value for name, value in row.items() if value is not None})
+        overran = time.monotonic() > tick.start_s + PERIOD_S
+        self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
+
+
+def arm_limits(rig: Rig) -> Arm:
+    """The rig's limits as the MCU takes them."""
+    limits, stepper = rig.limits, rig.stepper
+    return Arm(
+        limits.pulse_us[0],
+        limits.pulse_us[1],
+        round(limits.slew_us_per_s),
+        round(1000.0 * limits.source_descent_s),
+        round(1000.0 * limits.sufferer_descent_s),
+        min(round(stepper.max_speed_mps * stepper.steps_per_m), 0xFFFF),
+        round(stepper.max_accel_mps2 * stepper.steps_per_m),
+        round(1e6 * PERIOD_S),
+    )
+
+
+def applied_s(answer: Answer) -> float:
+    """When the newest pulses reached the pins [s, monotonic], late by the answer's own way."""
+    ago_us = (answer.mcu_time_us - answer.status.applied_time_us) % TIME_WRAP_US
+    return answer.received_s - ago_us * 1e-6
+
+
+def _or_none(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,203 @@
+"""A whole run: open what is needed in order, fly, close everything, say how it went.
+
+In: a `RunRequest`. Out: a `Tally`. Whatever ends the run, the motors idle and the log is closed.
+"""
+
+import contextlib
+import datetime
+import platform
+import signal
+import types
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+import wakedeploy
+from runtime.link import Link
+from runtime.loop import PERIOD_S, Loop
+from runtime.pilot import OBSERVATION
+from runtime.prediction import PredictionWorker
+from runtime.predictor import PackagePredictor
+from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource, wait_for_first
+from runtime.realtime import become_realtime, quieten_interpreter
+from runtime.recorder import Recorder
+from runtime.reference import random_plan
+from runtime.tally import Tally
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.package import Manifest, Package, read_package
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
+
+LEAD_TOLERANCE_S = 0.5 * PERIOD_S
+
+HINTS = {
+    "link_lost": "the board stopped answering: check the USB cable and the board's power",
+    "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
+    "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",
+    "mcu_reboot": "the board restarted: check its power supply",
+    "recorder_failed": "the run could not be recorded any further: check the disk's free space",
+    "operator_stop": "stopped by hand",
+    "x_limit": "the carriage left limits.x_m: check the belt and steps_per_m",
+    "z_limit": "the sufferer left limits.z_m: check the range sensor and the control gains",
+}
+
+
+@dataclass(frozen=True)
+class RunRequest:
+    """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth."""
+
+    rig: Rig
+    seconds: float
+    seed: int = 0
+    package: Path | None = None
+    port: str | None = None
+    plant_rig: Rig | None = None
+    hooks: str | None = None
+    log: Path | None = None
+    realtime: bool = False
+    allow_lead_mismatch: bool = False
+
+
+def fly(request: RunRequest) -> Tally:
+    """Carry out a run.
+
+    Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
+    recorded whole, KeyboardInterrupt after a stop by hand.
+    """
+    package = read_package(request.package) if request.package else None
+    if package is not None:
+        require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
+    with ExitStack() as opened:
+        port, range_socket = _plant(request, opened)
+        if request.realtime:
+            become_realtime()  # after the plant's process, which would inherit it
+        worker = _worker(package, opened)
+        link = opened.enter_context(Link(port))
+        ranges = _ranges(range_socket, opened)
+        link.handshake()
+        wait_for_first(ranges)
+        if worker is not None:
+            worker.wait_until_warm()
+        recorder = _recorder(request, package)
+        loop = Loop(
+            request.rig,
+            link,
+            ranges,
+            random_plan(request.rig, request.seconds, request.seed),
+            worker,
+            recorder,
+        )
+        _fly_recorded(loop, recorder)
+    _judge(loop, link)
+    return loop.tally
+
+
+def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False) -> None:
+    """UnusableInput when a package cannot serve this loop: rate, channels, or lead."""
+    if abs(manifest.rate_hz - LOOP_RATE_HZ) > 1e-6:
+        raise UnusableInput(
+            f"The package runs at {manifest.rate_hz:g} Hz and the gantry's loop at "
+            f"{LOOP_RATE_HZ:g} Hz; train one on gantry data."
+        )
+    names = tuple(channel.name for channel in manifest.observation)
+    if names != tuple(name for name, _ in OBSERVATION) or len(manifest.force) != 1:
+        raise UnusableInput(
+            f"The package observes {', '.join(names)}: it is not for the gantry; train one on "
+            "gantry data."
+        )
+    if abs(manifest.lead_s - rig.default_lead_s) > LEAD_TOLERANCE_S and not allow_lead_mismatch:
+        raise UnusableInput(
+            f"The package predicts {manifest.lead_s:g} s ahead and this rig's commands act after "
+            f"{rig.default_lead_s:g} s; train with --lead {rig.default_lead_s:g}, or fly it all "
+            "the same with --allow-lead-mismatch."
+        )
+
+
+def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
+    """The port to talk to; for the virtual gantry its process and its range socket."""
+    if request.port is not None:
+        return request.port, None
+    truth = request.plant_rig or request.rig
+    gantry = VirtualGantryProcess(truth, seed=request.seed, hooks=request.hooks)
+    opened.callback(gantry.close)
+    return gantry.port, gantry.range_socket
+
+
+def _worker(package: Package | None, opened: ExitStack) -> PredictionWorker | None:
+    if package is None:
+        return None
+    worker = PredictionWorker(PackagePredictor(package), PERIOD_S)
+    opened.callback(worker.close)
+    return worker
+
+
+def _ranges(range_socket: Path | None, opened: ExitStack) -> RangeSource:
+    source = SocketRangeSource(range_socket) if range_socket else I2cRangeSource()
+    opened.callback(source.close)
+    return source
+
+
+def _recorder(request: RunRequest, package: Package | None) -> Recorder | None:
+    return Recorder(request.log, metadata(request, package)) if request.log else None
+
+
+def metadata(request: RunRequest, package: Package | None) -> dict[str, str]:
+    """What a run log says about its run."""
+    return {
+        "rig_toml": request.rig.text,
+        "rig_sha256": request.rig.sha256,
+        "package_sha256": package.manifest.graph_sha256 if package else "",
+        "seed": str(request.seed),
+        "started_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "wakedeploy_version": wakedeploy.__version__,
+        "python_version": platform.python_version(),
+        "rate_hz": f"{LOOP_RATE_HZ:g}",
+        "simulated": "true" if request.port is None else "false",
+    }
+
+
+def _fly_recorded(loop: Loop, recorder: Recorder | None) -> None:
+    """Run the loop; the recording is closed in any case, and its failure told."""
+    quieten_interpreter()
+    try:
+        with _stopping_by_hand(loop):
+            loop.run()
+    finally:
+        report = recorder.close() if recorder else None
+    if report and report.error:
+        raise CheckFailed(
+            f"{report.error}; {report.written} ticks are in the log, {report.dropped} are not."
+        )
+    if report and report.dropped:
+        raise CheckFailed(
+            f"{report.dropped} of {report.dropped + report.written} ticks were not recorded: the "
+            "disk is too slow; record to another one."
+        )
+
+
+@contextlib.contextmanager
+def _stopping_by_hand(loop: Loop) -> Iterator[None]:
+    """Ctrl-C and a polite kill bring the sufferer down; a second one stops at once."""
+
+    def ask(number: int, frame: types.FrameType | None) -> None:
+        if loop.stop_asked:
+            raise KeyboardInterrupt
+        loop.stop_asked = True
+
+    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _judge(loop: Loop, link: Link) -> None:
+    """CheckFailed naming what ended the flight and what to do about it."""
+    cause = loop.failsafe_cause
+    if "operator_stop" in cause:
+        raise KeyboardInterrupt
+    if cause:
+        why = link.failure if cause[0] == "link_lost" and link.failure else HINTS[cause[0]]
+        raise CheckFailed(f"The flight ended in a failsafe ({'+'.join(cause)}): {why}")
