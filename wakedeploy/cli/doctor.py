@@ -1,0 +1,190 @@
+"""`wakedeploy doctor`: what this machine can and cannot do, with the fix for each."""
+
+import glob
+import importlib.metadata
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import click
+
+from wakedeploy.cli.output import print_table, write_json
+
+OK, OPTIONAL, BROKEN = "ok", "optional", "BROKEN"
+_ENOUGH_DISK_GIB = 1.0
+_TRIAL_S = 60.0
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing looked at: `state` is ok, optional (only some uses need it) or BROKEN."""
+
+    name: str
+    state: str
+    found: str
+    fix: str = ""
+
+
+@click.command()
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+def command(json_path: Path | None) -> None:
+    """Say what this machine can do: libraries, serial ports, real time, disk.
+
+    Exit status 1 when something that every use needs is broken.
+
+    \b
+    Example:
+        wakedeploy doctor
+    """
+    findings = [finding for look in CHECKS for finding in look()]
+    rows = [[f.name, f.state, f.found] for f in findings]
+    print_table("This machine", ["what", "state", "found"], rows)
+    for finding in findings:
+        if finding.fix:
+            click.echo(f"{finding.name}: {finding.fix}")
+    broken = any(finding.state == BROKEN for finding in findings)
+    if json_path:
+        write_json(json_path, {"ok": not broken, "findings": [asdict(f) for f in findings]})
+    raise click.exceptions.Exit(1 if broken else 0)
+
+
+def python_version() -> list[Finding]:
+    """Python 3.11 to 3.13."""
+    found = "{}.{}.{}".format(*sys.version_info[:3])
+    if (3, 11) <= sys.version_info[:2] <= (3, 13):
+        return [Finding("Python", OK, found)]
+    return [Finding("Python", BROKEN, found, "make a virtual environment with Python 3.11–3.13.")]
+
+
+def base_libraries() -> list[Finding]:
+    """What every use needs, as the package's own metadata lists it."""
+    return [_library(name) for name in _required("")]
+
+
+def extras() -> list[Finding]:
+    """The optional groups: complete, or what is missing and how to get it."""
+    uses = {"train": "training, export and demo", "rig": "the range sensor on the Pi"}
+    return [finding for extra, use in uses.items() for finding in _extra(extra, use)]
+
+
+def onnxruntime_starts() -> list[Finding]:
+    """Import onnxruntime in a process of its own: a wrong build kills the interpreter."""
+    ended = _try("import onnxruntime; print(onnxruntime.__version__)")
+    if ended.returncode == 0:
+        return [Finding("onnxruntime starts", OK, "yes")]
+    fix = "pip install --force-reinstall onnxruntime; on a Raspberry Pi use the 64-bit system."
+    return [Finding("onnxruntime starts", BROKEN, _why(ended), fix)]
+
+
+def serial_ports() -> list[Finding]:
+    """USB serial ports, and whether this user may open them."""
+    ports = sorted(glob.glob("/dev/ttyACM*") + glob.glob("/dev/ttyUSB*"))
+    if not ports:
+        fix = "connect the UNO by USB; `run-gantry --virtual` needs no port."
+        return [Finding("serial port", OPTIONAL, "none", fix)]
+    return [_device("serial port", port, "dialout") for port in ports]
+
+
+def i2c_buses() -> list[Finding]:
+    """The I²C buses that the range sensor may be on."""
+    buses = sorted(glob.glob("/dev/i2c-*"))
+    if not buses:
+        fix = "on a Raspberry Pi: sudo raspi-config nonint do_i2c 0; not needed with --virtual."
+        return [Finding("I²C bus", OPTIONAL, "none", fix)]
+    return [_device("I²C bus", bus, "i2c") for bus in buses]
+
+
+def realtime() -> list[Finding]:
+    """The loop's own `--realtime` settings, tried in a process of its own."""
+    ended = _try("from runtime.realtime import become_realtime; become_realtime()")
+    if ended.returncode == 0:
+        return [Finding("--realtime", OK, "allowed")]
+    return [Finding("--realtime", OPTIONAL, "not allowed", _why(ended))]
+
+
+def free_disk() -> list[Finding]:
+    """Room for logs and runs in the present folder."""
+    free_gib = shutil.disk_usage(Path.cwd()).free / 2**30
+    if free_gib >= _ENOUGH_DISK_GIB:
+        return [Finding("free disk", OK, f"{free_gib:.1f} GiB")]
+    fix = f"less than {_ENOUGH_DISK_GIB:g} GiB: delete old runs and logs, or work on another disk."
+    return [Finding("free disk", OPTIONAL, f"{free_gib:.2f} GiB", fix)]
+
+
+CHECKS: Sequence[Callable[[], list[Finding]]] = (
+    python_version,
+    base_libraries,
+    onnxruntime_starts,
+    extras,
+    serial_ports,
+    i2c_buses,
+    realtime,
+    free_disk,
+)
+
+
+def _required(extra: str) -> list[str]:
+    """The names of the libraries that the installed package requires, or one of its extras does."""
+    wanted = []
+    for requirement in importlib.metadata.requires("wakedeploy") or ():
+        name = re.match(r"[A-Za-z0-9._-]+", requirement)
+        group = re.search(r"extra == ['\"](\w+)['\"]", requirement)
+        if name and (group[1] if group else "") == extra:
+            wanted.append(name[0])
+    return wanted
+
+
+def _version(library: str) -> str | None:
+    try:
+        return importlib.metadata.version(library)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _library(name: str) -> Finding:
+    version = _version(name)
+    if version is None:
+        return Finding(name, BROKEN, "missing", "pip install --force-reinstall wakedeploy")
+    return Finding(name, OK, version)
+
+
+def _extra(extra: str, use: str) -> list[Finding]:
+    versions = {name: _version(name) for name in _required(extra)}
+    missing = [name for name, version in versions.items() if version is None]
+    if missing:
+        fix = f"for {use}: pip install 'wakedeploy[{extra}]'"
+        return [Finding(f"[{extra}]", OPTIONAL, f"missing {', '.join(missing)}", fix)]
+    return [Finding(f"[{extra}] {name}", OK, str(version)) for name, version in versions.items()]
+
+
+def _device(name: str, path: str, group: str) -> Finding:
+    if os.access(path, os.R_OK | os.W_OK):
+        return Finding(name, OK, path)
+    fix = f"sudo usermod -aG {group} $USER, then log in again."
+    return Finding(name, OPTIONAL, f"{path}: no permission", fix)
+
+
+def _try(code: str) -> subprocess.CompletedProcess[str]:
+    """Run some Python in a process of its own, with this interpreter and its paths."""
+    paths = f"import sys; sys.path[:] = {sys.path!r}\n"
+    command_line = [sys.executable, "-c", paths + code]
+    try:
+        return subprocess.run(  # noqa: S603
+            command_line, capture_output=True, text=True, timeout=_TRIAL_S, check=False
+        )
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command_line, 1, "", f"no answer in {_TRIAL_S:g} s")
+
+
+def _why(ended: subprocess.CompletedProcess[str]) -> str:
+    """Why a trial failed: the signal that ended it, or the last line it wrote, without its type."""
+    if ended.returncode < 0:
+        return f"ended by {signal.Signals(-ended.returncode).name}"
+    last = (ended.stderr.strip().splitlines() or ["no reason given"])[-1]
+    return re.sub(r"^[\w.]*(Error|UnusableInput|Exception): ", "", last)
