@@ -1,0 +1,118 @@
+"""`wakedeploy evaluate`: errors of finished runs per output and split."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import progress, write_json
+from wakedeploy.cli.train import print_scores, score_row
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from trainers.runs import TrainedRun
+    from trainers.score import Score
+    from wakedeploy.episodes import EpisodeSet
+
+
+@click.command()
+@click.argument("runs", type=click.Path(path_type=Path))
+@click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
+@click.option(
+    "--split",
+    type=click.Choice(["test", "validation", "train", "all"]),
+    default="test",
+    show_default=True,
+    help="all: a set of unseen recordings.",
+)
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
+    """Score the finished runs at or below RUNS on the episodes of a set.
+
+    Every run is asked for the force at its own lead; all are scored on the same samples, after
+    one common warm-up. Seconds are those of the evaluation.
+
+    \b
+    Example:
+        wakedeploy evaluate runs --data sets/gantry --split test --json table.json
+        wakedeploy evaluate runs/gantry/gru/s0 --data sets/measured --split all
+    """
+    from trainers.runs import finished_runs, load_run
+    from wakedeploy.episodes import read_episode_set
+
+    episodes = read_episode_set(data)
+    trained = [load_run(folder) for folder in finished_runs(runs)]
+    trained = _that_fit(trained, episodes, data)
+    warm_up = max(episodes.warm_up_steps, *(run.config.warm_up_steps for run in trained))
+    rows, scores = [], []
+    with progress("Evaluating", len(trained)) as bar:
+        for run in trained:
+            row, score = _evaluate(run, episodes, split, warm_up)
+            rows.append(row)
+            scores.append(score)
+            bar.advance()
+    _print(f"{data}: {split} episodes", trained, rows, scores)
+    if json_path:
+        write_json(json_path, {"rows": rows})
+
+
+def _that_fit(
+    trained: list["TrainedRun"], episodes: "EpisodeSet", data: Path
+) -> list["TrainedRun"]:
+    """The runs whose channels and rate are the set's; a run named alone has to fit."""
+    misfits = {run.folder: _misfit(run, episodes) for run in trained}
+    fitting = [run for run in trained if misfits[run.folder] is None]
+    if not fitting:
+        folder, why = next(iter(misfits.items()))
+        raise UnusableInput(f"{folder} cannot be evaluated on {data}: {why}.")
+    for folder, why in misfits.items():
+        if why is not None:
+            click.echo(f"Left out {folder}: {why}.", err=True)
+    return fitting
+
+
+def _misfit(run: "TrainedRun", episodes: "EpisodeSet") -> str | None:
+    config = run.config
+    for kind, own, there in (
+        ("observation", config.observation, episodes.observation),
+        ("force", config.force, episodes.force),
+    ):
+        names, given = [(c.name, c.unit) for c in own], [(c.name, c.unit) for c in there]
+        if names != given:
+            return f"its {kind} channels are {_listed(names)}, the set has {_listed(given)}"
+    if abs(config.rate_hz - episodes.rate_hz) > 1e-6 * config.rate_hz:
+        return f"it was trained at {config.rate_hz:g} Hz, the set is at {episodes.rate_hz:g} Hz"
+    return None
+
+
+def _listed(channels: list[tuple[str, str]]) -> str:
+    return ", ".join(f"{name} [{unit}]" for name, unit in channels)
+
+
+def _evaluate(
+    run: "TrainedRun", episodes: "EpisodeSet", split: str, warm_up: int
+) -> tuple[dict[str, Any], "Score"]:
+    from trainers.score import score
+
+    began = time.monotonic()
+    result = score(run.predictor, episodes, split, run.config.lead_s, warm_up)
+    seconds = time.monotonic() - began
+    return score_row(run, split, result.rmse, result.r2, seconds), result
+
+
+def _print(
+    title: str,
+    trained: list["TrainedRun"],
+    rows: list[dict[str, Any]],
+    scores: list["Score"],
+) -> None:
+    """One table for each lead, since forces at different times do not compare."""
+    for lead_s in sorted({run.config.lead_s for run in trained}):
+        at = [i for i, run in enumerate(trained) if run.config.lead_s == lead_s]
+        print_scores(
+            f"{title}, force {lead_s:g} s ahead",
+            [rows[i] for i in at],
+            trained[at[0]].config,
+            scores[at[0]].ceiling,
+        )

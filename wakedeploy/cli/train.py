@@ -1,0 +1,216 @@
+"""`wakedeploy train`: fit one, several or all architectures on an episode set."""
+
+import json
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from trainers.runs import RunConfig, TrainedRun
+    from wakedeploy.episodes import EpisodeSet
+
+_LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
+
+
+@click.command()
+@click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
+@click.option("--arch", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True)
+@click.option(
+    "--lead",
+    "lead_s",
+    type=click.FloatRange(0, 10),
+    help="Predict the force this many seconds ahead. Default: what the set states, or 0.",
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default="runs", show_default=True
+)
+@click.option("--epochs", type=click.IntRange(1, 100_000), help="Default: 60.")
+@click.option("--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003.")
+@click.option(
+    "--hyper",
+    "hyper",
+    multiple=True,
+    metavar="ARCH.NAME=VALUE",
+    help="Change a hyper-parameter from its reference value; may be repeated.",
+)
+@click.option(
+    "--threads", type=click.IntRange(1, 256), help="CPU threads. Default: up to 2 of this machine."
+)
+@click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+def command(
+    data: Path,
+    arch: str,
+    seeds: int,
+    lead_s: float | None,
+    out: Path,
+    epochs: int | None,
+    learning_rate: float | None,
+    hyper: tuple[str, ...],
+    threads: int | None,
+    fresh: bool,
+    json_path: Path | None,
+) -> None:
+    """Train predictors and print their errors on the test episodes.
+
+    Goes on where it was stopped; a run that is finished with the same data and settings is not
+    trained again. R² is pooled over the split; the spread over seeds follows ±.
+
+    \b
+    Example:
+        wakedeploy train --data sets/gantry --arch all --seeds 3 --lead 0.09 --json table.json
+        wakedeploy train --data sets/fish --arch gru,delay-embedding \\
+            --hyper delay-embedding.initial_delay_s=0.333
+    """
+    from trainers.training import configure, train
+    from wakedeploy.episodes import read_episode_set
+
+    names = _architectures(arch)
+    overrides = _hyper(hyper, names)
+    _use_threads(threads)
+    episodes = read_episode_set(data)
+    lead_s = _lead(episodes, lead_s)
+    settings = _settings(epochs, learning_rate)
+    configs = [
+        configure(
+            episodes, name, seed=seed, lead_s=lead_s, hyper=overrides[name], settings=settings
+        )
+        for name in names
+        for seed in range(seeds)
+    ]
+    runs = []
+    for config in configs:
+        with progress(f"{config.arch} s{config.seed}", settings.epochs) as bar:
+            runs.append(train(config, episodes, out, on_epoch=bar.update, fresh=fresh))
+    _report(runs, data, out, lead_s, json_path)
+
+
+def _architectures(asked: str) -> list[str]:
+    from trainers.build import ARCHITECTURES
+
+    names = list(ARCHITECTURES) if asked == "all" else [name.strip() for name in asked.split(",")]
+    for name in names:
+        if name not in ARCHITECTURES:
+            raise UnusableInput(
+                f"--arch {name}: is not an architecture; choose all or {', '.join(ARCHITECTURES)}."
+            )
+    return list(dict.fromkeys(names))
+
+
+def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
+    """The overrides by architecture; every architecture that is trained has an entry."""
+    overrides: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for entry in asked:
+        place, equals, text = entry.partition("=")
+        arch, dot, name = place.partition(".")
+        if not equals or not dot or arch not in overrides:
+            raise UnusableInput(
+                f"--hyper {entry}: write ARCH.NAME=VALUE for one of {', '.join(names)}."
+            )
+        try:
+            overrides[arch][name] = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise UnusableInput(f"--hyper {entry}: '{text}' is not a number.") from error
+    return overrides
+
+
+def _use_threads(asked: int | None) -> None:
+    """The models are too small to gain from more than two cores."""
+    import os
+
+    import torch
+
+    torch.set_num_threads(asked or min(2, len(os.sched_getaffinity(0))))
+
+
+def _lead(episodes: "EpisodeSet", asked_s: float | None) -> float:
+    if asked_s is not None:
+        return asked_s
+    stated = episodes.provenance.get(_LEAD_KEY, 0.0)
+    if not isinstance(stated, int | float) or isinstance(stated, bool):
+        raise UnusableInput(f"{_LEAD_KEY} = {stated!r} in the set is no number; pass --lead.")
+    return float(stated)
+
+
+def _settings(epochs: int | None, learning_rate: float | None) -> Any:
+    from trainers.fit import FitSettings
+
+    asked = {"epochs": epochs, "learning_rate": learning_rate}
+    return FitSettings(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
+
+
+def _report(
+    runs: list["TrainedRun"], data: Path, out: Path, lead_s: float, json_path: Path | None
+) -> None:
+    rows = [_row(run) for run in runs]
+    title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
+    print_scores(title, rows, runs[0].config, runs[0].metrics.test_r2_ceiling)
+    if json_path:
+        write_json(json_path, {"rows": rows})
+
+
+def _row(run: "TrainedRun") -> dict[str, Any]:
+    """One line of the machine-readable table; `seconds` is the time that training took."""
+    return score_row(
+        run, "test", run.metrics.test.rmse, run.metrics.test.r2, seconds=run.metrics.seconds
+    )
+
+
+def score_row(
+    run: "TrainedRun",
+    split: str,
+    rmse: dict[str, float],
+    r2: dict[str, float | None],
+    seconds: float,
+) -> dict[str, Any]:
+    """A run's errors on a split, as `train --json` and `evaluate --json` write them."""
+    return {
+        "arch": run.config.arch,
+        "seed": run.config.seed,
+        "trainable": run.metrics.trainable,
+        "frozen": run.metrics.frozen,
+        "split": split,
+        "rmse": rmse,
+        "r2": r2,
+        "seconds": round(seconds, 3),
+    }
+
+
+def print_scores(
+    title: str,
+    rows: list[dict[str, Any]],
+    config: "RunConfig",
+    ceiling: dict[str, float] | None,
+) -> None:
+    """One line for each architecture, mean ± spread over its seeds."""
+    columns = ["architecture", "trainable", "frozen"]
+    for channel in config.force:
+        limit = f" (ceiling {ceiling[channel.name]:.3f})" if ceiling else ""
+        columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}{limit}"]
+    archs = list(dict.fromkeys(row["arch"] for row in rows))
+    table = []
+    for arch in archs:
+        own = [row for row in rows if row["arch"] == arch]
+        line = [arch, f"{own[0]['trainable']:,}", f"{own[0]['frozen']:,}"]
+        for channel in config.force:
+            line.append(_mean_and_spread([row["rmse"][channel.name] for row in own], ".4g"))
+            line.append(_mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
+        table.append([*line, _mean_and_spread([row["seconds"] for row in own], ".1f")])
+    print_table(title, [*columns, "seconds"], table)
+
+
+def _mean_and_spread(values: list[float | None], style: str) -> str:
+    """Mean ± sample standard deviation; a dash where a value is not defined."""
+    import statistics
+
+    known = [value for value in values if value is not None]
+    if not known:
+        return "—"
+    mean = f"{statistics.mean(known):{style}}"
+    return mean if len(known) < 2 else f"{mean} ± {statistics.stdev(known):.2g}"
