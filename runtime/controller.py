@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from runtime.estimator import Estimate
 from runtime.reference import Reference
-from wakedeploy.physics.rail import GRAVITY_MPS2
+from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
 
 
@@ -60,6 +60,7 @@ class Controller:
         d_n = gains.kd_ns_per_m * (aim.vz_mps - estimate.vz_mps)
         integral_n = state.integral_n + gains.ki_n_per_ms * error_m * self._period_s
         base_n = self._hover_n + self._rig.sufferer.mass_kg * aim.az_mps2
+        base_n += smooth_friction(self._rig.rail, aim.vz_mps)
         wanted_us = self._pulse(base_n + p_n + d_n + integral_n + feedforward_n)
         sufferer_us = self._slewed(state.sufferer_us, wanted_us)
         if self._winds_up(sufferer_us, wanted_us, error_m):

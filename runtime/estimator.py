@@ -14,13 +14,14 @@ from filterpy.kalman import predict as kalman_predict
 from filterpy.kalman import update as kalman_update
 
 from wakedeploy.physics.motor import spooled
-from wakedeploy.physics.rail import GRAVITY_MPS2
+from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
 
 FloatArray = npt.NDArray[np.float64]
 
-_FORCE_TIME_S = 0.5  # the disturbance is expected to change within half a second …
-_FORCE_SD_N = 0.5  # … by about the size of a wake's force
+_FORCE_TIME_S = 1.0  # the disturbance is expected to change within a second …
+_FORCE_SD_N = 1.0  # … by about the size of a wake's force
+_UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts leave over
 _ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
 _STEP_ACCELERATION_SD_MPS2 = 2.0
 _GATE_SD = 5.0
@@ -29,7 +30,7 @@ _PERSISTENT = 4  # that many rejected samples in a row are the truth, not outlie
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What one tick read: newest range sample (NaN: none), its age and how often it was seen; steps."""
+    """What one tick read: newest range sample (NaN: none), its age, its repeats; step count."""
 
     t_s: float
     range_m: float
@@ -93,25 +94,32 @@ class Estimator:
         quantum = sensor.resolution_m**2 / 12.0
         self._range_var = max(sensor.noise_m**2 + quantum, 1e-8)
         self._step_var = max((1.0 / rig.stepper.steps_per_m) ** 2 / 12.0, 1e-12)
-        # Half the round trip is the command's way; a pulse then waits half a servo frame on average.
+        # Half the round trip is the command's way; a pulse then waits for half a frame on average.
         self.command_delay_s = 0.5 * (rig.latency.round_trip_s + rig.disturbance.esc_frame_s)
 
     def step(
-        self, before: Estimate, measured: Measurement, pulses_us: tuple[float, float]
+        self,
+        before: Estimate,
+        measured: Measurement,
+        pulses_us: tuple[float, float],
+        wake_n: float | None = None,
     ) -> Estimate:
         """Predict to `measured.t_s`, then take in what is new.
 
         `pulses_us`: the sufferer's commands of the tick before last and of the last tick; the later
-        one acts from the command delay on.
+        one acts from the command delay on. `wake_n`: the wake's force [N] as it was forecast for
+        this time, if it was; the disturbance is what that leaves over.
         """
-        predicted = self._predict(before, measured.t_s, pulses_us)
+        predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
         laterally = self._update_lateral(predicted, measured.steps)
         return self._update_height(laterally, measured)
 
-    def _predict(self, now: Estimate, t_s: float, pulses_us: tuple[float, float]) -> Estimate:
+    def _predict(
+        self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
+    ) -> Estimate:
         dt = min(max(t_s - now.t_s, 1e-4), 0.5)
         speed, thrust_n = self._mean_thrust(now.rotor_speed, pulses_us, dt)
-        height, height_cov = self._predict_height(now, thrust_n, dt)
+        height, height_cov = self._predict_height(now, thrust_n, wake_n, dt)
         a_sd = _STEP_ACCELERATION_SD_MPS2
         lateral, lateral_cov = kalman_predict(
             now.lateral, now.lateral_cov, np.array([[1.0, dt], [0.0, 1.0]]), _white(a_sd, dt)
@@ -141,7 +149,7 @@ class Estimator:
         return speed, total / dt
 
     def _predict_height(
-        self, now: Estimate, thrust_n: float, dt: float
+        self, now: Estimate, thrust_n: float, wake_n: float | None, dt: float
     ) -> tuple[FloatArray, FloatArray]:
         mass_kg = self._rig.sufferer.mass_kg
         if self._resting(now, thrust_n):
@@ -152,8 +160,10 @@ class Estimator:
         )
         noise = np.zeros((3, 3))
         noise[:2, :2] = _white(_ACCELERATION_SD_MPS2, dt)
-        noise[2, 2] = _FORCE_SD_N**2 * (1.0 - keep**2)
-        a = thrust_n / mass_kg - GRAVITY_MPS2
+        left_sd_n = _FORCE_SD_N if wake_n is None else _UNFORESEEN_SD_N
+        noise[2, 2] = left_sd_n**2 * (1.0 - keep**2)
+        known_n = thrust_n + (wake_n or 0.0) - smooth_friction(self._rig.rail, now.vz_mps)
+        a = known_n / mass_kg - GRAVITY_MPS2
         height, cov = kalman_predict(
             now.height,
             now.height_cov,

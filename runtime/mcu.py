@@ -33,10 +33,10 @@ class McuStatus:
 
 
 class Mcu:
-    """Follows commands within the rig's limits; without commands it holds, ramps down, latches off.
+    """Follows commands within the rig's limits; without any it holds, ramps down, latches off.
 
-    The deadman holds the last command after 2 missed periods (and stops the carriage), ramps towards
-    idle after 4 (125 ms), each motor within its descent time, then latches until armed again.
+    The deadman holds the last command after 2 missed periods (and stops the carriage), ramps
+    towards idle after 4 (125 ms), each motor within its descent time, then latches until armed.
     """
 
     def __init__(self, rig: Rig) -> None:

@@ -1,8 +1,9 @@
-"""What a flight is meant to do: altitude and carriage references and the source's command, per tick.
+"""What a flight is meant to do, tick by tick: altitude, carriage and the source's command.
 
 In: a rig, a duration, a seed. Out: a `FlightPlan` that starts and ends at rest on the stop.
 """
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,26 +39,42 @@ class FlightPlan:
     def __len__(self) -> int:
         return len(self.z_m)
 
-    def at(self, tick: int) -> Reference:
-        """The aim of one tick, 0-based; the last one is held."""
+    def at(self, tick: int, preview_s: float = 0.0) -> Reference:
+        """The aim of one tick, 0-based; the last one is held.
+
+        The acceleration is that of `preview_s` later: a command takes that long to act.
+        """
         i = min(tick, len(self) - 1)
-        before, after = max(i - 1, 0), min(i + 1, len(self) - 1)
-        rate = PLAN_RATE_HZ
+        acting = min(i + preview_s * PLAN_RATE_HZ, len(self) - 1.0)
         return Reference(
             z_m=float(self.z_m[i]),
-            vz_mps=float(self.z_m[after] - self.z_m[before]) * rate / 2.0,
-            az_mps2=float(self.z_m[after] - 2.0 * self.z_m[i] + self.z_m[before]) * rate**2,
+            vz_mps=float(self._vz_mps[i]),
+            az_mps2=float(np.interp(acting, np.arange(len(self)), self._az_mps2)),
             x_m=float(self.x_m[i]),
-            vx_mps=float(self.x_m[after] - self.x_m[before]) * rate / 2.0,
+            vx_mps=float(self._vx_mps[i]),
             source_us=float(self.source_us[i]),
         )
+
+    @functools.cached_property
+    def _vz_mps(self) -> FloatArray:
+        return np.asarray(np.gradient(self.z_m, 1.0 / PLAN_RATE_HZ))
+
+    @functools.cached_property
+    def _vx_mps(self) -> FloatArray:
+        return np.asarray(np.gradient(self.x_m, 1.0 / PLAN_RATE_HZ))
+
+    @functools.cached_property
+    def _az_mps2(self) -> FloatArray:
+        padded = np.pad(self.z_m, 1, mode="edge")
+        return np.asarray(np.diff(padded, 2) * PLAN_RATE_HZ**2)
 
 
 def random_plan(rig: Rig, seconds: float, seed: int) -> FlightPlan:
     """A flight whose altitude, carriage and source all vary at random within the rig's limits.
 
-    Altitude: smooth moves between heights, held 1.5–4 s. Carriage: smooth moves through the jet at up
-    to 80 % of its top speed. Source: steps, ramps and a sine, between 20 % and 85 % of its range.
+    Altitude: smooth moves between heights, held 1.5–4 s. Carriage: smooth moves through the jet at
+    up to 80 % of its top speed. Source: steps, ramps and a sine, between 15 % and 90 % of its
+    range, at times faster than the motor can follow (the paper, § Real tethered monocopters).
     """
     altitude, carriage, source = np.random.SeedSequence([seed, 1]).spawn(3)
     ticks = max(round(seconds * PLAN_RATE_HZ), 2)
@@ -91,7 +108,7 @@ def _altitude(
 
 
 def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-    reach_m = 0.6 * min(-rig.limits.x_m[0], rig.limits.x_m[1])
+    reach_m = 0.5 * min(-rig.limits.x_m[0], rig.limits.x_m[1])
     top_mps = 0.8 * rig.stepper.max_speed_mps
     x = np.zeros_like(t)
     start = rng.uniform(0.5, 2.0)
@@ -112,20 +129,20 @@ def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -
     swing = rng.uniform(0.05, 0.15) * np.sin(
         2.0 * np.pi * rng.uniform(0.2, 1.2) * t + rng.uniform(0.0, 2.0 * np.pi)
     )
-    share = np.clip(level + swing, 0.2, 0.85)
+    share = np.clip(level + swing, 0.15, 0.9)
     low, high = rig.thrust.source.pulse_us[0], rig.thrust.source.pulse_us[-1]
     running = _smooth(t / 1.0) * _smooth((seconds - t) / 1.0)
     return np.asarray(low + (high - low) * share * running)
 
 
 def _steps_and_ramps(t: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """A level that moves every 0.6–2 s, half of the times at once, else within 0.2–0.8 s."""
-    level = np.full_like(t, rng.uniform(0.3, 0.8))
-    start = rng.uniform(1.0, 2.0)
+    """A level that moves every 0.3–1.2 s, half of the times at once, else within 0.1–0.6 s."""
+    level = np.full_like(t, rng.uniform(0.2, 0.85))
+    start = rng.uniform(0.5, 1.0)
     while start < t[-1]:
-        ramp_s = 1.0 / PLAN_RATE_HZ if rng.random() < 0.5 else rng.uniform(0.2, 0.8)
-        level += (rng.uniform(0.3, 0.8) - level[-1]) * np.clip((t - start) / ramp_s, 0.0, 1.0)
-        start += ramp_s + rng.uniform(0.6, 2.0)
+        ramp_s = 1.0 / PLAN_RATE_HZ if rng.random() < 0.5 else rng.uniform(0.1, 0.6)
+        level += (rng.uniform(0.2, 0.85) - level[-1]) * np.clip((t - start) / ramp_s, 0.0, 1.0)
+        start += ramp_s + rng.uniform(0.3, 1.2)
     return level
 
 

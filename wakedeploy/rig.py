@@ -1,7 +1,8 @@
-"""A gantry's constants and effects: `rig.toml`, read, validated and written here and nowhere else.
+"""A gantry's constants and effects: `rig.toml`, read, checked and written here and nowhere else.
 
-In: a TOML file. Out: a frozen `Rig` in SI units (pulse widths in µs). Any constant may be written as
-`{value, spread, unit, date}`; its spread, the calibration uncertainty, is kept in `Rig.calibration`.
+In: a TOML file. Out: a frozen `Rig` in SI units (pulse widths in µs). Any constant may be written
+as `{value, spread, unit, date}`; its spread, the calibration uncertainty, is kept in
+`Rig.calibration`.
 """
 
 import functools
@@ -170,7 +171,7 @@ class Limits(_Section):
 
 
 class Wake(_Section):
-    """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, drag area Cd·A."""
+    """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, area Cd·A."""
 
     speed_mps: float = Field(gt=0.1, le=100)
     diffusivity_m2ps: float = Field(ge=0, le=10)
@@ -184,9 +185,9 @@ class Wake(_Section):
 class Control(_Section):
     """Altitude PID (force per metre) and the carriage's position loop."""
 
-    kp_n_per_m: float = Field(default=12.0, ge=0, le=1e4)
-    ki_n_per_ms: float = Field(default=8.0, ge=0, le=1e4)
-    kd_ns_per_m: float = Field(default=5.0, ge=0, le=1e4)
+    kp_n_per_m: float = Field(default=8.0, ge=0, le=1e4)
+    ki_n_per_ms: float = Field(default=5.0, ge=0, le=1e4)
+    kd_ns_per_m: float = Field(default=3.2, ge=0, le=1e4)
     carriage_gain_per_s: float = Field(default=4.0, ge=0, le=100)
 
 
@@ -261,7 +262,7 @@ class Rig(_Section):
 
     @property
     def sha256(self) -> str:
-        """Hash over the rig's canonical text: equal rigs have equal hashes, comments do not count."""
+        """Hash over the canonical text: equal rigs have equal hashes, comments do not count."""
         return sha256_of(self.text.encode())
 
     def changed(self, **sections: Mapping[str, Any]) -> "Rig":
@@ -275,7 +276,7 @@ class Rig(_Section):
         return _validated(raw, "changed rig")
 
     def without(self, section: str) -> "Rig":
-        """A copy without an optional section: `rig.without("spool")` has motors that follow at once."""
+        """A copy without an optional section: without "spool" the motors follow at once."""
         raw = self._as_toml()
         raw.pop(section, None)
         return _validated(raw, f"rig without [{section}]")

@@ -184,5 +184,5 @@ def _refuse_effects(rig: Rig) -> None:
     if rig.effect:
         name = rig.effect[0].name
         raise UnusableInput(
-            f"The rig file lists the effect {name!r}, which this version cannot simulate; remove it."
+            f"The rig file lists the effect {name!r}, which cannot be simulated here; remove it."
         )

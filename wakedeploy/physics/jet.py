@@ -79,7 +79,7 @@ class VerticalJet:
 
 
 def drag_force(wake: Wake, vx_mps: float, vz_mps: float) -> float:
-    """Vertical force [N] of moving air on the sufferer: ½ρ·CdA·v_z·‖v‖ (the paper, 2D simulator)."""
+    """Vertical force [N] of moving air: ½ρ·CdA·v_z·‖v‖ (the paper, § 2D Downwash Simulator)."""
     return 0.5 * AIR_DENSITY_KGPM3 * wake.drag_area_m2 * vz_mps * math.hypot(vx_mps, vz_mps)
 
 

@@ -7,6 +7,16 @@ from wakedeploy.rig import Rail
 
 GRAVITY_MPS2 = 9.81
 
+_SLOW_MPS = 0.02
+
+
+def smooth_friction(rail: Rail, vz_mps: float) -> float:
+    """Friction [N] against a motion, without jumps: Coulomb, from 2 cm/s on, and viscous.
+
+    For estimator and controller, to which the sign of a speed near zero is noise.
+    """
+    return rail.coulomb_n * math.tanh(vz_mps / _SLOW_MPS) + rail.viscous_n_per_mps * vz_mps
+
 
 @dataclass
 class RailBody:

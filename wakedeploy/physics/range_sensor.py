@@ -1,4 +1,4 @@
-"""The time-of-flight range sensor: sampled, noisy, quantised, with outliers, readable with a delay."""
+"""The time-of-flight sensor: sampled, noisy, quantised, with outliers, readable with a delay."""
 
 import math
 from collections import deque
@@ -31,7 +31,12 @@ class RangeSensorModel:
         delay_s: float,
         rng: np.random.Generator,
     ) -> None:
-        self._sensor, self._disturbance, self._delay_s, self._rng = sensor, disturbance, delay_s, rng
+        self._sensor, self._disturbance, self._delay_s, self._rng = (
+            sensor,
+            disturbance,
+            delay_s,
+            rng,
+        )
         self._next_s = float(rng.uniform(0.0, sensor.period_s))
         self._waiting: deque[RangeSample] = deque()
         self._readable = NO_SAMPLE
