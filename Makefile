@@ -1,0 +1,66 @@
+# One environment in .venv, then everything from there. `make` alone lists what there is.
+
+# A further package index for pip, e.g. PyTorch's builds without CUDA (see the README).
+WHEEL_INDEX ?=
+
+# The Python that makes .venv: 3.11, 3.12 or 3.13.
+SUITABLE := import sys; sys.exit(not (3, 11) <= sys.version_info[:2] <= (3, 13))
+PYTHON ?= $(shell for python in python3 python3.11 python3.12 python3.13; do \
+	$$python -c '$(SUITABLE)' 2>/dev/null && echo $$python && break; done)
+
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
+	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
+
+.PHONY: help venv demo test check format lint bench clean
+
+help:
+	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
+	@echo "make test    the tests"
+	@echo "make check   what CI runs: format, lint, types, import rules, tests, base install"
+	@echo "make lint    the part of it that takes seconds"
+	@echo "make format  put the code into its format"
+	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
+	@echo "make venv    only the environment, in .venv"
+	@echo "make clean   remove the environment and what the tools cached"
+	@echo "Settings: PYTHON=/path/to/python3, WHEEL_INDEX=URL of a further package index"
+
+venv: $(INSTALLED)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(or $(PYTHON),false) -c '$(SUITABLE)' || { echo "No suitable Python: wakedeploy needs 3.11, \
+	3.12 or 3.13; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot make virtual \
+	environments; on Debian, Ubuntu and Raspberry Pi OS: sudo apt install python3-venv"; exit 2; }
+	$(PYTHON) -m venv .venv
+	$(PIP) setuptools
+	$(PIP) --no-build-isolation --editable '.[train,dev]'
+	@touch $@
+
+demo: $(INSTALLED)
+	$(BIN)/wakedeploy demo
+
+test: $(INSTALLED)
+	$(BIN)/python -m pytest
+
+check: lint
+	$(BIN)/python -m pytest -m 'not slow or install'
+
+format: $(INSTALLED)
+	$(BIN)/ruff format .
+	$(BIN)/ruff check --fix .
+
+lint: $(INSTALLED)
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(INSTALLED)
+	$(BIN)/wakedeploy bench latency
+
+clean:
+	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \
+		.import_linter_cache
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
