@@ -15,11 +15,11 @@ from runtime.controller import Command, Terms
 from runtime.estimator import Measurement
 from runtime.link import Answer, Link
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
-from runtime.prediction import PredictionWorker
+from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
-from runtime.realtime import Pacer, Tick
+from runtime.realtime import Clock, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Gate, Mode, SafetyState
 from runtime.tally import Tally
@@ -62,13 +62,13 @@ class RowSink(Protocol):
 class Laps:
     """Times between marks, on the monotonic clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock) -> None:
         self.times_s: Row = {}
-        self._last_s = time.monotonic()
+        self._clock, self._last_s = clock, clock.monotonic()
 
     def mark(self, stage: str) -> None:
         """The stage that ends here."""
-        now_s = time.monotonic()
+        now_s = self._clock.monotonic()
         self.times_s[stage] = now_s - self._last_s
         self._last_s = now_s
 
@@ -82,11 +82,12 @@ class Loop:
         link: Link,
         ranges: RangeSource,
         plan: FlightPlan,
-        worker: PredictionWorker | None = None,
+        worker: Predictions | None = None,
         recorder: RowSink | None = None,
+        clock: Clock = time,
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
-        self._worker, self._recorder = worker, recorder
+        self._worker, self._recorder, self._clock = worker, recorder, clock
         self._pilot = Pilot(rig)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = budget_s(rig) - WRITE_MARGIN_S
@@ -107,10 +108,10 @@ class Loop:
         """Arm, fly, come to rest. The motors are idle when it returns or raises."""
         self._boot = self._link.arm(arm_limits(self._rig)).boot
         self._safety = safety.happened(self._safety, Event.ARM)
-        self._origin_s = self._range_seen_s = time.monotonic()
+        self._origin_s = self._range_seen_s = self._clock.monotonic()
         self._state = self._pilot.initial(0.0)
         try:
-            pacer = Pacer(PERIOD_S)
+            pacer = Pacer(PERIOD_S, self._clock)
             while not self._finished:
                 self._tick(pacer.wait())
         finally:
@@ -120,7 +121,7 @@ class Loop:
 
     def _tick(self, tick: Tick) -> None:
         """The order of everything."""
-        laps = Laps()
+        laps = Laps(self._clock)
         reading, answer, measured = self._read()
         laps.mark("t_read_s")
         self._state = self._pilot.estimate(self._state, measured)
@@ -138,7 +139,7 @@ class Loop:
 
     def _read(self) -> tuple[RangeReading, Answer, Measurement]:
         """The newest range sample and the newest status; neither is waited for."""
-        now_s = time.monotonic()
+        now_s = self._clock.monotonic()
         reading, answer = self._ranges.newest, self._link.answer
         assert reading is not None  # the first one was waited for before arming
         assert answer is not None  # arming was answered
@@ -278,7 +279,7 @@ class Loop:
         if self._recorder is not None:
             # What only some rigs know is no column of the others' logs, rather than an empty one.
             self._recorder.put({name: value for name, value in row.items() if value is not None})
-        overran = time.monotonic() > tick.start_s + PERIOD_S
+        overran = self._clock.monotonic() > tick.start_s + PERIOD_S
         self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
 
 

@@ -47,6 +47,19 @@ class Result:
     ready: bool
 
 
+class Predictions(Protocol):
+    """What the loop asks: a force by a deadline. Trained ranges `low` and `high` are (d,)."""
+
+    low: FloatArray
+    high: FloatArray
+
+    def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
+        """The force for an observation (d,), or None when it is not there by `deadline_s`."""
+
+    def reset(self) -> None:
+        """Let the memory be filled anew by the observations from now on."""
+
+
 class PredictionWorker:
     """Owns a predictor and its thread; warms up first, paced as the loop is."""
 

@@ -6,8 +6,8 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Protocol
 
 from wakedeploy.errors import UnusableInput
 
@@ -15,6 +15,16 @@ FIFO_PRIORITY = 50
 SWITCH_INTERVAL_S = 0.0005
 _LOCK_CURRENT_FUTURE_ON_FAULT = 1 | 2 | 4
 # ON_FAULT locks pages as they are touched: without it every library is pulled in whole.
+
+
+class Clock(Protocol):
+    """Where time comes from; the module `time` is one."""
+
+    def monotonic(self) -> float:
+        """The present [s]."""
+
+    def sleep(self, seconds: float, /) -> None:
+        """Let time pass."""
 
 
 def become_realtime(core: int | None = None) -> None:
@@ -77,22 +87,21 @@ class Pacer:
     def __init__(
         self,
         period_s: float,
-        clock: Callable[[], float] = time.monotonic,
-        sleep: Callable[[float], None] = time.sleep,
+        clock: Clock = time,
     ) -> None:
         self.period_s = period_s
-        self._clock, self._sleep = clock, sleep
-        self._origin_s = clock()
+        self._clock = clock
+        self._origin_s = clock.monotonic()
         self._next = 0
 
     def wait(self) -> Tick:
         """Sleep until the next tick that still lies ahead, or just began."""
-        now_s = self._clock()
+        now_s = self._clock.monotonic()
         behind = (now_s - self._origin_s) / self.period_s - self._next
         skipped = max(0, math.ceil(behind - LATEST_START))
         index = self._next + skipped
         start_s = self._origin_s + index * self.period_s
         if start_s > now_s:
-            self._sleep(start_s - now_s)
+            self._clock.sleep(start_s - now_s)
         self._next = index + 1
-        return Tick(index, start_s, max(0.0, self._clock() - start_s), skipped)
+        return Tick(index, start_s, max(0.0, self._clock.monotonic() - start_s), skipped)

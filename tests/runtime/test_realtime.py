@@ -12,7 +12,7 @@ class FakeTime:
     def __init__(self):
         self.now_s = 100.0
 
-    def clock(self):
+    def monotonic(self):
         return self.now_s
 
     def sleep(self, seconds):
@@ -23,7 +23,7 @@ class FakeTime:
 def paced(work_s):
     """Tick indices, starts and skips when the ticks' work takes these times."""
     fake = FakeTime()
-    pacer = realtime.Pacer(0.03125, fake.clock, fake.sleep)
+    pacer = realtime.Pacer(0.03125, fake)
     ticks = []
     for seconds in work_s:
         ticks.append(pacer.wait())

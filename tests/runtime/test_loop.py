@@ -1,0 +1,286 @@
+"""The loop in real time against plant and MCU in the same process, failures included."""
+
+import math
+
+import numpy as np
+import pytest
+
+from runtime.link import Answer
+from runtime.loop import Loop, applied_s, arm_limits, budget_s
+from runtime.prediction import Result
+from runtime.protocol import Frame, FrameDecoder, Hello, encode_frame
+from runtime.range_source import RangeReading
+from runtime.reference import hold_plan
+from runtime.virtual.mcu_port import McuPort
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import default_rig
+
+RIG = default_rig().changed(disturbance={"rest_s": 0.25})
+FLIGHT_S = 5.2
+
+
+class World:
+    """Plant and MCU, brought up to the present whenever someone looks; link and sensor in one."""
+
+    def __init__(self, rig=RIG, **hooks):
+        self.now_s = 1000.0
+        self.plant, self.port = GantryPlant(rig, seed=1, **hooks), McuPort(rig, boot_s=0.0)
+        self.decoder, self.sequence, self.sent_s = FrameDecoder(), 0, {}
+        self.failure = None
+        self.muted = False
+        self.commands = []
+        self._answer, self._newest = None, RangeReading(0.0, 0)
+        self.origin_s = self.now_s
+        self.port.opened(0.0)
+        self._send(Hello())
+        self.sleep(0.02)
+
+    # What Loop asks of a clock …
+    def monotonic(self):
+        self.now_s += 1e-5  # nothing takes no time
+        return self.now_s
+
+    def sleep(self, seconds):
+        self.now_s += seconds
+        self.present()
+
+    def present(self):
+        plant = self.plant
+        while plant.t_s <= self.now_s - self.origin_s:
+            for frame in self.decoder.feed(self.port.answer(plant.t_s, plant)):
+                self._hear(frame)
+            out = self.port.advance(plant.t_s, plant.dt_s)
+            plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
+            sample = plant.range_sample()
+            if math.isfinite(sample.range_m):
+                taken_us = int((self.origin_s + sample.sensor_time_s) * 1e6)
+                self._newest = RangeReading(1e3 * sample.range_m, taken_us)
+
+    def _hear(self, frame):
+        if hasattr(frame.message, "steps"):
+            now_s = self.now_s
+            trip_s = now_s - self.sent_s[frame.sequence]
+            self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
+
+    def _send(self, message):
+        self.sequence += 1
+        self.sent_s[self.sequence] = self.now_s
+        frame = encode_frame(Frame(self.sequence, 0, message))
+        self.port.receive(self.now_s - self.origin_s, frame)
+        return self.sequence
+
+    # … of a link …
+    @property
+    def answer(self):
+        self.present()
+        return self._answer
+
+    def arm(self, limits):
+        self._send(limits)
+        self.sleep(0.03)
+        self.started_s = self.now_s
+        return self.answer.status
+
+    def send(self, command):
+        self.present()
+        self.commands.append(command)
+        return self.sequence if self.muted else self._send(command)
+
+    def disarm(self):
+        self.disarmed = True
+
+    # … and of a range source.
+    @property
+    def newest(self):
+        self.present()
+        return self._newest
+
+
+class Forces:
+    """Predictions that a test scripts: `force(n)` answers the n-th observation; None is late."""
+
+    def __init__(self, force=lambda n: 0.0, ready_after=4, low=-10.0, high=10.0):
+        self.force, self.ready_after = force, ready_after
+        self.low, self.high = np.full(5, low, np.float32), np.full(5, high, np.float32)
+        self.calls = self.resets = self.seen = 0
+        self.deadlines_s = []
+
+    def reset(self):
+        self.resets += 1
+        self.seen = 0
+
+    def step(self, observation, deadline_s):
+        self.seen += 1
+        self.calls += 1
+        self.deadlines_s.append(deadline_s)
+        force_n = self.force(self.calls)
+        return None if force_n is None else Result(force_n, self.seen >= self.ready_after)
+
+
+class Rows:
+    def __init__(self):
+        self.rows, self.error = [], None
+
+    def put(self, row):
+        self.rows.append(row)
+
+    def column(self, name):
+        return [row.get(name) for row in self.rows]
+
+
+def fly(world, predictor=None, seconds=FLIGHT_S, during=None):
+    rows = Rows()
+    plan = hold_plan(RIG, seconds, 0.4, 1400.0)
+    loop = Loop(RIG, world, world, plan, predictor, rows, world)
+    if during:
+        put = rows.put
+        rows.put = lambda row: (put(row), during(loop, len(rows.rows)))
+    loop.run()
+    assert world.disarmed
+    return loop, rows
+
+
+def test_a_clean_flight_rests_flies_rests_and_tracks():
+    world = World()
+    loop, rows = fly(world)
+    modes = rows.column("mode")
+    assert modes[:8] == ["ARMED"] * 8
+    assert modes[-8:] == ["ARMED"] * 8
+    assert set(modes[8:-8]) == {"RUNNING"}
+    assert loop.failsafe_cause == ()
+    assert loop.tally.rmse_m < 0.1
+    assert max(rows.column("z_est_m")) > 0.3
+    assert rows.rows[-1]["source_cmd_us"] == rows.rows[-1]["sufferer_cmd_us"] == 1000.0
+    assert {row["homed"] for row in rows.rows} == {1}
+
+
+def test_each_row_has_timings_round_trips_and_the_time_of_application():
+    _, rows = fly(World(), seconds=0.5)
+    row = rows.rows[-1]
+    stages = [row[f"t_{s}_s"] for s in ("read", "estimate", "predict", "control", "write")]
+    assert all(0.0 < s < 1e-3 for s in stages)
+    trips = [trip for trip in rows.column("round_trip_s") if trip is not None]
+    assert min(trips) >= 0.009
+    assert row["t_s"] - 0.1 < row["applied_time_s"] <= row["t_s"]
+    assert row["seq_echo"] > rows.rows[0]["seq_echo"]
+
+
+def test_a_usable_force_is_fed_forward_once_the_memory_is_full():
+    _, rows = fly(World(), Forces(lambda n: -0.2, ready_after=20), seconds=1.0)
+    feedforward = rows.column("feedforward_n")
+    assert feedforward[:8] == [0.0] * 8
+    opened = next(i for i, f in enumerate(feedforward) if f > 0.0)
+    assert opened >= 19
+    assert feedforward[opened : opened + 4] == pytest.approx([0.05, 0.1, 0.15, 0.2])
+    assert rows.rows[opened - 1]["force_pred_n"] == pytest.approx(-0.2)
+
+
+def test_late_predictions_are_not_waited_for_degrade_and_recover_after_a_clean_second():
+    predictor = Forces(lambda n: None if 16 <= n < 20 else -0.2)
+    world = World()
+    loop, rows = fly(world, predictor, seconds=2.2)
+    modes, faults = rows.column("mode"), rows.column("faults")
+    late = [i for i, f in enumerate(faults) if "late_prediction" in f]
+    assert late == [15, 16, 17, 18]
+    degraded = [i for i, m in enumerate(modes) if m == "DEGRADED"]
+    assert degraded[0] == late[2]
+    assert modes[degraded[-1] + 1] == "RUNNING"
+    assert degraded[-1] - late[-1] == 31
+    assert rows.rows[late[-1] + 4]["feedforward_n"] == 0.0
+    assert loop.failsafe_cause == ()
+    # The wait ends within the budget, with time left for control and write.
+    waits_s = np.diff(predictor.deadlines_s)
+    assert waits_s == pytest.approx(1.0 / 32.0, abs=1e-4)
+    assert predictor.deadlines_s[0] - world.started_s < budget_s(RIG)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_number_that_is_none_degrades_resets_and_warms_the_memory_again(bad):
+    predictor = Forces(lambda n: bad if n == 12 else -0.2, ready_after=10)
+    _, rows = fly(World(), predictor, seconds=1.8)
+    hit = rows.column("faults").index("bad_prediction")
+    assert rows.rows[hit]["mode"] == "DEGRADED"
+    assert rows.rows[hit].get("force_pred_n") is None
+    assert predictor.resets == 1
+    assert "RUNNING" in rows.column("mode")[hit + 32 :]
+    assert all(math.isfinite(row["sufferer_cmd_us"]) for row in rows.rows)
+
+
+def test_an_observation_far_outside_training_is_never_shown_to_the_model():
+    predictor = Forces(low=0.0, high=0.5)  # the height below the source is 2 m
+    _, rows = fly(World(), predictor, seconds=0.4)
+    assert set(rows.column("faults")) == {"bad_observation"}
+    assert predictor.calls == 0
+    assert set(rows.column("feedforward_n")) == {0.0}
+
+
+def at_tick(wanted, act):
+    return lambda loop, tick: act(loop) if tick == wanted else None
+
+
+def test_a_stop_by_hand_idles_the_source_at_once_and_lands_softly():
+    def stop(loop):
+        loop.stop_asked = True
+
+    world = World()
+    loop, rows = fly(world, during=at_tick(80, stop))
+    assert loop.failsafe_cause == ("operator_stop",)
+    down = [row for row in rows.rows if row["mode"] == "FAILSAFE"]
+    assert down[0]["source_cmd_us"] == 1000.0
+    assert down[0]["sufferer_cmd_us"] > 1400.0
+    speeds = np.diff([row["true_z_m"] for row in rows.rows[-60:] if "true_z_m" in row] or [0, 0])
+    assert np.all(np.abs(speeds) < 0.05)
+    assert min(row["vz_est_mps"] for row in down) > -0.6
+    assert down[-1]["sufferer_cmd_us"] == 1000.0
+    assert world.plant.z_m < 0.05
+
+
+def test_a_sensor_that_stops_brings_the_sufferer_down_blind_within_its_descent_time():
+    world = World(sensor_hook=lambda t, z, steps: (z if t < 1.6 else math.nan, steps))
+    loop, rows = fly(world)
+    assert loop.failsafe_cause == ("sensor_lost",)
+    down = [row for row in rows.rows if row["mode"] == "FAILSAFE"]
+    assert len(down) / 32.0 == pytest.approx(RIG.limits.sufferer_descent_s, abs=0.15)
+    assert np.all(np.diff([row["sufferer_cmd_us"] for row in down]) <= 0.0)
+    assert {row["source_cmd_us"] for row in down} == {1000.0}
+
+
+def test_a_board_that_falls_silent_reboots_or_faults_ends_the_flight():
+    def mute(loop):
+        loop._link.muted = True
+
+    loop, _ = fly(World(), during=at_tick(20, mute))
+    assert loop.failsafe_cause == ("link_lost",)
+
+    def reboot(loop):
+        world = loop._link
+        world.port.opened(world.plant.t_s - 0.1)
+        world._send(Hello())
+
+    loop, _ = fly(World(), during=at_tick(20, reboot))
+    assert set(loop.failsafe_cause) & {"mcu_reboot", "mcu_fault"}
+
+
+def test_a_recording_that_fails_and_a_limit_that_is_left_end_the_flight():
+    def full(loop):
+        loop._recorder.error = "disk full"
+
+    assert fly(World(), during=at_tick(20, full))[0].failsafe_cause == ("recorder_failed",)
+    shifted = World(sensor_hook=lambda t, z, steps: (z, steps + (8400 if t > 1.0 else 0)))
+    assert fly(shifted)[0].failsafe_cause == ("x_limit",)
+
+
+def test_limits_cross_the_wire_in_its_units():
+    limits = arm_limits(default_rig())
+    assert limits == type(limits).unpack(limits.pack())
+    assert limits.max_speed_steps_per_s == 2100
+    assert limits.period_us == 31_250
+
+
+def test_the_time_of_application_survives_the_wrap_of_the_boards_clock():
+    world = World()
+    world.arm(arm_limits(RIG))
+    status = world.answer.status
+    before_wrap = type(status)(**{**vars(status), "applied_time_us": 2**32 - 500})
+    answer = Answer(before_wrap, mcu_time_us=1500, received_s=50.0, round_trip_s=0.01)
+    assert applied_s(answer) == pytest.approx(50.0 - 0.002)
