@@ -45,13 +45,17 @@ HINTS = {
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth."""
+    """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth.
+
+    `range_socket` beside a `port` reads range samples from a plant process instead of I²C.
+    """
 
     rig: Rig
     seconds: float
     seed: int = 0
     package: Path | None = None
     port: str | None = None
+    range_socket: Path | None = None
     plant_rig: Rig | None = None
     hooks: str | None = None
     log: Path | None = None
@@ -117,7 +121,7 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
 def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
     """The port to talk to; for the virtual gantry its process and its range socket."""
     if request.port is not None:
-        return request.port, None
+        return request.port, request.range_socket
     truth = request.plant_rig or request.rig
     gantry = VirtualGantryProcess(truth, seed=request.seed, hooks=request.hooks)
     opened.callback(gantry.close)

@@ -20,6 +20,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
 @click.option("--virtual", is_flag=True, help="Fly the virtual gantry.")
 @click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0.")
+@click.option("--range-socket", type=_FILE, help="With --port: range samples from here, not I²C.")
 @click.option("--seconds", type=click.FloatRange(6, 3600), default=20.0, show_default=True)
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the plan."
@@ -54,6 +55,8 @@ def command(
         raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
+    if port is None and options["range_socket"]:
+        raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
     if port is not None and (plant_rig or options["hooks"]):
         raise UnusableInput("--plant-rig and --hooks belong to --virtual; a real rig is as it is.")
     from runtime.run import RunRequest, fly

@@ -1,0 +1,182 @@
+"""Whole runs: real processes, pseudo-terminals and files, ended in every way that a run can end."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+
+from runtime.recorder import RunLogWriter
+from runtime.run import HINTS, RunRequest, fly, require_fit
+from runtime.safety import Findings, fatal_faults
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.rig import default_rig
+from wakedeploy.runlog import read_run_log
+
+RIG = default_rig().changed(disturbance={"rest_s": 0.2})
+CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "run-gantry"]
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    path = tmp_path / "rig.toml"
+    RIG.write(path)
+    return path
+
+
+def started(*arguments):
+    return subprocess.Popen(
+        [*CLI, "--baseline", *map(str, arguments)], stdout=-1, stderr=-1, text=True
+    )
+
+
+def flying_for(log, seconds):
+    """Wait until the log on the disk has grown for so long, then some more."""
+    end_s = time.monotonic() + 30.0
+    while not (log.exists() and len(read_run_log(log)) > 0):
+        assert time.monotonic() < end_s, "the run never began"
+        time.sleep(0.05)
+    time.sleep(seconds)
+
+
+def test_a_virtual_run_flies_records_and_sums_up(rig_file, tmp_path):
+    log, told = tmp_path / "flight.mcap", tmp_path / "run.json"
+    run = started(
+        "--virtual", "--seconds", 6, "--rig", rig_file, "--log", log, "--json", told, "--seed", 4
+    )
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    assert "Tracking RMSE" in out
+    recorded = read_run_log(log)
+    assert recorded.flying.sum() > 150
+    assert recorded.metadata["rig_sha256"] == RIG.sha256
+    assert recorded.metadata["seed"] == "4"
+    assert recorded.has("true_wake_force_n")
+    assert '"rmse_mm"' in told.read_text()
+
+
+def test_ctrl_c_lands_closes_the_log_and_says_130(rig_file, tmp_path):
+    log = tmp_path / "flight.mcap"
+    run = started("--virtual", "--seconds", 60, "--rig", rig_file, "--log", log)
+    flying_for(log, 1.0)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=30)
+    assert run.returncode == 130
+    assert "Traceback" not in err
+    recorded = read_run_log(log)
+    assert recorded["mode"][-1] == "FAILSAFE"
+    assert recorded["sufferer_cmd_us"][-1] == recorded["source_cmd_us"][-1] == 1000.0
+    assert "unfinished" not in recorded.metadata
+
+
+def test_a_cable_pulled_in_flight_is_one_sentence_and_the_log_is_whole(rig_file, tmp_path):
+    log = tmp_path / "flight.mcap"
+    with VirtualGantryProcess(RIG, seed=0) as gantry:
+        where = ("--port", gantry.port, "--range-socket", gantry.range_socket)
+        run = started(*where, "--seconds", 60, "--rig", rig_file, "--log", log)
+        flying_for(log, 0.5)
+        gantry.kill()
+        _, err = run.communicate(timeout=30)
+    assert run.returncode == 1
+    assert err.count("\n") == 1
+    assert "connection to the board was lost" in err
+    recorded = read_run_log(log)
+    assert "link_lost" in recorded["faults"][-1]
+    assert "unfinished" not in recorded.metadata
+
+
+def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkeypatch):
+    log, write, rows = tmp_path / "flight.mcap", RunLogWriter.write, []
+
+    def until_full(self, row, log_time_ns):
+        rows.append(row)
+        if len(rows) > 40:
+            raise OSError(28, "No space left on device")
+        write(self, row, log_time_ns)
+
+    monkeypatch.setattr(RunLogWriter, "write", until_full)
+    with pytest.raises(CheckFailed, match="No space left"):
+        fly(RunRequest(RIG, 8.0, log=log))
+    assert 0 < len(read_run_log(log)) <= 40
+
+
+def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monkeypatch):
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.syspath_prepend(str(tmp_path))
+    (tmp_path / "push.py").write_text(
+        "def hooks():\n    return {'force_hook': lambda t_s, state: -0.25}\n"
+    )
+    log = tmp_path / "flight.mcap"
+    truth = RIG.changed(sufferer={"mass_kg": 0.47})
+    fly(RunRequest(RIG, 6.0, plant_rig=truth, hooks="push:hooks", log=log))
+    recorded = read_run_log(log)
+    assert set(recorded["true_hook_force_n"][10:]) == {-0.25}
+    # 20 g more and 0.25 N of push: the integral finds both.
+    late = recorded["pid_i_n"][recorded.flying][-60:-30]
+    assert late.mean() > 0.2
+
+
+def manifest(**changes):
+    names = ("dx_m", "dz_m", "vx_mps", "vz_mps", "source_command")
+    stated = {
+        "rate_hz": 32.0,
+        "lead_s": RIG.default_lead_s,
+        "observation": [SimpleNamespace(name=name) for name in names],
+        "force": [SimpleNamespace(name="force_z_n")],
+    }
+    return SimpleNamespace(**(stated | changes))
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"rate_hz": 30.0}, "runs at 30 Hz"),
+        ({"observation": [SimpleNamespace(name="foil_angle_deg")]}, "not for the gantry"),
+        ({"force": []}, "not for the gantry"),
+        ({"lead_s": 0.0}, "train with --lead"),
+    ],
+)
+def test_a_package_that_does_not_fit_is_refused_before_anything_is_opened(changes, words):
+    with pytest.raises(UnusableInput, match=words):
+        require_fit(manifest(**changes), RIG)
+
+
+def test_a_lead_close_to_the_rigs_fits_and_another_one_by_permission():
+    require_fit(manifest(lead_s=0.09), RIG)
+    require_fit(manifest(lead_s=0.0), RIG, allow_lead_mismatch=True)
+
+
+def test_every_fault_that_ends_a_flight_comes_with_a_hint():
+    everything = Findings(
+        range_silence_s=9.0,
+        link_silence_s=9.0,
+        mcu_fault=True,
+        rebooted=True,
+        recorder_failed=True,
+        stop_asked=True,
+        z_m=9.0,
+        x_m=9.0,
+    )
+    assert set(fatal_faults(everything, RIG.limits)) == set(HINTS)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--baseline"], "--virtual or --port"),
+        (["--virtual"], "--package FILE or --baseline"),
+        (["--baseline", "--port", "/dev/ttyACM97"], "no such port"),
+        (["--baseline", "--port", "/dev/ttyACM97", "--hooks", "a:b"], "belong to --virtual"),
+        (["--baseline", "--virtual", "--range-socket", "a.sock"], "belongs to --port"),
+        (["--package", "none.onnx", "--virtual"], "none.onnx"),
+    ],
+)
+def test_arguments_that_do_not_go_together_are_one_sentence(arguments, words):
+    run = subprocess.run([*CLI, *arguments], capture_output=True, text=True, env=os.environ)
+    assert run.returncode == 2
+    assert words in run.stderr
+    assert run.stderr.count("\n") == 1
