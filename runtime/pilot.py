@@ -91,9 +91,10 @@ class Pilot:
         return self._sent(replace(state, forecasts=forecasts), control, command), command, terms
 
     def rest(self, state: PilotState) -> tuple[PilotState, Command, Terms]:
-        """The command of a tick at rest: motors idle, carriage still."""
+        """The command of a tick at rest: motors idle, the carriage on its way home."""
         idle_us = self.rig.limits.pulse_us[0]
-        command = Command(idle_us, idle_us, 0.0)
+        homing_mps = -self.rig.control.carriage_gain_per_s * state.estimate.x_m
+        command = Command(idle_us, idle_us, homing_mps)
         after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
         return after, command, Terms(0.0, 0.0, 0.0, 0.0)
 

@@ -1,0 +1,130 @@
+"""Simulated flights: repeatable, dirty where they should be, and better with the truth fed forward."""
+
+import math
+
+import numpy as np
+import pytest
+
+from wakedeploy.domains.gantry import episode_from_log, make_set, record
+from wakedeploy.errors import UnusableInput
+from wakedeploy.rig import default_rig
+from wakedeploy.runlog import RunLog
+
+RIG = default_rig()
+
+
+def tracking_mm(log: RunLog) -> float:
+    aloft = (log["mode"] == "RUNNING") & (log["z_ref_m"] > 0.25)
+    error_m = (log["true_z_m"] - log["z_ref_m"])[aloft]
+    return 1e3 * math.sqrt(float(np.mean(error_m**2)))
+
+
+@pytest.fixture(scope="module")
+def pid_flight() -> RunLog:
+    return record(None, seconds=15.0, seed=3)
+
+
+def test_a_flight_repeats_by_seed(pid_flight: RunLog) -> None:
+    again = record(default_rig(), seconds=15.0, seed=3)
+    other = record(None, seconds=15.0, seed=4)
+    for name, values in pid_flight.columns.items():
+        assert np.array_equal(values, again[name], equal_nan=values.dtype != object), name
+    assert not np.array_equal(pid_flight["z_est_m"], other["z_est_m"])
+
+
+def test_three_seconds_of_rest_stand_before_and_after(pid_flight: RunLog) -> None:
+    resting = pid_flight["mode"] == "ARMED"
+    assert len(pid_flight) == round((15.0 + 6.0) * 32)
+    assert np.all(resting[:96])
+    assert np.all(resting[-96:])
+    assert not np.any(resting[96:-96])
+    assert np.all(pid_flight["sufferer_cmd_us"][resting] == 1000.0)
+    assert np.all(np.abs(pid_flight["true_z_m"][-64:]) < 1e-6)
+    assert np.all(pid_flight["homed"][-64:] == 1.0)
+
+
+def test_the_flight_follows_its_reference(pid_flight: RunLog) -> None:
+    assert tracking_mm(pid_flight) < 150.0
+    assert np.ptp(pid_flight["true_z_m"]) > 0.3
+    assert np.ptp(pid_flight["x_m"]) > 0.05
+    error_m = (pid_flight["z_est_m"] - pid_flight["true_z_m"])[96:-96]
+    assert np.std(error_m) < 0.008
+
+
+def test_commands_wait_for_the_servo_frame(pid_flight: RunLog) -> None:
+    """50 Hz against 32 Hz: the time from tick to pulse is a sawtooth within 20 ms."""
+    sent_s = pid_flight["t_s"][96:-97]
+    applied_s = pid_flight["applied_time_s"][97:-96]
+    wait_s = applied_s - sent_s
+    assert np.ptp(wait_s) > 0.015
+    assert np.max(wait_s) < 0.04
+
+
+def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
+    flown = {
+        lead_s: np.mean(
+            [tracking_mm(record(None, seconds=15.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
+        )
+        for lead_s in (None, 0.0, RIG.default_lead_s)
+    }
+    assert flown[0.0] < 0.5 * flown[None]
+    assert flown[RIG.default_lead_s] < 0.6 * flown[0.0]
+
+
+def test_each_disturbance_can_be_switched_off() -> None:
+    clean = RIG.changed(
+        disturbance={
+            "turbulence_fraction": 0.0,
+            "outlier_probability": 0.0,
+            "clock_jitter_s": 0.0,
+            "rest_s": 0.0,
+            "esc_frame_s": 0.0,
+        },
+        range_sensor={"noise_m": 0.0, "resolution_m": 0.0},
+    )
+    log = record(clean, seconds=8.0, seed=1)
+    assert len(log) == 8 * 32
+    assert np.allclose(np.diff(log["t_s"]), 1 / 32, atol=1e-12)
+    assert np.nanmax(np.abs(log["innovation_m"])) < 0.03
+
+
+def test_a_hidden_force_reaches_the_flight_and_its_own_column() -> None:
+    log = record(None, seconds=10.0, seed=1, force_hook=lambda t, state: -0.3)
+    flying = log["mode"] == "RUNNING"
+    assert np.all(log["true_hook_force_n"][flying] == -0.3)
+    plain = record(None, seconds=10.0, seed=1)
+    thrust = [RIG.thrust.sufferer.thrust(us) for us in log["sufferer_cmd_us"][flying]]
+    without = [RIG.thrust.sufferer.thrust(us) for us in plain["sufferer_cmd_us"][flying]]
+    assert np.mean(thrust) - np.mean(without) > 0.1
+
+
+def test_a_wake_hook_cannot_be_foreseen() -> None:
+    with pytest.raises(UnusableInput, match="wake_hook"):
+        record(None, seconds=5.0, seed=0, lead_oracle_s=0.09, wake_hook=lambda *a: (0.0, 0.0))
+
+
+def test_a_sensor_that_goes_blind_ends_in_no_crash_of_the_code() -> None:
+    def blind(t_s: float, range_m: float, steps: int) -> tuple[float, int]:
+        return (math.nan if t_s > 8.0 else range_m), steps
+
+    log = record(None, seconds=10.0, seed=0, sensor_hook=blind)
+    assert np.all(np.isnan(log["range_m"][log["t_s"] > 8.1]))
+    assert np.all(np.isfinite(log["z_est_m"]))
+
+
+def test_a_set_mixes_flights_and_splits_by_episode() -> None:
+    data = make_set(None, minutes=2.0, seed=5)
+    assert len(data.episodes) == 5
+    assert [data.split[e.name] for e in data.episodes][-2:] == ["validation", "test"]
+    assert data.provenance["default_lead_s"] == RIG.default_lead_s
+    again = make_set(None, minutes=2.0, seed=5)
+    assert again.sha256 == data.sha256
+
+
+def test_an_episode_holds_what_the_pilot_saw(pid_flight: RunLog) -> None:
+    episode = episode_from_log(pid_flight, RIG, "flight")
+    flying = pid_flight["mode"] == "RUNNING"
+    assert episode.observation.shape == (15 * 32, 5)
+    dz = RIG.source.height_m - pid_flight["z_est_m"][flying]
+    assert np.allclose(episode.observation[:, 1], dz, atol=1e-6)
+    assert np.allclose(episode.force[:, 0], pid_flight["true_wake_force_n"][flying], atol=1e-6)
