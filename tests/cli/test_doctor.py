@@ -1,0 +1,77 @@
+"""The doctor names what is missing with its fix, and fails only for what every use needs."""
+
+import importlib.metadata
+import json
+import os
+import sys
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from wakedeploy.cli import doctor, main
+
+
+def test_a_sound_machine_passes_and_says_so_as_json(tmp_path: Path) -> None:
+    result = CliRunner().invoke(main, ["doctor", "--json", str(tmp_path / "doctor.json")])
+    told = json.loads((tmp_path / "doctor.json").read_text())
+    assert result.exit_code == 0, result.output
+    assert told["ok"] is True
+    names = {finding["name"] for finding in told["findings"]}
+    assert {"Python", "numpy", "onnxruntime starts", "--realtime", "free disk"} <= names
+
+
+def test_whatever_is_not_ok_has_its_fix() -> None:
+    findings = [finding for look in doctor.CHECKS for finding in look()]
+    assert all(finding.fix for finding in findings if finding.state != doctor.OK)
+
+
+def test_a_missing_library_is_broken_a_missing_extra_is_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def version(name: str) -> str:
+        if name in ("mcap", "torch"):
+            raise importlib.metadata.PackageNotFoundError(name)
+        return "1.0"
+
+    monkeypatch.setattr(importlib.metadata, "version", version)
+    states = {f.name: f.state for f in [*doctor.base_libraries(), *doctor.extras()]}
+    assert states["mcap"] == doctor.BROKEN
+    assert states["numpy"] == doctor.OK
+    assert states["[train]"] == doctor.OPTIONAL
+    assert CliRunner().invoke(main, ["doctor"]).exit_code == 1
+
+
+def test_a_library_that_kills_the_interpreter_does_not_kill_the_doctor(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "onnxruntime.py").write_text(
+        "import os, signal\nos.kill(os.getpid(), signal.SIGILL)"
+    )
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (finding,) = doctor.onnxruntime_starts()
+    assert (finding.state, finding.found) == (doctor.BROKEN, "ended by SIGILL")
+
+
+def test_an_import_error_is_told_in_its_own_words(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "onnxruntime.py").write_text("raise ImportError('libfoo.so: no such file')")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    (finding,) = doctor.onnxruntime_starts()
+    assert (finding.state, finding.found) == (doctor.BROKEN, "libfoo.so: no such file")
+
+
+def test_a_port_without_permission_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
+    ports = {"/dev/ttyACM*": ["/dev/ttyACM0", "/dev/ttyACM1"]}
+    monkeypatch.setattr(doctor.glob, "glob", lambda pattern: ports.get(pattern, []))
+    monkeypatch.setattr(os, "access", lambda path, mode: path == "/dev/ttyACM1")
+    refused, allowed = doctor.serial_ports()
+    assert "usermod -aG dialout" in refused.fix
+    assert (allowed.state, allowed.found) == (doctor.OK, "/dev/ttyACM1")
+
+
+def test_an_unsuitable_python_is_broken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "version_info", (3, 10, 4, "final", 0))
+    (finding,) = doctor.python_version()
+    assert finding.state == doctor.BROKEN
