@@ -4,6 +4,7 @@ In and out: MCAP (one JSON message per tick, the schema inside the file) and CSV
 column names. A missing value is NaN in memory, null in MCAP and an empty field in CSV.
 """
 
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -128,6 +129,15 @@ class RunLog:
         """Which ticks were flown under control, (T,): mode RUNNING or DEGRADED."""
         return np.isin(self["mode"].astype(str), FLYING)
 
+    def tracking_rmse_m(self, height: str = "z_est_m") -> float:
+        """Root mean square of reference minus `height` over the flying ticks [m]; NaN without any.
+
+        `height` is "z_est_m", or "true_z_m" where a simulation tells it.
+        """
+        error_m = (self["z_ref_m"] - self[height])[self.flying]
+        told = error_m[np.isfinite(error_m)]
+        return float(np.sqrt(np.mean(told**2))) if len(told) else float("nan")
+
     def has(self, name: str) -> bool:
         """Whether the column is there with at least one value."""
         return name in self.columns and any(not is_missing(v) for v in self.columns[name])
@@ -249,6 +259,10 @@ def _is_number(value: Value) -> bool:
 
 def _check(log: RunLog, path: Path) -> None:
     """What no run can have written: unknown modes, time that does not rise."""
+    for key in ("rate_hz", "dropped"):
+        text = log.metadata.get(key, "1")
+        if not re.fullmatch(r"\d{1,6}(\.\d{1,12})?", text):
+            raise UnusableInput(f"{path}: its metadata say {key} = {text!r}; that is no number.")
     strange = set(log["mode"]) - set(MODES)
     if strange:
         raise UnusableInput(

@@ -1,4 +1,4 @@
-"""Simulated flights: repeatable, dirty where they should be, and better with the truth fed forward."""
+"""Simulated flights repeat, are dirty where they should be, and gain from the truth fed forward."""
 
 import math
 
@@ -14,9 +14,7 @@ RIG = default_rig()
 
 
 def tracking_mm(log: RunLog) -> float:
-    aloft = (log["mode"] == "RUNNING") & (log["z_ref_m"] > 0.25)
-    error_m = (log["true_z_m"] - log["z_ref_m"])[aloft]
-    return 1e3 * math.sqrt(float(np.mean(error_m**2)))
+    return 1e3 * log.tracking_rmse_m("true_z_m")
 
 
 @pytest.fixture(scope="module")
