@@ -27,8 +27,13 @@ class Clock(Protocol):
         """Let time pass."""
 
 
-def become_realtime(core: int | None = None) -> None:
-    """Give this thread and those it starts SCHED_FIFO, locked memory and one core (default: last).
+def loop_core() -> int:
+    """The core that the loop takes: the last one it may run on."""
+    return max(os.sched_getaffinity(0))
+
+
+def become_realtime() -> None:
+    """Give this thread and those it starts SCHED_FIFO, locked memory and one core.
 
     Raises UnusableInput with the setting to change when the machine does not allow it.
     """
@@ -45,8 +50,7 @@ def become_realtime(core: int | None = None) -> None:
             f"--realtime: this system offers no SCHED_FIFO ({error}); leave --realtime away."
         ) from error
     _lock_memory()
-    cores = sorted(os.sched_getaffinity(0))
-    os.sched_setaffinity(0, {cores[-1] if core is None else core})
+    os.sched_setaffinity(0, {loop_core()})
 
 
 def _lock_memory() -> None:

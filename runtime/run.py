@@ -151,7 +151,7 @@ def metadata(request: RunRequest, package: Package | None) -> dict[str, str]:
     return {
         "rig_toml": request.rig.text,
         "rig_sha256": request.rig.sha256,
-        "package_sha256": package.manifest.graph_sha256 if package else "",
+        "package_sha256": package.sha256 if package else "",
         "seed": str(request.seed),
         "started_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
         "wakedeploy_version": wakedeploy.__version__,
