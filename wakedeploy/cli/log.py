@@ -1,0 +1,227 @@
+"""`wakedeploy log`: look at a run, hand it on as CSV, measure the force in it."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.domains.gantry_measured import MeasuredSet
+    from wakedeploy.run_summary import RunSummary, Spread
+    from wakedeploy.runlog import RunLog
+
+_FILES = click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+_JSON = click.option(
+    "--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON."
+)
+
+
+@click.group()
+def command() -> None:
+    """Look at recorded runs.
+
+    \b
+    Example:
+        wakedeploy log show flight.mcap
+    """
+
+
+@command.command()
+@_FILES
+@click.option("--png", type=click.Path(path_type=Path), help="The picture; FILE.png by default.")
+@click.option("--no-picture", is_flag=True, help="Numbers only.")
+@_JSON
+def show(
+    files: tuple[Path, ...], png: Path | None, no_picture: bool, json_path: Path | None
+) -> None:
+    """Sum up runs, and draw each as a picture beside its file.
+
+    Tracking is scored over the ticks flown under control (RUNNING, DEGRADED). Overruns are ticks
+    that took longer than their period or could not begin.
+
+    \b
+    Example:
+        wakedeploy log show flight.mcap
+        wakedeploy log show before.mcap after.mcap --no-picture --json runs.json
+    """
+    from wakedeploy.run_summary import summarise
+    from wakedeploy.runlog import read_run_log
+
+    if png is not None and len(files) > 1:
+        raise UnusableInput("--png names one picture; leave it out for several files.")
+    logs = [read_run_log(path) for path in files]
+    summaries = [summarise(log) for log in logs]
+    _print_summaries(files, summaries)
+    for path, summary in zip(files, summaries, strict=True):
+        for note in summary.notes:
+            click.echo(f"{path}: {note}.")
+    if not no_picture:
+        for path, log, summary in zip(files, logs, summaries, strict=True):
+            click.echo(f"Picture: {_draw(path, log, summary, png)}")
+    if json_path:
+        rows = [{"file": str(p)} | s.as_json() for p, s in zip(files, summaries, strict=True)]
+        write_json(json_path, {"runs": rows})
+
+
+@command.command("export")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--csv", "csv_path", required=True, type=click.Path(path_type=Path), help="Output.")
+def export_csv(file: Path, csv_path: Path) -> None:
+    """Write a run as CSV, its metadata beside it as OUT.meta.json.
+
+    \b
+    Example:
+        wakedeploy log export flight.mcap --csv flight.csv
+    """
+    from wakedeploy.runlog import read_run_log
+
+    if csv_path.suffix.lower() != ".csv":
+        raise UnusableInput(f"{csv_path}: give the output a name that ends in .csv.")
+    log = read_run_log(file)
+    log.write_csv(csv_path)
+    click.echo(f"{csv_path}: {len(log)} ticks, {len(log.columns)} columns.")
+
+
+@command.command("smooth")
+@_FILES
+@click.option(
+    "--rig", "rig_path", type=click.Path(path_type=Path), help="The rig; the default rig if absent."
+)
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="The episode set.")
+@_JSON
+def smooth_logs(
+    files: tuple[Path, ...], rig_path: Path | None, out: Path, json_path: Path | None
+) -> None:
+    """Measure the wake's force in recorded flights, as an episode set to train on.
+
+    A Kalman filter forward and a Rauch–Tung–Striebel pass backward over the range samples give the
+    acceleration; less thrust after spool lag as applied, weight and rail friction, it is the force
+    of the wake, with its standard deviation. Three files or more are split by file, fewer by time.
+
+    \b
+    Example:
+        wakedeploy log smooth flight*.mcap --rig rig.toml --out sets/measured
+        wakedeploy train --data sets/measured --arch gru --out runs
+    """
+    from wakedeploy.domains.gantry_measured import measured_set
+    from wakedeploy.files import sha256_of
+    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.runlog import read_run_log
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    names = _distinct_names(files)
+    logs = {name: read_run_log(path) for name, path in names.items()}
+    hashes = {name: sha256_of(path.read_bytes()) for name, path in names.items()}
+    with progress("Smoothing", len(logs)) as bar:
+        made = measured_set(logs, rig, hashes, bar.update)
+    made.episodes.write(out)
+    _tell_measured(made, out)
+    if json_path:
+        write_json(json_path, _measured_json(made))
+
+
+def _print_summaries(files: Iterable[Path], summaries: list["RunSummary"]) -> None:
+    lines = [_lines(summary) for summary in summaries]
+    rows = [[name, *(told[name] for told in lines)] for name in lines[0]]
+    kept = [row for row in rows if any(cell != "" for cell in row[1:])]
+    print_table("Run", ["", *(path.name for path in files)], kept)
+
+
+def _lines(summary: "RunSummary") -> dict[str, str]:
+    """Every line of the table; what was not recorded is empty."""
+    modes = ", ".join(f"{mode} {s:.1f} s" for mode, s in summary.seconds_in_mode.items())
+    faults = ", ".join(f"{name} {count}" for name, count in summary.faults.items())
+    stages = {_stage(n): _milliseconds(s, 3) for n, s in summary.stages_s.items()}
+    return {
+        "Duration": f"{summary.duration_s:.1f} s, {summary.ticks} ticks",
+        "Rate": _known(summary.rate_hz, "{:.2f} Hz"),
+        "Flown under control": f"{summary.flying_s:.1f} s",
+        "Tracking RMSE": _known(1e3 * summary.tracking_rmse_m, "{:.1f} mm"),
+        "Tracking worst": _known(1e3 * summary.tracking_max_m, "{:.1f} mm"),
+        "Tracking RMSE (truth)": _known(1e3 * summary.true_tracking_rmse_m, "{:.1f} mm"),
+        "Overruns": str(summary.overruns),
+        "Not recorded": f"{summary.dropped} ticks",
+        "Round trip p50/p99/max": _milliseconds(summary.round_trip_s, 2),
+        "Computing p50/p99/max": _milliseconds(summary.computing_s, 3),
+        **stages,
+        "Time in mode": modes,
+        "Faults": faults or "none",
+        "Range samples missing": str(summary.range_missing),
+        "Range samples repeated": str(summary.range_repeated),
+    }
+
+
+def _stage(column: str) -> str:
+    return f"  {column.removeprefix('t_').removesuffix('_s')}"
+
+
+def _milliseconds(spread: "Spread", digits: int) -> str:
+    if spread.p50 != spread.p50:
+        return ""
+    p50, p99, most = (f"{1e3 * v:.{digits}f}" for v in (spread.p50, spread.p99, spread.max))
+    return f"{p50} / {p99} / {most} ms"
+
+
+def _known(value: float, form: str) -> str:
+    return form.format(value) if value == value else ""
+
+
+def _draw(path: Path, log: "RunLog", summary: "RunSummary", png: Path | None) -> Path:
+    from wakedeploy import figures
+    from wakedeploy.run_figure import draw_run
+
+    target = png or path.with_suffix(".png")
+    figures.save(draw_run(log, summary, path.name), target)
+    return target
+
+
+def _distinct_names(files: Iterable[Path]) -> dict[str, Path]:
+    """Files by a name for their episodes, in order; the same file twice is refused."""
+    from wakedeploy.domains.gantry_measured import episode_name
+
+    names: dict[str, Path] = {}
+    for path in files:
+        if path.resolve() in [other.resolve() for other in names.values()]:
+            raise UnusableInput(f"{path}: is given twice; each flight counts once.")
+        name, count = episode_name(path.stem), 2
+        while name in names:
+            name, count = f"{episode_name(path.stem)}-{count}", count + 1
+        names[name] = path
+    return names
+
+
+def _tell_measured(made: "MeasuredSet", out: Path) -> None:
+    rows = [
+        [
+            report.name,
+            f"{report.seconds:.1f}",
+            f"{1e3 * report.range_offset_m:+.1f}",
+            str(report.outliers),
+            _known(report.force_rms_n, "{:.3f}"),
+            _known(report.force_sd_n, "{:.3f}"),
+            report.note,
+        ]
+        for report in made.reports
+    ]
+    columns = ["log", "airborne [s]", "range offset [mm]", "outliers", "force rms [N]"]
+    print_table("Measured force", [*columns, "its sd [N]", "note"], rows)
+    parts = {split: len(made.episodes.part(split)) for split in ("train", "validation", "test")}
+    counts = ", ".join(f"{count} {split}" for split, count in parts.items())
+    click.echo(f"{out}: {counts} episodes at {made.episodes.rate_hz:g} Hz.")
+    click.echo(
+        f"Label noise leaves an R² of {made.r2_ceiling:.3f} at most; "
+        "a model that reaches it predicts the force as well as it was measured."
+    )
+
+
+def _measured_json(made: "MeasuredSet") -> dict[str, Any]:
+    return {
+        "rows": [vars(report) for report in made.reports],
+        "force_model": vars(made.model),
+        "r2_ceiling": made.r2_ceiling,
+        "sha256": made.episodes.sha256,
+    }

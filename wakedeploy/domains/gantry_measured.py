@@ -1,0 +1,245 @@
+"""Gantry episodes from real flights: what was observed, and the force measured after the fact.
+
+In: run logs and the rig. Out: an episode set whose force is the smoothed disturbance, with its
+standard deviation as the extra array `force_sd_n`, and what each log gave. Nothing that only a
+simulation knows is looked at.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import JsonValue
+
+import wakedeploy
+from runtime.measured_force import MeasuredForce, measure, range_offset
+from runtime.pilot import FORCE, OBSERVATION
+from runtime.smoother import ForceModel
+from wakedeploy.domains.gantry import WINDOW_S
+from wakedeploy.episodes import SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.errors import UnusableInput
+from wakedeploy.rig import Rig
+from wakedeploy.runlog import RunLog
+
+BLOCKS = (0.7, 0.15, 0.15)  # train, validation, test: of the files, or of each stretch's time
+_SHORTEST_BLOCK_S = 2.0 * WINDOW_S
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class LogReport:
+    """What one log gave."""
+
+    name: str
+    seconds: float
+    outliers: int
+    range_offset_m: float
+    force_rms_n: float
+    force_sd_n: float  # root mean square
+    note: str
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredSet:
+    """The set, the fitted model, and a report for each log."""
+
+    episodes: EpisodeSet
+    model: ForceModel
+    reports: tuple[LogReport, ...]
+
+    @property
+    def r2_ceiling(self) -> float:
+        """The R² that a perfect predictor would reach on all labels: 1 − mean(sd²) / var(force)."""
+        force = np.concatenate([e.force for e in self.episodes.episodes])
+        sd = np.concatenate([e.extras["force_sd_n"] for e in self.episodes.episodes])
+        return float(1.0 - np.mean(np.square(sd)) / np.var(force))
+
+
+def measured_set(
+    logs: Mapping[str, RunLog],
+    rig: Rig,
+    sources: Mapping[str, str] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> MeasuredSet:
+    """Smooth the logs, by name, and make an episode set of their airborne stretches.
+
+    Three files or more are split by file, fewer by blocks of time. `sources` (name → hash of the
+    file) goes into the provenance. Raises UnusableInput for logs of different rates, and when too
+    little was flown.
+    """
+    plain = {name: log.without_truth() for name, log in logs.items()}
+    rate_hz = _common_rate(plain)
+    model, measured = measure(list(plain.values()), rig, progress)
+    found = {
+        name: [_episode(f"{name}-{i}", log, one, rig) for i, one in enumerate(of_log, 1)]
+        for (name, log), of_log in zip(plain.items(), measured, strict=True)
+    }
+    episodes, split = _split(found, rate_hz)
+    reports = [
+        _report(name, log, of_log, rig)
+        for (name, log), of_log in zip(plain.items(), measured, strict=True)
+    ]
+    made = EpisodeSet(
+        domain="gantry",
+        rate_hz=rate_hz,
+        observation=tuple(Channel(name, unit) for name, unit in OBSERVATION),
+        force=tuple(Channel(name, unit) for name, unit in FORCE),
+        window_s=WINDOW_S,
+        loss_weights=(1.0,),
+        split=split,
+        episodes=episodes,
+        provenance=_provenance(rig, model, reports, sources or {}),
+    )
+    return MeasuredSet(made, model, tuple(reports))
+
+
+def episode_name(stem: str) -> str:
+    """A file's name as an episode may be called."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "-", stem).strip("-._")[:80] or "flight"
+
+
+def _common_rate(logs: Mapping[str, RunLog]) -> float:
+    rates = {name: log.rate_hz for name, log in logs.items() if len(log) > 1}
+    if not rates:
+        raise UnusableInput("The logs hold no ticks; there is nothing to smooth.")
+    first, rate_hz = next(iter(rates.items()))
+    # A rate that no metadata states comes from a median step, good to a per mille.
+    for name, other in rates.items():
+        if abs(other - rate_hz) > 2e-3 * rate_hz:
+            raise UnusableInput(
+                f"{name} was flown at {other:g} Hz, {first} at {rate_hz:g} Hz; smooth them apart."
+            )
+    stated = [float(log.metadata["rate_hz"]) for log in logs.values() if "rate_hz" in log.metadata]
+    return stated[0] if stated else round(rate_hz, 2)
+
+
+def _episode(name: str, log: RunLog, one: MeasuredForce, rig: Rig) -> Episode:
+    force_sd_n = one.force_sd_n.astype(np.float32)[:, None]
+    return Episode(
+        name,
+        _observations(log, one, rig),
+        one.force_n.astype(np.float32)[:, None],
+        {"force_sd_n": force_sd_n, "t_s": log["t_s"][one.ticks].astype(np.float32)},
+    )
+
+
+def _observations(log: RunLog, one: MeasuredForce, rig: Rig) -> npt.NDArray[np.float32]:
+    """What the predictor saw, (T, 5): causal estimates, never smoothed ones.
+
+    A smoothed speed knows the force that is to be predicted from it. Where the log has no
+    estimates, those of the forward filter stand in.
+    """
+    x_m = _logged(log, "x_m", one, (log["steps"][one.ticks] + 0.5) / rig.stepper.steps_per_m)
+    vx_mps = _logged(log, "vx_mps", one, _backward_speed(log["t_s"][one.ticks], x_m))
+    z_m = _logged(log, "z_est_m", one, one.smoothed.causal_height_m)
+    vz_mps = _logged(log, "vz_est_mps", one, one.smoothed.causal_speed_mps)
+    low, high = rig.thrust.source.pulse_us[0], rig.thrust.source.pulse_us[-1]
+    throttle = np.clip((log["source_cmd_us"][one.ticks] - low) / (high - low), 0.0, 1.0)
+    columns = (-x_m, rig.source.height_m - z_m, vx_mps, vz_mps, throttle)
+    return np.stack(columns, axis=1).astype(np.float32)
+
+
+def _logged(log: RunLog, name: str, one: MeasuredForce, otherwise: FloatArray) -> FloatArray:
+    logged = log[name][one.ticks]
+    return np.where(np.isfinite(logged), logged, otherwise)
+
+
+def _backward_speed(t_s: FloatArray, x_m: FloatArray) -> FloatArray:
+    """Speed from the last three steps, so that one step of the motor is no jump."""
+    back = np.maximum(np.arange(len(t_s)) - 3, 0)
+    span_s = np.maximum(t_s - t_s[back], 1e-9)
+    return np.asarray((x_m - x_m[back]) / span_s)
+
+
+def _split(
+    found: Mapping[str, Sequence[Episode]], rate_hz: float
+) -> tuple[tuple[Episode, ...], dict[str, str]]:
+    """Episodes and the split they belong to: by file from three files on, else by time."""
+    flown = [name for name, episodes in found.items() if episodes]
+    if len(flown) >= len(SPLITS):
+        splits = dict(zip(flown, _file_splits(len(flown)), strict=True))
+        split = {e.name: splits[name] for name in flown for e in found[name]}
+        return tuple(e for name in flown for e in found[name]), split
+    blocks = [block for name in flown for e in found[name] for block in _blocks(e, rate_hz)]
+    if not any(where == "test" for _, where in blocks):
+        raise UnusableInput(
+            f"Fewer than {len(SPLITS)} files with less than {_SHORTEST_BLOCK_S / BLOCKS[-1]:.0f} s "
+            "in the air at a stretch cannot be split; fly longer or more often."
+        )
+    return tuple(e for e, _ in blocks), {e.name: where for e, where in blocks}
+
+
+def _file_splits(count: int) -> list[str]:
+    """For each file its split, at least one in each, spread over the order of flying."""
+    held_out = max(1, round(BLOCKS[-1] * count))
+    splits = ["train"] * count
+    spread = np.linspace(0, count, 2 * held_out + 1)[1:].astype(int) - 1
+    for place, where in zip(spread, ("validation", "test") * held_out, strict=True):
+        splits[place] = where
+    return splits
+
+
+def _blocks(episode: Episode, rate_hz: float) -> list[tuple[Episode, str]]:
+    """An episode cut into train, validation and test; whole into train when it is too short."""
+    total = len(episode)
+    if BLOCKS[-1] * total / rate_hz < _SHORTEST_BLOCK_S:
+        return [(episode, "train")]
+    ends = np.round(np.cumsum(BLOCKS) * total).astype(int)
+    starts = np.concatenate([[0], ends[:-1]])
+    return [
+        (_part(episode, slice(start, end), where), where)
+        for start, end, where in zip(starts, ends, SPLITS, strict=True)
+    ]
+
+
+def _part(episode: Episode, span: slice, where: str) -> Episode:
+    extras = {name: array[span] for name, array in episode.extras.items()}
+    name = f"{episode.name}-{where}"
+    return Episode(name, episode.observation[span], episode.force[span], extras)
+
+
+def _report(name: str, log: RunLog, of_log: Sequence[MeasuredForce], rig: Rig) -> LogReport:
+    force = np.concatenate([one.force_n for one in of_log]) if of_log else np.array([np.nan])
+    sd = np.concatenate([one.force_sd_n for one in of_log]) if of_log else np.array([np.nan])
+    return LogReport(
+        name=name,
+        seconds=float(sum(log["t_s"][o.ticks[-1]] - log["t_s"][o.ticks[0]] for o in of_log)),
+        outliers=sum(one.smoothed.rejected for one in of_log),
+        range_offset_m=range_offset(log, rig) if len(log) else 0.0,
+        force_rms_n=float(np.sqrt(np.mean(np.square(force)))),
+        force_sd_n=float(np.sqrt(np.mean(np.square(sd)))),
+        note=_note(log, of_log, rig),
+    )
+
+
+def _note(log: RunLog, of_log: Sequence[MeasuredForce], rig: Rig) -> str:
+    notes = []
+    if not of_log:
+        notes.append("nothing airborne")
+    if log.metadata.get("rig_sha256", rig.sha256) != rig.sha256:
+        notes.append("flown with another rig file")
+    if log.metadata.get("unfinished"):
+        notes.append("recording cut off")
+    if not (log.has("applied_time_s") and log.has("sufferer_applied_us")):
+        notes.append("no applied pulses: commands and the rig's latency used")
+    return "; ".join(notes)
+
+
+def _provenance(
+    rig: Rig, model: ForceModel, reports: Sequence[LogReport], sources: Mapping[str, str]
+) -> dict[str, JsonValue]:
+    told = [
+        {key: None if value != value else value for key, value in vars(report).items()}
+        for report in reports
+    ]
+    return {
+        "made_by": f"wakedeploy {wakedeploy.__version__} log smooth",
+        "sources": [row | {"sha256": sources.get(str(row["name"]))} for row in told],
+        "force_model": vars(model),
+        "rig_sha256": rig.sha256,
+        "rig_toml": rig.text,
+        "default_lead_s": rig.default_lead_s,
+    }

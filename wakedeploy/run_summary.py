@@ -1,0 +1,123 @@
+"""A recorded run in numbers: tracking, timing, modes, faults, what was lost."""
+
+from collections import Counter
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.runlog import FLYING, MODES, STAGES, RunLog
+
+FloatArray = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Spread:
+    """Median, 99th percentile and maximum of a series; NaN where nothing was recorded."""
+
+    p50: float
+    p99: float
+    max: float
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """What `log show` tells. Times in s, lengths in m, counts of ticks.
+
+    `tracking_rmse_m` is reference minus estimated height while flying, `true_tracking_rmse_m` the
+    same for the true height of a simulation. `overruns`: ticks that took longer than their period,
+    and ticks that could not begin. `dropped`: ticks that happened and could not be recorded.
+    """
+
+    ticks: int
+    duration_s: float
+    rate_hz: float
+    flying_s: float
+    tracking_rmse_m: float
+    tracking_max_m: float
+    true_tracking_rmse_m: float
+    overruns: int
+    dropped: int
+    round_trip_s: Spread
+    computing_s: Spread
+    stages_s: dict[str, Spread]
+    seconds_in_mode: dict[str, float]
+    faults: dict[str, int]
+    range_missing: int
+    range_repeated: int
+    notes: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """The numbers as plain dictionaries."""
+        spread = {name: vars(value) for name, value in self.stages_s.items()}
+        own = vars(self) | {"notes": list(self.notes), "stages_s": spread}
+        return own | {
+            "round_trip_s": vars(self.round_trip_s),
+            "computing_s": vars(self.computing_s),
+        }
+
+
+def summarise(log: RunLog) -> RunSummary:
+    """Sum up a run; a log without ticks gives zeros and NaN."""
+    period_s = 1.0 / log.rate_hz if len(log) > 1 or "rate_hz" in log.metadata else 0.0
+    error_m = (log["z_ref_m"] - log["z_est_m"])[log.flying]
+    true_m = (log["z_ref_m"] - log["true_z_m"])[log.flying] if "true_z_m" in log else error_m[:0]
+    modes = Counter(log["mode"])
+    stages = {stage: log[stage] for stage in STAGES}
+    computing_s = np.sum(list(stages.values()), axis=0)
+    dropped = int(log.metadata.get("dropped", 0))
+    return RunSummary(
+        ticks=len(log),
+        duration_s=float(np.ptp(log["t_s"])) + period_s if len(log) else 0.0,
+        rate_hz=float(np.ptp(log["tick"]) / np.ptp(log["t_s"])) if len(log) > 1 else float("nan"),
+        flying_s=sum(modes[mode] for mode in FLYING) * period_s,
+        tracking_rmse_m=_rms(error_m),
+        tracking_max_m=_spread(np.abs(error_m)).max,
+        true_tracking_rmse_m=_rms(true_m),
+        overruns=_overruns(log, computing_s, period_s, dropped),
+        dropped=dropped,
+        round_trip_s=_spread(log["round_trip_s"]),
+        computing_s=_spread(computing_s),
+        stages_s={name: _spread(values) for name, values in stages.items()},
+        seconds_in_mode={mode: modes[mode] * period_s for mode in MODES if modes[mode]},
+        faults=_faults(log),
+        range_missing=int(np.isnan(log["range_m"]).sum()),
+        range_repeated=int((log["range_repeats"] > 0).sum()),
+        notes=_notes(log),
+    )
+
+
+def _overruns(log: RunLog, computing_s: FloatArray, period_s: float, dropped: int) -> int:
+    """Ticks slower than a period, and gaps in time that are not the recorder's own losses."""
+    slow = computing_s > period_s
+    slow |= np.array(["overrun" in faults for faults in log["faults"]], dtype=bool)
+    steps = np.round(np.diff(log["t_s"]) / period_s) if period_s > 0.0 else np.zeros(0)
+    skipped = int(np.sum(np.maximum(steps - 1.0, 0.0)))
+    return int(slow.sum()) + max(0, skipped - dropped)
+
+
+def _faults(log: RunLog) -> dict[str, int]:
+    named = Counter(name for faults in log["faults"] for name in faults.split("+") if name)
+    return dict(named.most_common())
+
+
+def _notes(log: RunLog) -> tuple[str, ...]:
+    notes = []
+    if "unfinished" in log.metadata:
+        notes.append(log.metadata["unfinished"])
+    if "ignored_columns" in log.metadata:
+        notes.append(f"columns left out: {log.metadata['ignored_columns']}")
+    return tuple(notes)
+
+
+def _spread(values: FloatArray) -> Spread:
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return Spread(float("nan"), float("nan"), float("nan"))
+    return Spread(*(float(v) for v in np.percentile(known, (50, 99, 100))))
+
+
+def _rms(values: FloatArray) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else float("nan")
