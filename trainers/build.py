@@ -25,10 +25,11 @@ PARAMETER_BUDGET = 100_000  # trainable weights must stay below this (paper, § 
 
 @dataclass(frozen=True)
 class Architecture:
-    """A core and its hyper-parameters, both classes."""
+    """A core and its hyper-parameters, both classes, and the peak learning rate that suits it."""
 
     core: type[WakeModel]
     hyper: type[Any]
+    learning_rate: float = 3e-3
 
 
 ARCHITECTURES: dict[str, Architecture] = {
@@ -37,7 +38,7 @@ ARCHITECTURES: dict[str, Architecture] = {
     "delay-embedding": Architecture(DelayEmbedding, DelayEmbeddingHyper),
     "gru": Architecture(Gru, GruHyper),
     "tcn": Architecture(Tcn, TcnHyper),
-    "mamba": Architecture(Mamba, MambaHyper),
+    "mamba": Architecture(Mamba, MambaHyper, learning_rate=1e-2),
     "esn": Architecture(Esn, EsnHyper),
     "cross-attention": Architecture(CrossAttention, CrossAttentionHyper),
 }

@@ -25,10 +25,10 @@ class EsnHyper:
 
     neurons: int = 1000
     spectral_radius: float = 0.9
-    leak: float = 0.3
+    leak: float = 0.5
     density: float = 0.1
-    input_scale: float = 0.5
-    input_offset: float = 0.5
+    input_scale: float = 0.25
+    input_offset: float = 1.0
 
 
 class Esn(StateModel):

@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from trainers.build import hyper_parameters
+from trainers.build import ARCHITECTURES, hyper_parameters
 from trainers.esn import Esn
 from trainers.fit import Fit, FitSettings, Standing
 from trainers.model import Predictor
@@ -69,10 +69,22 @@ def configure(
             loss_weights=data.loss_weights,
             data_sha256=data.sha256,
             seed=seed,
-            settings=dataclasses.asdict(settings or FitSettings()),
+            settings=dataclasses.asdict(settings or settings_for(arch)),
         )
     except ValidationError as error:
         raise UnusableInput(f"This {data.domain} set: {first_problem(error)}.") from error
+
+
+def settings_for(
+    arch: str, *, epochs: int | None = None, learning_rate: float | None = None
+) -> FitSettings:
+    """How this architecture is fitted, where nothing else is asked for."""
+    usual = FitSettings(learning_rate=ARCHITECTURES[arch].learning_rate)
+    return dataclasses.replace(
+        usual,
+        epochs=usual.epochs if epochs is None else epochs,
+        learning_rate=usual.learning_rate if learning_rate is None else learning_rate,
+    )
 
 
 def train(

@@ -31,7 +31,9 @@ _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
     "--out", type=click.Path(file_okay=False, path_type=Path), default="runs", show_default=True
 )
 @click.option("--epochs", type=click.IntRange(1, 100_000), help="Default: 60.")
-@click.option("--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003.")
+@click.option(
+    "--learning-rate", type=click.FloatRange(1e-7, 1), help="Peak. Default: 0.003, Mamba 0.01."
+)
 @click.option(
     "--hyper",
     "hyper",
@@ -40,7 +42,11 @@ _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
     help="Change a hyper-parameter from its reference value; may be repeated.",
 )
 @click.option(
-    "--threads", type=click.IntRange(1, 256), help="CPU threads. Default: up to 2 of this machine."
+    "--threads",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="CPU threads; models this small rarely gain from a second, and lose on a busy machine.",
 )
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
@@ -53,7 +59,7 @@ def command(
     epochs: int | None,
     learning_rate: float | None,
     hyper: tuple[str, ...],
-    threads: int | None,
+    threads: int,
     fresh: bool,
     json_path: Path | None,
 ) -> None:
@@ -68,25 +74,31 @@ def command(
         wakedeploy train --data sets/fish --arch gru,delay-embedding \\
             --hyper delay-embedding.initial_delay_s=0.333
     """
-    from trainers.training import configure, train
+    import torch
+
+    from trainers.training import configure, settings_for, train
     from wakedeploy.episodes import read_episode_set
 
     names = _architectures(arch)
     overrides = _hyper(hyper, names)
-    _use_threads(threads)
+    torch.set_num_threads(threads)
     episodes = read_episode_set(data)
     lead_s = _lead(episodes, lead_s)
-    settings = _settings(epochs, learning_rate)
     configs = [
         configure(
-            episodes, name, seed=seed, lead_s=lead_s, hyper=overrides[name], settings=settings
+            episodes,
+            name,
+            seed=seed,
+            lead_s=lead_s,
+            hyper=overrides[name],
+            settings=settings_for(name, epochs=epochs, learning_rate=learning_rate),
         )
         for name in names
         for seed in range(seeds)
     ]
     runs = []
     for config in configs:
-        with progress(f"{config.arch} s{config.seed}", settings.epochs) as bar:
+        with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
             runs.append(train(config, episodes, out, on_epoch=bar.update, fresh=fresh))
     _report(runs, data, out, lead_s, json_path)
 
@@ -120,15 +132,6 @@ def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
     return overrides
 
 
-def _use_threads(asked: int | None) -> None:
-    """The models are too small to gain from more than two cores."""
-    import os
-
-    import torch
-
-    torch.set_num_threads(asked or min(2, len(os.sched_getaffinity(0))))
-
-
 def _lead(episodes: "EpisodeSet", asked_s: float | None) -> float:
     if asked_s is not None:
         return asked_s
@@ -136,13 +139,6 @@ def _lead(episodes: "EpisodeSet", asked_s: float | None) -> float:
     if not isinstance(stated, int | float) or isinstance(stated, bool):
         raise UnusableInput(f"{_LEAD_KEY} = {stated!r} in the set is no number; pass --lead.")
     return float(stated)
-
-
-def _settings(epochs: int | None, learning_rate: float | None) -> Any:
-    from trainers.fit import FitSettings
-
-    asked = {"epochs": epochs, "learning_rate": learning_rate}
-    return FitSettings(**{name: value for name, value in asked.items() if value is not None})  # type: ignore[arg-type]
 
 
 def _report(
