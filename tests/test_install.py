@@ -1,0 +1,123 @@
+"""The wheel and a base install: what a Raspberry Pi gets, in an environment of its own."""
+
+import json
+import os
+import subprocess
+import sys
+import venv
+import zipfile
+from pathlib import Path
+
+import pytest
+
+pytestmark = [pytest.mark.slow, pytest.mark.install]
+
+ROOT = Path(__file__).parents[1]
+PACKAGES = {"wakedeploy", "trainers", "export", "runtime"}
+ABSENT = ["torch", "onnx", "onnxscript", "optuna", "numba", "pandas", "safetensors", "plotly"]
+
+
+def run(*command: str | Path, cwd: Path, status: int = 0) -> str:
+    """Run a program away from the project's folder; its output, once it ended as expected."""
+    environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
+    ended = subprocess.run(
+        [str(part) for part in command],
+        cwd=cwd, env=environment, text=True, check=False, timeout=600,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+    )  # fmt: skip
+    assert ended.returncode == status, f"{command} ended with {ended.returncode}:\n{ended.stdout}"
+    return ended.stdout
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel of the files that git tracks: what stands in `build/` cannot leak into it."""
+    folder = tmp_path_factory.mktemp("wheel")
+    source = folder / "source"
+    tracked = run("git", "ls-files", "-z", cwd=ROOT).split("\0")
+    for name in filter(None, tracked):
+        if (ROOT / name).is_file():
+            (source / name).parent.mkdir(parents=True, exist_ok=True)
+            (source / name).write_bytes((ROOT / name).read_bytes())
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation"]
+    run(*pip, "--wheel-dir", folder, source, cwd=folder)
+    (built,) = folder.glob("*.whl")
+    return built
+
+
+@pytest.fixture(scope="module")
+def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The programs of an environment with the wheel and no extra, versions as locked."""
+    folder = tmp_path_factory.mktemp("base") / "venv"
+    venv.create(folder, with_pip=True)
+    pip = [folder / "bin" / "python", "-m", "pip", "install", "--quiet"]
+    run(*pip, "--constraint", ROOT / "constraints.txt", wheel, cwd=folder)
+    return folder / "bin"
+
+
+def test_the_wheel_holds_the_four_packages_and_nothing_else(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        names = archive.namelist()
+    tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
+    assert tops == PACKAGES
+    kinds = {Path(name).suffix for name in names if ".dist-info/" not in name}
+    assert kinds == {".py", ".toml", ".typed"}
+
+
+def test_every_module_is_in_the_wheel(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        packed = {name for name in archive.namelist() if name.endswith(".py")}
+    tracked = run("git", "ls-files", *PACKAGES, cwd=ROOT).split()
+    assert packed == {name for name in tracked if name.endswith(".py") and (ROOT / name).exists()}
+
+
+def test_the_base_install_is_small(base: Path, tmp_path: Path) -> None:
+    code = f"import importlib.util as u; print([n for n in {ABSENT} if u.find_spec(n)])"
+    assert run(base / "python", "-c", code, cwd=tmp_path).strip() == "[]"
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["", "data make gantry", "check", "run-gantry", "bench latency", "log show", "log export",
+     "log smooth", "rig show", "doctor"],
+)  # fmt: skip
+def test_each_command_of_the_pi_explains_itself(command: str, base: Path, tmp_path: Path) -> None:
+    assert "Usage:" in run(base / "wakedeploy", *command.split(), "--help", cwd=tmp_path)
+
+
+def test_the_doctor_finds_the_base_install_sound(base: Path, tmp_path: Path) -> None:
+    run(base / "wakedeploy", "doctor", "--json", "doctor.json", cwd=tmp_path)
+    assert json.loads((tmp_path / "doctor.json").read_text())["ok"]
+
+
+def test_training_says_what_to_install(base: Path, tmp_path: Path) -> None:
+    run(
+        base / "wakedeploy",
+        "data",
+        "make",
+        "gantry",
+        "--out",
+        "set",
+        "--minutes",
+        "1",
+        cwd=tmp_path,
+    )
+    train = [base / "wakedeploy", "train", "--data", "set", "--arch", "gru", "--out", "runs"]
+    told = run(*train, cwd=tmp_path, status=2)
+    assert "pip install 'wakedeploy[train]'" in told
+    assert "Traceback" not in told
+
+
+def test_the_virtual_gantry_flies_and_its_log_is_read(base: Path, tmp_path: Path) -> None:
+    fly = [base / "wakedeploy", "run-gantry", "--baseline", "--virtual", "--seconds", "6"]
+    run(*fly, "--log", "flight.mcap", cwd=tmp_path)
+    run(base / "wakedeploy", "log", "export", "flight.mcap", "--out", "flight.csv", cwd=tmp_path)
+    assert (tmp_path / "flight.csv").read_text().startswith("tick,t_s,range_m")
+
+
+def test_a_package_is_checked_without_torch(base: Path, tmp_path: Path, tiny_package) -> None:
+    from wakedeploy.package import write_package
+
+    write_package(tiny_package("state"), tmp_path / "tiny.onnx")
+    run(base / "wakedeploy", "check", "tiny.onnx", "--json", "check.json", cwd=tmp_path)
+    assert json.loads((tmp_path / "check.json").read_text())["ok"]
