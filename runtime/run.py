@@ -143,21 +143,33 @@ def _ranges(range_socket: Path | None, opened: ExitStack) -> RangeSource:
 
 
 def _recorder(request: RunRequest, package: Package | None) -> Recorder | None:
-    return Recorder(request.log, metadata(request, package)) if request.log else None
+    if request.log is None:
+        return None
+    told = metadata(
+        request.rig,
+        package,
+        seed=request.seed,
+        started=datetime.datetime.now(datetime.UTC),
+        simulated=request.port is None,
+    )
+    return Recorder(request.log, told)
 
 
-def metadata(request: RunRequest, package: Package | None) -> dict[str, str]:
+def metadata(
+    rig: Rig, package: Package | None, *, seed: int, started: datetime.datetime, simulated: bool
+) -> dict[str, str]:
     """What a run log says about its run."""
     return {
-        "rig_toml": request.rig.text,
-        "rig_sha256": request.rig.sha256,
+        "rig_toml": rig.text,
+        "rig_sha256": rig.sha256,
         "package_sha256": package.sha256 if package else "",
-        "seed": str(request.seed),
-        "started_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "lead_s": f"{package.manifest.lead_s:g}" if package else "",
+        "seed": str(seed),
+        "started_utc": started.isoformat(timespec="seconds"),
         "wakedeploy_version": wakedeploy.__version__,
         "python_version": platform.python_version(),
         "rate_hz": f"{LOOP_RATE_HZ:g}",
-        "simulated": "true" if request.port is None else "false",
+        "simulated": "true" if simulated else "false",
     }
 
 

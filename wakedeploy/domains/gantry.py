@@ -5,7 +5,6 @@ Out: a run log with the columns of a real flight, or an episode set cut from man
 """
 
 import datetime
-import platform
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -29,6 +28,7 @@ from runtime.pilot import (
 )
 from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, Reference, random_plan
+from runtime.run import metadata, require_fit
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.package import Package, read_package
@@ -46,6 +46,7 @@ from wakedeploy.runlog import RunLog
 WINDOW_S = 0.5
 EPISODE_S = 25.0
 _INNER_PER_TICK = round(INNER_RATE_HZ / LOOP_RATE_HZ)
+_NO_TIME = datetime.datetime.fromtimestamp(0, datetime.UTC)
 _COMPUTE_S = 0.002  # what the Pi takes between reading and writing
 
 Forecast = Callable[[GantryPlant, np.ndarray], float | None]
@@ -75,6 +76,7 @@ def record(
     Raises UnusableInput for a package that does not fit the loop, or package and oracle together.
     """
     truth = rig if rig is not None else default_rig()
+    model = model_rig if model_rig is not None else truth
     if package is not None and lead_oracle_s is not None:
         raise UnusableInput("Give a package or lead_oracle_s, not both.")
     plant = GantryPlant(
@@ -88,14 +90,17 @@ def record(
     opened = read_package(Path(package)) if isinstance(package, str | Path) else package
     flight = _Flight(
         truth,
-        model_rig if model_rig is not None else truth,
+        model,
         plant,
         plan if plan is not None else random_plan(truth, seconds, seed),
-        _forecast(opened, lead_oracle_s),
+        _forecast(opened, lead_oracle_s, model),
         opened.manifest.lead_s if opened is not None else lead_oracle_s or 0.0,
         seed,
     )
-    return RunLog.from_rows(flight.fly(), _metadata(truth, opened, lead_oracle_s, seed))
+    # A simulated flight happens at no time of day: the same seed gives the same file.
+    told = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
+    oracle = {} if lead_oracle_s is None else {"lead_oracle_s": f"{lead_oracle_s:g}"}
+    return RunLog.from_rows(flight.fly(), told | oracle)
 
 
 class _Flight:
@@ -115,7 +120,8 @@ class _Flight:
         self._pilot, self._mcu = Pilot(model, lead_s), Mcu(truth)
         self._state = self._pilot.initial(0.0)
         self._preview_s = model.default_lead_s
-        self._outputs = Outputs(*(2 * (truth.limits.pulse_us[0],)), 0.0)
+        idle_us = truth.limits.pulse_us[0]
+        self._outputs = Outputs(idle_us, idle_us, 0.0)
         self._under_way: deque[tuple[float, int, Command]] = deque()
         self._clock = np.random.default_rng(np.random.SeedSequence([seed, 2]))
         self._reported: dict[str, LogValue] = {}
@@ -198,50 +204,25 @@ class _Flight:
         }
 
 
-def _forecast(package: Package | None, lead_oracle_s: float | None) -> Forecast:
+def _forecast(package: Package | None, lead_oracle_s: float | None, rig: Rig) -> Forecast:
     """Where the feedforward's force comes from: nowhere, the truth, or a package."""
     if lead_oracle_s is not None:
         lead_s = lead_oracle_s
         return lambda plant, _: plant.wake_force_ahead(lead_s)
     if package is None:
         return lambda *_: None
-    return _from_package(package)
+    return _from_package(package, rig)
 
 
-def _from_package(package: Package) -> Forecast:
+def _from_package(package: Package, rig: Rig) -> Forecast:
+    require_fit(package.manifest, rig, allow_lead_mismatch=True)
     predictor = PackagePredictor(package)
-    if abs(predictor.manifest.rate_hz - LOOP_RATE_HZ) > 1e-6:
-        raise UnusableInput(
-            f"The package runs at {predictor.manifest.rate_hz:g} Hz, the gantry's loop at "
-            f"{LOOP_RATE_HZ:g} Hz; train one on gantry data."
-        )
-    names = tuple(channel.name for channel in predictor.manifest.observation)
-    if names != tuple(name for name, _ in OBSERVATION):
-        raise UnusableInput(f"The package observes {', '.join(names)}: it is not for the gantry.")
 
     def forecast(_: GantryPlant, observed: np.ndarray) -> float | None:
         force_n = float(predictor.step(observed)[0])
         return force_n if predictor.ready else None
 
     return forecast
-
-
-def _metadata(
-    rig: Rig, package: Package | None, lead_oracle_s: float | None, seed: int
-) -> dict[str, str]:
-    return {
-        "rig_toml": rig.text,
-        "rig_sha256": rig.sha256,
-        "package_sha256": package.manifest.graph_sha256 if package else "",
-        "lead_oracle_s": "" if lead_oracle_s is None else f"{lead_oracle_s:g}",
-        "seed": str(seed),
-        # A simulated flight happens at no time of day; the same seed gives the same file.
-        "started_utc": datetime.datetime.fromtimestamp(0, datetime.UTC).isoformat(),
-        "wakedeploy_version": wakedeploy.__version__,
-        "python_version": platform.python_version(),
-        "rate_hz": f"{LOOP_RATE_HZ:g}",
-        "simulated": "true",
-    }
 
 
 def episode_from_log(log: RunLog, rig: Rig, name: str) -> Episode:
