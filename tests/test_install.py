@@ -109,8 +109,8 @@ def test_training_says_what_to_install(base: Path, tmp_path: Path) -> None:
 
 
 def test_the_virtual_gantry_flies_and_its_log_is_read(base: Path, tmp_path: Path) -> None:
-    fly = [base / "wakedeploy", "run-gantry", "--baseline", "--virtual", "--seconds", "6"]
-    run(*fly, "--log", "flight.mcap", cwd=tmp_path)
+    fly = ["run-gantry", "--baseline", "--virtual", "--seconds", "6", "--log", "flight.mcap"]
+    run(base / "wakedeploy", *fly, cwd=tmp_path)
     run(base / "wakedeploy", "log", "export", "flight.mcap", "--out", "flight.csv", cwd=tmp_path)
     assert (tmp_path / "flight.csv").read_text().startswith("tick,t_s,range_m")
 

@@ -1,7 +1,6 @@
 """`wakedeploy doctor`: what this machine can and cannot do, with the fix for each."""
 
 import glob
-import importlib.metadata
 import os
 import re
 import shutil
@@ -131,8 +130,10 @@ CHECKS: Sequence[Callable[[], list[Finding]]] = (
 
 def _required(extra: str) -> list[str]:
     """The names of the libraries that the installed package requires, or one of its extras does."""
+    from importlib.metadata import requires  # takes longer to load than the rest of --help
+
     wanted = []
-    for requirement in importlib.metadata.requires("wakedeploy") or ():
+    for requirement in requires("wakedeploy") or ():
         name = re.match(r"[A-Za-z0-9._-]+", requirement)
         group = re.search(r"extra == ['\"](\w+)['\"]", requirement)
         if name and (group[1] if group else "") == extra:
@@ -141,9 +142,11 @@ def _required(extra: str) -> list[str]:
 
 
 def _version(library: str) -> str | None:
+    from importlib import metadata
+
     try:
-        return importlib.metadata.version(library)
-    except importlib.metadata.PackageNotFoundError:
+        return metadata.version(library)
+    except metadata.PackageNotFoundError:
         return None
 
 

@@ -6,8 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.files import write_text_whole
-
 _UNLIMITED_WIDTH = 10_000
 
 
@@ -60,6 +58,8 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
 def write_json(path: Path, result: Any) -> None:
     """Write a result as JSON, whole or not at all; NaN and infinity become null."""
+    from wakedeploy.files import write_text_whole
+
     text = json.dumps(_finite(result), indent=2, allow_nan=False)
     write_text_whole(path, text + "\n")
 
