@@ -276,10 +276,12 @@ class Loop:
         }
 
     def _record(self, row: Row, tick: Tick) -> None:
+        overran = self._clock.monotonic() > tick.start_s + PERIOD_S
+        if overran:
+            row["faults"] = "+".join(filter(None, (str(row["faults"]), "overrun")))
         if self._recorder is not None:
             # What only some rigs know is no column of the others' logs, rather than an empty one.
             self._recorder.put({name: value for name, value in row.items() if value is not None})
-        overran = self._clock.monotonic() > tick.start_s + PERIOD_S
         self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
 
 

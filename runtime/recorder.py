@@ -129,9 +129,10 @@ def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
 
 
 def _yield_to_the_loop() -> None:
-    """Leave a real-time class that the thread may have inherited from the loop."""
-    if hasattr(os, "sched_setscheduler"):
-        try:
-            os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
-        except OSError:
-            return  # already in the ordinary class, or forbidden to change: both do no harm
+    """Take the lowest real-time priority where the thread has inherited the loop's.
+
+    The ordinary class would be worse than none: another program could push the thread aside while
+    it holds the interpreter's lock, and the loop would wait for both.
+    """
+    if hasattr(os, "SCHED_FIFO") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))

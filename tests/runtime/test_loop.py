@@ -1,5 +1,6 @@
 """The loop in real time against plant and MCU in the same process, failures included."""
 
+import itertools
 import math
 
 import numpy as np
@@ -268,6 +269,23 @@ def test_a_recording_that_fails_and_a_limit_that_is_left_end_the_flight():
     assert fly(World(), during=at_tick(20, full))[0].failsafe_cause == ("recorder_failed",)
     shifted = World(sensor_hook=lambda t, z, steps: (z, steps + (8400 if t > 1.0 else 0)))
     assert fly(shifted)[0].failsafe_cause == ("x_limit",)
+
+
+def test_a_slow_tick_is_counted_logged_and_not_repaid():
+    world, rows = World(), Rows()
+    send, stalls = world.send, iter([True])
+
+    def stalling(command):
+        if len(rows.rows) == 20 and next(stalls, False):
+            world.now_s += 0.045
+        return send(command)
+
+    world.send = stalling
+    tally = Loop(RIG, world, world, hold_plan(RIG, 1.0, 0.4, 1400.0), None, rows, world).run()
+    ticks = rows.column("tick")
+    assert [b - a for a, b in itertools.pairwise(ticks) if b - a > 1] == [2]
+    assert [row["tick"] for row in rows.rows if "overrun" in row["faults"]] == [20]
+    assert tally.overruns == 2  # the slow one and the one that could not begin
 
 
 def test_limits_cross_the_wire_in_its_units():
