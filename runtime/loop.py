@@ -16,13 +16,14 @@ from runtime.estimator import Measurement
 from runtime.link import Answer, Link
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
-from runtime.protocol import TIME_WRAP_US, Arm
+from runtime.protocol import TIME_WRAP_US, Arm, Status
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
 from runtime.realtime import Clock, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Gate, Mode, SafetyState
 from runtime.tally import Tally
+from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
@@ -105,8 +106,13 @@ class Loop:
         return self._safety.cause
 
     def run(self) -> Tally:
-        """Arm, fly, come to rest. The motors are idle when it returns or raises."""
-        self._boot = self._link.arm(arm_limits(self._rig)).boot
+        """Arm, fly, come to rest. The motors are idle when it returns or raises.
+
+        Raises UnusableInput when the carriage is not at home: steps are counted from there.
+        """
+        armed = self._link.arm(arm_limits(self._rig))
+        self._require_home(armed)
+        self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
         self._origin_s = self._range_seen_s = self._clock.monotonic()
         self._state = self._pilot.initial(0.0)
@@ -118,6 +124,14 @@ class Loop:
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
         return self.tally
+
+    def _require_home(self, armed: Status) -> None:
+        if not armed.homed:
+            self._link.disarm()
+            raise UnusableInput(
+                "The carriage is not at its home mark, from where its steps are counted; push it "
+                "there and start again."
+            )
 
     def _tick(self, tick: Tick) -> None:
         """The order of everything."""

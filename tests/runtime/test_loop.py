@@ -13,6 +13,7 @@ from runtime.protocol import Frame, FrameDecoder, Hello, encode_frame
 from runtime.range_source import RangeReading
 from runtime.reference import hold_plan
 from runtime.virtual.mcu_port import McuPort
+from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig
 
@@ -286,6 +287,15 @@ def test_a_slow_tick_is_counted_logged_and_not_repaid():
     assert [b - a for a, b in itertools.pairwise(ticks) if b - a > 1] == [2]
     assert [row["tick"] for row in rows.rows if "overrun" in row["faults"]] == [20]
     assert tally.overruns == 2  # the slow one and the one that could not begin
+
+
+def test_nothing_flies_from_a_carriage_that_is_not_at_home():
+    world = World()
+    world.plant.x_m = 0.2
+    with pytest.raises(UnusableInput, match="home mark"):
+        fly(world)
+    assert world.disarmed
+    assert world.commands == []
 
 
 def test_limits_cross_the_wire_in_its_units():
