@@ -1,0 +1,42 @@
+"""`data make` and `data show`: a set is made, described in words and numbers, and told as JSON."""
+
+import json
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from wakedeploy.cli import main
+from wakedeploy.episodes import read_episode_set
+
+
+def test_a_gantry_set_is_made_and_described(tmp_path: Path) -> None:
+    out, told = tmp_path / "gantry", tmp_path / "made.json"
+    make = ["data", "make", "gantry", "--out", str(out), "--minutes", "1.25", "--seed", "3"]
+    assert CliRunner().invoke(main, [*make, "--json", str(told)]).exit_code == 0
+    made = read_episode_set(out)
+    assert made.domain == "gantry"
+    assert set(made.split.values()) == {"train", "validation", "test"}
+    shown = CliRunner().invoke(main, ["data", "show", str(out), "--json", str(tmp_path / "s.json")])
+    assert shown.exit_code == 0
+    assert "force_z_n" in shown.output
+    described = json.loads((tmp_path / "s.json").read_text())
+    assert described == json.loads(told.read_text())
+    assert described["sha256"] == made.sha256
+    assert sum(part["episodes"] for part in described["splits"]) == len(made.episodes)
+
+
+def test_what_is_no_set_is_told_in_one_line(tmp_path: Path) -> None:
+    (tmp_path / "dataset.json").write_text("[]")
+    result = CliRunner().invoke(main, ["data", "show", str(tmp_path)])
+    assert result.exit_code == 2
+    assert "dataset.json: is not the description of an episode set" in result.stderr
+
+
+def test_an_unusable_rig_or_folder_leaves_nothing(tmp_path: Path) -> None:
+    rig, out = tmp_path / "rig.toml", tmp_path / "out"
+    rig.write_text("schema = 99\n")
+    make = ["data", "make", "gantry", "--out", str(out), "--minutes", "1"]
+    result = CliRunner().invoke(main, [*make, "--rig", str(rig)])
+    assert result.exit_code == 2
+    assert "schema 99 is newer" in result.stderr
+    assert not out.exists()
