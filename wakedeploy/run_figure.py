@@ -27,7 +27,7 @@ def draw_run(log: RunLog, summary: RunSummary, title: str) -> "Figure":
         _timing(axes[4], log, summary)
         for panel in axes:
             _shade_modes(panel, log)
-        if len(log):
+        if len(log) > 1:
             axes[-1].set_xlim(log["t_s"][0], log["t_s"][-1])
         axes[-1].set_xlabel("time [s]")
         drawn.align_ylabels(axes)

@@ -23,7 +23,10 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import RunLog
 
-BLOCKS = (0.7, 0.15, 0.15)  # train, validation, test: of the files, or of each stretch's time
+HELD_OUT = 0.15  # of the files, or of a stretch's time, for validation and as much for test
+# How a stretch is cut where there are too few files: the test lies in mid-flight, because landing,
+# which comes last, meets little wake.
+_BLOCKS = (("train", 0.35), ("test", HELD_OUT), ("train", 0.35), ("validation", HELD_OUT))
 _SHORTEST_BLOCK_S = 2.0 * WINDOW_S
 
 FloatArray = npt.NDArray[np.float64]
@@ -166,7 +169,7 @@ def _split(
     blocks = [block for name in flown for e in found[name] for block in _blocks(e, rate_hz)]
     if not any(where == "test" for _, where in blocks):
         raise UnusableInput(
-            f"Fewer than {len(SPLITS)} files with less than {_SHORTEST_BLOCK_S / BLOCKS[-1]:.0f} s "
+            f"Fewer than {len(SPLITS)} files with less than {_SHORTEST_BLOCK_S / HELD_OUT:.0f} s "
             "in the air at a stretch cannot be split; fly longer or more often."
         )
     return tuple(e for e, _ in blocks), {e.name: where for e, where in blocks}
@@ -174,7 +177,7 @@ def _split(
 
 def _file_splits(count: int) -> list[str]:
     """For each file its split, at least one in each, spread over the order of flying."""
-    held_out = max(1, round(BLOCKS[-1] * count))
+    held_out = max(1, round(HELD_OUT * count))
     splits = ["train"] * count
     spread = np.linspace(0, count, 2 * held_out + 1)[1:].astype(int) - 1
     for place, where in zip(spread, ("validation", "test") * held_out, strict=True):
@@ -183,21 +186,20 @@ def _file_splits(count: int) -> list[str]:
 
 
 def _blocks(episode: Episode, rate_hz: float) -> list[tuple[Episode, str]]:
-    """An episode cut into train, validation and test; whole into train when it is too short."""
+    """An episode cut into the splits' blocks; whole into train when it is too short."""
     total = len(episode)
-    if BLOCKS[-1] * total / rate_hz < _SHORTEST_BLOCK_S:
+    if HELD_OUT * total / rate_hz < _SHORTEST_BLOCK_S:
         return [(episode, "train")]
-    ends = np.round(np.cumsum(BLOCKS) * total).astype(int)
+    ends = np.round(np.cumsum([share for _, share in _BLOCKS]) * total).astype(int)
     starts = np.concatenate([[0], ends[:-1]])
     return [
-        (_part(episode, slice(start, end), where), where)
-        for start, end, where in zip(starts, ends, SPLITS, strict=True)
+        (_part(episode, slice(start, end), f"{episode.name}-{n}"), where)
+        for n, ((where, _), start, end) in enumerate(zip(_BLOCKS, starts, ends, strict=True), 1)
     ]
 
 
-def _part(episode: Episode, span: slice, where: str) -> Episode:
-    extras = {name: array[span] for name, array in episode.extras.items()}
-    name = f"{episode.name}-{where}"
+def _part(episode: Episode, span: slice, name: str) -> Episode:
+    extras = {key: array[span] for key, array in episode.extras.items()}
     return Episode(name, episode.observation[span], episode.force[span], extras)
 
 

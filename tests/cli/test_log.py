@@ -1,0 +1,106 @@
+"""`wakedeploy log` from the command line, on simulated flights."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from wakedeploy.cli import main
+from wakedeploy.domains.gantry import record
+from wakedeploy.episodes import read_episode_set
+from wakedeploy.runlog import read_run_log
+
+
+def run(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("flights")
+    paths = [folder / f"flight{n}.mcap" for n in range(3)]
+    for seed, path in enumerate(paths):
+        record(None, seconds=12, seed=seed).write_mcap(path)
+    return paths
+
+
+def test_show_tells_and_draws(flights: list[Path], tmp_path: Path) -> None:
+    done = run("log", "show", *flights, "--json", tmp_path / "runs.json")
+    assert done.exit_code == 0, done.output
+    assert "Tracking RMSE" in done.output
+    runs = json.loads((tmp_path / "runs.json").read_text())["runs"]
+    assert [Path(row["file"]).name for row in runs] == [path.name for path in flights]
+    assert 0.001 < runs[0]["tracking_rmse_m"] < 0.2
+    assert runs[0]["seconds_in_mode"] == {"ARMED": 6.0, "RUNNING": 12.0}
+    for path in flights:
+        assert path.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_picture_goes_where_it_is_told(flights: list[Path], tmp_path: Path) -> None:
+    assert run("log", "show", flights[0], "--png", tmp_path / "a.png").exit_code == 0
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    done = run("log", "show", *flights, "--png", tmp_path / "a.png")
+    assert done.exit_code == 2
+    flights[0].with_suffix(".png").unlink(missing_ok=True)
+    assert run("log", "show", flights[0], "--no-picture").exit_code == 0
+    assert not flights[0].with_suffix(".png").exists()
+
+
+def test_a_cut_off_recording_is_shown_with_a_note(flights: list[Path], tmp_path: Path) -> None:
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(flights[0].read_bytes()[:60_000])
+    done = run("log", "show", cut, "--no-picture")
+    assert done.exit_code == 0
+    assert "cut off" in done.output
+
+
+def test_export_gives_the_same_log_as_csv(flights: list[Path], tmp_path: Path) -> None:
+    done = run("log", "export", flights[0], "--csv", tmp_path / "flight.csv")
+    assert done.exit_code == 0, done.output
+    given, told = read_run_log(flights[0]), read_run_log(tmp_path / "flight.csv")
+    for name in given.columns:
+        np.testing.assert_array_equal(given[name], told[name])
+    assert given.metadata == told.metadata
+
+
+def test_smooth_makes_a_set_with_ceiling(flights: list[Path], tmp_path: Path) -> None:
+    made, told = tmp_path / "set", tmp_path / "told.json"
+    done = run("log", "smooth", *flights, "--out", made, "--json", told)
+    assert done.exit_code == 0, done.output
+    assert "Label noise leaves an R² of" in done.output
+    episodes = read_episode_set(made)
+    assert sorted(episodes.split.values()) == ["test", "train", "validation"]
+    result = json.loads(told.read_text())
+    assert 0.5 < result["r2_ceiling"] < 1.0
+    assert result["sha256"] == episodes.sha256
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["show", "{missing}"], "no such run log"),
+        (["show", "{foreign}"], "not an MCAP run log"),
+        (["smooth", "{foreign}", "--out", "{out}"], "not an MCAP run log"),
+        (["smooth", "{flight}", "{flight}", "--out", "{out}"], "given twice"),
+        (["smooth", "{flight}", "--rig", "{foreign}", "--out", "{out}"], "foreign.mcap"),
+        (["export", "{flight}", "--csv", "{out}"], "ends in .csv"),
+    ],
+)
+def test_unusable_input_is_one_sentence_and_status_2(
+    flights: list[Path], tmp_path: Path, arguments: list[str], message: str
+) -> None:
+    foreign = tmp_path / "foreign.mcap"
+    foreign.write_bytes(b"not a recording")
+    places = {
+        "missing": tmp_path / "missing.mcap",
+        "foreign": foreign,
+        "flight": flights[0],
+        "out": tmp_path / "out",
+    }
+    done = run("log", *(argument.format(**places) for argument in arguments))
+    assert done.exit_code == 2
+    assert message in done.output
+    assert len(done.output.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
