@@ -220,7 +220,7 @@ def test_a_damaged_file_is_refused_or_read_but_never_a_surprise(
 
 
 def real_recordings() -> Path:
-    root = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[4] / "shared" / "data"))
+    root = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared" / "data"))
     if not (root / "fish").is_dir():
         pytest.skip(f"no fish recordings in {root}; set WAKEDEPLOY_DATA")
     return root / "fish"
