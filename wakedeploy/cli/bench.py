@@ -1,0 +1,147 @@
+"""`wakedeploy bench`: what the loop costs on this machine."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import CheckFailed
+
+if TYPE_CHECKING:
+    from runtime.bench import BenchRow
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.group()
+def command() -> None:
+    """Measure this machine against the loop's budget.
+
+    \b
+    Example:
+        wakedeploy bench latency gru.onnx
+    """
+
+
+@command.command()
+@click.argument("files", nargs=-1, type=_FILE)
+@click.option("--ticks", type=click.IntRange(64), default=3200, show_default=True, help="A row.")
+@click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core.")
+@click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
+@click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+@click.option("--json", "json_path", type=_FILE, help="Also write as JSON.")
+def latency(
+    files: Sequence[Path],
+    ticks: int,
+    realtime: bool,
+    busy: bool,
+    rig_path: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Time the loop with each of FILES, paced at 32 Hz, from measurement to command written.
+
+    The virtual gantry sits at the other end of the port. Without FILES: all eight architectures at
+    their reference shapes, untrained, which needs wakedeploy[train]. Exit status 1 when p99.9
+    misses the budget; below 3,000 ticks the maximum is judged and the verdict is preliminary.
+
+    \b
+    Example:
+        wakedeploy bench latency gru.onnx --realtime
+    """
+    from runtime.bench import bench_latency, budget_ms
+    from wakedeploy.rig import default_rig, read_rig
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    with tempfile.TemporaryDirectory() as folder:
+        packages = files or _reference_packages(Path(folder))
+        with progress("Flying at 32 Hz", len(packages) * ticks) as bar:
+            rows = bench_latency(
+                packages, ticks=ticks, realtime=realtime, busy=busy, rig=rig, progress=bar.update
+            )
+    budget = budget_ms(rig)
+    _tell(rows, budget)
+    if json_path:
+        write_json(json_path, as_json(rows, budget))
+    _judge(rows, budget)
+
+
+def as_json(rows: "Sequence[BenchRow]", budget_ms: float) -> dict[str, Any]:
+    """The result for other programs."""
+    names = ("arch", "p50_ms", "p99_ms", "p999_ms", "max_ms", "cpu_percent", "rss_mb")
+    told = [
+        {name: getattr(row, name) for name in (*names, "first_call_ms")}
+        | {"within_budget": row.within(budget_ms)}
+        for row in rows
+    ]
+    return {"budget_ms": budget_ms, "rows": told}
+
+
+def _reference_packages(folder: Path) -> list[Path]:
+    from export.reference import write_reference_packages
+
+    return write_reference_packages(folder)
+
+
+def _tell(rows: "Sequence[BenchRow]", budget_ms: float) -> None:
+    columns = [
+        "",
+        "ticks",
+        "p50",
+        "p99",
+        "p99.9",
+        "max",
+        "CPU %",
+        "RSS MB",
+        "first call",
+        "overruns",
+    ]
+    totals = [
+        [
+            row.arch,
+            str(row.ticks),
+            f"{row.p50_ms:.2f}",
+            f"{row.p99_ms:.2f}",
+            "-" if row.is_preliminary else f"{row.p999_ms:.2f}",
+            f"{row.max_ms:.2f}",
+            f"{row.cpu_percent:.1f}",
+            f"{row.rss_mb:.0f}",
+            f"{row.first_call_ms:.1f}",
+            str(row.overruns),
+        ]
+        for row in rows
+    ]
+    print_table(
+        f"Measurement received → command written, ms (budget {budget_ms:.2f})", columns, totals
+    )
+    stages = [_stage_row(row, stage) for row in rows for stage in row.stages_ms]
+    print_table("Stage by stage, ms", ["", "stage", "p50", "p99", "p99.9", "max"], stages)
+
+
+def _stage_row(row: "BenchRow", stage: str) -> list[str]:
+    spread = row.stages_ms[stage]
+    name = stage.removeprefix("t_").removesuffix("_s")
+    p999 = "-" if row.is_preliminary else f"{spread['p999']:.3f}"
+    return [
+        row.arch,
+        name,
+        f"{spread['p50']:.3f}",
+        f"{spread['p99']:.3f}",
+        p999,
+        f"{spread['max']:.3f}",
+    ]
+
+
+def _judge(rows: "Sequence[BenchRow]", budget_ms: float) -> None:
+    """Say the verdict; CheckFailed names what missed the budget."""
+    word = "Preliminary verdict" if any(row.is_preliminary for row in rows) else "Verdict"
+    measure = "maximum" if any(row.is_preliminary for row in rows) else "p99.9"
+    missed = [row.arch for row in rows if not row.within(budget_ms)]
+    if missed:
+        raise CheckFailed(
+            f"{word}: {', '.join(missed)} missed the budget of {budget_ms:.2f} ms ({measure}); try "
+            "--realtime, and see `wakedeploy doctor`."
+        )
+    click.echo(f"{word}: within the budget of {budget_ms:.2f} ms ({measure}).")
