@@ -173,6 +173,11 @@ def read_episode_set(folder: Path) -> EpisodeSet:
     return read
 
 
+def stated_sha256(folder: Path) -> str:
+    """The content hash that a set's description states, its arrays unread and unchecked."""
+    return _read_document(folder / DESCRIPTION).sha256
+
+
 # --- checks -------------------------------------------------------------------------------------
 
 

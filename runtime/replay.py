@@ -1,0 +1,89 @@
+"""What can be proved about a package without torch: its example rollout, and its runner's manners.
+
+In: a package. Out: a `Replay`, or CheckFailed in one sentence. `export` uses the same comparison
+over far more steps.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from runtime.predictor import PackagePredictor
+from wakedeploy.errors import CheckFailed
+from wakedeploy.package import FloatArray, Package
+
+_SHORT = 64  # steps of the checks that compare the runner with itself
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Worst difference between two force series; `channel` indexes the one with the largest."""
+
+    max_abs: float
+    max_rel: float
+    channel: int
+    step: int
+
+
+@dataclass(frozen=True)
+class Replay:
+    """How the example rollout came out."""
+
+    difference: Difference
+    steps: int
+
+
+def compare(force: FloatArray, reference: FloatArray) -> Difference:
+    """max|Δ| over max|reference| per output channel, (T, o) each; NaN anywhere counts as infinite.
+
+    A channel whose reference is zero throughout is compared absolutely.
+    """
+    apart = np.abs(np.asarray(force, np.float64) - np.asarray(reference, np.float64))  # (T, o)
+    apart = np.where(np.isfinite(apart), apart, np.inf)
+    size = np.max(np.abs(np.asarray(reference, np.float64)), axis=0)  # (o,)
+    relative = np.max(apart, axis=0) / np.where(size > 0.0, size, 1.0)  # (o,)
+    channel = int(np.argmax(relative))
+    step = int(np.argmax(apart[:, channel]))
+    return Difference(float(np.max(apart)), float(relative[channel]), channel, step)
+
+
+def rolled_out(predictor: PackagePredictor, observations: FloatArray) -> FloatArray:
+    """Forces (T, o) from a cold start over observations (T, d)."""
+    predictor.reset()
+    return np.stack([predictor.step(observation) for observation in observations])
+
+
+def replay(package: Package) -> Replay:
+    """Repeat every check that needs no torch; CheckFailed names the first that fails."""
+    predictor = PackagePredictor(package)
+    example, manifest = package.example, package.manifest
+    difference = compare(rolled_out(predictor, example.observation), example.force)
+    if difference.max_rel > manifest.parity.limit:
+        name = manifest.force[difference.channel].name
+        raise CheckFailed(
+            f"The example rollout differs from its record in {name} at step {difference.step}: "
+            f"relative {difference.max_rel:.1e}, limit {manifest.parity.limit:.1e}; onnxruntime "
+            "computes this graph differently here: do not fly it, make it again."
+        )
+    require_manners(package, example.observation)
+    return Replay(difference, len(example.observation))
+
+
+def require_manners(package: Package, observations: FloatArray) -> None:
+    """CheckFailed unless reset forgets, two runners do not interact and batches keep apart."""
+    series = observations[:_SHORT]
+    alone = PackagePredictor(package)
+    first, again = rolled_out(alone, series), rolled_out(alone, series)
+    if not np.array_equal(first, again):
+        raise CheckFailed("A reset does not bring the package back to its initial state.")
+    one, other = PackagePredictor(package), PackagePredictor(package)
+    mixed = []
+    for observation in series:
+        mixed.append(one.step(observation))
+        other.step(-observation)
+    if not np.array_equal(first, np.stack(mixed)):
+        raise CheckFailed("Two runners of the package change each other's forces.")
+    both = PackagePredictor(package, batch=2)
+    pairs = np.stack([both.step(np.stack([-o, o]))[1] for o in series])
+    if compare(pairs, first).max_rel > package.manifest.parity.limit:
+        raise CheckFailed("In a batch, one series of the package changes another's forces.")

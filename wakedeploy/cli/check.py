@@ -1,0 +1,54 @@
+"""`wakedeploy check`: every promise of a package that can be tried without torch."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.errors import CheckFailed
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("file", type=_FILE)
+@click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
+def command(file: Path, json_path: Path | None) -> None:
+    """Verify the package FILE on this machine: manifest, hash, signature, rollout, manners.
+
+    Its example rollout is replayed and compared with what the training-time forward gave. Exit
+    status 1 when a check fails, 2 when FILE is no usable package.
+
+    \b
+    Example:
+        wakedeploy check gru.onnx --json check.json
+    """
+    from runtime.replay import replay
+    from wakedeploy.package import read_package
+
+    package = read_package(file)
+    manifest = package.manifest
+    result: dict[str, Any] = {"arch": manifest.arch, "trainable": manifest.trainable}
+    exported = manifest.parity.model_dump(include={"max_abs", "max_rel", "steps"})
+    try:
+        replayed = replay(package)
+    except CheckFailed as error:
+        _write(json_path, {"ok": False} | result | {"parity": exported, "why": str(error)})
+        raise
+    difference = replayed.difference
+    rows = [
+        ["manifest, hash and signature", "agree"],
+        ["reset, two runners, a batch", "keep apart"],
+        ["example rollout here", f"{difference.max_rel:.1e} over {replayed.steps} steps"],
+        ["parity when exported", f"{exported['max_rel']:.1e} over {exported['steps']} steps"],
+        ["limit", f"{manifest.parity.limit:.1e}"],
+    ]
+    print_table(f"{file}: {manifest.arch} for {manifest.domain}, as promised", ["", ""], rows)
+    here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}
+    _write(json_path, {"ok": True} | result | {"parity": exported, "replay": here})
+
+
+def _write(path: Path | None, result: dict[str, Any]) -> None:
+    if path:
+        write_json(path, result)

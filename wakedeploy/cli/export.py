@@ -1,0 +1,76 @@
+"""`wakedeploy export`: a trained run as one checked .onnx file."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wakedeploy.cli.output import print_table
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.package import Package
+
+_DEPTH = 4  # how many folders down the set of a run is looked for
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+@click.command()
+@click.option("--arch", required=True, help="One of the eight names.")
+@click.option("--run", "run", type=_FOLDER, help="A run's folder. Default: the newest of ARCH.")
+@click.option(
+    "--runs", type=_FOLDER, default=Path("runs"), show_default=True, help="Where to look for it."
+)
+@click.option("--data", type=_FOLDER, help="Episodes to prove parity on. Default: the run's own.")
+@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Default: ARCH.onnx.")
+def command(arch: str, run: Path | None, runs: Path, data: Path | None, out: Path | None) -> None:
+    """Turn a trained predictor into one self-contained file that the Pi runs.
+
+    The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
+    difference above the limit leaves no file and exits with 1.
+
+    \b
+    Example:
+        wakedeploy export --arch gru
+        wakedeploy export --arch gru --run runs/gantry/gru/s0 --out gru.onnx
+    """
+    from export.packaging import export_run
+    from trainers.runs import load_run, newest_run
+
+    chosen = run or newest_run(runs, arch)
+    trained = load_run(chosen)
+    if trained.config.arch != arch:
+        raise UnusableInput(f"{chosen} holds a {trained.config.arch}, not a {arch}.")
+    click.echo(f"Exporting {chosen}, finished {trained.metrics.finished_utc}.")
+    path = out or Path(f"{arch}.onnx")
+    package = export_run(trained, _episodes(trained.config.data_sha256, data, chosen), path)
+    _tell(package, path)
+
+
+def _episodes(data_sha256: str, data: Path | None, run: Path) -> "EpisodeSet":
+    """The set given, or the one below this folder that the run was trained on."""
+    from wakedeploy.episodes import DESCRIPTION, read_episode_set, stated_sha256
+
+    if data is not None:
+        return read_episode_set(data)
+    for depth in range(1, _DEPTH):
+        for description in sorted(Path().glob(f"{'*/' * depth}{DESCRIPTION}")):
+            if stated_sha256(description.parent) == data_sha256:
+                return read_episode_set(description.parent)
+    raise UnusableInput(f"The set that {run} was trained on is not near this folder; pass --data.")
+
+
+def _tell(package: "Package", path: Path) -> None:
+    manifest, parity = package.manifest, package.manifest.parity
+    memory = manifest.memory
+    window = f", {memory.k} snapshots" if memory.kind == "window" else ""
+    rows = [
+        ["parameters", f"{manifest.trainable:,} trainable, {manifest.frozen:,} frozen"],
+        ["memory", f"{memory.kind}{window}, full after {manifest.warm_up_steps} steps"],
+        ["rate, lead", f"{manifest.rate_hz:g} Hz, {manifest.lead_s:g} s"],
+        ["parity", f"{parity.max_rel:.1e} of {parity.limit:.1e} over {parity.steps} steps"],
+    ]
+    if parity.float64_rel is not None:
+        rows.append(["own float32 error", f"{parity.float64_rel:.1e} (the limit is twice that)"])
+    print_table(f"{path} ({len(package.model_bytes) / 1e3:.0f} kB)", ["", ""], rows)
