@@ -6,6 +6,7 @@ velocity and flag front predict the flag's tip. Each recording is split by time 
 """
 
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import wakedeploy
+from wakedeploy.domains.matfile import read_mat
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.files import sha256_of
@@ -116,16 +118,14 @@ class _MatFile:
     """One MATLAB file's variables, checked as they are asked for."""
 
     path: Path
-    variables: dict[str, object]
+    variables: Mapping[str, Vector | None]
 
     @classmethod
     def read(cls, path: Path) -> "_MatFile":
         """Read a file; UnusableInput for anything that is not a MATLAB file up to version 7.2."""
-        from scipy.io import loadmat
-
         try:
-            return cls(path, loadmat(path))
-        except Exception as error:  # damaged files make loadmat raise nearly anything
+            return cls(path, read_mat(path))
+        except (OSError, ValueError) as error:
             raise UnusableInput(
                 f"{path}: cannot be read as a MATLAB file ({one_line(error)}); fetch it again."
             ) from error
@@ -138,12 +138,11 @@ class _MatFile:
         """A variable as a vector (n,) of finite real numbers."""
         if key not in self.variables:
             raise self.refused(key, "is missing")
-        value = self.variables[key]
-        if not isinstance(value, np.ndarray) or value.dtype.kind not in "fiu":
+        if (value := self.variables[key]) is None:
             raise self.refused(key, "does not hold real numbers")
         if value.size < 2 or value.size != max(value.shape):
             raise self.refused(key, f"has shape {value.shape}, not one row or column")
-        vector = value.astype(np.float64).ravel()
+        vector = value.ravel()
         if not np.isfinite(vector).all():
             raise self.refused(
                 key, f"is not finite at sample {np.flatnonzero(~np.isfinite(vector))[0]}"
