@@ -13,7 +13,7 @@ _FASTEST_HZ = 2.0
 def example_rollout(
     predictor: Predictor, channels: tuple[ObservationChannel, ...], rate_hz: float, seed: int
 ) -> Example:
-    """512 seeded inputs inside the ranges seen in training, and the training-time forward's forces."""
+    """512 seeded inputs inside the ranges seen in training; the training-time forward over them."""
     observation = band_limited(channels, rate_hz, seed)  # (T, d)
     with torch.no_grad():
         force = predictor.rollout(torch.from_numpy(observation)[None])[0]  # (T, o)

@@ -48,7 +48,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     if not console.is_terminal:
         console = Console(width=_UNLIMITED_WIDTH)
     console.print(Text(title, style="bold"))
-    table = Table()
+    table = Table(show_header=any(columns))
     for index, column in enumerate(columns):
         table.add_column(Text(column), justify="left" if index == 0 else _side(rows, index))
     for row in rows:
