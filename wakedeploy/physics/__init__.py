@@ -1,0 +1,6 @@
+"""Numerical models of what happens around and inside a rig; no files, ports or clocks.
+
+In: constants (`wakedeploy.rig`) and inputs held over a time step. Out: velocities, forces, motions,
+readings, in SI units. May import numpy, `wakedeploy.rig` and `wakedeploy.errors`; `field` alone
+needs numba, and its twin `field_reference` scipy, which come with `[train]`.
+"""
