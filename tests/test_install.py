@@ -6,9 +6,14 @@ import subprocess
 import sys
 import venv
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from runtime.predictor import PackagePredictor
+from wakedeploy.package import Example, Package, make_package, write_package
 
 pytestmark = [pytest.mark.slow, pytest.mark.install]
 
@@ -111,13 +116,28 @@ def test_training_says_what_to_install(base: Path, tmp_path: Path) -> None:
 def test_the_virtual_gantry_flies_and_its_log_is_read(base: Path, tmp_path: Path) -> None:
     fly = ["run-gantry", "--baseline", "--virtual", "--seconds", "6", "--log", "flight.mcap"]
     run(base / "wakedeploy", *fly, cwd=tmp_path)
-    run(base / "wakedeploy", "log", "export", "flight.mcap", "--out", "flight.csv", cwd=tmp_path)
+    run(base / "wakedeploy", "log", "export", "flight.mcap", "--csv", "flight.csv", cwd=tmp_path)
     assert (tmp_path / "flight.csv").read_text().startswith("tick,t_s,range_m")
 
 
-def test_a_package_is_checked_without_torch(base: Path, tmp_path: Path, tiny_package) -> None:
-    from wakedeploy.package import write_package
+@pytest.fixture
+def package(tiny_package: Callable[..., Package], tmp_path: Path) -> Path:
+    """A package whose example rollout is what its graph computes here."""
+    made = tiny_package("state")
+    predictor, observation = PackagePredictor(made), made.example.observation
+    example = Example(0, observation, np.stack([predictor.step(o).copy() for o in observation]))
+    write_package(make_package(made.model_bytes, made.manifest, example), tmp_path / "tiny.onnx")
+    return tmp_path / "tiny.onnx"
 
-    write_package(tiny_package("state"), tmp_path / "tiny.onnx")
-    run(base / "wakedeploy", "check", "tiny.onnx", "--json", "check.json", cwd=tmp_path)
-    assert json.loads((tmp_path / "check.json").read_text())["ok"]
+
+def test_a_package_is_checked_without_torch(base: Path, package: Path) -> None:
+    check = [base / "wakedeploy", "check", package, "--json", "check.json"]
+    run(*check, cwd=package.parent)
+    assert json.loads((package.parent / "check.json").read_text())["ok"]
+
+
+def test_a_package_is_timed_without_torch(base: Path, package: Path) -> None:
+    bench = [base / "wakedeploy", "bench", "latency", package, "--ticks", "64"]
+    run(*bench, "--json", "bench.json", cwd=package.parent)
+    (row,) = json.loads((package.parent / "bench.json").read_text())["rows"]
+    assert row["within_budget"]

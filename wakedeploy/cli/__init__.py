@@ -7,7 +7,6 @@ functions, so that `wakedeploy --help` stays fast.
 
 import errno
 import importlib
-import importlib.util
 from typing import Any
 
 import click
@@ -43,13 +42,13 @@ class _Commands(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """The commands in the order of a person's work."""
-        return [name for name in COMMANDS if importlib.util.find_spec(_module_of(name))]
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command object of `wakedeploy/cli/<name>.py`."""
-        if cmd_name not in self.list_commands(ctx):
+        if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(_module_of(cmd_name))
+        module = importlib.import_module(f"wakedeploy.cli.{cmd_name.replace('-', '_')}")
         command: click.Command = module.command
         return command
 
@@ -76,10 +75,6 @@ class _Told(click.ClickException):
         unusable = isinstance(error, _UNUSABLE) or _missing_library(error)
         own = error.exit_status if isinstance(error, WakedeployError) else None
         self.exit_code = own or (2 if unusable else 1)  # type: ignore[misc]
-
-
-def _module_of(command: str) -> str:
-    return f"wakedeploy.cli.{command.replace('-', '_')}"
 
 
 def _sentence(error: Exception) -> str:
