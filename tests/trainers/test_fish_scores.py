@@ -1,0 +1,38 @@
+"""The real recordings: memoryless near 0.55, a GRU at 0.95 or more (the paper: 0.57 and 0.96)."""
+
+import os
+from pathlib import Path
+
+import pytest
+
+from trainers.training import configure, train
+from wakedeploy.domains.fish import import_set
+from wakedeploy.episodes import EpisodeSet
+
+
+@pytest.fixture(scope="module")
+def fish() -> EpisodeSet:
+    place = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
+    if not (place / "fish").is_dir():
+        pytest.skip("the fish recordings are not here; set WAKEDEPLOY_DATA to their folder")
+    return import_set(place / "fish")
+
+
+def r2(fish: EpisodeSet, arch: str, root: Path) -> float | None:
+    run = train(configure(fish, arch, seed=0, lead_s=0.0), fish, root)
+    return run.metrics.test.r2["flag_tip_m"]
+
+
+def test_without_memory_half_of_the_variance_stays_unexplained(
+    fish: EpisodeSet, tmp_path: Path
+) -> None:
+    assert r2(fish, "agile-mlp", tmp_path) == pytest.approx(0.56, abs=0.04)
+
+
+def test_a_window_explains_most_of_it(fish: EpisodeSet, tmp_path: Path) -> None:
+    assert r2(fish, "history-mlp", tmp_path) > 0.93
+
+
+@pytest.mark.slow
+def test_a_gru_explains_nearly_all(fish: EpisodeSet, tmp_path: Path) -> None:
+    assert r2(fish, "gru", tmp_path) >= 0.95

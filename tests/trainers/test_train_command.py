@@ -1,0 +1,96 @@
+"""`wakedeploy train` and `evaluate` from the command line."""
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from wakedeploy.cli import main
+from wakedeploy.episodes import EpisodeSet
+
+ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds"}
+
+
+def wakedeploy(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+@pytest.fixture(scope="module")
+def folder(echo: EpisodeSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A set, and two architectures with two seeds each trained on it."""
+    folder = tmp_path_factory.mktemp("session")
+    dataclasses.replace(echo, provenance={"default_lead_s": 0.05}).write(folder / "set")
+    done = wakedeploy(
+        "train", "--data", folder / "set", "--arch", "agile-mlp,history-mlp", "--seeds", 2,
+        "--epochs", 3, "--out", folder / "runs", "--json", folder / "train.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    (folder / "train.txt").write_text(done.output)
+    return folder
+
+
+def test_training_prints_one_table_and_writes_the_rows(folder: Path) -> None:
+    rows = json.loads((folder / "train.json").read_text())["rows"]
+    assert [(r["arch"], r["seed"]) for r in rows] == [
+        ("agile-mlp", 0), ("agile-mlp", 1), ("history-mlp", 0), ("history-mlp", 1),
+    ]  # fmt: skip
+    assert all(set(row) == ROW and row["split"] == "test" for row in rows)
+    assert all(set(row["rmse"]) == set(row["r2"]) == {"f_n"} for row in rows)
+    text = (folder / "train.txt").read_text()
+    assert "±" in text
+    assert "0.05 s ahead" in text  # the set's own lead
+
+
+def test_evaluating_the_test_split_repeats_what_training_found(folder: Path) -> None:
+    done = wakedeploy(
+        "evaluate", folder / "runs", "--data", folder / "set", "--json", folder / "eval.json"
+    )
+    assert done.exit_code == 0, done.output
+    trained, evaluated = (
+        json.loads((folder / name).read_text())["rows"] for name in ("train.json", "eval.json")
+    )
+    for before, after in zip(trained, evaluated, strict=True):
+        assert {k: v for k, v in before.items() if k != "seconds"} == {
+            k: v for k, v in after.items() if k != "seconds"
+        }
+
+
+def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
+    done = wakedeploy(
+        "evaluate", folder / "runs/echo/agile-mlp/s1", "--data", folder / "set", "--split", "all",
+        "--json", folder / "one.json",
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    (row,) = json.loads((folder / "one.json").read_text())["rows"]
+    assert (row["arch"], row["seed"], row["split"]) == ("agile-mlp", 1, "all")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--arch", "mlp"], "choose all or agile-mlp"),
+        (["--arch", "gru", "--hyper", "tcn.kernel=3"], "ARCH.NAME=VALUE for one of gru"),
+        (["--arch", "gru", "--hyper", "gru.hidden=many"], "is not a number"),
+        (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
+        (["--arch", "agile-mlp", "--epochs", "4"], "epochs = 3, not 4"),
+    ],
+)
+def test_unusable_arguments_are_one_sentence_and_status_2(
+    folder: Path, arguments: list[str], says: str
+) -> None:
+    done = wakedeploy("train", "--data", folder / "set", "--out", folder / "runs", *arguments)
+    assert done.exit_code == 2
+    assert says in " ".join(done.output.split())
+    assert "Traceback" not in done.output
+
+
+def test_runs_of_another_domain_are_refused_with_both_channel_lists(
+    folder: Path, echo: EpisodeSet
+) -> None:
+    other = dataclasses.replace(echo, observation=tuple(reversed(echo.observation)))
+    other.write(folder / "other")
+    done = wakedeploy("evaluate", folder / "runs", "--data", folder / "other")
+    assert done.exit_code == 2
+    assert "u [N], idle [1], the set has idle [1], u [N]" in " ".join(done.output.split())
