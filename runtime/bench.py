@@ -53,7 +53,7 @@ class BenchRow:
     p999_ms: float
     max_ms: float
     cpu_percent: float  # of one core, the loop's process alone
-    rss_mb: float  # largest, 10⁶ bytes
+    rss_mb: float  # in flight, 10⁶ bytes
     first_call_ms: float
     overruns: int
     stages_ms: dict[str, Spread] = field(default_factory=dict)
@@ -185,13 +185,14 @@ class Replayed:
 
 def measure(path: Path, ticks: int, realtime: bool, rig: Rig) -> BenchRow:
     """Fly `ticks` ticks with a package in this process, and time them."""
-    package = read_package(path)
+    predictor = Replayed(read_package(path))
+    arch = predictor.manifest.arch
     rig = rig.changed(disturbance={"rest_s": 0.0})
     with ExitStack() as opened:
         gantry = opened.enter_context(VirtualGantryProcess(rig, seed=0))
         if realtime:
             become_realtime()
-        worker = PredictionWorker(Replayed(package), PERIOD_S)
+        worker = PredictionWorker(predictor, PERIOD_S)
         opened.callback(worker.close)
         link = opened.enter_context(Link(gantry.port))
         ranges = SocketRangeSource(gantry.range_socket)
@@ -206,28 +207,31 @@ def measure(path: Path, ticks: int, realtime: bool, rig: Rig) -> BenchRow:
         cpu_s, wall_s = time.process_time(), time.monotonic()
         loop.run()
         cpu_s, wall_s = time.process_time() - cpu_s, time.monotonic() - wall_s
+        rss_mb = resident_mb()
     if loop.failsafe_cause:
         raise CheckFailed(
             f"The measuring flight ended in a failsafe ({'+'.join(loop.failsafe_cause)}): this "
             "machine is too busy to pace the virtual gantry."
         )
-    return _as_row(package, loop, worker, 100.0 * cpu_s / wall_s)
+    return _as_row(arch, loop, worker, 100.0 * cpu_s / wall_s, rss_mb)
 
 
-def _as_row(package: Package, loop: Loop, worker: PredictionWorker, cpu_percent: float) -> BenchRow:
+def _as_row(
+    arch: str, loop: Loop, worker: PredictionWorker, cpu_percent: float, rss_mb: float
+) -> BenchRow:
     tally = loop.tally
     stages = {name: _spread(np.asarray(times)) for name, times in tally.stages_s.items()}
     stages["wake-up"] = _spread(np.asarray(tally.wake_ups_s))
     total = _spread(tally.totals_s)
     return BenchRow(
-        arch=package.manifest.arch,
+        arch=arch,
         ticks=tally.ticks,
         p50_ms=total["p50"],
         p99_ms=total["p99"],
         p999_ms=total["p999"],
         max_ms=total["max"],
         cpu_percent=cpu_percent,
-        rss_mb=largest_rss_mb(),
+        rss_mb=rss_mb,
         first_call_ms=1e3 * worker.first_call_s,
         overruns=tally.overruns,
         stages_ms=stages,
@@ -239,16 +243,13 @@ def _spread(times_s: npt.NDArray[np.float64]) -> Spread:
     return {"p50": float(p50), "p99": float(p99), "p999": float(p999), "max": float(top)}
 
 
-def largest_rss_mb() -> float:
-    """The most memory this process has had resident, in 10⁶ bytes; NaN where Linux is not.
-
-    Not getrusage's: that remembers the memory of the process which started this one.
-    """
+def resident_mb() -> float:
+    """This process's resident memory now, in 10⁶ bytes; NaN where Linux is not."""
     try:
         text = Path("/proc/self/status").read_text(encoding="ascii")
     except OSError:
         return float("nan")
-    return float(text.split("VmHWM:")[1].split()[0]) * 1024 / 1e6
+    return float(text.split("VmRSS:")[1].split()[0]) * 1024 / 1e6
 
 
 _SPIN = """

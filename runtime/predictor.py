@@ -28,12 +28,14 @@ def inference_session(model_bytes: bytes) -> ort.InferenceSession:
     for pool in ("intra_op", "inter_op"):
         options.add_session_config_entry(f"session.{pool}.allow_spinning", "0")
     try:
-        return ort.InferenceSession(model_bytes, options, providers=["CPUExecutionProvider"])
+        session = ort.InferenceSession(model_bytes, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions have no common base of their own
         raise UnusableInput(
             f"onnxruntime {ort.__version__} cannot load the model ({one_line(error)}); upgrade"
             " onnxruntime, or make the package again with `wakedeploy export`"
         ) from error
+    session._model_bytes = None  # kept for a change of provider, which never comes; megabytes
+    return session
 
 
 class PackagePredictor:

@@ -63,9 +63,15 @@ def _lock_memory() -> None:
 
 
 def quieten_interpreter() -> None:
-    """Keep what lives now out of garbage collection, and let no thread hold the lock for 5 ms."""
+    """Keep what lives now out of garbage collection, and let no thread hold the lock for 5 ms.
+
+    What imports and model loading left behind goes back to the system where its C library can.
+    """
     gc.collect()
     gc.freeze()
+    give_back = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if give_back is not None:
+        give_back(0)
     sys.setswitchinterval(SWITCH_INTERVAL_S)
 
 

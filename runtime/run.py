@@ -84,6 +84,7 @@ def fly(request: RunRequest) -> Tally:
         if worker is not None:
             worker.wait_until_warm()
         recorder = _recorder(request, package)
+        del package  # its bytes have become a model; megabytes for the reservoir
         loop = Loop(
             request.rig,
             link,
