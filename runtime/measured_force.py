@@ -44,8 +44,9 @@ _FIRST_GUESS = (0.3, 0.4)  # time [s] and size [N] for the first look at speed a
 class MeasuredForce:
     """One airborne stretch of a log: which ticks, and what was measured at them, (T,) each.
 
-    `thrust_n` is the sufferer's after spool; `force_sd_n` contains the smoother's own uncertainty
-    and that of the friction where the speed's sign is uncertain.
+    `thrust_n` is the sufferer's after spool. `force_sd_n` contains the smoother's own uncertainty,
+    that of the friction where the speed's sign is uncertain, and the turbulence that the rig file
+    states: it is part of the force, but faster than range samples can show.
     """
 
     ticks: npt.NDArray[np.intp]
@@ -83,14 +84,14 @@ def measure(
             f"No log has {SHORTEST_S:g} s in the air with range samples; nothing can be smoothed."
         )
     fitted_on = min(len(flat), FITTED_FLIGHTS)
-    total = fitted_on + len(logs)
+    total = 2 * fitted_on + len(logs)  # the fit passes over its flights twice
     chosen = [flat[round(i)] for i in np.linspace(0, len(flat) - 1, fitted_on)]
     model = _fitted(chosen, rig, lambda done, _: progress(done, total) if progress else None)
     measured = []
     for done, of_log in enumerate(stretches, 1):
         measured.append([_measured(stretch, model, rig) for stretch in of_log])
         if progress is not None:
-            progress(fitted_on + done, total)
+            progress(2 * fitted_on + done, total)
     return model, measured
 
 
@@ -273,9 +274,13 @@ def _look(stretch: _Stretch, model: ForceModel, rig: Rig) -> _Look:
 
 
 def _activity(t_s: FloatArray, force_n: FloatArray) -> FloatArray:
-    """Mean square of the force about each time, over that of the whole stretch, (T,)."""
-    square = np.square(force_n)
-    return _local_mean(t_s, square) / max(float(np.mean(square)), 1e-12)
+    """How lively the force is about each time, (T,), 1 on average: by its size and by its change.
+
+    Where the wake is strong its turbulence is, and where it changes a steady process falls behind.
+    """
+    parts = [np.square(force_n), np.square(np.gradient(force_n, t_s))]
+    local = [_local_mean(t_s, part) / max(float(np.mean(part)), 1e-12) for part in parts]
+    return np.asarray(0.5 * (local[0] + local[1]))
 
 
 def _local_mean(t_s: FloatArray, values: FloatArray) -> FloatArray:
@@ -304,12 +309,13 @@ def _measured(stretch: _Stretch, model: ForceModel, rig: Rig) -> MeasuredForce:
     result = look.result
     thrust_n = np.interp(stretch.t_s, stretch.fine_s, stretch.thrust_n)
     friction_at = np.interp(stretch.t_s, stretch.fine_s, look.friction_n)
+    turbulence_n = rig.disturbance.turbulence_fraction * result.force_n
     total_n = thrust_n + friction_at + result.force_n
     return MeasuredForce(
         stretch.ticks,
         result,
         thrust_n,
         result.force_n,
-        np.hypot(result.force_sd_n, look.friction_sd_n),
+        np.sqrt(result.force_sd_n**2 + look.friction_sd_n**2 + turbulence_n**2),
         total_n / rig.sufferer.mass_kg - GRAVITY_MPS2,
     )

@@ -25,10 +25,15 @@ _OUTLIER_SPAN_M = 1.0  # an outlier lies anywhere within it
 _START_SD = (0.1, 1.0)  # of height [m] about the first samples, and of speed [m/s]
 _SERIES = 18
 
-GRID_TIME_S = (0.1, 0.2, 0.4, 0.7, 1.2)
-GRID_SD_N = (0.03, 0.06, 0.12, 0.25, 0.5, 1.0)
-GRID_NOISE = (0.7, 1.0, 1.4, 2.0)
-GRID_ACTIVITY = (0.0, 0.9, 0.99)
+# The fit looks at a coarse grid first, then at the best point's neighbours (as factors).
+COARSE_TIME_S = (0.1, 0.2, 0.4, 0.8, 1.6)
+COARSE_SD_N = (0.03, 0.1, 0.3, 1.0)
+COARSE_NOISE = (0.7, 1.0, 1.4, 2.0)  # in units of the sensor's stated noise
+COARSE_ACTIVITY = (0.0, 0.9)
+FINE_FACTOR = (0.7, 1.0, 1.4)
+FINE_SD_FACTOR = (0.6, 0.8, 1.0, 1.25, 1.7)
+FINE_NOISE_FACTOR = (0.85, 1.0, 1.18)
+FINE_ACTIVITY = (0.0, 0.9, 0.97)
 
 
 @dataclass(frozen=True)
@@ -117,22 +122,38 @@ def fit(
     mass_kg: float,
     progress: Callable[[int, int], None] | None = None,
 ) -> ForceModel:
-    """The most likely model over the grid, all flights together.
+    """The most likely model, all flights together, by two grids: a coarse one, then a fine one.
 
-    The grid: `GRID_TIME_S` × `GRID_SD_N` × `GRID_NOISE` times `range_sd_m` × `GRID_ACTIVITY`.
-    `progress(done, total)` is called after each flight.
+    `range_sd_m` is what the sensor's noise should be. `progress(done, total)` is called after each
+    flight and grid.
     """
+    events = [_merge(flight) for flight in flights]
+
+    def told(grid_number: int) -> Callable[[int], None]:
+        done = grid_number * len(events)
+        return lambda count: progress(done + count, 2 * len(events)) if progress else None
+
+    coarse = itertools.product(COARSE_TIME_S, COARSE_SD_N, COARSE_NOISE, COARSE_ACTIVITY)
+    grid = [ForceModel(t, sd, k * range_sd_m, share) for t, sd, k, share in coarse]
+    near = _most_likely(events, grid, mass_kg, told(0))
+    fine = itertools.product(FINE_FACTOR, FINE_SD_FACTOR, FINE_NOISE_FACTOR, FINE_ACTIVITY)
     grid = [
-        ForceModel(time_s, sd_n, noise * range_sd_m, activity)
-        for time_s, sd_n, noise, activity in itertools.product(
-            GRID_TIME_S, GRID_SD_N, GRID_NOISE, GRID_ACTIVITY
-        )
+        ForceModel(near.time_s * t, near.sd_n * sd, near.range_sd_m * k, share)
+        for t, sd, k, share in fine
     ]
+    return _most_likely(events, grid, mass_kg, told(1))
+
+
+def _most_likely(
+    flights: Sequence["_Events"],
+    grid: Sequence[ForceModel],
+    mass_kg: float,
+    progress: Callable[[int], None],
+) -> ForceModel:
     score = np.zeros(len(grid))
-    for done, flight in enumerate(flights, 1):
-        score += _filter(_merge(flight), grid, mass_kg).log_likelihood
-        if progress is not None:
-            progress(done, len(flights))
+    for count, events in enumerate(flights, 1):
+        score += _filter(events, grid, mass_kg).log_likelihood
+        progress(count)
     return grid[int(np.argmax(score))]
 
 
