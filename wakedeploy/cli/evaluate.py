@@ -11,7 +11,7 @@ from wakedeploy.cli.train import print_scores, score_row
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from trainers.runs import TrainedRun
+    from trainers.runs import RunConfig, TrainedRun
     from trainers.score import Score
     from wakedeploy.episodes import EpisodeSet
 
@@ -42,8 +42,8 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     from wakedeploy.episodes import read_episode_set
 
     episodes = read_episode_set(data)
-    trained = [load_run(folder) for folder in finished_runs(runs)]
-    trained = _that_fit(trained, episodes, data)
+    trained = [load_run(folder) for folder in _that_fit(finished_runs(runs), episodes, data)]
+    trained.sort(key=_place_in_table)
     warm_up = max(episodes.warm_up_steps, *(run.config.warm_up_steps for run in trained))
     rows, scores = [], []
     with progress("Evaluating", len(trained)) as bar:
@@ -57,23 +57,23 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
         write_json(json_path, {"rows": rows})
 
 
-def _that_fit(
-    trained: list["TrainedRun"], episodes: "EpisodeSet", data: Path
-) -> list["TrainedRun"]:
-    """The runs whose channels and rate are the set's; a run named alone has to fit."""
-    misfits = {run.folder: _misfit(run, episodes) for run in trained}
-    fitting = [run for run in trained if misfits[run.folder] is None]
+def _that_fit(folders: list[Path], episodes: "EpisodeSet", data: Path) -> list[Path]:
+    """The runs whose channels and rate are the set's; how many others there are is told."""
+    from trainers.runs import read_config
+
+    misfits = {folder: _misfit(read_config(folder), episodes) for folder in folders}
+    fitting = [folder for folder in folders if misfits[folder] is None]
+    first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
     if not fitting:
-        folder, why = next(iter(misfits.items()))
-        raise UnusableInput(f"{folder} cannot be evaluated on {data}: {why}.")
-    for folder, why in misfits.items():
-        if why is not None:
-            click.echo(f"Left out {folder}: {why}.", err=True)
+        raise UnusableInput(f"{first} cannot be evaluated on {data}: {why}.")
+    if first is not None:
+        others = len(folders) - len(fitting)
+        click.echo(f"Left out {others} runs that do not fit the set; {first}: {why}.", err=True)
     return fitting
 
 
-def _misfit(run: "TrainedRun", episodes: "EpisodeSet") -> str | None:
-    config = run.config
+def _misfit(config: "RunConfig", episodes: "EpisodeSet") -> str | None:
+    """What keeps a run from reading this set, in words; None when nothing does."""
     for kind, own, there in (
         ("observation", config.observation, episodes.observation),
         ("force", config.force, episodes.force),
@@ -84,6 +84,13 @@ def _misfit(run: "TrainedRun", episodes: "EpisodeSet") -> str | None:
     if abs(config.rate_hz - episodes.rate_hz) > 1e-6 * config.rate_hz:
         return f"it was trained at {config.rate_hz:g} Hz, the set is at {episodes.rate_hz:g} Hz"
     return None
+
+
+def _place_in_table(run: "TrainedRun") -> tuple[int, int]:
+    """Architectures in the order of Table I, then seeds."""
+    from trainers.build import ARCHITECTURES
+
+    return list(ARCHITECTURES).index(run.config.arch), run.config.seed
 
 
 def _listed(channels: list[tuple[str, str]]) -> str:
