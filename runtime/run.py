@@ -216,5 +216,5 @@ def _judge(loop: Loop, link: Link) -> None:
     if "operator_stop" in cause:
         raise KeyboardInterrupt
     if cause:
-        why = link.failure if cause[0] == "link_lost" and link.failure else HINTS[cause[0]]
+        why = link.failure or HINTS[cause[0]]  # a port that is gone explains whatever else is
         raise CheckFailed(f"The flight ended in a failsafe ({'+'.join(cause)}): {why}")
