@@ -12,8 +12,13 @@ import torch
 from torch import Tensor, nn
 
 from trainers.model import Predictor
+from wakedeploy.errors import CheckFailed
 
 OPSET = 20
+# A step is straight arithmetic: no branch or loop to stall a tick, nothing drawn at random.
+_REFUSED = {"If", "Loop", "Scan", "Dropout", "Bernoulli", "Multinomial"} | {
+    f"Random{kind}{like}" for kind in ("Normal", "Uniform") for like in ("", "Like")
+}
 _TRACED_BATCH = 2  # any number above 1: torch takes an axis of length 1 for a constant
 
 
@@ -53,6 +58,7 @@ def graph_bytes(predictor: Predictor) -> bytes:
     finally:
         predictor.train(kept)
     _strip(model)
+    _require_plain(model)
     onnx.checker.check_model(model, full_check=True)
     return bytes(model.SerializeToString())
 
@@ -94,6 +100,15 @@ def _strip(model: onnx.ModelProto) -> None:
     for tensor in (*model.graph.input, *model.graph.output):
         tensor.doc_string = ""
         del tensor.metadata_props[:]
+
+
+def _require_plain(model: onnx.ModelProto) -> None:
+    found = sorted({node.op_type for node in model.graph.node} & _REFUSED)
+    if found:
+        raise CheckFailed(
+            f"The exported graph contains {', '.join(found)}, which a package must not; no file "
+            "was written. Report this with the versions that `wakedeploy doctor` prints."
+        )
 
 
 @contextlib.contextmanager

@@ -10,7 +10,7 @@ import numpy as np
 
 from runtime.predictor import PackagePredictor
 from wakedeploy.errors import CheckFailed
-from wakedeploy.package import FloatArray, Package
+from wakedeploy.package import PARITY_STEPS, FloatArray, Package, Parity
 
 _SHORT = 64  # steps of the checks that compare the runner with itself
 
@@ -55,8 +55,9 @@ def rolled_out(predictor: PackagePredictor, observations: FloatArray) -> FloatAr
 
 def replay(package: Package) -> Replay:
     """Repeat every check that needs no torch; CheckFailed names the first that fails."""
-    predictor = PackagePredictor(package)
     example, manifest = package.example, package.manifest
+    _require_recorded_parity(manifest.parity)
+    predictor = PackagePredictor(package)
     difference = compare(rolled_out(predictor, example.observation), example.force)
     if difference.max_rel > manifest.parity.limit:
         name = manifest.force[difference.channel].name
@@ -67,6 +68,15 @@ def replay(package: Package) -> Replay:
         )
     require_manners(package, example.observation)
     return Replay(difference, len(example.observation))
+
+
+def _require_recorded_parity(parity: Parity) -> None:
+    if not parity.passed:
+        raise CheckFailed(
+            f"The parity recorded in the package, relative {parity.max_rel:.1e} over {parity.steps}"
+            f" steps, is not within {parity.limit:.1e} over {PARITY_STEPS}; make it again with "
+            "`wakedeploy export`."
+        )
 
 
 def require_manners(package: Package, observations: FloatArray) -> None:

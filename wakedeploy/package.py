@@ -16,8 +16,9 @@ import numpy.typing as npt
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from wakedeploy import onnx_wire
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of, write_whole
+from wakedeploy.validation import first_problem
 
 SCHEMA = 1
 MANIFEST_KEY = "wakedeploy_manifest"
@@ -189,7 +190,7 @@ class Example:
 
     @classmethod
     def from_json(cls, text: str) -> Self:
-        """The inverse of `to_json`; raises ValueError, KeyError or TypeError."""
+        """The inverse of `to_json`; raises ValueError, KeyError, TypeError or OverflowError."""
         entry = json.loads(text)
         return cls(int(entry["seed"]), _decoded(entry["observation"]), _decoded(entry["force"]))
 
@@ -268,7 +269,7 @@ def _manifest(entries: dict[str, str], name: str) -> Manifest:
     try:
         return Manifest.model_validate_json(entries[MANIFEST_KEY])
     except ValidationError as error:
-        raise UnusableInput(f"{name}: manifest {_first_problem(error)}; {_REMAKE}") from error
+        raise UnusableInput(f"{name}: manifest: {first_problem(error)}; {_REMAKE}") from error
 
 
 _REMAKE = "make the package again with `wakedeploy export`"
@@ -285,14 +286,6 @@ def _require_known_schema(text: str, name: str) -> None:
             f"{name}: made by a newer release (manifest schema {schema}, this one reads {SCHEMA});"
             " upgrade wakedeploy on this machine"
         )
-
-
-def _first_problem(error: ValidationError) -> str:
-    first = error.errors(include_url=False, include_context=False)[0]
-    where = ".".join(str(part) for part in first["loc"]) or "text"
-    value = repr(first["input"])
-    shown = "" if len(value) > 60 else f" (found {value})"
-    return f"field {where}: {one_line(ValueError(first['msg']))}{shown}"
 
 
 def _require_own_graph(
@@ -331,7 +324,7 @@ def _declared(shapes: dict[str, tuple[int, ...]]) -> str:
 def _example(entries: dict[str, str], manifest: Manifest, name: str) -> Example:
     try:
         example = Example.from_json(entries[EXAMPLE_KEY])
-    except (ValueError, KeyError, TypeError, RecursionError) as error:
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
         raise UnusableInput(f"{name}: its example rollout is unreadable; {_REMAKE}") from error
     steps = len(example.observation)
     expected = ((steps, len(manifest.observation)), (steps, len(manifest.force)))

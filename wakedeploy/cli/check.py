@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.output import print_table, write_json
-from wakedeploy.errors import CheckFailed
+from wakedeploy.errors import CheckFailed, UnusableInput
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -27,7 +27,12 @@ def command(file: Path, json_path: Path | None) -> None:
     from runtime.replay import replay
     from wakedeploy.package import read_package
 
-    package = read_package(file)
+    try:
+        package = read_package(file)
+    except UnusableInput as error:
+        unknown = dict.fromkeys(("arch", "trainable", "parity"))
+        _write(json_path, {"ok": False} | unknown | {"why": str(error)})
+        raise
     manifest = package.manifest
     result: dict[str, Any] = {"arch": manifest.arch, "trainable": manifest.trainable}
     exported = manifest.parity.model_dump(include={"max_abs", "max_rel", "steps"})

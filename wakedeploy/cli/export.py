@@ -1,5 +1,6 @@
 """`wakedeploy export`: a trained run as one checked .onnx file."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -41,7 +42,10 @@ def command(arch: str, run: Path | None, runs: Path, data: Path | None, out: Pat
     chosen = run or newest_run(runs, arch)
     trained = load_run(chosen)
     if trained.config.arch != arch:
-        raise UnusableInput(f"{chosen} holds a {trained.config.arch}, not a {arch}.")
+        raise UnusableInput(
+            f"{chosen} is a run of {trained.config.arch}, not of {arch}; give another --run or"
+            " --arch."
+        )
     click.echo(f"Exporting {chosen}, finished {trained.metrics.finished_utc}.")
     path = out or Path(f"{arch}.onnx")
     package = export_run(trained, _episodes(trained.config.data_sha256, data, chosen), path)
@@ -56,8 +60,9 @@ def _episodes(data_sha256: str, data: Path | None, run: Path) -> "EpisodeSet":
         return read_episode_set(data)
     for depth in range(1, _DEPTH):
         for description in sorted(Path().glob(f"{'*/' * depth}{DESCRIPTION}")):
-            if stated_sha256(description.parent) == data_sha256:
-                return read_episode_set(description.parent)
+            with contextlib.suppress(UnusableInput):  # not every dataset.json here is a set
+                if stated_sha256(description.parent) == data_sha256:
+                    return read_episode_set(description.parent)
     raise UnusableInput(f"The set that {run} was trained on is not near this folder; pass --data.")
 
 
@@ -72,5 +77,5 @@ def _tell(package: "Package", path: Path) -> None:
         ["parity", f"{parity.max_rel:.1e} of {parity.limit:.1e} over {parity.steps} steps"],
     ]
     if parity.float64_rel is not None:
-        rows.append(["own float32 error", f"{parity.float64_rel:.1e} (the limit is twice that)"])
+        rows.append(["own float32 error", f"{parity.float64_rel:.1e} against float64"])
     print_table(f"{path} ({len(package.model_bytes) / 1e3:.0f} kB)", ["", ""], rows)
