@@ -50,6 +50,8 @@ def command(out: Path, minutes: float, seconds: float, json_path: Path | None) -
     _step("check", package)
     pid, fed = out / "pid.mcap", out / "feedforward.mcap"
     summaries = [out / "pid.json", out / "feedforward.json"]
+    for log in (pid, fed):
+        log.unlink(missing_ok=True)  # of an earlier demo; a recording is never overwritten
     _step("run-gantry", "--baseline", *fly, "--log", pid, "--json", summaries[0])
     _step("run-gantry", "--package", package, *fly, "--log", fed, "--json", summaries[1])
     result = _compare(*(json.loads(path.read_text(encoding="utf-8")) for path in summaries))
@@ -130,12 +132,13 @@ def _draw(pid_path: Path, fed_path: Path, result: dict[str, Any], picture: Path)
     from wakedeploy.runlog import read_run_log
 
     pid, fed = read_run_log(pid_path), read_run_log(fed_path)
-    drawn, (height, error, force, latency) = figures.figure(4, size=(9.0, 9.5))
-    _draw_heights(height, pid, fed)
-    _draw_errors(error, pid, fed, result)
-    _draw_force(force, fed)
-    _draw_latency(latency, fed, result)
-    figures.save(drawn, picture)
+    with figures.style():
+        drawn, (height, error, force, latency) = figures.figure(4, size=(9.0, 9.5), sharex=True)
+        _draw_heights(height, pid, fed)
+        _draw_errors(error, pid, fed, result)
+        _draw_force(force, fed)
+        _draw_latency(latency, fed, result)
+        figures.save(drawn, picture)
 
 
 def _draw_heights(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
@@ -144,7 +147,7 @@ def _draw_heights(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
     axes.plot(fed["t_s"], fed["z_ref_m"], color=figures.REFERENCE, ls="--", label="reference")
     axes.plot(pid["t_s"], pid["true_z_m"], color=figures.LIMIT, label="PID alone")
     axes.plot(fed["t_s"], fed["true_z_m"], color=figures.MEASURED, label="with feedforward")
-    axes.set(title="Altitude", ylabel="m", xlabel="s")
+    axes.set(title="Altitude", ylabel="m")
     figures.legend(axes)
 
 
@@ -157,7 +160,7 @@ def _draw_errors(axes: Any, pid: "RunLog", fed: "RunLog", result: dict[str, Any]
     ):
         error_mm = 1e3 * (log["true_z_m"] - log["z_ref_m"])
         axes.plot(log["t_s"], error_mm, color=color, label=f"{name}: {rmse:.1f} mm rms")
-    axes.set(title="Altitude error", ylabel="mm", xlabel="s")
+    axes.set(title="Altitude error", ylabel="mm")
     figures.legend(axes)
 
 
@@ -172,7 +175,7 @@ def _draw_force(axes: Any, fed: "RunLog") -> None:
         color=figures.PREDICTED,
         label=f"predicted {1e3 * lead_s:.0f} ms before",
     )
-    axes.set(title="Force of the wake on the sufferer", ylabel="N", xlabel="s")
+    axes.set(title="Force of the wake on the sufferer", ylabel="N")
     figures.legend(axes)
 
 
