@@ -1,0 +1,120 @@
+"""The compiled wake field beside its plain twin: microseconds a step, ratio, arithmetic, traffic.
+
+Both are timed in turns in one process, so that what else runs on the machine slows both alike.
+
+    python benchmarks/field.py --json docs/field.json
+"""
+
+import argparse
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from wakedeploy.physics.field import WakeField
+from wakedeploy.physics.field_grid import FieldGrid, FieldPhysics, blur_weights
+from wakedeploy.physics.field_reference import ReferenceField
+
+PAPER = FieldPhysics(
+    speed_mps=6.0,
+    diffusivity_m2ps=0.3,
+    decay_per_s=0.3,
+    strength=60.0,
+    width_m=0.2,
+    reference_thrust_n=4.41,
+)
+DT_S = 0.01
+STEPS = {"numba": 100, "numpy": 10, "dense blur": 100}  # a turn's, some ten milliseconds each
+
+
+def main() -> None:
+    """Measure, print, write."""
+    options = _options()
+    result = measured(FieldGrid(columns=options.columns, rows=options.rows), options.turns)
+    for name, value in result.items():
+        print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=2) + "\n")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--columns", type=int, default=100)
+    parser.add_argument("--rows", type=int, default=80)
+    parser.add_argument("--turns", type=int, default=30)
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+def measured(grid: FieldGrid, turns: int) -> dict[str, int | float]:
+    """Medians over turns; a source that tilts, so that all four operations have work to do."""
+    fast, plain = (cls(grid, PAPER, dt_s=DT_S) for cls in (WakeField, ReferenceField))
+    for n in range(40):  # compile, and fill the grid with a wake
+        for field in (fast, plain):
+            field.step(0.1 * np.sin(0.2 * n), 0.0, 0.3 * np.cos(0.2 * n), 4.41)
+    steps = {
+        "numba": lambda: fast.step(0.0, 0.0, 0.2, 4.41),
+        "numpy": lambda: plain.step(0.0, 0.0, 0.2, 4.41),
+        "dense blur": _dense_blur(grid),
+    }
+    us = {name: [] for name in steps}
+    for _ in range(turns):
+        for name, step in steps.items():
+            us[name].append(_microseconds(step, STEPS[name]))
+    ratios = np.array(us["numpy"]) / np.array(us["numba"])
+    return {
+        "columns": grid.columns,
+        "rows": grid.rows,
+        "numba_us": float(np.median(us["numba"])),
+        "numpy_us": float(np.median(us["numpy"])),
+        "ratio": float(np.median(ratios)),
+        "ratio_worst_turn": float(ratios.min()),
+        "dense_blur_alone_us": float(np.median(us["dense blur"])),
+    } | _work(grid, float(np.median(us["numba"])))
+
+
+def _microseconds(step: Callable[[], object], count: int) -> float:
+    start = time.perf_counter()
+    for _ in range(count):
+        step()
+    return (time.perf_counter() - start) / count * 1e6
+
+
+def _dense_blur(grid: FieldGrid) -> Callable[[], object]:
+    """The blur of both components as two matrix products, for comparison."""
+    cells = grid.columns, grid.rows
+    across, along = (_band_matrix(n, 2 * 0.3 * DT_S / 0.06**2) for n in cells)
+    field = np.random.default_rng(0).normal(size=(2, *cells))
+    return lambda: across @ field @ along
+
+
+def _band_matrix(cells: int, variance_cells2: float) -> np.ndarray:
+    weights = blur_weights(np.array([variance_cells2]))[0]
+    apart = np.abs(np.subtract.outer(np.arange(cells), np.arange(cells)))
+    return np.where(apart < len(weights), weights[np.minimum(apart, len(weights) - 1)], 0.0)
+
+
+def _work(grid: FieldGrid, step_us: float) -> dict[str, int | float]:
+    """Floating-point operations and bytes of one compiled step, counted from its source.
+
+    Per cell: injecting 4; tracing back 5, the cubic's weights 18, its sums 2 × 7; each of the two
+    blurs of two components 1 + 3 R. Bytes: each operation reads and writes both components once.
+    """
+    cells = grid.columns * grid.rows
+    reach = blur_weights(np.array([2 * 0.3 * DT_S / grid.cell_x_m**2])).shape[1] - 1
+    flops = cells * (4 + 5 + 18 + 14 + 2 * 2 * (1 + 3 * reach))
+    passed_bytes = cells * 2 * 8 * 2 * 3
+    return {
+        "blur_reach_cells": reach,
+        "flops": flops,
+        "bytes_between_operations": passed_bytes,
+        "working_set_bytes": cells * 2 * 8 * 2,
+        "gflops_per_s": flops / step_us * 1e-3,
+        "gbytes_per_s": passed_bytes / step_us * 1e-3,
+    }
+
+
+if __name__ == "__main__":
+    main()
