@@ -253,7 +253,8 @@ class Loop:
 
     def _began_descent(self, t_s: float) -> safety.Descent:
         """The way down, begun anew when the height gets lost on it."""
-        known = not {"sensor_lost", "link_lost", "mcu_reboot"} & set(self._safety.faults)
+        blind = {"sensor_lost", "link_lost", "mcu_reboot"} & set(self._safety.faults)
+        known = not blind and math.isfinite(self._state.estimate.z_m)
         before = self._descent
         if before is None or (before.height_known and not known):
             now = self._state
