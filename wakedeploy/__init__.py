@@ -1,4 +1,4 @@
-"""Small predictors of wake forces: simulated, trained, deployed, and questioned when they are wrong.
+"""Small predictors of wake forces: simulated, trained, deployed, questioned when they are wrong.
 
 This package holds the command line (`cli`) and what all parts share: recorded series (`episodes`),
 gantry flights (`runlog`), a gantry's constants (`rig`), the contract of an exported model
