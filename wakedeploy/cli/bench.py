@@ -145,3 +145,52 @@ def _judge(rows: "Sequence[BenchRow]", budget_ms: float) -> None:
             "--realtime, and see `wakedeploy doctor`."
         )
     click.echo(f"{word}: within the budget of {budget_ms:.2f} ms ({measure}).")
+
+
+@command.command()
+@click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+@click.option("--most", "most_s", type=click.FloatRange(0.01, 1), default=0.15, show_default=True)
+@click.option("--step", "step_s", type=click.FloatRange(0.001, 0.5), default=0.015, help="Seconds.")
+@click.option("--flights", type=click.IntRange(1, 1000), default=6, show_default=True)
+@click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
+@click.option("--json", "json_path", type=_FILE, help="Also write as JSON.")
+def lead(
+    rig_path: Path | None,
+    most_s: float,
+    step_s: float,
+    flights: int,
+    seconds: float,
+    json_path: Path | None,
+) -> None:
+    """Find the lead that suits a rig: simulated flights with the true force fed forward.
+
+    The best lead is what `train --lead` should be given when it is not near the rig's default,
+    round trip plus mean spool lag.
+
+    \b
+    Example:
+        wakedeploy bench lead --rig rig.toml
+    """
+    import numpy as np
+
+    from wakedeploy.domains.gantry_lead import best, sweep
+    from wakedeploy.rig import default_rig, read_rig
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), rig.default_lead_s})
+    with progress("Flying", len(leads_s) * flights) as bar:
+        scores = sweep(rig, leads_s, flights=flights, seconds=seconds, progress=bar.update)
+    found = best(scores)
+    marks = {rig.default_lead_s: "default", found.lead_s: "best"}
+    if found.lead_s == rig.default_lead_s:
+        marks[found.lead_s] = "default, best"
+    rows = [
+        [f"{1e3 * s.lead_s:.0f} ms", f"{1e3 * s.rmse_m:.2f} mm", marks.get(s.lead_s, "")]
+        for s in scores
+    ]
+    print_table("True force fed forward, by lead", ["lead", "altitude RMSE", ""], rows)
+    if json_path:
+        told = [{"lead_s": s.lead_s, "rmse_mm": 1e3 * s.rmse_m} for s in scores]
+        write_json(
+            json_path, {"default_s": rig.default_lead_s, "best_s": found.lead_s, "rows": told}
+        )
