@@ -4,6 +4,7 @@ In: a port's name. Out: the newest status and when it came. A thread reads; it o
 """
 
 import contextlib
+import os
 import threading
 import time
 from collections import OrderedDict
@@ -32,7 +33,6 @@ from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 HANDSHAKE_LIMIT_S = 5.0  # opening the port reboots an UNO, which takes about 1.7 s
 HELLO_PERIOD_S = 0.1
 ANSWER_LIMIT_S = 0.5
-WRITE_LIMIT_S = 0.05
 _REMEMBERED = 256  # commands whose sending times are kept
 
 
@@ -153,10 +153,19 @@ class Link:
         frame = Frame(self._sequence, int(now_s * 1e6), message)
         if self._failure is None:
             try:
-                self._serial.write(encode_frame(frame))
-            except (OSError, serial.SerialException) as error:
+                self._write(encode_frame(frame))
+            except OSError as error:
                 self._fail(error)
         return self._sequence
+
+    def _write(self, data: bytes) -> None:
+        """Hand a frame to the kernel without waiting.
+
+        Not pyserial's write: that asks afterwards whether the port is writable, and a terminal
+        answers only once an ordinary kernel thread has run, for which a real-time loop would wait.
+        """
+        if os.write(self._serial.fileno(), data) != len(data):
+            raise BlockingIOError("the port takes no more bytes")
 
     def _read(self) -> None:
         while not self._closing:
@@ -224,7 +233,7 @@ def _agreed(reply: HelloReply, port: str) -> HelloReply:
 
 def _opened(port: str) -> serial.Serial:
     try:
-        return serial.Serial(port, BAUD, timeout=0.5, write_timeout=WRITE_LIMIT_S, exclusive=True)
+        return serial.Serial(port, BAUD, timeout=0.5, exclusive=True)
     except (OSError, ValueError, serial.SerialException) as error:
         raise UnusableInput(f"{port}: {_why_not_open(error)}") from error
 

@@ -89,7 +89,7 @@ class Loop:
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
         self._worker, self._recorder, self._clock = worker, recorder, clock
-        self._pilot = Pilot(rig)
+        self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = budget_s(rig) - WRITE_MARGIN_S
         self._safety, self._gate = SafetyState(), Gate()
@@ -180,7 +180,7 @@ class Loop:
             return resting_reference(self._rig)
         if planned < len(self._plan):
             self._safety = safety.happened(self._safety, Event.START)
-            return self._plan.at(planned)
+            return self._plan.at(planned, self._pilot.preview_s)
         self._safety = safety.happened(self._safety, Event.FINISH)
         over = planned >= len(self._plan) + self._rest_ticks - 1
         self._finished = over and self._safety.mode is Mode.ARMED
@@ -227,7 +227,8 @@ class Loop:
         mode = self._safety.mode
         usable_n = prediction.force_n if mode is Mode.RUNNING else None
         self._gate = safety.gate(self._gate, usable_n)
-        feedforward_n = -self._gate.share * self._gate.force_n
+        # Without a share in the command the estimator must expect any wake, hence None.
+        feedforward_n = -self._gate.share * self._gate.force_n if self._gate.share else None
         if mode is Mode.FAILSAFE:
             return self._come_down(t_s, feedforward_n)
         if mode is Mode.ARMED:
@@ -236,7 +237,9 @@ class Loop:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
         return aim, command, terms
 
-    def _come_down(self, t_s: float, feedforward_n: float) -> tuple[Reference, Command, Terms]:
+    def _come_down(
+        self, t_s: float, feedforward_n: float | None
+    ) -> tuple[Reference, Command, Terms]:
         """The source idles at once; the sufferer descends, under control while it can be seen."""
         rig, descent = self._rig, self._began_descent(t_s)
         aim = safety.descent_reference(descent, t_s, rig.limits.pulse_us[0])

@@ -46,6 +46,7 @@ class Pilot:
 
     def __init__(self, rig: Rig, lead_s: float = 0.0, rate_hz: float = LOOP_RATE_HZ) -> None:
         self.rig, self.lead_s = rig, lead_s
+        self.preview_s = rig.default_lead_s  # an acceleration is wanted when its command acts
         self._estimator = Estimator(rig)
         self._controller = Controller(rig, 1.0 / rate_hz)
 

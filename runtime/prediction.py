@@ -50,6 +50,7 @@ class Result:
 class Predictions(Protocol):
     """What the loop asks: a force by a deadline. Trained ranges `low` and `high` are (d,)."""
 
+    lead_s: float
     low: FloatArray
     high: FloatArray
 
@@ -65,6 +66,7 @@ class PredictionWorker:
 
     def __init__(self, predictor: Stepper, period_s: float) -> None:
         self._predictor, self._period_s = predictor, period_s
+        self.lead_s = predictor.manifest.lead_s
         channels = predictor.manifest.observation
         self.low = np.array([c.min for c in channels], dtype=np.float32)  # (d,)
         self.high = np.array([c.max for c in channels], dtype=np.float32)  # (d,)

@@ -103,6 +103,7 @@ class Forces:
 
     def __init__(self, force=lambda n: 0.0, ready_after=4, low=-10.0, high=10.0):
         self.force, self.ready_after = force, ready_after
+        self.lead_s = RIG.default_lead_s
         self.low, self.high = np.full(5, low, np.float32), np.full(5, high, np.float32)
         self.calls = self.resets = self.seen = 0
         self.deadlines_s = []

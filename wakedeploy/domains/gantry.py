@@ -119,7 +119,6 @@ class _Flight:
         self._rig, self._plant, self._plan, self._forecast = truth, plant, plan, forecast
         self._pilot, self._mcu = Pilot(model, lead_s), Mcu(truth)
         self._state = self._pilot.initial(0.0)
-        self._preview_s = model.default_lead_s
         idle_us = truth.limits.pulse_us[0]
         self._outputs = Outputs(idle_us, idle_us, 0.0)
         self._under_way: deque[tuple[float, int, Command]] = deque()
@@ -142,7 +141,7 @@ class _Flight:
         aim = (
             resting_reference(self._rig)
             if planned is None
-            else self._plan.at(planned, self._preview_s)
+            else self._plan.at(planned, self._pilot.preview_s)
         )
         measured = self._read(t_s)
         self._state = self._pilot.estimate(self._state, measured)
