@@ -1,4 +1,4 @@
-"""As the real rig will be used: fly, smooth the logs, train on the measured force, fly the result."""
+"""As the real rig will be used: fly, smooth the logs, train on measured forces, fly the result."""
 
 from pathlib import Path
 

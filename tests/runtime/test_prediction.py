@@ -19,7 +19,7 @@ class Model:
 
     def __init__(self):
         channel = ObservationChannel(name="a", unit="1", min=-1.0, max=3.0)
-        self.manifest = type("Manifest", (), {"observation": (channel,)})
+        self.manifest = type("Manifest", (), {"observation": (channel,), "lead_s": 0.09})
         self.go = threading.Event()
         self.go.set()
         self.seen, self.broken = 0, False
