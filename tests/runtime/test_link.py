@@ -7,7 +7,7 @@ import tty
 import pytest
 
 from runtime.link import Link
-from runtime.protocol import Frame, FrameDecoder, Hello, HelloReply, encode_frame
+from runtime.protocol import Command, Frame, FrameDecoder, Hello, HelloReply, encode_frame
 from wakedeploy.errors import UnusableInput
 
 
@@ -76,6 +76,20 @@ def test_a_port_in_use_a_missing_one_and_a_file_are_refused(far_end, tmp_path):
     plain.write_text("not a port")
     with pytest.raises(UnusableInput, match="cannot be used as a serial port"):
         Link(str(plain))
+
+
+def test_a_port_that_takes_no_more_bytes_is_a_lost_connection_not_a_hang():
+    master, slave = os.openpty()
+    try:
+        with Link(os.ttyname(slave)) as link:
+            for _ in range(100_000):
+                link.send(Command(1000.0, 1000.0, 0))
+                if link.failure:
+                    break
+            assert "connection to the board was lost" in link.failure
+    finally:
+        os.close(slave)
+        os.close(master)
 
 
 def test_garbage_is_counted_and_kept_out(far_end):
