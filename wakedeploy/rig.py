@@ -9,7 +9,7 @@ import functools
 import importlib.resources
 import re
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -20,6 +20,7 @@ from pydantic import Field
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.validation import first_problem
 
 SCHEMA = 1
 LOOP_RATE_HZ = 32.0
@@ -338,7 +339,7 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
     try:
         rig = Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
     except pydantic.ValidationError as error:
-        raise UnusableInput(f"{name}: {_first_problem(error)}") from error
+        raise UnusableInput(f"{name}: {first_problem(error)}.") from error
     _check_units(rig.calibration, name)
     return rig
 
@@ -395,17 +396,3 @@ def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
         nested = isinstance(entry, Mapping) and isinstance(merged.get(key), Mapping)
         merged[key] = _merged(merged[key], entry) if nested and "value" not in entry else entry
     return merged
-
-
-def _first_problem(error: pydantic.ValidationError) -> str:
-    problem = error.errors()[0]
-    where: Sequence[str] = [str(part) for part in problem["loc"]]
-    place = f"[{'.'.join(where[:-1])}] {where[-1]}" if len(where) > 1 else "".join(where)
-    if problem["type"] == "extra_forbidden":
-        return f"{place} is not known; check its spelling."
-    if problem["type"] == "missing":
-        return f"{place} is missing."
-    given = problem["input"]
-    shown = f" = {given!r}" if isinstance(given, int | float | str) and where else ""
-    message = problem["msg"].removeprefix("Value error, ")
-    return f"{place}{shown}: {message}.".lstrip(": ")

@@ -52,7 +52,7 @@ def test_the_thrust_curve_and_its_inverse_undo_each_other(pulse_us: float) -> No
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"wake": {"speed_mps": -1.0}}, ("[wake] speed_mps", "-1.0", "0.1")),
+        ({"wake": {"speed_mps": -1.0}}, ("wake.speed_mps", "-1.0", "0.1")),
         ({"sufferer": {"mas_kg": 0.4}}, ("mas_kg", "not known")),
         ({"sufferer": {"mass_kg": "heavy"}}, ("mass_kg", "heavy")),
         ({"sufferer": {"mass_kg": {"value": 0.4, "unit": "g"}}}, ("mass_kg", "kg", "'g'")),
