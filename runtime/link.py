@@ -3,8 +3,8 @@
 In: a port's name. Out: the newest status and when it came. A thread reads; it only ever waits.
 """
 
-import contextlib
 import os
+import select
 import threading
 import time
 from collections import OrderedDict
@@ -61,6 +61,7 @@ class Link:
         self._last_answered: int | None = None
         self._failure: str | None = None
         self._closing = False
+        self._wake = os.pipe()  # ends the reader's wait
         self._reader = threading.Thread(target=self._read, name="link", daemon=True)
         self._reader.start()
 
@@ -132,10 +133,11 @@ class Link:
     def close(self) -> None:
         """Stop reading and free the port."""
         self._closing = True
-        with contextlib.suppress(OSError):  # a port that is gone has ended the read as well
-            self._serial.cancel_read()
+        os.write(self._wake[1], b"x")
         self._reader.join(timeout=1.0)
         self._serial.close()
+        for end in self._wake:
+            os.close(end)
 
     def _ask(self, message: Message) -> Status:
         answer = self.wait_for(self._send(message), ANSWER_LIMIT_S)
@@ -158,21 +160,26 @@ class Link:
                 self._fail(error)
         return self._sequence
 
-    def _write(self, data: bytes) -> None:
-        """Hand a frame to the kernel without waiting.
+    # Not pyserial's write and read: its write asks afterwards whether the port is writable, and its
+    # in_waiting locks the terminal against writers. Both wait for a kernel thread of ordinary
+    # priority, and a real-time loop would wait with them, for up to 18 ms on a busy machine.
 
-        Not pyserial's write: that asks afterwards whether the port is writable, and a terminal
-        answers only once an ordinary kernel thread has run, for which a real-time loop would wait.
-        """
+    def _write(self, data: bytes) -> None:
+        """Hand a frame to the kernel without waiting."""
         if os.write(self._serial.fileno(), data) != len(data):
             raise BlockingIOError("the port takes no more bytes")
 
     def _read(self) -> None:
-        while not self._closing:
+        port, wake = self._serial.fileno(), self._wake[0]
+        while True:
+            ready, _, _ = select.select([port, wake], [], [])
+            if wake in ready:
+                return
             try:
-                data = self._serial.read(max(1, self._serial.in_waiting))
-            except (OSError, TypeError, serial.SerialException) as error:
-                # pyserial reads from None (TypeError) when the port is closed under it.
+                data = os.read(port, 4096)
+                if not data:
+                    raise OSError("the port is ready but gives nothing")
+            except OSError as error:
                 self._fail(error)
                 return
             now_s = time.monotonic()
@@ -233,7 +240,7 @@ def _agreed(reply: HelloReply, port: str) -> HelloReply:
 
 def _opened(port: str) -> serial.Serial:
     try:
-        return serial.Serial(port, BAUD, timeout=0.5, exclusive=True)
+        return serial.Serial(port, BAUD, exclusive=True)
     except (OSError, ValueError, serial.SerialException) as error:
         raise UnusableInput(f"{port}: {_why_not_open(error)}") from error
 
