@@ -13,7 +13,7 @@ from typing import Protocol
 from runtime import safety
 from runtime.controller import Command, Terms
 from runtime.estimator import Measurement
-from runtime.link import Answer, Link
+from runtime.link import Answer
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm, Status
@@ -60,6 +60,27 @@ class RowSink(Protocol):
         """Take one row without blocking."""
 
 
+class Wire(Protocol):
+    """The other end of the wire: `runtime.link.Link`, or a simulation of it."""
+
+    @property
+    def answer(self) -> Answer | None:
+        """The newest status; None before the first."""
+
+    @property
+    def failure(self) -> str | None:
+        """Why no more statuses will come; None while all is well."""
+
+    def arm(self, limits: Arm) -> Status:
+        """Arm with these limits; the board's answer."""
+
+    def disarm(self) -> None:
+        """Motors off."""
+
+    def send(self, message: WireCommand) -> int:
+        """Send a command without waiting; its sequence number."""
+
+
 class Laps:
     """Times between marks, on the monotonic clock."""
 
@@ -80,7 +101,7 @@ class Loop:
     def __init__(
         self,
         rig: Rig,
-        link: Link,
+        link: Wire,
         ranges: RangeSource,
         plan: FlightPlan,
         worker: Predictions | None = None,

@@ -1,11 +1,12 @@
 """Simulated flights repeat, are dirty where they should be, and gain from the truth fed forward."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from wakedeploy.domains.gantry import episode_from_log, make_set, record
+from wakedeploy.domains.gantry import _job, episode_from_log, make_set, record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import RunLog
@@ -81,7 +82,7 @@ def test_each_disturbance_can_be_switched_off() -> None:
         range_sensor={"noise_m": 0.0, "resolution_m": 0.0},
     )
     log = record(clean, seconds=8.0, seed=1)
-    assert len(log) == 8 * 32
+    assert len(log) == 8 * 32 + 1  # and the tick that switches the motors off
     assert np.allclose(np.diff(log["t_s"]), 1 / 32, atol=1e-12)
     assert np.nanmax(np.abs(log["innovation_m"])) < 0.03
 
@@ -101,22 +102,59 @@ def test_a_wake_hook_cannot_be_foreseen() -> None:
         record(None, seconds=5.0, seed=0, lead_oracle_s=0.09, wake_hook=lambda *a: (0.0, 0.0))
 
 
-def test_a_sensor_that_goes_blind_ends_in_no_crash_of_the_code() -> None:
+def test_a_sensor_that_goes_blind_brings_the_sufferer_down() -> None:
     def blind(t_s: float, range_m: float, steps: int) -> tuple[float, int]:
         return (math.nan if t_s > 8.0 else range_m), steps
 
     log = record(None, seconds=10.0, seed=0, sensor_hook=blind)
-    assert np.all(np.isnan(log["range_m"][log["t_s"] > 8.1]))
+    blind_ticks = log["t_s"] > 8.1
+    assert np.all(np.isnan(log["range_m"][blind_ticks]))
+    assert log["mode"][-1] == "FAILSAFE"
+    assert "sensor_lost" in log["faults"][-1]
+    assert log["true_z_m"][-1] < 0.05
     assert np.all(np.isfinite(log["z_est_m"]))
 
 
-def test_a_set_mixes_flights_and_splits_by_episode() -> None:
+@pytest.mark.parametrize("lead_s", [-0.1, math.nan, math.inf, 5.0])
+def test_an_impossible_lead_is_refused(lead_s: float) -> None:
+    with pytest.raises(UnusableInput, match="lead_oracle_s"):
+        record(None, seconds=5.0, seed=0, lead_oracle_s=lead_s)
+
+
+def test_a_lead_beyond_the_jet_is_the_present_thrust_held() -> None:
+    assert tracking_mm(record(None, seconds=8.0, seed=0, lead_oracle_s=1.0)) < 300.0
+
+
+def test_the_loop_knows_its_own_rig_and_not_the_truth() -> None:
+    """Two truths, one rig file: references and metadata are those of the file."""
+    model = RIG.changed(sufferer={"mass_kg": 0.44})
+    flown = [record(truth, seconds=8.0, seed=2, model_rig=model) for truth in (RIG, model)]
+    assert np.array_equal(flown[0]["z_ref_m"], flown[1]["z_ref_m"])
+    assert flown[0].metadata["rig_sha256"] == model.sha256
+    assert not np.allclose(flown[0]["true_z_m"], flown[1]["true_z_m"], atol=1e-4)
+
+
+def test_a_set_splits_by_episode_and_repeats() -> None:
     data = make_set(None, minutes=2.0, seed=5)
     assert len(data.episodes) == 5
     assert [data.split[e.name] for e in data.episodes][-2:] == ["validation", "test"]
     assert data.provenance["default_lead_s"] == RIG.default_lead_s
     again = make_set(None, minutes=2.0, seed=5)
     assert again.sha256 == data.sha256
+
+
+def test_a_set_mixes_flights_without_and_with_feedforward() -> None:
+    jobs = [_job(RIG, 0, i, ()) for i in range(8)]
+    assert [job.oracle_s for job in jobs[:4]] == [None, 0.0, None, RIG.default_lead_s]
+    packages = (Path("a.onnx"), Path("b.onnx"))
+    jobs = [_job(RIG, 0, i, packages) for i in range(8)]
+    assert [job.package for job in jobs[:4]] == [None, packages[0], None, packages[1]]
+    assert all(job.oracle_s is None for job in jobs)
+
+
+def test_no_training_flight_is_one_that_a_person_flies() -> None:
+    """`run-gantry --seed` counts from 0, training flights from a million."""
+    assert min(_job(RIG, 0, i, ()).seed for i in range(100)) >= 1_000_000
 
 
 def test_an_episode_holds_what_the_pilot_saw(pid_flight: RunLog) -> None:

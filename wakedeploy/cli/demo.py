@@ -16,7 +16,7 @@ from wakedeploy.errors import CheckFailed, UnusableInput
 if TYPE_CHECKING:
     from wakedeploy.runlog import RunLog
 
-_SEED = 7  # of the flight; no training episode shares its plan
+_SEED = 7  # of the flights; training episodes count from a million
 
 
 @click.command()
@@ -45,7 +45,18 @@ def command(out: Path, minutes: float, seconds: float, json_path: Path | None) -
     run = out / "runs" / "gantry" / "gru" / "s0"
     fly = ["--virtual", "--seconds", seconds, "--seed", _SEED]
     _step("data", "make", "gantry", "--out", data, "--minutes", minutes, "--seed", 0)
-    _step("train", "--data", data, "--arch", "gru", "--out", out / "runs", "--epochs", _EPOCHS)
+    _step(
+        "train",
+        "--data",
+        data,
+        "--arch",
+        "gru",
+        "--out",
+        out / "runs",
+        "--epochs",
+        _EPOCHS,
+        "--fresh",
+    )
     _step("export", "--arch", "gru", "--run", run, "--data", data, "--out", package)
     _step("check", package)
     pid, fed = out / "pid.mcap", out / "feedforward.mcap"

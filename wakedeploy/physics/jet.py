@@ -72,7 +72,7 @@ class VerticalJet:
         What the source will inject in the meantime is taken as its present thrust; it matters only
         nearer to the source than a puff sinks within the lead.
         """
-        steps = round(lead_s / self._dt_s)
+        steps = min(round(lead_s / self._dt_s), self._length)
         roots = self._history[self._newest : self._newest + self._length]
         known = np.concatenate([np.full(steps, roots[0]), roots[: self._length - steps]])
         return self._table.velocity(known, x_m, z_m - self._height_m)
