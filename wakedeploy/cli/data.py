@@ -44,22 +44,37 @@ def make() -> None:
 @click.option(
     "--rig", "rig_path", type=click.Path(path_type=Path), help="Default: the default rig."
 )
+@click.option(
+    "--package",
+    "packages",
+    type=click.Path(dir_okay=False, path_type=Path),
+    multiple=True,
+    help="Fly this predictor in the flights with feedforward; may be repeated.",
+)
 @_JSON
 def make_gantry(
-    out: Path, minutes: float, seed: int, rig_path: Path | None, json_path: Path | None
+    out: Path,
+    minutes: float,
+    seed: int,
+    rig_path: Path | None,
+    packages: tuple[Path, ...],
+    json_path: Path | None,
 ) -> None:
-    """Fly the simulated gantry closed loop, with PID alone and with feedforward.
+    """Fly the simulated gantry closed loop: half PID alone, half with feedforward.
+
+    The feedforward is the true force, now and at the rig's lead, unless packages are given.
 
     \b
     Example:
         wakedeploy data make gantry --out sets/gantry --minutes 30 --seed 0
+        wakedeploy data make gantry --out sets/second --package gru.onnx
     """
     from wakedeploy.domains.gantry import make_set
     from wakedeploy.rig import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     with progress("Flying", 1) as bar:
-        made = make_set(rig, minutes=minutes, seed=seed, progress=bar.update)
+        made = make_set(rig, minutes=minutes, seed=seed, packages=packages, progress=bar.update)
     made.write(out)
     _describe(made, out, json_path)
 
