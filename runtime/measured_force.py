@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
+from runtime.estimator import Estimator
 from runtime.smoother import (
     MAX_STEP_S,
     Flight,
@@ -44,9 +45,10 @@ _FIRST_GUESS = (0.3, 0.4)  # time [s] and size [N] for the first look at speed a
 class MeasuredForce:
     """One airborne stretch of a log: which ticks, and what was measured at them, (T,) each.
 
-    `thrust_n` is the sufferer's after spool. `force_sd_n` contains the smoother's own uncertainty,
-    that of the friction where the speed's sign is uncertain, and the turbulence that the rig file
-    states: it is part of the force, but faster than range samples can show.
+    `thrust_n` is the sufferer's after spool, `acceleration_mps2` its own, upward: what thrust,
+    weight, friction and the force together give. `force_sd_n` contains the smoother's own
+    uncertainty, that of the friction where the speed's sign is uncertain, and the turbulence that
+    the rig file states: it is part of the force, but faster than range samples can show.
     """
 
     ticks: npt.NDArray[np.intp]
@@ -127,8 +129,7 @@ def _applied_pulses(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """When each pulse width began to act, and the pulse widths [µs]; times rise."""
     if log.has("applied_time_s") and log.has("sufferer_applied_us"):
         return _reported_pulses(log, rig)
-    delay_s = 0.5 * (rig.latency.round_trip_s + rig.disturbance.esc_frame_s)
-    return log["t_s"] + delay_s, log["sufferer_cmd_us"]
+    return log["t_s"] + Estimator(rig).command_delay_s, log["sufferer_cmd_us"]
 
 
 def _reported_pulses(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:

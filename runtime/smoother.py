@@ -80,7 +80,6 @@ class Smoothed:
     causal_height_m: FloatArray
     causal_speed_mps: FloatArray
     rejected: int  # samples taken for outliers
-    log_likelihood: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -295,5 +294,4 @@ def _results(
         causal_height_m=height + causal[at, 0],
         causal_speed_mps=speed + causal[at, 1],
         rejected=int(forward.rejected[0]),
-        log_likelihood=float(forward.log_likelihood[0]),
     )

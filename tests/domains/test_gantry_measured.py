@@ -77,6 +77,30 @@ def test_the_set_is_what_training_takes(logs: dict[str, RunLog]) -> None:
     assert 0.8 < made.r2_ceiling < 1.0
 
 
+def test_acceleration_and_thrust_are_kept_and_are_the_plants() -> None:
+    """The carriage's own, inner step by inner step: its speed's change, and its thrust."""
+    seen: list[tuple[float, float, float]] = []
+
+    def hook(t_s: float, state: dict[str, float]) -> float:
+        seen.append((t_s, state["vz_mps"], state["sufferer_thrust_n"]))
+        return 0.0
+
+    log = record(RIG, seconds=20, seed=5, force_hook=hook)
+    true_s, true_mps, true_n = np.array(seen).T
+    episodes = measured_set({"flight": log}, RIG).episodes.episodes
+    assert len(episodes) == 4  # cut by time, extras with them
+    for episode in episodes:
+        t_s = episode.extras["t_s"].astype(float)
+        assert episode.extras["acceleration_mps2"].shape == t_s.shape == (len(episode),)
+        ahead, behind = (np.interp(t_s + h, true_s, true_mps) for h in (0.03, -0.03))
+        true_mps2 = (ahead - behind) / 0.06
+        error = episode.extras["acceleration_mps2"] - true_mps2
+        assert np.sqrt(np.mean(error**2)) < 0.2
+        assert np.std(true_mps2) > 0.5  # there was something to measure
+        thrust_error = episode.extras["thrust_n"] - np.interp(t_s, true_s, true_n)
+        assert np.sqrt(np.mean(thrust_error**2)) < 0.05
+
+
 def test_observations_are_those_of_the_loop(logs: dict[str, RunLog]) -> None:
     log = logs["flight0"]
     episode = measured_set({"flight0": log}, RIG).episodes.episodes[0]

@@ -1,7 +1,8 @@
 """Gantry episodes from real flights: what was observed, and the force measured after the fact.
 
-In: run logs and the rig. Out: an episode set whose force is the smoothed disturbance, with its
-standard deviation as the extra array `force_sd_n`, and what each log gave. Nothing that only a
+In: run logs and the rig. Out: an episode set whose force is the smoothed disturbance, and what each
+log gave. Extra arrays: the force's standard deviation `force_sd_n`, and what it was found from,
+`acceleration_mps2` and `thrust_n` (after spool); `t_s` is the log's time. Nothing that only a
 simulation knows is looked at.
 """
 
@@ -15,7 +16,7 @@ from pydantic import JsonValue
 
 import wakedeploy
 from runtime.measured_force import MeasuredForce, measure, range_offset
-from runtime.pilot import FORCE, OBSERVATION
+from runtime.pilot import FORCE, OBSERVATION, observation
 from runtime.smoother import ForceModel
 from wakedeploy.domains.gantry import WINDOW_S
 from wakedeploy.episodes import SPLITS, Channel, Episode, EpisodeSet
@@ -120,12 +121,17 @@ def _common_rate(logs: Mapping[str, RunLog]) -> float:
 
 
 def _episode(name: str, log: RunLog, one: MeasuredForce, rig: Rig) -> Episode:
-    force_sd_n = one.force_sd_n.astype(np.float32)[:, None]
+    extras = {
+        "force_sd_n": one.force_sd_n[:, None],
+        "acceleration_mps2": one.acceleration_mps2,
+        "thrust_n": one.thrust_n,
+        "t_s": log["t_s"][one.ticks],
+    }
     return Episode(
         name,
         _observations(log, one, rig),
         one.force_n.astype(np.float32)[:, None],
-        {"force_sd_n": force_sd_n, "t_s": log["t_s"][one.ticks].astype(np.float32)},
+        {key: array.astype(np.float32) for key, array in extras.items()},
     )
 
 
@@ -139,10 +145,8 @@ def _observations(log: RunLog, one: MeasuredForce, rig: Rig) -> npt.NDArray[np.f
     vx_mps = _logged(log, "vx_mps", one, _backward_speed(log["t_s"][one.ticks], x_m))
     z_m = _logged(log, "z_est_m", one, one.smoothed.causal_height_m)
     vz_mps = _logged(log, "vz_est_mps", one, one.smoothed.causal_speed_mps)
-    low, high = rig.thrust.source.pulse_us[0], rig.thrust.source.pulse_us[-1]
-    throttle = np.clip((log["source_cmd_us"][one.ticks] - low) / (high - low), 0.0, 1.0)
-    columns = (-x_m, rig.source.height_m - z_m, vx_mps, vz_mps, throttle)
-    return np.stack(columns, axis=1).astype(np.float32)
+    ticks = zip(x_m, z_m, vx_mps, vz_mps, log["source_cmd_us"][one.ticks], strict=True)
+    return np.stack([observation(rig, *values) for values in ticks])
 
 
 def _logged(log: RunLog, name: str, one: MeasuredForce, otherwise: FloatArray) -> FloatArray:
