@@ -8,6 +8,7 @@ from typing import Any
 import torch
 
 from trainers.agile_mlp import AgileMlp, AgileMlpHyper
+from trainers.bounds import check_hyper
 from trainers.cross_attention import CrossAttention, CrossAttentionHyper
 from trainers.delay_embedding import DelayEmbedding, DelayEmbeddingHyper
 from trainers.esn import Esn, EsnHyper
@@ -63,10 +64,10 @@ def build(
     k, stride = window_shape(window_s, rate_hz)
     sizes = Sizes(inputs, outputs, k, stride, rate_hz)
     values = hyper_parameters(arch, hyper or {})
+    _check_budget(arch, sizes, values)
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
-        core = ARCHITECTURES[arch].core(sizes, values)
-    return _within_budget(arch, core)
+        return ARCHITECTURES[arch].core(sizes, values)
 
 
 def hyper_parameters(arch: str, overrides: Mapping[str, Any]) -> Any:
@@ -75,31 +76,22 @@ def hyper_parameters(arch: str, overrides: Mapping[str, Any]) -> Any:
         raise UnusableInput(f"There is no architecture '{arch}'; choose {_names(ARCHITECTURES)}.")
     defaults = ARCHITECTURES[arch].hyper()
     known = dataclasses.asdict(defaults)
-    for name, value in overrides.items():
+    for name in overrides:
         if name not in known:
             raise UnusableInput(f"{arch} has no hyper-parameter '{name}'; it has {_names(known)}.")
-        _check_value(arch, name, value, known[name])
+    check_hyper(arch, known, overrides)
     return dataclasses.replace(defaults, **overrides)
 
 
-def _check_value(arch: str, name: str, value: Any, default: Any) -> None:
-    """Counts are whole and positive; everything else is a finite number of 0 or more."""
-    if value is None and default is None:
-        return
-    count = isinstance(default, int)
-    usable = isinstance(value, int if count else (int, float)) and not isinstance(value, bool)
-    if not usable or not (1 if count else 0) <= value < float("inf"):
-        bound = "a whole number of at least 1" if count else "a number of at least 0"
-        raise UnusableInput(f"{arch}: {name} = {value!r} has to be {bound}.")
-
-
-def _within_budget(arch: str, core: WakeModel) -> WakeModel:
-    if core.trainable >= PARAMETER_BUDGET:
+def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:
+    """Count the weights before any memory is taken for them; UnusableInput beyond the budget."""
+    with torch.device("meta"), torch.random.fork_rng(devices=[]):
+        trainable = ARCHITECTURES[arch].core(sizes, values).trainable
+    if trainable >= PARAMETER_BUDGET:
         raise UnusableInput(
-            f"{arch} would have {core.trainable:,} trainable parameters, and the budget is fewer"
+            f"{arch} would have {trainable:,} trainable parameters, and the budget is fewer"
             f" than {PARAMETER_BUDGET:,}; choose smaller hyper-parameters."
         )
-    return core
 
 
 def _names(names: Mapping[str, Any]) -> str:

@@ -29,6 +29,7 @@ class CrossAttention(WakeModel):
         super().__init__()
         self.memory = sizes.window_memory
         self.heads, embed = hyper.heads, hyper.embed
+        self.width = embed // self.heads  # of one head
         self.register_buffer("positions", sinusoids(sizes.k, embed), persistent=False)
         self.embed_query = nn.Linear(sizes.inputs, embed)
         self.embed_past = nn.Linear(sizes.inputs, embed)
@@ -51,10 +52,10 @@ class CrossAttention(WakeModel):
         """Asking token (B, E), values (B, K, H, E/H), weights (B, K, H) that sum to 1 over K."""
         asking = self.embed_query(window[:, -1]) + self.positions[-1]  # (B, E)
         past = self.embed_past(window) + self.positions  # (B, K, E)
-        query = self.query(asking).unflatten(1, (1, self.heads, -1))  # (B, 1, H, E/H)
-        key = self.key(past).unflatten(2, (self.heads, -1))  # (B, K, H, E/H)
-        value = self.value(past).unflatten(2, (self.heads, -1))  # (B, K, H, E/H)
-        likeness = (query * key).sum(3) / math.sqrt(key.shape[3])  # (B, K, H)
+        query = self.query(asking).unflatten(1, (1, self.heads, self.width))  # (B, 1, H, E/H)
+        key = self.key(past).unflatten(2, (self.heads, self.width))  # (B, K, H, E/H)
+        value = self.value(past).unflatten(2, (self.heads, self.width))  # (B, K, H, E/H)
+        likeness = (query * key).sum(3) / math.sqrt(self.width)  # (B, K, H)
         return asking, value, torch.softmax(likeness, dim=1)
 
     def forward(self, window: Tensor) -> Tensor:

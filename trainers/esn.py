@@ -13,6 +13,7 @@ from torch.nn import functional
 
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
+from wakedeploy.errors import UnusableInput
 
 
 @dataclass(frozen=True)
@@ -76,5 +77,12 @@ def _recurrent_weights(hyper: EsnHyper) -> Tensor:
     """A sparse random matrix (N, N), scaled to the spectral radius that is asked for."""
     shape = (hyper.neurons, hyper.neurons)
     weights = torch.randn(shape) * (torch.rand(shape) < hyper.density)
+    if weights.is_meta:  # only counted
+        return weights
     radius: float = torch.linalg.eigvals(weights).abs().max().item()
+    if radius < 1e-3:  # weights are about 1, so nothing comes back to where it was
+        raise UnusableInput(
+            f"esn: {hyper.neurons} neurons at density = {hyper.density:g} were drawn without a"
+            " loop and remember nothing; choose more neurons or a higher density."
+        )
     return weights * (hyper.spectral_radius / radius)
