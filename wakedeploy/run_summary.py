@@ -27,7 +27,8 @@ class RunSummary:
 
     `tracking_rmse_m` is reference minus estimated height while flying, `true_tracking_rmse_m` the
     same for the true height of a simulation. `overruns`: ticks that took longer than their period,
-    and ticks that could not begin. `dropped`: ticks that happened and could not be recorded.
+    and ticks that could not begin: numbers on the loop's grid that neither the log nor the
+    recorder's count of losses has. `dropped`: ticks that happened and could not be recorded.
     """
 
     ticks: int
@@ -62,7 +63,7 @@ def summarise(log: RunLog) -> RunSummary:
     """Sum up a run; a log without ticks gives zeros and NaN."""
     period_s = 1.0 / log.rate_hz if len(log) > 1 or "rate_hz" in log.metadata else 0.0
     error_m = (log["z_ref_m"] - log["z_est_m"])[log.flying]
-    true_m = (log["z_ref_m"] - log["true_z_m"])[log.flying] if "true_z_m" in log else error_m[:0]
+    simulated = "true_z_m" in log
     modes = Counter(log["mode"])
     stages = {stage: log[stage] for stage in STAGES}
     computing_s = np.sum(list(stages.values()), axis=0)
@@ -72,9 +73,9 @@ def summarise(log: RunLog) -> RunSummary:
         duration_s=float(np.ptp(log["t_s"])) + period_s if len(log) else 0.0,
         rate_hz=float(np.ptp(log["tick"]) / np.ptp(log["t_s"])) if len(log) > 1 else float("nan"),
         flying_s=sum(modes[mode] for mode in FLYING) * period_s,
-        tracking_rmse_m=_rms(error_m),
+        tracking_rmse_m=log.tracking_rmse_m(),
         tracking_max_m=_spread(np.abs(error_m)).max,
-        true_tracking_rmse_m=_rms(true_m),
+        true_tracking_rmse_m=log.tracking_rmse_m("true_z_m") if simulated else float("nan"),
         overruns=_overruns(log, computing_s, period_s, dropped),
         dropped=dropped,
         round_trip_s=_spread(log["round_trip_s"]),
@@ -89,11 +90,14 @@ def summarise(log: RunLog) -> RunSummary:
 
 
 def _overruns(log: RunLog, computing_s: FloatArray, period_s: float, dropped: int) -> int:
-    """Ticks slower than a period, and gaps in time that are not the recorder's own losses."""
+    """Ticks slower than a period, and gaps on the grid that are not the recorder's own losses.
+
+    The run itself counts the same two (`runtime.tally`); time would not tell them: a tick that
+    began late is followed by one that did not.
+    """
     slow = computing_s > period_s
     slow |= np.array(["overrun" in faults for faults in log["faults"]], dtype=bool)
-    steps = np.round(np.diff(log["t_s"]) / period_s) if period_s > 0.0 else np.zeros(0)
-    skipped = int(np.sum(np.maximum(steps - 1.0, 0.0)))
+    skipped = int(np.sum(np.maximum(np.diff(log["tick"]) - 1.0, 0.0)))
     return int(slow.sum()) + max(0, skipped - dropped)
 
 
@@ -116,8 +120,3 @@ def _spread(values: FloatArray) -> Spread:
     if not len(known):
         return Spread(float("nan"), float("nan"), float("nan"))
     return Spread(*(float(v) for v in np.percentile(known, (50, 99, 100))))
-
-
-def _rms(values: FloatArray) -> float:
-    known = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(np.square(known)))) if len(known) else float("nan")

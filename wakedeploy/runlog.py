@@ -76,9 +76,12 @@ COLUMNS = (
     Column("true_wake_force_n", "N", "number", "extra"),
     Column("true_hook_force_n", "N", "number", "extra"),
     Column("true_z_m", "m", "number", "extra"),
-    Column("true_z_m", "m", "number", "extra"),
 )
 COLUMN = {column.name: column for column in COLUMNS}
+_METADATA_FORMS = {
+    "rate_hz": (r"(?=.*[1-9])\d{1,6}(\.\d{1,12})?", "number above zero"),
+    "dropped": (r"\d{1,9}", "whole number"),
+}
 STAGES = ("t_read_s", "t_estimate_s", "t_predict_s", "t_control_s", "t_write_s")
 
 
@@ -259,10 +262,10 @@ def _is_number(value: Value) -> bool:
 
 def _check(log: RunLog, path: Path) -> None:
     """What no run can have written: unknown modes, time that does not rise."""
-    for key in ("rate_hz", "dropped"):
+    for key, (form, wanted) in _METADATA_FORMS.items():
         text = log.metadata.get(key, "1")
-        if not re.fullmatch(r"\d{1,6}(\.\d{1,12})?", text):
-            raise UnusableInput(f"{path}: its metadata say {key} = {text!r}; that is no number.")
+        if not re.fullmatch(form, text):
+            raise UnusableInput(f"{path}: its metadata say {key} = {text!r}; that is no {wanted}.")
     strange = set(log["mode"]) - set(MODES)
     if strange:
         raise UnusableInput(

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from runtime.tally import Tally
 from wakedeploy.run_figure import draw_run
 from wakedeploy.run_summary import summarise
 from wakedeploy.runlog import RunLog
@@ -77,6 +78,27 @@ def test_slow_and_skipped_ticks_are_overruns_and_dropped_rows_are_not() -> None:
     assert summary_of(made).overruns == 2 + 3
     told = summary_of(made, dropped="3")
     assert (told.overruns, told.dropped) == (2, 3)
+
+
+def test_a_tick_that_began_late_hides_and_feigns_no_skipped_one() -> None:
+    made = rows()
+    made[90]["t_s"] = 90.55 / 32  # 1.55 periods after the tick before
+    assert summary_of(made).overruns == 0
+    made[50]["t_s"] = 50.45 / 32
+    made[52]["t_s"] = 51.9 / 32
+    del made[51]  # the gap in time is 1.45 periods
+    assert summary_of(made).overruns == 1
+
+
+def test_the_log_and_the_run_itself_count_the_same_overruns() -> None:
+    made, tally, next_tick = rows(), Tally(period_s=1 / 32), 0
+    made[100]["faults"] = "overrun"
+    del made[200:203]
+    for row in made:
+        skipped, next_tick = row["tick"] - next_tick, row["tick"] + 1
+        tally.add(row, 0.0, skipped, overran="overrun" in row["faults"])
+    assert summary_of(made).overruns == tally.overruns == 4
+    assert summary_of(made).tracking_rmse_m == pytest.approx(tally.rmse_m)
 
 
 def test_simulated_runs_are_scored_against_the_truth_too() -> None:

@@ -236,6 +236,26 @@ def test_required_columns_alone_are_enough_and_foreign_ones_are_left_out(tmp_pat
     assert log.has("range_m")
 
 
+@pytest.mark.parametrize(
+    ("key", "text"),
+    [
+        *(("dropped", text) for text in ("3.5", "-1", "few", "")),
+        *(("rate_hz", text) for text in ("0", "0.000", "-32", "fast")),
+    ],
+)
+def test_metadata_that_no_summary_could_use_are_refused(
+    tmp_path: Path, key: str, text: str
+) -> None:
+    log = some_log(5)
+    RunLog(log.columns, METADATA | {key: text}).write_mcap(tmp_path / "a.mcap")
+    with pytest.raises(UnusableInput, match=f"{key} = '{text}'; that is no"):
+        read_run_log(tmp_path / "a.mcap")
+
+
+def test_each_column_has_its_own_name() -> None:
+    assert len(COLUMN) == len(COLUMNS)
+
+
 def test_truth_can_be_dropped() -> None:
     log = some_log(true_wake_force_n=-0.5)
     assert "true_wake_force_n" in log
