@@ -1,6 +1,7 @@
 """A trained run becomes a package: graph, manifest, example rollout, parity, one file."""
 
 import platform
+from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 
@@ -27,15 +28,19 @@ from wakedeploy.package import (
     write_package,
 )
 
+Progress = Callable[[int, int], None]
+
 _LIBRARIES = ("torch", "onnx", "onnxscript", "onnxruntime", "numpy")
 _UNMEASURED = Parity(max_abs=0.0, max_rel=0.0, steps=0, limit=PARITY_LIMIT)
 
 
-def export_run(run: TrainedRun, data: EpisodeSet, path: Path) -> Package:
+def export_run(
+    run: TrainedRun, data: EpisodeSet, path: Path, progress: Progress | None = None
+) -> Package:
     """Export a finished run to `path`, parity proved on its test and validation episodes first.
 
-    Raises UnusableInput when the set does not have the run's channels, CheckFailed above the limit;
-    neither leaves a file.
+    `progress(done, total)` is called as it gets on. Raises UnusableInput when the set does not have
+    the run's channels, CheckFailed above the limit; neither leaves a file.
     """
     asked = [channel.name for channel in run.config.observation]
     given = [channel.name for channel in data.observation]
@@ -45,7 +50,9 @@ def export_run(run: TrainedRun, data: EpisodeSet, path: Path) -> Package:
             "give the set it was trained on with --data."
         )
     episodes = data.part("test") + data.part("validation") + data.part("train")
-    return export_predictor(run.predictor, run.config, episodes, path, test=run.metrics.test)
+    return export_predictor(
+        run.predictor, run.config, episodes, path, test=run.metrics.test, progress=progress
+    )
 
 
 def export_predictor(
@@ -55,17 +62,22 @@ def export_predictor(
     path: Path,
     *,
     test: Scores | None = None,
+    progress: Progress | None = None,
 ) -> Package:
     """The same for a predictor in memory, trained or not; `test` are its scores, if it has any."""
+    told = progress or (lambda done, total: None)
     observations = joined(episodes)
     model = graph_bytes(predictor)
+    told(1, 3)
     example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
     manifest = manifest_of(predictor, config, test)
     draft = make_package(model, manifest, example)
     parity = measure(draft, predictor, observations)
+    told(2, 3)
     package = make_package(model, manifest.model_copy(update={"parity": parity}), example)
     require_parity(package, observations)
     write_package(package, path)
+    told(3, 3)
     return package
 
 

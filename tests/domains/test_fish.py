@@ -44,6 +44,14 @@ def saved(folder: Path, files: dict[str, dict[str, np.ndarray]], name: str = "re
     return folder
 
 
+def test_progress_is_told_recording_by_recording(tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        saved(tmp_path, recording(), name)
+    told: list[tuple[int, int]] = []
+    import_set(tmp_path, lambda done, total: told.append((done, total)))
+    assert told == [(1, 2), (2, 2)]
+
+
 @settings(max_examples=10, deadline=None)
 @given(seed=st.integers(0, 10_000))
 def test_each_sample_is_the_newest_measurement_at_its_time(

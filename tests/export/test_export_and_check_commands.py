@@ -63,7 +63,7 @@ def exported(session: Path) -> Path:
     before = Path.cwd()
     os.chdir(session)
     try:
-        done = wakedeploy("export", "--arch", "agile-mlp")
+        done = wakedeploy("export", "--arch", "agile-mlp", "--json", "export.json")
     finally:
         os.chdir(before)
     assert done.exit_code == 0, done.output
@@ -80,6 +80,17 @@ def test_the_newest_run_and_its_own_set_are_found_and_named(exported: Path) -> N
     assert manifest.parity.steps == 3600  # the whole set, in whole episodes
     assert manifest.test is not None
     assert set(manifest.test.rmse) == {"force_z_n"}
+
+
+def test_what_was_exported_is_told_as_json(exported: Path) -> None:
+    result = json.loads((exported.parent / "export.json").read_text())
+    manifest = read_package(exported).manifest
+    assert set(result) == {"arch", "trainable", "frozen", "lead_s", "parity", "file"}
+    assert (result["arch"], result["file"]) == ("agile-mlp", "agile-mlp.onnx")
+    assert (result["trainable"], result["frozen"]) == (manifest.trainable, 0)
+    assert result["lead_s"] == manifest.lead_s
+    assert result["parity"]["max_rel"] == manifest.parity.max_rel <= result["parity"]["limit"]
+    assert result["parity"]["steps"] == 3600
 
 
 def test_a_sound_package_passes_and_says_so(exported: Path, tmp_path: Path) -> None:

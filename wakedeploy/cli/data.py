@@ -99,7 +99,8 @@ def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
     """
     from wakedeploy.domains.fish import import_set
 
-    made = import_set(path)
+    with progress("Importing", 1) as bar:
+        made = import_set(path, bar.update)
     made.write(out)
     _describe(made, out, json_path)
 

@@ -2,11 +2,11 @@
 
 import contextlib
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table
+from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 _DEPTH = 4  # how many folders down the set of a run is looked for
 _FOLDER = click.Path(file_okay=False, path_type=Path)
+_FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
@@ -24,8 +25,16 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
     "--runs", type=_FOLDER, default=Path("runs"), show_default=True, help="Where to look for it."
 )
 @click.option("--data", type=_FOLDER, help="Episodes to prove parity on. Default: the run's own.")
-@click.option("--out", type=click.Path(dir_okay=False, path_type=Path), help="Default: ARCH.onnx.")
-def command(arch: str, run: Path | None, runs: Path, data: Path | None, out: Path | None) -> None:
+@click.option("--out", type=_FILE, help="Default: ARCH.onnx.")
+@click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
+def command(
+    arch: str,
+    run: Path | None,
+    runs: Path,
+    data: Path | None,
+    out: Path | None,
+    json_path: Path | None,
+) -> None:
     """Turn a trained predictor into one self-contained file that the Pi runs.
 
     The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
@@ -34,7 +43,7 @@ def command(arch: str, run: Path | None, runs: Path, data: Path | None, out: Pat
     \b
     Example:
         wakedeploy export --arch gru
-        wakedeploy export --arch gru --run runs/gantry/gru/s0 --out gru.onnx
+        wakedeploy export --arch gru --run runs/gantry/gru/s0 --out gru.onnx --json gru.json
     """
     from export.packaging import export_run
     from trainers.runs import load_run, newest_run
@@ -48,8 +57,12 @@ def command(arch: str, run: Path | None, runs: Path, data: Path | None, out: Pat
         )
     click.echo(f"Exporting {chosen}, finished {trained.metrics.finished_utc}.")
     path = out or Path(f"{arch}.onnx")
-    package = export_run(trained, _episodes(trained.config.data_sha256, data, chosen), path)
+    episodes = _episodes(trained.config.data_sha256, data, chosen)
+    with progress("Exporting", 1) as bar:
+        package = export_run(trained, episodes, path, bar.update)
     _tell(package, path)
+    if json_path:
+        write_json(json_path, _json(package, path))
 
 
 def _episodes(data_sha256: str, data: Path | None, run: Path) -> "EpisodeSet":
@@ -79,3 +92,9 @@ def _tell(package: "Package", path: Path) -> None:
     if parity.float64_rel is not None:
         rows.append(["own float32 error", f"{parity.float64_rel:.1e} against float64"])
     print_table(f"{path} ({len(package.model_bytes) / 1e3:.0f} kB)", ["", ""], rows)
+
+
+def _json(package: "Package", path: Path) -> dict[str, Any]:
+    told = package.manifest.model_dump(include={"arch", "trainable", "frozen", "lead_s"})
+    parity = package.manifest.parity.model_dump(include={"max_abs", "max_rel", "steps", "limit"})
+    return told | {"parity": parity, "file": str(path)}

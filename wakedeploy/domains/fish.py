@@ -6,7 +6,7 @@ velocity and flag front predict the flag's tip. Each recording is split by time 
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -37,10 +37,17 @@ _SHORTEST_S = 10.0  # 15 % of it is three windows
 Vector = NDArray[np.float64]
 
 
-def import_set(path: Path) -> EpisodeSet:
-    """Read every recording below `path`; UnusableInput names the file, the key and the reason."""
+def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -> EpisodeSet:
+    """Read every recording below `path`; UnusableInput names the file, the key and the reason.
+
+    `progress(done, total)` is called after each recording.
+    """
     foils = _find(path)
-    pieces = [piece for foil in foils for piece in _blocks(_name(foil), *_samples(foil))]
+    pieces = []
+    for done, foil in enumerate(foils, 1):
+        pieces += _blocks(_name(foil), *_samples(foil))
+        if progress is not None:
+            progress(done, len(foils))
     return EpisodeSet(
         domain="fish",
         rate_hz=RATE_HZ,
