@@ -15,6 +15,7 @@ from trainers.memory import Memory
 from trainers.model import Predictor, WakeModel
 from trainers.runs import new_predictor
 from wakedeploy.errors import CheckFailed
+from wakedeploy.package import make_package
 
 PLAIN = {
     "Add", "Concat", "Conv", "Div", "Exp", "Gather", "Gemm", "Greater", "LayerNormalization",
@@ -24,9 +25,9 @@ PLAIN = {
 }  # fmt: skip
 
 
-@pytest.fixture(scope="module", params=ARCHITECTURES)
-def graph(request) -> bytes:
-    return graph_bytes(new_predictor(reference_config(request.param)))
+@pytest.fixture(params=ARCHITECTURES)
+def graph(request, exported_arch) -> bytes:
+    return exported_arch(request.param).package.model_bytes
 
 
 def test_a_graph_is_plain_arithmetic_of_opset_20_in_one_file(graph):
@@ -62,9 +63,10 @@ def test_every_batch_size_gives_each_series_its_own_force(graph):
             assert np.allclose(one[0], all_of_them[b], rtol=1e-5, atol=1e-5)
 
 
-def test_exporting_twice_gives_the_same_bytes():
-    predictor = new_predictor(reference_config("agile-mlp"))
-    assert graph_bytes(predictor) == graph_bytes(predictor)
+def test_exporting_twice_gives_the_same_bytes(exported_arch):
+    made = exported_arch("agile-mlp")
+    package = make_package(graph_bytes(made.predictor), made.package.manifest, made.package.example)
+    assert package.model_bytes == made.path.read_bytes()
 
 
 def test_exporting_leaves_dropout_out_and_the_predictor_in_training():

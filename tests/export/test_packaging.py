@@ -9,67 +9,19 @@ import onnxruntime as ort
 import pytest
 import torch
 
-from export.graph import graph_bytes
 from export.packaging import export_predictor
 from runtime.predictor import PackagePredictor
 from runtime.replay import compare, replay, rolled_out
 from trainers.build import ARCHITECTURES
 from trainers.model import Predictor
-from trainers.runs import RunConfig, new_predictor
 from wakedeploy.episodes import Episode
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.package import Manifest, make_package, read_package, write_package
 
-NAMES = ("dx_m", "dz_m", "vx_mps", "vz_mps", "source_command")
-
-
-def config_of(arch: str, seed: int = 3) -> RunConfig:
-    channel = {"unit": "m", "min": -2.0, "max": 2.0}
-    return RunConfig.model_validate(
-        {
-            "arch": arch,
-            "hyper": {},
-            "domain": "gantry",
-            "rate_hz": 32.0,
-            "lead_s": 0.098,
-            "window_s": 0.5,
-            "warm_up_steps": 16,
-            "observation": [channel | {"name": name} for name in NAMES],
-            "force": [{"name": "force_z_n", "unit": "N"}],
-            "loss_weights": [1.0],
-            "data_sha256": "0" * 64,
-            "seed": seed,
-            "settings": {},
-        }
-    )
-
-
-def predictor_of(arch: str) -> Predictor:
-    """Untrained weights, but normalisation that is not the identity and a readout that is not 0."""
-    predictor = new_predictor(config_of(arch)).eval()
-    torch.manual_seed(5)
-    predictor.set_normalisation(torch.randn(500, 5) * 2 + 1, torch.randn(500, 1) * 0.4 - 0.3)
-    with torch.no_grad():
-        for weight in predictor.parameters():
-            if weight.requires_grad and not weight.any():
-                weight.normal_(0.0, 0.05)
-    return predictor
-
-
-@pytest.fixture(scope="module")
-def episodes() -> tuple[Episode, ...]:
-    rng = np.random.default_rng(0)
-    walk = np.cumsum(rng.standard_normal((4, 900, 5)), axis=1) * 0.1
-    forces = np.zeros((900, 1), np.float32)
-    return tuple(Episode(f"e{i}", w.astype(np.float32), forces, {}) for i, w in enumerate(walk))
-
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
-def test_a_package_carries_the_training_time_forward(
-    arch: str, episodes: tuple[Episode, ...], tmp_path: Path
-) -> None:
-    path = tmp_path / f"{arch}.onnx"
-    made = export_predictor(predictor_of(arch), config_of(arch), episodes, path)
+def test_a_package_carries_the_training_time_forward(arch: str, exported_arch) -> None:
+    made, path = exported_arch(arch).package, exported_arch(arch).path
     assert made.manifest.parity.steps >= 3200
     assert made.manifest.parity.max_rel <= made.manifest.parity.limit
     read = read_package(path)
@@ -82,11 +34,12 @@ def test_a_package_carries_the_training_time_forward(
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
+@pytest.mark.filterwarnings("error::torch.jit.TracerWarning")  # a size taken from a tensor
 @pytest.mark.parametrize("arch", ["gru", "cross-attention"])
-def test_the_older_exporter_gives_the_same_force(arch: str, tmp_path: Path) -> None:
+def test_the_older_exporter_gives_the_same_force(arch: str, exported_arch, tmp_path: Path) -> None:
     """The TorchScript exporter is a second opinion on the graph, step for step."""
-    predictor = predictor_of(arch)
-    shape = (1, predictor.memory.k, 5) if predictor.memory.kind == "window" else (1, 5)
+    predictor = copy.deepcopy(exported_arch(arch).predictor)
+    shape = (1, predictor.memory.k, 8) if predictor.memory.kind == "window" else (1, 8)
     state = predictor.initial_state(1)
     held = {name: torch.randn_like(value) for name, value in state.items()}
     source = torch.randn(shape)
@@ -108,7 +61,7 @@ def test_the_older_exporter_gives_the_same_force(arch: str, tmp_path: Path) -> N
     old_force = old.run(
         None, {i.name: v.numpy() for i, v in zip(old.get_inputs(), inputs, strict=True)}
     )[0]
-    new = ort.InferenceSession(graph_bytes(predictor))
+    new = ort.InferenceSession(exported_arch(arch).package.model_bytes)
     new_force = new.run(
         None, {i.name: v.numpy() for i, v in zip(new.get_inputs(), inputs, strict=True)}
     )[0]
@@ -116,14 +69,14 @@ def test_the_older_exporter_gives_the_same_force(arch: str, tmp_path: Path) -> N
 
 
 def test_a_graph_that_differs_leaves_no_file(
-    episodes: tuple[Episode, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    episodes: tuple[Episode, ...], exported_arch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As if the exporter had got an equation wrong: another predictor's graph is written."""
-    wrong = graph_bytes(copy_with_noise(predictor_of("gru")))
-    monkeypatch.setattr("export.packaging.graph_bytes", lambda predictor: wrong)
+    gru = exported_arch("gru")
+    monkeypatch.setattr("export.packaging.graph_bytes", lambda _: gru.package.model_bytes)
     path = tmp_path / "gru.onnx"
     with pytest.raises(CheckFailed, match="no file was written"):
-        export_predictor(predictor_of("gru"), config_of("gru"), episodes, path)
+        export_predictor(copy_with_noise(gru.predictor), gru.config, episodes, path)
     assert not path.exists()
     assert not list(tmp_path.iterdir())
 
@@ -135,32 +88,48 @@ def copy_with_noise(predictor: Predictor) -> Predictor:
     return changed
 
 
-def test_too_few_samples_cannot_prove_parity(episodes: tuple[Episode, ...], tmp_path: Path) -> None:
+def test_too_few_samples_cannot_prove_parity(
+    episodes: tuple[Episode, ...], exported_arch, tmp_path: Path
+) -> None:
+    gru = exported_arch("gru")
     with pytest.raises(UnusableInput, match="3200"):
-        export_predictor(predictor_of("gru"), config_of("gru"), episodes[:2], tmp_path / "gru.onnx")
+        export_predictor(gru.predictor, gru.config, episodes[:2], tmp_path / "gru.onnx")
 
 
-def test_a_replay_that_differs_is_told(episodes: tuple[Episode, ...], tmp_path: Path) -> None:
-    made = export_predictor(
-        predictor_of("agile-mlp"), config_of("agile-mlp"), episodes, tmp_path / "a.onnx"
+def test_progress_is_told_to_the_end(
+    episodes: tuple[Episode, ...], exported_arch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mlp, told = exported_arch("agile-mlp"), []
+    monkeypatch.setattr("export.packaging.graph_bytes", lambda _: mlp.package.model_bytes)
+    export_predictor(
+        mlp.predictor,
+        mlp.config,
+        episodes,
+        tmp_path / "a.onnx",
+        progress=lambda *at: told.append(at),
     )
+    assert told == [(1, 3), (2, 3), (3, 3)]
+
+
+def test_a_replay_that_differs_is_told(exported_arch, tmp_path: Path) -> None:
+    made = exported_arch("agile-mlp").package
     force = made.example.force.copy()
-    force[100] += 0.01
+    force[100, 1] += 0.01
     example = type(made.example)(made.example.seed, made.example.observation, force)
     altered = make_package(made.model_bytes, made.manifest, example)
     write_package(altered, tmp_path / "b.onnx")
-    with pytest.raises(CheckFailed, match="force_z_n at step 100"):
+    with pytest.raises(CheckFailed, match="f1 at step 100"):
         replay(read_package(tmp_path / "b.onnx"))
 
 
 def test_the_window_model_starts_from_its_first_observation_repeated(
-    episodes: tuple[Episode, ...], tmp_path: Path
+    episodes: tuple[Episode, ...], exported_arch
 ) -> None:
-    predictor = predictor_of("history-mlp")
-    package = export_predictor(predictor, config_of("history-mlp"), episodes, tmp_path / "h.onnx")
+    predictor = exported_arch("history-mlp").predictor
+    package = exported_arch("history-mlp").package
     series = episodes[0].observation[:5]
     with torch.no_grad():
         expected = predictor.rollout(torch.from_numpy(series)[None])[0].numpy()
     assert compare(rolled_out(PackagePredictor(package), series), expected).max_rel < 1e-5
     assert isinstance(package.manifest, Manifest)
-    assert package.manifest.warm_up_steps == 17
+    assert package.manifest.warm_up_steps == 31
