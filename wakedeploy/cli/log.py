@@ -100,7 +100,8 @@ def smooth_logs(
 
     A Kalman filter forward and a Rauch–Tung–Striebel pass backward over the range samples give the
     acceleration; less thrust after spool lag as applied, weight and rail friction, it is the force
-    of the wake, with its standard deviation. Three files or more are split by file, fewer by time.
+    of the wake, with its standard deviation. Acceleration and thrust stay beside it in the
+    episodes. Three files or more are split by file, fewer by time.
 
     \b
     Example:
