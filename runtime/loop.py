@@ -28,7 +28,6 @@ from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
-_MOST_STEPS_PER_S = 32_767
 
 Row = dict[str, LogValue]
 
@@ -113,6 +112,7 @@ class Loop:
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = budget_s(rig) - WRITE_MARGIN_S
+        self._limits = arm_limits(rig)
         self._safety, self._gate = SafetyState(), Gate()
         self._descent: safety.Descent | None = None
         self._last_range_us, self._range_repeats = -1, 0
@@ -131,7 +131,7 @@ class Loop:
 
         Raises UnusableInput when the carriage is not at home: steps are counted from there.
         """
-        armed = self._link.arm(arm_limits(self._rig))
+        armed = self._link.arm(self._limits)
         self._require_home(armed)
         self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
@@ -289,9 +289,10 @@ class Loop:
         return self._descent
 
     def _write(self, command: Command) -> None:
+        most = self._limits.max_speed_steps_per_s
         steps = round(command.carriage_mps * self._rig.stepper.steps_per_m)
-        bounded = min(max(steps, -_MOST_STEPS_PER_S), _MOST_STEPS_PER_S)
-        self._link.send(WireCommand(command.source_us, command.sufferer_us, bounded))
+        steps = min(max(steps, -most), most)
+        self._link.send(WireCommand(command.source_us, command.sufferer_us, steps))
 
     def _reported(self, reading: RangeReading, answer: Answer, prediction: Prediction) -> Row:
         """What board and sensor told, for the log; a status is logged with its round trip once."""
@@ -333,9 +334,8 @@ def arm_limits(rig: Rig) -> Arm:
         round(limits.slew_us_per_s),
         round(1000.0 * limits.source_descent_s),
         round(1000.0 * limits.sufferer_descent_s),
-        min(round(stepper.max_speed_mps * stepper.steps_per_m), 0xFFFF),
+        round(stepper.max_speed_mps * stepper.steps_per_m),
         round(stepper.max_accel_mps2 * stepper.steps_per_m),
-        round(1e6 * PERIOD_S),
     )
 
 

@@ -95,10 +95,13 @@ class HelloReply:
 
 @dataclass(frozen=True)
 class Arm:
-    """Host → MCU: switch the outputs on, within these limits; valid once after a handshake."""
+    """Host → MCU: switch the outputs on, within these limits; valid once after a handshake.
+
+    The period is not among them: the deadman counts the MCU's own, which no host can stretch.
+    """
 
     TYPE: ClassVar[FrameType] = FrameType.ARM
-    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHIHHHIH")
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHIHHHI")
     low_us: float
     high_us: float
     slew_us_per_s: int
@@ -106,7 +109,6 @@ class Arm:
     sufferer_descent_ms: int
     max_speed_steps_per_s: int
     max_accel_steps_per_s2: int
-    period_us: int
 
     def pack(self) -> bytes:
         """The payload's bytes."""
@@ -118,7 +120,6 @@ class Arm:
             self.sufferer_descent_ms,
             self.max_speed_steps_per_s,
             self.max_accel_steps_per_s2,
-            self.period_us,
         )
 
     @classmethod
@@ -126,6 +127,12 @@ class Arm:
         """Read from a payload of the right length."""
         low, high, *others = cls.LAYOUT.unpack(payload)
         return cls(low / 2, high / 2, *others)
+
+    @property
+    def is_usable(self) -> bool:
+        """Whether an MCU may arm with them: a range of pulses, and descents that take time."""
+        descents_ms = (self.source_descent_ms, self.sufferer_descent_ms)
+        return self.low_us < self.high_us and min(descents_ms) > 0
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from wakedeploy.validation import first_problem
 
 SCHEMA = 1
 LOOP_RATE_HZ = 32.0
+MOST_STEPS_PER_S = 32_767  # a command's carriage speed is a 16-bit number on the wire
 
 _CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
 _UNIT_OF_SUFFIX = {
@@ -153,21 +154,32 @@ class Latency(_Section):
     round_trip_s: float = Field(ge=0, le=0.2)
 
 
+_Pulse = Annotated[float, Field(ge=500, le=2500)]
+_Position = Annotated[float, Field(ge=-20, le=20)]
+
+
 class Limits(_Section):
     """What the MCU and the loop never exceed."""
 
-    pulse_us: tuple[float, float] = (1000.0, 2000.0)
-    slew_us_per_s: float = Field(default=20_000.0, gt=0, le=1e7)
-    x_m: tuple[float, float] = (-0.6, 0.6)
-    z_m: tuple[float, float] = (-0.05, 1.15)
-    source_descent_s: float = Field(default=0.25, gt=0, le=10)
-    sufferer_descent_s: float = Field(default=1.0, gt=0, le=10)
+    pulse_us: tuple[_Pulse, _Pulse] = (1000.0, 2000.0)
+    slew_us_per_s: float = Field(default=20_000.0, ge=1, le=1e7)
+    x_m: tuple[_Position, _Position] = (-0.6, 0.6)
+    z_m: tuple[_Position, _Position] = (-0.05, 1.15)
+    source_descent_s: float = Field(default=0.25, ge=0.01, le=10)
+    sufferer_descent_s: float = Field(default=1.0, ge=0.01, le=10)
 
     @pydantic.field_validator("pulse_us", "x_m", "z_m")
     @classmethod
     def _low_before_high(cls, pair: tuple[float, float]) -> tuple[float, float]:
         if not pair[0] < pair[1]:
             raise ValueError("the lower limit must lie below the upper one")
+        return pair
+
+    @pydantic.field_validator("pulse_us")
+    @classmethod
+    def _apart_on_the_wire(cls, pair: tuple[float, float]) -> tuple[float, float]:
+        if pair[1] - pair[0] < 1.0:  # half microseconds there
+            raise ValueError("the limits must lie at least 1 us apart")
         return pair
 
 
@@ -248,6 +260,16 @@ class Rig(_Section):
         hover_n = self.sufferer.mass_kg * 9.81
         if self.thrust.sufferer.thrust_n[-1] <= hover_n:
             raise ValueError(f"thrust.sufferer ends below the sufferer's weight of {hover_n:.2f} N")
+        steps_per_s = self.stepper.max_speed_mps * self.stepper.steps_per_m
+        if not 1 <= steps_per_s <= MOST_STEPS_PER_S:
+            raise ValueError(
+                "stepper.max_speed_mps times stepper.steps_per_m must lie within 1 and "
+                f"{MOST_STEPS_PER_S} steps/s, and it is {steps_per_s:g}"
+            )
+        if self.stepper.max_accel_mps2 * self.stepper.steps_per_m < 1:
+            raise ValueError(
+                "stepper.max_accel_mps2 times stepper.steps_per_m must be at least 1 step/s^2"
+            )
         return self
 
     @property

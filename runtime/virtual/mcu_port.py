@@ -89,7 +89,7 @@ class McuPort:
             self._mcu.command(
                 t_s, frame.sequence, message.source_us, message.sufferer_us, speed_mps
             )
-        elif isinstance(message, Arm) and self._may_arm:
+        elif isinstance(message, Arm) and self._may_arm and message.is_usable:
             self._arm(t_s, message)
         elif isinstance(message, Disarm):
             self._mcu.disarm()
@@ -103,20 +103,23 @@ class McuPort:
         return HelloReply(PROTOCOL_VERSION if fits else 0, Board.VIRTUAL, self._boots, FIRMWARE)
 
     def _arm(self, t_s: float, limits: Arm) -> None:
-        steps_per_m = self._rig.stepper.steps_per_m
-        within = self._rig.changed(
-            limits={
-                "pulse_us": (limits.low_us, limits.high_us),
-                "slew_us_per_s": limits.slew_us_per_s,
-                "source_descent_s": limits.source_descent_ms / 1000.0,
-                "sufferer_descent_s": limits.sufferer_descent_ms / 1000.0,
-            },
-            stepper={
-                "max_speed_mps": limits.max_speed_steps_per_s / steps_per_m,
-                "max_accel_mps2": limits.max_accel_steps_per_s2 / steps_per_m,
-            },
-        )
-        self._mcu = Mcu(within)
+        """Take the wire's limits as they are: the host's bounds need not suit the plant's rig."""
+        rig = self._rig
+        pulses = {
+            "pulse_us": (limits.low_us, limits.high_us),
+            "slew_us_per_s": float(limits.slew_us_per_s),
+            "source_descent_s": limits.source_descent_ms / 1000.0,
+            "sufferer_descent_s": limits.sufferer_descent_ms / 1000.0,
+        }
+        carriage = {
+            "max_speed_mps": limits.max_speed_steps_per_s / rig.stepper.steps_per_m,
+            "max_accel_mps2": limits.max_accel_steps_per_s2 / rig.stepper.steps_per_m,
+        }
+        within = {
+            "limits": rig.limits.model_copy(update=pulses),
+            "stepper": rig.stepper.model_copy(update=carriage),
+        }
+        self._mcu = Mcu(rig.model_copy(update=within))
         self._mcu.arm(t_s)
         self._may_arm = False
 

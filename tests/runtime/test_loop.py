@@ -5,13 +5,16 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from runtime.link import Answer
 from runtime.loop import Loop, applied_s, arm_limits, budget_s
 from runtime.prediction import Result
+from runtime.protocol import Command as WireCommand
 from runtime.protocol import Frame, FrameDecoder, Hello, encode_frame
 from runtime.range_source import RangeReading
-from runtime.reference import hold_plan
+from runtime.reference import hold_plan, random_plan
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
@@ -304,7 +307,55 @@ def test_limits_cross_the_wire_in_its_units():
     limits = arm_limits(default_rig())
     assert limits == type(limits).unpack(limits.pack())
     assert limits.max_speed_steps_per_s == 2100
-    assert limits.period_us == 31_250
+
+
+@given(
+    low=st.floats(500, 2499),
+    width=st.floats(1, 2000),
+    slew=st.floats(1, 1e7),
+    descents=st.tuples(st.floats(0.01, 10), st.floats(0.01, 10)),
+    steps_per_m=st.floats(2, 1e6),
+    steps_per_s=st.floats(1, 32_767),
+    accel_mps2=st.floats(0.5, 50),
+)
+@settings(max_examples=50, deadline=None)
+def test_every_rig_that_is_accepted_can_be_armed_and_commanded(
+    low, width, slew, descents, steps_per_m, steps_per_s, accel_mps2
+):
+    try:
+        rig = default_rig().changed(
+            limits={
+                "pulse_us": [low, min(low + width, 2500)],
+                "slew_us_per_s": slew,
+                "source_descent_s": descents[0],
+                "sufferer_descent_s": descents[1],
+            },
+            stepper={
+                "steps_per_m": steps_per_m,
+                "max_speed_mps": steps_per_s / steps_per_m,
+                "max_accel_mps2": accel_mps2,
+            },
+        )
+    except UnusableInput:
+        assume(False)
+    limits = arm_limits(rig)
+    assert type(limits).unpack(limits.pack()).is_usable
+    most = limits.max_speed_steps_per_s
+    assert most >= 1
+    WireCommand(low, low, -most).pack()
+    # The board's rig may be another one: the limits are the host's all the same.
+    world = World()
+    assert world.arm(limits).armed
+    world.sleep(0.3)
+
+
+def test_a_carriage_command_never_asks_for_more_than_the_rigs_top_speed():
+    rig = RIG.changed(control={"carriage_gain_per_s": 100.0})
+    world = World(rig)
+    plan = random_plan(rig, 6.0, 1)
+    Loop(rig, world, world, plan, None, Rows(), world).run()
+    steps_per_s = {abs(command.carriage_steps_per_s) for command in world.commands}
+    assert max(steps_per_s) == 2100
 
 
 def test_the_time_of_application_survives_the_wrap_of_the_boards_clock():

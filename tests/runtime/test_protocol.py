@@ -28,7 +28,7 @@ PULSE = st.integers(0, 2**16 - 1).map(lambda half: half / 2)
 MESSAGES = st.one_of(
     st.builds(Hello, U8, U8),
     st.builds(HelloReply, U8, U8, U16, U16),
-    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32, U16),
+    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32),
     st.builds(Disarm),
     st.builds(Command, PULSE, PULSE, st.integers(-(2**15), 2**15 - 1)),
     st.builds(

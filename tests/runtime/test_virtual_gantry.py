@@ -6,7 +6,16 @@ import time
 import pytest
 
 from runtime.link import Link, board_name
-from runtime.protocol import Arm, Command, Disarm, Fault, Frame, FrameDecoder, Hello, encode_frame
+from runtime.protocol import (
+    Arm,
+    Command,
+    Disarm,
+    Fault,
+    Frame,
+    FrameDecoder,
+    Hello,
+    encode_frame,
+)
 from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import McuPort
@@ -15,7 +24,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig
 
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 31_250)
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 
 
 @pytest.fixture(scope="module")
@@ -163,6 +172,27 @@ def test_the_carriage_counts_its_steps_in_the_truth_of_the_plant():
         status = board.send(sequence, Command(1000, 1000, 420), seconds=1.0 / 32.0)
     assert status.steps == pytest.approx(420 * 31 / 32, abs=35)
     assert not status.homed
+
+
+def test_limits_that_are_none_are_refused_by_the_board():
+    for senseless in (
+        Arm(1000, 1000, 20_000, 250, 1000, 2100, 8400),
+        Arm(1000, 2000, 20_000, 0, 1000, 2100, 8400),
+    ):
+        board = Board()
+        board.send(1, Hello())
+        assert not board.send(2, senseless).armed
+        assert board.send(3, LIMITS).armed
+
+
+def test_a_board_with_another_stepper_takes_the_hosts_limits_too():
+    board = Board()
+    # 2100 steps/s are 52 m/s there, far more than a rig file may say.
+    stepper = {"steps_per_m": 40, "max_accel_mps2": 40.0}
+    board.port = McuPort(board.rig.changed(stepper=stepper), boot_s=0.0)
+    board.port.opened(0.0)
+    board.send(1, Hello())
+    assert board.send(2, LIMITS).armed
 
 
 def test_hooks_are_named_and_a_wrong_name_is_refused():

@@ -62,6 +62,17 @@ def test_the_thrust_curve_and_its_inverse_undo_each_other(pulse_us: float) -> No
         ({"limits": {"x_m": [0.5, -0.5]}}, ("x_m", "lower")),
         ({"thrust": {"source": {"thrust_n": [0.0, 1.0]}}}, ("same number",)),
         ({"wake": {"speed_mps": float("nan")}}, ("speed_mps",)),
+        ({"limits": {"pulse_us": [100.0, 2000.0]}}, ("pulse_us", "100.0", "500")),
+        ({"limits": {"pulse_us": [1000.0, 40_000.0]}}, ("pulse_us", "40000.0", "2500")),
+        ({"limits": {"pulse_us": [1000.1, 1000.2]}}, ("pulse_us", "1 us")),
+        ({"limits": {"source_descent_s": 0.0004}}, ("source_descent_s", "0.0004", "0.01")),
+        ({"limits": {"sufferer_descent_s": 0.009}}, ("sufferer_descent_s", "0.01")),
+        ({"limits": {"slew_us_per_s": 0.4}}, ("slew_us_per_s", "0.4", "1")),
+        ({"limits": {"x_m": [-1e6, 0.6]}}, ("x_m", "-1000000.0", "-20")),
+        ({"limits": {"z_m": [-0.05, 21.0]}}, ("z_m", "21.0", "20")),
+        ({"stepper": {"steps_per_m": 70_000}}, ("max_speed_mps", "steps_per_m", "32767", "35000")),
+        ({"stepper": {"max_speed_mps": 1e-5}}, ("max_speed_mps", "steps_per_m", "0.042")),
+        ({"stepper": {"max_accel_mps2": 1e-5}}, ("max_accel_mps2", "steps_per_m")),
     ],
 )
 def test_what_is_wrong_is_named(change: dict[str, dict[str, object]], words: list[str]) -> None:
