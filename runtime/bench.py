@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.link import Link
-from runtime.loop import PERIOD_S, Loop, budget_s
+from runtime.loop import PERIOD_S, Loop, budget_s, require_wait
 from runtime.pilot import OBSERVATION
 from runtime.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
@@ -79,10 +79,11 @@ def bench_latency(
 ) -> list[BenchRow]:
     """Measure packages one after the other; `busy` loads the other cores meanwhile.
 
-    Raises UnusableInput for a package or a machine that cannot be used, CheckFailed when a
+    Raises UnusableInput for a package, a rig or a machine that cannot be used, CheckFailed when a
     measuring process ended badly.
     """
     used = rig or default_rig()
+    require_wait(used)
     for path in packages:
         read_package(path)  # a bad one is told before minutes are spent on the others
     total, rows = len(packages) * ticks, []

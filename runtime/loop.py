@@ -37,6 +37,21 @@ def budget_s(rig: Rig) -> float:
     return PERIOD_S - rig.latency.round_trip_s
 
 
+def prediction_wait_s(rig: Rig) -> float:
+    """How long after a tick's start its prediction is waited for [s]."""
+    return budget_s(rig) - WRITE_MARGIN_S
+
+
+def require_wait(rig: Rig) -> None:
+    """UnusableInput when a rig's round trip leaves no time to wait for any prediction."""
+    if prediction_wait_s(rig) <= 0.0:
+        raise UnusableInput(
+            f"latency.round_trip_s = {rig.latency.round_trip_s:g} leaves no time for a prediction "
+            f"in a tick of {1e3 * PERIOD_S:g} ms: it must lie below "
+            f"{PERIOD_S - WRITE_MARGIN_S:g} s; measure it again, or fly --baseline."
+        )
+
+
 @dataclass(frozen=True, slots=True)
 class Prediction:
     """What became of one tick's prediction; `force_n` is None where it must not be used."""
@@ -111,7 +126,7 @@ class Loop:
         self._worker, self._recorder, self._clock = worker, recorder, clock
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
-        self._wait_s = budget_s(rig) - WRITE_MARGIN_S
+        self._wait_s = prediction_wait_s(rig)
         self._limits = arm_limits(rig)
         self._safety, self._gate = SafetyState(), Gate()
         self._descent: safety.Descent | None = None

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.realtime import Pacer
+from wakedeploy.errors import CheckFailed
 from wakedeploy.package import Manifest
 
 FloatArray = npt.NDArray[np.float32]
@@ -81,8 +82,13 @@ class PredictionWorker:
         self._thread.start()
 
     def wait_until_warm(self) -> None:
-        """Return when the warm-up calls are over."""
-        self._warm.wait(WARM_UP_LIMIT_S)
+        """Return when the warm-up calls are over; CheckFailed when they take too long."""
+        if not self._warm.wait(WARM_UP_LIMIT_S):
+            raise CheckFailed(
+                f"The model's {WARM_UP_CALLS} warm-up calls were not over after "
+                f"{WARM_UP_LIMIT_S:g} s: this machine is too slow for it, or too busy; see "
+                "`wakedeploy doctor`."
+            )
 
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
         """The force for an observation (d,), or None when it is not there by `deadline_s`."""

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import wakedeploy
 from runtime.link import Link
-from runtime.loop import PERIOD_S, Loop
+from runtime.loop import PERIOD_S, Loop, require_wait
 from runtime.pilot import OBSERVATION
 from runtime.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
@@ -72,6 +72,7 @@ def fly(request: RunRequest) -> Tally:
     package = read_package(request.package) if request.package else None
     if package is not None:
         require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
+        require_wait(request.rig)
     with ExitStack() as opened:
         port, range_socket = _plant(request, opened)
         if request.realtime:

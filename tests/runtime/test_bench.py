@@ -62,6 +62,12 @@ def test_a_bad_package_is_told_before_anything_is_measured(package, tmp_path):
         bench_latency([package, tmp_path / "none.onnx"], ticks=10_000)
 
 
+def test_a_rig_that_leaves_no_time_to_predict_is_not_measured(package):
+    slow = default_rig().changed(latency={"round_trip_s": 0.03})
+    with pytest.raises(UnusableInput, match="leaves no time"):
+        bench_latency([package], ticks=96, rig=slow)
+
+
 def test_what_the_measuring_process_could_not_do_is_told_here():
     with pytest.raises(UnusableInput, match="no real time"):
         bench._row_of('{"unusable": "no real time here"}\n', "a.onnx")

@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from runtime.link import Answer
-from runtime.loop import Loop, applied_s, arm_limits, budget_s
+from runtime.loop import Loop, applied_s, arm_limits, budget_s, require_wait
 from runtime.prediction import Result
 from runtime.protocol import Command as WireCommand
 from runtime.protocol import Frame, FrameDecoder, Hello, encode_frame
@@ -347,6 +347,13 @@ def test_every_rig_that_is_accepted_can_be_armed_and_commanded(
     world = World()
     assert world.arm(limits).armed
     world.sleep(0.3)
+
+
+def test_a_round_trip_that_leaves_no_time_to_predict_is_refused():
+    require_wait(default_rig().changed(latency={"round_trip_s": 0.028}))
+    slow = default_rig().changed(latency={"round_trip_s": 0.0283})
+    with pytest.raises(UnusableInput, match=r"round_trip_s = 0\.0283 .* below 0\.02825 s"):
+        require_wait(slow)
 
 
 def test_a_carriage_command_never_asks_for_more_than_the_rigs_top_speed():

@@ -9,6 +9,7 @@ import pytest
 
 from runtime import prediction
 from runtime.prediction import PredictionWorker
+from wakedeploy.errors import CheckFailed
 from wakedeploy.package import ObservationChannel
 
 OBSERVATION = np.zeros(1, np.float32)
@@ -63,6 +64,16 @@ def test_after_the_warm_up_the_memory_is_empty_and_fills(worker):
     assert [r.ready for r in results] == [False, True, True]
     assert worker.first_call_s > 0.0
     assert (worker.low[0], worker.high[0]) == (-1.0, 3.0)
+
+
+def test_a_model_that_does_not_get_warm_is_never_flown(model, monkeypatch):
+    monkeypatch.setattr(prediction, "WARM_UP_LIMIT_S", 0.05)
+    model.go.clear()
+    cold = PredictionWorker(model, 0.001)
+    with pytest.raises(CheckFailed, match=r"not over after 0\.05 s"):
+        cold.wait_until_warm()
+    model.go.set()
+    cold.close()
 
 
 def test_a_late_result_is_not_used_but_its_observation_is_remembered(worker, model):
