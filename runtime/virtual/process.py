@@ -7,7 +7,6 @@ import sys
 import tempfile
 from pathlib import Path
 
-from runtime.virtual.hooks import load_hooks
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import Rig
 
@@ -18,12 +17,10 @@ class VirtualGantryProcess:
     """A running plant process: `port` and `range_socket` are where to connect. A context manager.
 
     `rig` is the plant's truth; `hooks` names a function as MODULE:FUNCTION (see
-    `runtime.virtual.hooks`).
+    `runtime.virtual.hooks`). Raises UnusableInput when the process cannot use either.
     """
 
     def __init__(self, rig: Rig, *, seed: int, hooks: str | None = None) -> None:
-        if hooks:
-            load_hooks(hooks)  # a wrong name is told here, not by the other process
         self._folder = tempfile.TemporaryDirectory(prefix="wakedeploy-")
         self._process = subprocess.Popen(
             [sys.executable, "-m", "runtime.virtual"],
@@ -73,4 +70,7 @@ class VirtualGantryProcess:
             raise UnusableInput(
                 "The virtual gantry's process did not start; see its message above."
             ) from error
+        if "unusable" in answer:
+            self.close()
+            raise UnusableInput(answer["unusable"])
         return answer

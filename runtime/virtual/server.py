@@ -17,6 +17,7 @@ from typing import Any
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import McuPort
+from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import parse_rig
 
@@ -150,8 +151,18 @@ class VirtualGantry:
 def main() -> None:
     """Read the request from standard input, say where to connect, run."""
     request = json.loads(sys.stdin.readline())
-    gantry = VirtualGantry(request, Path(request["folder"]))
-    where = {"port": gantry.port.name, "range_socket": str(gantry.ranges.path)}
-    sys.stdout.write(json.dumps(where) + "\n")
-    sys.stdout.flush()
-    gantry.run()
+    answers, sys.stdout = sys.stdout, sys.stderr  # what hooks print is no answer
+    gantry, answer = _made(request)
+    answers.write(json.dumps(answer) + "\n")
+    answers.flush()
+    if gantry is not None:
+        gantry.run()
+
+
+def _made(request: dict[str, Any]) -> tuple[VirtualGantry | None, dict[str, str]]:
+    """The gantry and where to connect, or nothing and why not."""
+    try:
+        gantry = VirtualGantry(request, Path(request["folder"]))
+    except UnusableInput as error:
+        return None, {"unusable": str(error)}
+    return gantry, {"port": gantry.port.name, "range_socket": str(gantry.ranges.path)}

@@ -15,6 +15,7 @@ from runtime.run import HINTS, RunRequest, fly, require_fit
 from runtime.safety import Findings, fatal_faults
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.package import write_package
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
 
@@ -112,8 +113,7 @@ def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkey
 
 
 def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monkeypatch):
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "push.py").write_text(
         "def hooks():\n    return {'force_hook': lambda t_s, state: -0.25}\n"
     )
@@ -125,6 +125,42 @@ def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monke
     # 20 g more and 0.25 N of push: the integral finds both.
     late = recorded["pid_i_n"][recorded.flying][-60:-30]
     assert late.mean() > 0.2
+
+
+def test_hooks_of_the_current_folder_are_found_by_the_installed_command(rig_file, tmp_path):
+    here, elsewhere = tmp_path / "here", tmp_path / "bin"
+    here.mkdir()
+    elsewhere.mkdir()
+    # A console script lies in a folder of its own, which takes the current one's place in sys.path.
+    script = elsewhere / "wakedeploy"
+    script.write_text("from wakedeploy.cli import main\nmain()\n")
+    hooks = "print('loaded')\ndef hooks():\n    return {'force_hook': lambda t_s, state: -0.25}\n"
+    (here / "push.py").write_text(hooks)
+    (here / "typo.py").write_text("def hooks(:\n")
+    arguments = ["run-gantry", "--virtual", "--baseline", "--seconds", "6", "--rig", str(rig_file)]
+
+    def run(name, *more):
+        command = [sys.executable, str(script), *arguments, "--hooks", name, *more]
+        return subprocess.run(command, capture_output=True, text=True, cwd=here)
+
+    flown = run("push:hooks", "--log", "flight.mcap")
+    assert flown.returncode == 0, flown.stderr
+    assert set(read_run_log(here / "flight.mcap")["true_hook_force_n"][10:]) == {-0.25}
+    wrong = run("typo:hooks")
+    assert wrong.returncode == 2
+    assert "SyntaxError" in wrong.stderr
+    assert wrong.stderr.count("\n") == 1
+
+
+def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_package(
+    tmp_path, tiny_package, monkeypatch
+):
+    slow = RIG.changed(latency={"round_trip_s": 0.03})
+    path = tmp_path / "tiny.onnx"
+    write_package(tiny_package("state"), path)
+    monkeypatch.setattr("runtime.run.require_fit", lambda *_: None)
+    with pytest.raises(UnusableInput, match=r"round_trip_s = 0\.03 leaves no time"):
+        fly(RunRequest(slow, 6.0, package=path))
 
 
 def manifest(**changes):

@@ -1,5 +1,6 @@
 """The virtual gantry over a real pseudo-terminal and socket, in a process of its own."""
 
+import sys
 import threading
 import time
 
@@ -22,7 +23,7 @@ from runtime.virtual.mcu_port import McuPort
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import default_rig, default_rig_text, parse_rig
 
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 
@@ -200,6 +201,37 @@ def test_hooks_are_named_and_a_wrong_name_is_refused():
     for wrong in ("nowhere:f", f"{__name__}:missing", f"{__name__}:wrong_hooks", "plain"):
         with pytest.raises(UnusableInput, match="--hooks"):
             load_hooks(wrong)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("def hooks(:\n", r"fails: SyntaxError: .*line 1"),
+        ("1 / 0\n", "broken fails: ZeroDivisionError"),
+        ("raise SystemExit(0)\n", "broken fails: SystemExit"),
+        ("def hooks():\n    return 1 / 0\n", "hooks fails: ZeroDivisionError"),
+        ("def hooks():\n    return None\n", "returns a NoneType"),
+        ("def hooks():\n    return ['force_hook']\n", "returns a list"),
+        ("def hooks():\n    return {3: print}\n", "3 is none of command_hook"),
+        ("def hooks():\n    return {'force_hook': 0.5}\n", "force_hook is no function"),
+        ("hooks = 3\n", "hooks fails: TypeError"),
+    ],
+)
+def test_whatever_a_hooks_module_does_wrong_is_one_sentence(text, words, tmp_path, monkeypatch):
+    (tmp_path / "broken.py").write_text(text)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "broken", raising=False)
+    with pytest.raises(UnusableInput, match=words) as caught:
+        load_hooks("broken:hooks")
+    assert "\n" not in str(caught.value)
+
+
+def test_what_the_plant_process_cannot_use_is_told_by_the_one_that_asked():
+    with pytest.raises(UnusableInput, match="--hooks nowhere:hooks: no such function"):
+        VirtualGantryProcess(default_rig(), seed=0, hooks="nowhere:hooks")
+    listed = default_rig_text() + '\n[[effect]]\nname = "ground"\n'
+    with pytest.raises(UnusableInput, match="effect 'ground'"):
+        VirtualGantryProcess(parse_rig(listed), seed=0)
 
 
 def _no_force(t_s, state):
