@@ -19,6 +19,7 @@ from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.physics.range_sensor import NO_SAMPLE
 from wakedeploy.rig import parse_rig
 
 
@@ -64,7 +65,7 @@ class PtyPort:
 
 
 class RangeServer:
-    """Sends each new range sample to whoever is connected."""
+    """Sends readings to whoever is connected."""
 
     def __init__(self, folder: Path) -> None:
         self.path = folder / "range.sock"
@@ -75,7 +76,7 @@ class RangeServer:
         self._clients: list[socket.socket] = []
 
     def send(self, reading: RangeReading) -> None:
-        """Send a sample; a client that does not read loses it, one that is gone is forgotten."""
+        """Send a reading; a client that does not read loses it, one that is gone is forgotten."""
         with contextlib.suppress(BlockingIOError):
             client, _ = self._listener.accept()
             client.setblocking(False)
@@ -99,7 +100,7 @@ class VirtualGantry:
         self._mcu = McuPort(rig)
         self.port = PtyPort()
         self.ranges = RangeServer(folder)
-        self._sent_s = -1.0
+        self._sample = NO_SAMPLE
         self._origin_s = time.monotonic()
 
     def run(self) -> None:
@@ -128,13 +129,16 @@ class VirtualGantry:
         self.port.write(self._mcu.answer(plant.t_s, plant))
         outputs = self._mcu.advance(plant.t_s, plant.dt_s)
         plant.step(outputs.source_us, outputs.sufferer_us, outputs.carriage_mps)
-        self._send_range()
+        self._send_reading()
 
-    def _send_range(self) -> None:
-        sample, plant = self._plant.range_sample(), self._plant
-        if sample.sensor_time_s <= self._sent_s:
+    def _send_reading(self) -> None:
+        """The newest range sample, repeated until the next one, with the truth of this step."""
+        plant, sample = self._plant, self._plant.range_sample()
+        if sample.sensor_time_s > self._sample.sensor_time_s:
+            self._sample = sample
+        if self._sample is NO_SAMPLE:
             return
-        self._sent_s = sample.sensor_time_s
+        sample = self._sample
         missing = sample.status != 0 or sample.range_m != sample.range_m
         self.ranges.send(
             RangeReading(

@@ -1,8 +1,11 @@
 """The virtual gantry over a real pseudo-terminal and socket, in a process of its own."""
 
+import itertools
 import sys
+import tempfile
 import threading
 import time
+from pathlib import Path
 
 import pytest
 
@@ -21,6 +24,7 @@ from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import McuPort
 from runtime.virtual.process import VirtualGantryProcess
+from runtime.virtual.server import VirtualGantry
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig, default_rig_text, parse_rig
@@ -244,6 +248,25 @@ def some_hooks():
 
 def wrong_hooks():
     return {"gravity_hook": _no_force}
+
+
+def test_the_truth_is_that_of_now_and_a_sample_stays_what_it_was():
+    rig = default_rig()
+    with tempfile.TemporaryDirectory(prefix="wd-") as folder:  # a socket's path must be short
+        gantry = VirtualGantry({"rig": rig.text, "seed": 0, "hooks": None}, Path(folder))
+        sent, plant = [], gantry._plant
+        gantry.ranges.send = lambda reading: sent.append((plant.t_s, plant.z_m, reading))
+        plant._body.z_m, plant._body.vz_mps = 0.8, -0.1  # falling, hence another truth each step
+        gantry._origin_s = 0.0
+        while plant.t_s < 0.2:
+            gantry._step()
+    assert max(after[0] - before[0] for before, after in itertools.pairwise(sent)) < 0.0045
+    assert all(reading.true_z_m == z_m for _, z_m, reading in sent)
+    assert len({reading.true_z_m for *_, reading in sent}) == len(sent)
+    ranges = {}
+    for *_, reading in sent:
+        assert ranges.setdefault(reading.sensor_time_us, reading.range_mm) == reading.range_mm
+    assert 8 <= len(ranges) <= 10  # one each 20 ms
 
 
 def test_a_reading_without_a_target_has_no_range():
