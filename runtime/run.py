@@ -13,6 +13,9 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+import onnxruntime as ort
+
 import wakedeploy
 from runtime.link import Link
 from runtime.loop import PERIOD_S, Loop, require_wait
@@ -84,7 +87,7 @@ def fly(request: RunRequest) -> Tally:
         wait_for_first(ranges)
         if worker is not None:
             worker.wait_until_warm()
-        recorder = _recorder(request, package)
+        recorder = _recorder(request, package, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
         loop = Loop(
             request.rig,
@@ -144,17 +147,31 @@ def _ranges(range_socket: Path | None, opened: ExitStack) -> RangeSource:
     return source
 
 
-def _recorder(request: RunRequest, package: Package | None) -> Recorder | None:
+def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -> Recorder | None:
     if request.log is None:
         return None
+    is_virtual = request.port is None
     told = metadata(
         request.rig,
         package,
         seed=request.seed,
         started=datetime.datetime.now(datetime.UTC),
-        simulated=request.port is None,
+        simulated=is_virtual,
     )
-    return Recorder(request.log, told)
+    if is_virtual:
+        told |= truth_metadata(request.plant_rig or request.rig, request.hooks)
+    recorder = Recorder(request.log, told)
+    opened.callback(recorder.close)
+    return recorder
+
+
+def truth_metadata(plant_rig: Rig, hooks: str | None) -> dict[str, str]:
+    """What a simulated run's log says about its plant: the rig that was true, and the hooks."""
+    return {
+        "plant_rig_toml": plant_rig.text,
+        "plant_rig_sha256": plant_rig.sha256,
+        "hooks": hooks or "",
+    }
 
 
 def metadata(
@@ -170,6 +187,8 @@ def metadata(
         "started_utc": started.isoformat(timespec="seconds"),
         "wakedeploy_version": wakedeploy.__version__,
         "python_version": platform.python_version(),
+        "numpy_version": np.__version__,
+        "onnxruntime_version": ort.__version__,
         "rate_hz": f"{LOOP_RATE_HZ:g}",
         "simulated": "true" if simulated else "false",
     }

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,7 +17,7 @@ from runtime.safety import Findings, fatal_faults
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import default_rig, parse_rig
 from wakedeploy.runlog import read_run_log
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
@@ -121,6 +122,9 @@ def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monke
     truth = RIG.changed(sufferer={"mass_kg": 0.47})
     fly(RunRequest(RIG, 6.0, plant_rig=truth, hooks="push:hooks", log=log))
     recorded = read_run_log(log)
+    assert recorded.metadata["plant_rig_sha256"] == truth.sha256 != recorded.metadata["rig_sha256"]
+    assert parse_rig(recorded.metadata["plant_rig_toml"]) == truth
+    assert recorded.metadata["hooks"] == "push:hooks"
     assert set(recorded["true_hook_force_n"][10:]) == {-0.25}
     # 20 g more and 0.25 N of push: the integral finds both.
     late = recorded["pid_i_n"][recorded.flying][-60:-30]
@@ -150,6 +154,18 @@ def test_hooks_of_the_current_folder_are_found_by_the_installed_command(rig_file
     assert wrong.returncode == 2
     assert "SyntaxError" in wrong.stderr
     assert wrong.stderr.count("\n") == 1
+
+
+def test_a_recording_is_closed_when_the_flight_cannot_even_begin(tmp_path, monkeypatch):
+    def no_plan(*_):
+        raise CheckFailed("no plan")
+
+    monkeypatch.setattr("runtime.run.random_plan", no_plan)
+    log = tmp_path / "flight.mcap"
+    with pytest.raises(CheckFailed, match="no plan"):
+        fly(RunRequest(RIG, 6.0, log=log))
+    assert "recorder" not in {thread.name for thread in threading.enumerate()}
+    assert "unfinished" not in read_run_log(log).metadata
 
 
 def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_package(
