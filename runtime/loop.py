@@ -157,9 +157,19 @@ class Loop:
             while not self._finished:
                 self._tick(pacer.wait())
         finally:
+            self.tally.ended = self._ending()
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
         return self.tally
+
+    def _ending(self) -> str:
+        """How the flight ended, as its summary says it."""
+        cause = self.failsafe_cause
+        if "operator_stop" in cause or (self.stop_asked and not self._finished):
+            return "stopped by hand"
+        if cause:
+            return f"failsafe: {'+'.join(cause)}"
+        return "whole" if self._finished else "broken off"
 
     def _require_home(self, armed: Status) -> None:
         if not armed.homed:

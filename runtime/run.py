@@ -7,8 +7,9 @@ import contextlib
 import datetime
 import platform
 import signal
+import threading
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +25,7 @@ from runtime.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
 from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource, wait_for_first
 from runtime.realtime import become_realtime, quieten_interpreter
-from runtime.recorder import Recorder
+from runtime.recorder import Recorder, RecorderReport
 from runtime.reference import random_plan
 from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
@@ -33,6 +34,10 @@ from wakedeploy.package import Manifest, Package, read_package
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S
+SHOW_PERIOD_S = 0.5
+
+Tell = Callable[[Tally], None]
+Show = Callable[[float, float], None]
 
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
@@ -66,8 +71,11 @@ class RunRequest:
     allow_lead_mismatch: bool = False
 
 
-def fly(request: RunRequest) -> Tally:
+def fly(request: RunRequest, tell: Tell | None = None, show: Show | None = None) -> Tally:
     """Carry out a run.
+
+    `tell` is given the tally of every run that flew, however it ended, before anything is raised;
+    `show` is called twice a second with the seconds done and those of the whole run.
 
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
@@ -97,7 +105,13 @@ def fly(request: RunRequest) -> Tally:
             worker,
             recorder,
         )
-        _fly_recorded(loop, recorder)
+        try:
+            with _shown(loop, request, show):
+                report = _fly_recorded(loop, recorder)
+        finally:
+            if tell is not None and loop.tally.ticks:
+                tell(loop.tally)
+    _judge_recording(report)
     _judge(loop, link)
     return loop.tally
 
@@ -194,14 +208,41 @@ def metadata(
     }
 
 
-def _fly_recorded(loop: Loop, recorder: Recorder | None) -> None:
-    """Run the loop; the recording is closed in any case, and its failure told."""
+def _fly_recorded(loop: Loop, recorder: Recorder | None) -> RecorderReport | None:
+    """Run the loop; the recording is closed in any case."""
     quieten_interpreter()
     try:
         with _stopping_by_hand(loop):
             loop.run()
     finally:
         report = recorder.close() if recorder else None
+    return report
+
+
+@contextlib.contextmanager
+def _shown(loop: Loop, request: RunRequest, show: Show | None) -> Iterator[None]:
+    """Show how far the loop is from a thread beside it, which only reads one counter."""
+    if show is None:
+        yield
+        return
+    total_s = request.seconds + 2.0 * request.rig.disturbance.rest_s
+    over = threading.Event()
+
+    def run() -> None:
+        while not over.wait(SHOW_PERIOD_S):
+            show(loop.tally.ticks * PERIOD_S, total_s)
+
+    thread = threading.Thread(target=run, name="progress", daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join(timeout=1.0)  # a terminal may be held for as long as someone likes
+
+
+def _judge_recording(report: RecorderReport | None) -> None:
+    """CheckFailed when the recording is not whole."""
     if report and report.error:
         raise CheckFailed(
             f"{report.error}; {report.written} ticks are in the log, {report.dropped} are not."

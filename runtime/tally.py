@@ -22,6 +22,7 @@ class Tally:
     ticks: int = 0
     skipped: int = 0
     overran: int = 0
+    ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
     modes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     errors_m: array[float] = field(default_factory=lambda: array("d"))

@@ -365,6 +365,31 @@ def test_a_carriage_command_never_asks_for_more_than_the_rigs_top_speed():
     assert max(steps_per_s) == 2100
 
 
+def test_how_a_flight_ended_is_in_its_tally():
+    assert fly(World(), seconds=0.3)[0].tally.ended == "whole"
+
+    def stop(loop):
+        loop.stop_asked = True
+
+    assert fly(World(), during=at_tick(12, stop))[0].tally.ended == "stopped by hand"
+
+    def mute(loop):
+        loop._link.muted = True
+
+    assert fly(World(), during=at_tick(12, mute))[0].tally.ended == "failsafe: link_lost"
+
+    def break_off(loop):
+        raise RuntimeError("a bug")
+
+    ended = []
+    with pytest.raises(RuntimeError, match="a bug"):
+        fly(
+            World(),
+            during=lambda loop, tick: ended.append(loop) or at_tick(3, break_off)(loop, tick),
+        )
+    assert ended[0].tally.ended == "broken off"
+
+
 def test_the_time_of_application_survives_the_wrap_of_the_boards_clock():
     world = World()
     world.arm(arm_limits(RIG))

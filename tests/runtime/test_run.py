@@ -1,6 +1,10 @@
 """Whole runs: real processes, pseudo-terminals and files, ended in every way that a run can end."""
 
+import contextlib
+import importlib.metadata
+import json
 import os
+import pty
 import signal
 import subprocess
 import sys
@@ -64,18 +68,28 @@ def test_a_virtual_run_flies_records_and_sums_up(rig_file, tmp_path):
     assert recorded.metadata["rig_sha256"] == RIG.sha256
     assert recorded.metadata["seed"] == "4"
     assert recorded.has("true_wake_force_n")
-    assert '"rmse_mm"' in told.read_text()
+    summed_up = json.loads(told.read_text())
+    assert summed_up["ended"] == "whole"
+    assert summed_up["rmse_mm"] > 0.0
+    assert recorded.metadata["numpy_version"] == importlib.metadata.version("numpy")
+    assert recorded.metadata["onnxruntime_version"].count(".") >= 1
+    assert recorded.metadata["plant_rig_sha256"] == RIG.sha256
+    assert recorded.metadata["hooks"] == ""
 
 
 def test_ctrl_c_lands_closes_the_log_and_says_130_within_160_mb(rig_file, tmp_path):
-    log = tmp_path / "flight.mcap"
-    run = started("--virtual", "--seconds", 60, "--rig", rig_file, "--log", log)
+    log, told = tmp_path / "flight.mcap", tmp_path / "run.json"
+    run = started("--virtual", "--seconds", 60, "--rig", rig_file, "--log", log, "--json", told)
     flying_for(log, 1.0)
     assert resident_mb(run.pid) < 160.0
     run.send_signal(signal.SIGINT)
-    _, err = run.communicate(timeout=30)
+    out, err = run.communicate(timeout=30)
     assert run.returncode == 130
     assert "Traceback" not in err
+    assert "stopped by hand" in out
+    summed_up = json.loads(told.read_text())
+    assert summed_up["ended"] == "stopped by hand"
+    assert summed_up["ticks"] > 30
     recorded = read_run_log(log)
     assert recorded["mode"][-1] == "FAILSAFE"
     assert recorded["sufferer_cmd_us"][-1] == recorded["source_cmd_us"][-1] == 1000.0
@@ -89,8 +103,10 @@ def test_a_cable_pulled_in_flight_is_one_sentence_and_the_log_is_whole(rig_file,
         run = started(*where, "--seconds", 60, "--rig", rig_file, "--log", log)
         flying_for(log, 0.5)
         gantry.kill()
-        _, err = run.communicate(timeout=30)
+        out, err = run.communicate(timeout=30)
     assert run.returncode == 1
+    assert "failsafe: " in out
+    assert "Recorded in" in out
     assert err.count("\n") == 1
     assert "connection to the board was lost" in err
     recorded = read_run_log(log)
@@ -177,6 +193,24 @@ def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_packa
     monkeypatch.setattr("runtime.run.require_fit", lambda *_: None)
     with pytest.raises(UnusableInput, match=r"round_trip_s = 0\.03 leaves no time"):
         fly(RunRequest(slow, 6.0, package=path))
+
+
+def test_a_terminal_sees_how_far_the_flight_is(rig_file):
+    mine, its = pty.openpty()
+    arguments = ["--baseline", "--virtual", "--seconds", "6", "--rig", str(rig_file)]
+    run = subprocess.Popen([*CLI, *arguments], stdout=-1, stderr=its, text=True)
+    os.close(its)
+    seen = b""
+    with contextlib.suppress(OSError):  # the terminal is gone when the command has ended
+        while data := os.read(mine, 4096):
+            seen += data
+    os.close(mine)
+    out, _ = run.communicate(timeout=30)
+    assert run.returncode == 0
+    drawn = seen.decode().split("\r")
+    assert 8 <= sum("of 6 s" in line for line in drawn) <= 26  # at most four a second
+    assert drawn[-1] == "\x1b[K"
+    assert "Tracking RMSE" in out
 
 
 def manifest(**changes):

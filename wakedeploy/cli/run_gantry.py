@@ -1,5 +1,6 @@
 """`wakedeploy run-gantry`: the 32 Hz loop on the rig, or on the virtual gantry."""
 
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ if TYPE_CHECKING:
     from runtime.tally import Tally
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
+_BAR_WIDTH = 30
 
 
 @click.command()
@@ -62,20 +64,34 @@ def command(
     from runtime.run import RunRequest, fly
     from wakedeploy.rig import default_rig, read_rig
 
-    tally = fly(
-        RunRequest(
-            rig=read_rig(rig_path) if rig_path else default_rig(),
-            package=package_path,
-            port=port,
-            plant_rig=read_rig(plant_rig) if plant_rig else None,
-            log=log_path,
-            **options,
-        )
+    request = RunRequest(
+        rig=read_rig(rig_path) if rig_path else default_rig(),
+        package=package_path,
+        port=port,
+        plant_rig=read_rig(plant_rig) if plant_rig else None,
+        log=log_path,
+        **options,
     )
-    _tell(tally, log_path, json_path)
+    # Another thread at the loop's priority on the loop's core is what --realtime is to prevent.
+    is_shown = sys.stderr.isatty() and not request.realtime
+    fly(
+        request,
+        tell=lambda tally: _tell(tally, log_path, json_path),
+        show=_show if is_shown else None,
+    )
+
+
+def _show(done_s: float, total_s: float) -> None:
+    """One line of a terminal, redrawn in place; a table's library would cost the loop more."""
+    filled = round(_BAR_WIDTH * min(1.0, done_s / total_s))
+    bar = "=" * filled + " " * (_BAR_WIDTH - filled)
+    sys.stderr.write(f"\rFlying [{bar}] {done_s:.0f} of {total_s:.0f} s")
+    sys.stderr.flush()
 
 
 def _tell(tally: "Tally", log_path: Path | None, json_path: Path | None) -> None:
+    if sys.stderr.isatty():
+        click.echo("\r\x1b[K", nl=False, err=True)  # the bar has had its time
     print_table("Run", ["", ""], [[name, shown] for name, shown in _lines(tally)])
     click.echo(f"Recorded in {log_path}." if log_path else "Not recorded; --log FILE does that.")
     if json_path:
@@ -83,12 +99,13 @@ def _tell(tally: "Tally", log_path: Path | None, json_path: Path | None) -> None
 
 
 def summary(tally: "Tally") -> dict[str, Any]:
-    """The run in numbers."""
+    """The run in numbers, and how it ended."""
     import numpy as np
 
     trips_ms = 1e3 * np.asarray(tally.round_trips_s)
     p50, p99 = np.percentile(trips_ms, [50, 99]) if trips_ms.size else (None, None)
     return {
+        "ended": tally.ended,
         "ticks": tally.ticks,
         "rmse_mm": 1e3 * tally.rmse_m,
         "true_rmse_mm": 1e3 * tally.true_rmse_m,
@@ -107,15 +124,18 @@ def _lines(tally: "Tally") -> list[tuple[str, str]]:
     modes = ", ".join(f"{mode} {s:.1f} s" for mode, s in told["seconds_in_mode"].items())
     faults = ", ".join(f"{name} {count}" for name, count in told["faults"].items())
     lines = [
+        ("Ended", told["ended"]),
         ("Tracking RMSE (estimate)", f"{told['rmse_mm']:.1f} mm"),
         ("Tracking RMSE (truth)", f"{told['true_rmse_mm']:.1f} mm"),
         ("Overruns", f"{told['overruns']} of {told['ticks']} ticks"),
-        (
-            "Round trip p50 / p99",
-            f"{told['round_trip_p50_ms']:.1f} / {told['round_trip_p99_ms']:.1f} ms",
-        ),
+        ("Round trip p50 / p99", f"{_ms(told, 'p50')} / {_ms(told, 'p99')} ms"),
         ("Computing p99 / max", f"{told['compute_p99_ms']:.2f} / {told['compute_max_ms']:.2f} ms"),
         ("Time in mode", modes),
         ("Faults", faults or "none"),
     ]
     return [line for line in lines if "nan" not in line[1]]
+
+
+def _ms(told: dict[str, Any], which: str) -> str:
+    trip_ms = told[f"round_trip_{which}_ms"]
+    return "nan" if trip_ms is None else f"{trip_ms:.1f}"
