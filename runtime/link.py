@@ -17,7 +17,6 @@ from runtime.protocol import (
     PROTOCOL_VERSION,
     SEQUENCE_WRAP,
     Arm,
-    Board,
     Command,
     Disarm,
     Frame,
@@ -221,12 +220,6 @@ class Link:
             f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that the "
             "sketch is uploaded."
         )
-
-
-def board_name(reply: HelloReply) -> str:
-    """The board as a word for a person."""
-    known = {Board.VIRTUAL: "virtual gantry", Board.UNO: "Arduino UNO"}
-    return known.get(Board(reply.board), "board") if reply.board in set(Board) else "unknown board"
 
 
 def _agreed(reply: HelloReply, port: str) -> HelloReply:

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.link import Link, board_name
+from runtime import protocol
+from runtime.link import Link
 from runtime.protocol import (
     Arm,
     Command,
@@ -43,7 +44,7 @@ def test_opening_the_port_reboots_the_board_and_a_command_is_answered(gantry):
     with Link(gantry.port) as link:
         first = link.handshake()
         assert time.monotonic() - before_s > 1.5
-        assert board_name(first) == "virtual gantry"
+        assert first.board == protocol.Board.VIRTUAL
         assert link.arm(LIMITS).armed
         sequence = link.send(Command(1234.5, 1000.0, 420))
         answer = link.wait_for(sequence, 1.0)
