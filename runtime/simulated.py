@@ -13,9 +13,9 @@ from runtime.link import Answer
 from runtime.mcu import Mcu
 from runtime.prediction import Result
 from runtime.predictor import PackagePredictor
-from runtime.protocol import TIME_WRAP_US, Arm, Command, Fault, Status
+from runtime.protocol import Arm, Command, Status
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
-from runtime.virtual.mcu_port import HOME_SWITCH_M
+from runtime.virtual.mcu_port import mcu_time_us, status_of
 from wakedeploy.package import FloatArray
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import Rig
@@ -115,22 +115,8 @@ class SimulatedGantry:
         plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
 
     def _answered(self, sequence: int, t_s: float, round_trip_s: float) -> Answer:
-        mcu, plant = self._mcu.status, self.plant
-        status = Status(
-            sequence=sequence,
-            boot=1,
-            faults=Fault.DEADMAN if mcu.latched else Fault.NONE,
-            armed=mcu.armed and not mcu.latched,
-            homed=abs(plant.x_m) < HOME_SWITCH_M,
-            source_us=plant.source_applied_us,
-            sufferer_us=plant.sufferer_applied_us,
-            steps=plant.steps,
-            missed=mcu.missed_commands,
-            malformed=0,
-            applied_time_us=int(1e6 * plant.pulse_applied_s) % TIME_WRAP_US,
-            battery_mv=0,
-        )
-        return Answer(status, int(1e6 * t_s) % TIME_WRAP_US, t_s, round_trip_s)
+        status = status_of(self._mcu.status, self.plant, sequence=sequence, boot=1)
+        return Answer(status, mcu_time_us(t_s), t_s, round_trip_s)
 
 
 class PackageForecast:

@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from runtime.mcu import Mcu, Outputs
+from runtime.mcu import Mcu, McuStatus, Outputs
 from runtime.protocol import (
     PROTOCOL_VERSION,
     SEQUENCE_WRAP,
@@ -129,21 +129,45 @@ class McuPort:
         return 0 < (sequence - self._last_sequence) % SEQUENCE_WRAP < SEQUENCE_WRAP // 2
 
     def _status(self, plant: GantryPlant) -> Status:
-        mcu = self._mcu.status
-        return Status(
+        return status_of(
+            self._mcu.status,
+            plant,
             sequence=self._last_sequence or 0,
             boot=self._boots,
-            faults=Fault.DEADMAN if mcu.latched else Fault.NONE,
-            armed=mcu.armed and not mcu.latched,
-            homed=abs(plant.x_m) < HOME_SWITCH_M,
-            source_us=plant.source_applied_us,
-            sufferer_us=plant.sufferer_applied_us,
-            steps=plant.steps,
-            missed=min(mcu.missed_commands, 0xFFFF),
-            malformed=min(self._decoder.malformed + self._refused, 0xFFFF),
-            applied_time_us=self._mcu_time(plant.pulse_applied_s),
-            battery_mv=0,
+            malformed=self._decoder.malformed + self._refused,
+            started_s=self._started_s,
         )
 
     def _mcu_time(self, t_s: float) -> int:
-        return int((t_s - self._started_s) * 1e6) % TIME_WRAP_US
+        return mcu_time_us(t_s, self._started_s)
+
+
+def status_of(
+    mcu: McuStatus,
+    plant: GantryPlant,
+    *,
+    sequence: int,
+    boot: int,
+    malformed: int = 0,
+    started_s: float = 0.0,
+) -> Status:
+    """What a board says of its MCU and of the plant around it; it started at `started_s`."""
+    return Status(
+        sequence=sequence,
+        boot=boot,
+        faults=Fault.DEADMAN if mcu.latched else Fault.NONE,
+        armed=mcu.armed and not mcu.latched,
+        homed=abs(plant.x_m) < HOME_SWITCH_M,
+        source_us=plant.source_applied_us,
+        sufferer_us=plant.sufferer_applied_us,
+        steps=plant.steps,
+        missed=min(mcu.missed_commands, 0xFFFF),
+        malformed=min(malformed, 0xFFFF),
+        applied_time_us=mcu_time_us(plant.pulse_applied_s, started_s),
+        battery_mv=0,
+    )
+
+
+def mcu_time_us(t_s: float, started_s: float = 0.0) -> int:
+    """The MCU's clock [µs] at `t_s`; it wraps as the UNO's does."""
+    return int((t_s - started_s) * 1e6) % TIME_WRAP_US
