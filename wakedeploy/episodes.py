@@ -40,7 +40,7 @@ _RESERVED = {
     "kwds",
     "allow_pickle",
 }  # savez's own names too
-_OWN_FILE = re.compile(r"\.?(?P<stem>.+-[0-9a-f]{12})\.npz(\..*)?")
+_OWN_FILE = re.compile(r"\.?.+-[0-9a-f]{12}\.npz(\..*)?|\.dataset\.json\..+")
 
 Array = NDArray[np.float32]
 

@@ -272,6 +272,14 @@ def test_writing_again_replaces_the_set_and_leaves_nothing_of_the_old_one(tmp_pa
     ]  # fmt: skip
 
 
+def test_writing_removes_what_a_killed_writer_left_half_done(tmp_path: Path) -> None:
+    left = (".dataset.json.x1y2z3w4.json", ".flight0000-0123456789ab.npz.x1y2z3w4.npz")
+    for name in left:
+        (tmp_path / name).write_bytes(b"half")
+    small_set(count=3).write(tmp_path)
+    assert not any((tmp_path / name).exists() for name in left)
+
+
 def _write_for_ever(folder: str) -> None:
     for seed in range(1, 10_000):
         small_set(seed=seed, count=4, length=200).write(Path(folder))
