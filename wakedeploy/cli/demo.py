@@ -27,7 +27,7 @@ _SEED = 7  # of the flights; training episodes count from a million
     show_default=True,
     help="Everything the demo makes lies here.",
 )
-@click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True)
+@click.option("--minutes", type=click.FloatRange(2, 600), default=15.0, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=25.0, show_default=True)
 @click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path))
 def command(out: Path, minutes: float, seconds: float, json_path: Path | None) -> None:
@@ -75,7 +75,7 @@ def command(out: Path, minutes: float, seconds: float, json_path: Path | None) -
         raise CheckFailed("The demo did not show what it should: see the table above.")
 
 
-_EPOCHS = 25
+_EPOCHS = 40
 
 
 def _step(*arguments: object) -> None:
