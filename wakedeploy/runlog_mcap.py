@@ -71,12 +71,21 @@ class RunLogWriter:
         self._chunk_start_ns: int | None = None
         self._sequence = 0
         self.flushed = 0  # ticks that the operating system has
+        try:
+            self._channel = self._begun(metadata)
+        except OSError:
+            self.abandon()
+            raise
+
+    def _begun(self, metadata: Mapping[str, str]) -> int:
+        """Write what comes before the first tick; the channel's number."""
         self._writer.start(library=f"wakedeploy {wakedeploy.__version__}")
         self._writer.add_metadata(_METADATA_NAME, {"schema": str(SCHEMA)} | dict(metadata))
         schema = json.dumps(message_schema()).encode()
         schema_id = self._writer.register_schema(_SCHEMA_NAME, "jsonschema", schema)
-        self._channel = self._writer.register_channel(_TOPIC, "json", schema_id)
+        channel: int = self._writer.register_channel(_TOPIC, "json", schema_id)
         self._file.flush()
+        return channel
 
     def write(self, row: Mapping[str, Value], log_time_ns: int) -> None:
         """Add one tick; an absent key is a missing value, one that is no column a ValueError."""
