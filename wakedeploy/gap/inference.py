@@ -1,0 +1,512 @@
+"""Hypotheses fitted by maximum likelihood and compared on episodes that they were not fitted to.
+
+In: a `Model`, which scores one episode under a hypothesis, sample by sample. Out: fits with
+intervals, held-out log densities, a ranking of effects, and how well a rival can imitate each.
+
+The log density is Gaussian in innovations with outliers weighted down, so that first derivatives
+of innovation and variance give gradient and Fisher information (Gauss–Newton); leaving an episode
+out is then one more Newton step from the common optimum.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student_t
+
+FloatArray = npt.NDArray[np.float64]
+Hypothesis = tuple[str, ...]
+
+_ITERATIONS = 12
+_ENOUGH_NATS = 0.02  # a step that promises less ends a fit
+_SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
+_CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
+_MOST_CONTENDERS = 7
+
+
+@dataclass(frozen=True)
+class Free:
+    """A parameter that a fit may move: prior N(neutral, prior_sd²) within [low, high].
+
+    `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior.
+    """
+
+    name: str
+    unit: str
+    neutral: float
+    prior_sd: float
+    low: float
+    high: float
+    step: float
+    starts: tuple[float, ...] = (0.0,)
+
+
+@dataclass(frozen=True)
+class Score:
+    """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
+
+    `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
+    probability that the sample is no outlier.
+    """
+
+    log_density: FloatArray
+    innovation: FloatArray
+    variance: FloatArray
+    weight: FloatArray
+
+    @property
+    def white(self) -> FloatArray:
+        """Innovations over their standard deviation, outliers weighted down, (n,)."""
+        return np.asarray(self.innovation / np.sqrt(self.variance) * np.sqrt(self.weight))
+
+
+class Model(Protocol):
+    """What a domain provides: parameters of a hypothesis, and how likely an episode is."""
+
+    @property
+    def episodes(self) -> int:
+        """How many episodes there are."""
+        ...
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, nuisances and the effects' parameters; these are named `<effect>.<parameter>`."""
+        ...
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One episode under parameters (p,), ordered as `free` says."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Slopes:
+    """Scores of several episodes and their derivatives by every parameter."""
+
+    scores: tuple[Score, ...]
+    innovation: tuple[FloatArray, ...]  # (n, p) each
+    variance: tuple[FloatArray, ...]  # (n, p) each
+
+    def gradient(self) -> FloatArray:
+        """Of the log likelihood, per episode, (E, p)."""
+        return np.array(
+            [_gradient(*each) for each in zip(self.scores, self.innovation, self.variance)]
+        )
+
+    def fisher(self) -> FloatArray:
+        """Expected information per episode, (E, p, p)."""
+        return np.array(
+            [_fisher(*each) for each in zip(self.scores, self.innovation, self.variance)]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A hypothesis at its maximum a posteriori; everything per episode (E, …)."""
+
+    hypothesis: Hypothesis
+    free: tuple[Free, ...]
+    episodes: tuple[int, ...]
+    theta: FloatArray  # (p,)
+    slopes: Slopes = field(repr=False)
+    per_episode: FloatArray  # (E,) log likelihood in nats
+
+    @property
+    def log_likelihood(self) -> float:
+        """Over all episodes, without the priors [nats]."""
+        return float(self.per_episode.sum())
+
+    @property
+    def objective(self) -> float:
+        """Log likelihood and priors together [nats]."""
+        return self.log_likelihood + _log_prior(self.free, self.theta)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the free parameters."""
+        return tuple(f.name for f in self.free)
+
+    def value(self, name: str) -> float:
+        """A parameter's estimate; KeyError for one that is not free."""
+        return float(self.theta[self._index(name)])
+
+    def standard_error(self, name: str) -> float:
+        """Half of it from the curvature, half from the spread between episodes; see `interval`."""
+        return float(np.sqrt(self._covariance[self._index(name), self._index(name)]))
+
+    def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
+        """Where the parameter lies with this probability, clipped to its bounds.
+
+        The variance is clustered by episode (a sandwich with as many terms as episodes), averaged
+        with the curvature's own to steady it, and the quantile is Student's with the degrees of
+        freedom that this leaves.
+        """
+        free = self.free[self._index(name)]
+        quantile = float(student_t.ppf(0.5 + 0.5 * level, 2 * max(len(self.episodes) - 1, 1)))
+        reach = quantile * self.standard_error(name)
+        value = self.value(name)
+        return max(value - reach, free.low), min(value + reach, free.high)
+
+    @property
+    def _covariance(self) -> FloatArray:
+        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
+        prior = np.diag(_prior_precision(self.free))
+        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
+        count = len(gradient)
+        if count < 2:
+            return bread
+        centred = gradient - gradient.mean(0)
+        meat = centred.T @ centred * count / (count - 1) + prior
+        return np.asarray(0.5 * (bread + bread @ meat @ bread))
+
+    def _index(self, name: str) -> int:
+        try:
+            return self.names.index(name)
+        except ValueError as error:
+            raise KeyError(f"{name!r} is not free under {self.hypothesis}") from error
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect on top of a base, and what it gains on episodes that it was not fitted to."""
+
+    name: str
+    fit: Fit
+    gains: FloatArray  # (E,) nats, held out
+
+    @property
+    def gain_nats(self) -> float:
+        """The sum over the episodes."""
+        return float(self.gains.sum())
+
+    def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
+        """Student's interval of the sum, from the spread between episodes."""
+        count = len(self.gains)
+        if count < 2:
+            return -np.inf, np.inf
+        reach = float(student_t.ppf(0.5 + 0.5 * level, count - 1))
+        reach *= float(self.gains.std(ddof=1)) * count**0.5
+        return self.gain_nats - reach, self.gain_nats + reach
+
+
+def fit(
+    model: Model,
+    hypothesis: Hypothesis,
+    episodes: Sequence[int],
+    start: FloatArray | None = None,
+    slopes: Slopes | None = None,
+    moving: Sequence[int] | None = None,
+) -> Fit:
+    """Maximise log likelihood plus log priors over the hypothesis's parameters.
+
+    `start` (p,) is where to begin (the neutral values if None). `slopes`, if they are known there,
+    save a round; with `moving`, only those parameters' slopes are renewed on the way, which is
+    enough to tell a contender from the rest.
+    """
+    free = model.free(hypothesis)
+    theta = neutral(free) if start is None else np.clip(start, *_bounds(free))
+    chosen = tuple(episodes)
+    ascent = _Ascent(model, hypothesis, free, chosen, moving)
+    return ascent.run(theta, slopes)
+
+
+def held_out(model: Model, fitted: Fit) -> FloatArray:
+    """Log density of each episode under the parameters that the other episodes prefer, (E,) nats.
+
+    One Newton step away from the common optimum; with a single episode, the prior's own.
+    """
+    gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
+    prior = np.diag(_prior_precision(fitted.free))
+    pull = -_prior_precision(fitted.free) * (fitted.theta - neutral(fitted.free))
+    total_gradient, total_fisher = gradient.sum(0), fisher.sum(0)
+    densities = []
+    for i, episode in enumerate(fitted.episodes):
+        step = _solve(total_fisher - fisher[i] + prior, total_gradient - gradient[i] + pull)
+        theta = np.clip(fitted.theta + step, *_bounds(fitted.free))
+        densities.append(model.score(fitted.hypothesis, theta, episode).log_density.sum())
+    return np.array(densities)
+
+
+def rank(
+    model: Model,
+    base: Fit,
+    candidates: Sequence[str],
+    *,
+    progress: Callable[[str], None] | None = None,
+) -> list[Candidate]:
+    """Each candidate on top of `base`, best held-out gain first.
+
+    All are fitted with the base's slopes for what they share; those near the best are then fitted
+    to the end.
+    """
+    reference = held_out(model, base)
+    rough = []
+    for name in candidates:
+        rough.append(_rough(model, base, name))
+        if progress is not None:
+            progress(name)
+    best = max((f.objective for f in rough), default=0.0)
+    order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
+    near = [i for i in order if rough[i].objective > best - _CONTENDERS_NATS][:_MOST_CONTENDERS]
+    for i in near:
+        rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
+    ranked = [
+        Candidate(name, fitted, held_out(model, fitted) - reference)
+        for name, fitted in zip(candidates, rough, strict=True)
+    ]
+    return sorted(ranked, key=lambda c: -c.gain_nats)
+
+
+def extended(base: Fit, hypothesis: Hypothesis, free: Sequence[Free]) -> FloatArray:
+    """Parameters (p,) for a larger hypothesis: the base's where they are shared, else neutral."""
+    known = dict(zip(base.names, base.theta, strict=True))
+    return np.array([known.get(f.name, f.neutral) for f in free])
+
+
+def confusion(
+    model: Model, base: Fit, candidates: Sequence[str], at: dict[str, FloatArray] | None = None
+) -> FloatArray:
+    """Nats that the best version of rival j loses when effect i is the truth, (C, C).
+
+    Linear around the base: the change that effect i makes to the whitened innovations, at the
+    values of `at` (its starts otherwise), less what nuisances and rival j can explain of it.
+    """
+    signatures, spans = [], []
+    for name in candidates:
+        one, span = _signature(model, base, name, None if at is None else at.get(name))
+        signatures.append(one)
+        spans.append(span)
+    nuisance = _whitened(base.slopes)
+    prior = np.sqrt(_prior_precision(base.free))
+    columns = np.vstack([nuisance, np.diag(prior)])
+    padding = np.zeros(len(prior))
+    loss = np.zeros((len(candidates), len(candidates)))
+    for j, span in enumerate(spans):
+        rival = np.hstack([columns, np.vstack([span, np.zeros((len(prior), span.shape[1]))])])
+        q, _ = np.linalg.qr(rival)
+        for i, one in enumerate(signatures):
+            padded = np.concatenate([one, padding])
+            rest = padded - q @ (q.T @ padded)
+            loss[i, j] = 0.5 * float(rest @ rest) if i != j else 0.0
+    return loss
+
+
+def neutral(free: Sequence[Free]) -> FloatArray:
+    """The prior's centre, (p,)."""
+    return np.array([f.neutral for f in free])
+
+
+class _Ascent:
+    """Levenberg–Marquardt on the log posterior."""
+
+    def __init__(
+        self,
+        model: Model,
+        hypothesis: Hypothesis,
+        free: tuple[Free, ...],
+        episodes: tuple[int, ...],
+        moving: Sequence[int] | None,
+    ) -> None:
+        self._model, self._hypothesis, self._free = model, hypothesis, free
+        self._episodes, self._moving = episodes, moving
+        self._precision = _prior_precision(free)
+        self._centre = neutral(free)
+
+    def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
+        slopes = slopes if slopes is not None else self._slopes(theta, None)
+        value = self._objective(slopes.scores, theta)
+        damping = 1e-3
+        for _ in range(_ITERATIONS):
+            step, promised = self._step(slopes, theta, damping)
+            if promised < _ENOUGH_NATS:
+                break
+            tried = np.clip(theta + step, *_bounds(self._free))
+            scores = self._scores(tried)
+            reached = self._objective(scores, tried)
+            if not reached > value:
+                damping = max(10.0 * damping, 1e-2)
+                if damping > 1e4:
+                    break
+                continue
+            gained, value, theta = reached - value, reached, tried
+            damping = max(0.2 * damping, 1e-6)
+            slopes = self._renewed(slopes, theta, scores, gained)
+        per_episode = np.array([s.log_density.sum() for s in slopes.scores])
+        return Fit(self._hypothesis, self._free, self._episodes, theta, slopes, per_episode)
+
+    def _renewed(
+        self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
+    ) -> Slopes:
+        renew: Sequence[int] | None = self._moving
+        if renew is None and gained < _SETTLED_NATS:
+            renew = ()
+        if renew is None:
+            return self._slopes(theta, None, scores)
+        return self._slopes(theta, (slopes, renew), scores)
+
+    def _step(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
+        gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
+        curvature = slopes.fisher().sum(0) + np.diag(self._precision)
+        low, high = _bounds(self._free)
+        stuck = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
+        gradient = np.where(stuck, 0.0, gradient)
+        curvature[stuck, :] = curvature[:, stuck] = 0.0
+        curvature[stuck, stuck] = 1.0
+        damped = curvature + damping * np.diag(np.diag(curvature))
+        step = _solve(damped, gradient)
+        return step, float(gradient @ step - 0.5 * step @ curvature @ step)
+
+    def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:
+        return sum(float(s.log_density.sum()) for s in scores) + _log_prior(self._free, theta)
+
+    def _scores(self, theta: FloatArray) -> tuple[Score, ...]:
+        return tuple(self._model.score(self._hypothesis, theta, e) for e in self._episodes)
+
+    def _slopes(
+        self,
+        theta: FloatArray,
+        known: tuple[Slopes, Sequence[int]] | None,
+        scores: tuple[Score, ...] | None = None,
+    ) -> Slopes:
+        here = scores if scores is not None else self._scores(theta)
+        columns = range(len(theta)) if known is None else known[1]
+        innovation = _columns(here, len(theta), None if known is None else known[0].innovation)
+        variance = _columns(here, len(theta), None if known is None else known[0].variance)
+        for column in columns:
+            moved, size = _moved(theta, column, self._free[column])
+            for i, (s, there) in enumerate(zip(here, self._scores(moved), strict=True)):
+                innovation[i][:, column] = (there.innovation - s.innovation) / size
+                variance[i][:, column] = (there.variance - s.variance) / size
+        return Slopes(here, tuple(innovation), tuple(variance))
+
+
+def _rough(model: Model, base: Fit, name: str) -> Fit:
+    """The candidate fitted from each of its starts with the base's slopes for the rest."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    best: Fit | None = None
+    for start in range(max(len(free[i].starts) for i in own)):
+        theta = extended(base, hypothesis, free)
+        for i in own:
+            starts = free[i].starts
+            theta[i] = np.clip(starts[min(start, len(starts) - 1)], free[i].low, free[i].high)
+        slopes = _carried_over(model, base, hypothesis, free, theta, own)
+        fitted = fit(model, hypothesis, base.episodes, theta, slopes, own)
+        if best is None or fitted.objective > best.objective:
+            best = fitted
+    if best is None:
+        raise ValueError(f"{name!r} has no parameters")
+    return best
+
+
+def _carried_over(
+    model: Model,
+    base: Fit,
+    hypothesis: Hypothesis,
+    free: tuple[Free, ...],
+    theta: FloatArray,
+    own: Sequence[int],
+) -> Slopes:
+    """Slopes of the larger hypothesis: the base's for shared parameters, fresh for its own."""
+    place = {name: i for i, name in enumerate(base.names)}
+    shared = [place.get(f.name, -1) for f in free]
+
+    def widened(of_base: FloatArray) -> FloatArray:
+        with_zero = np.hstack([of_base, np.zeros((len(of_base), 1))])
+        return np.asarray(with_zero[:, shared])
+
+    old = Slopes(
+        base.slopes.scores,
+        tuple(widened(d) for d in base.slopes.innovation),
+        tuple(widened(d) for d in base.slopes.variance),
+    )
+    ascent = _Ascent(model, hypothesis, free, base.episodes, own)
+    missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
+    return ascent._slopes(theta, (old, missing))
+
+
+def _signature(
+    model: Model, base: Fit, name: str, at: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Whitened change that an effect makes (n,), and the directions its parameters span (n, k)."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    theta = extended(base, hypothesis, free)
+    changed = theta.copy()
+    for k, i in enumerate(own):
+        changed[i] = free[i].starts[-1] if at is None else at[k]
+    directions = []
+    for i in own:
+        single = theta.copy()
+        single[i] = changed[i]
+        directions.append(_change(model, base, hypothesis, single))
+    whole = directions[0] if len(own) == 1 else _change(model, base, hypothesis, changed)
+    return whole, np.stack(directions, axis=1)
+
+
+def _change(model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray) -> FloatArray:
+    """Innovations minus the base's, and variances likewise, whitened, one after another (2n,)."""
+    parts = []
+    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
+        there = model.score(hypothesis, theta, episode)
+        root = np.sqrt(score.weight)
+        parts.append(root * (there.innovation - score.innovation) / np.sqrt(score.variance))
+        parts.append(root * (there.variance - score.variance) / (score.variance * 2.0**0.5))
+    return np.concatenate(parts)
+
+
+def _whitened(slopes: Slopes) -> FloatArray:
+    """Derivatives in the units of `_change`, (2n, p)."""
+    parts = []
+    for s, de, dv in zip(slopes.scores, slopes.innovation, slopes.variance, strict=True):
+        root = np.sqrt(s.weight)[:, None]
+        parts.append(root * de / np.sqrt(s.variance)[:, None])
+        parts.append(root * dv / (s.variance[:, None] * 2.0**0.5))
+    return np.concatenate(parts)
+
+
+def _gradient(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
+    e, v, w = score.innovation, score.variance, score.weight
+    return np.asarray(-(w * e / v) @ de + 0.5 * (w * (e * e / v - 1.0) / v) @ dv)
+
+
+def _fisher(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
+    v, w = score.variance, score.weight
+    return np.asarray(de.T @ (de * (w / v)[:, None]) + 0.5 * dv.T @ (dv * (w / (v * v))[:, None]))
+
+
+def _columns(
+    scores: Sequence[Score], count: int, known: Sequence[FloatArray] | None
+) -> list[FloatArray]:
+    if known is not None:
+        return [k.copy() for k in known]
+    return [np.zeros((len(s.innovation), count)) for s in scores]
+
+
+def _moved(theta: FloatArray, column: int, free: Free) -> tuple[FloatArray, float]:
+    """The parameters with one of them a difference step away, on the side that has room."""
+    size = free.step if theta[column] + free.step <= free.high else -free.step
+    moved = theta.copy()
+    moved[column] += size
+    return moved, size
+
+
+def _bounds(free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
+    return np.array([f.low for f in free]), np.array([f.high for f in free])
+
+
+def _prior_precision(free: Sequence[Free]) -> FloatArray:
+    return np.array([1.0 / f.prior_sd**2 for f in free])
+
+
+def _log_prior(free: Sequence[Free], theta: FloatArray) -> float:
+    return -0.5 * float(_prior_precision(free) @ (theta - neutral(free)) ** 2)
+
+
+def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Solve a symmetric system whose parameters may differ by many orders of magnitude."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-12))
+    scaled = matrix * scale[:, None] * scale[None, :]
+    return np.asarray(scale * np.linalg.lstsq(scaled, scale * vector, rcond=1e-10)[0])
