@@ -46,7 +46,8 @@ class Motion:
 
     `time_s` counts from the first take-off, `charge_s` is the integral of the sufferer's thrust
     over its weight, `travelled_m` the carriage's way so far, `direction` the sign of its last
-    motion. `wake_mps` is the air's vertical speed at the sufferer, `wake_n` the wake's force.
+    motion. `source_rate_nps` is how fast the source's thrust changes, `wake_mps` the air's vertical
+    speed at the sufferer, `wake_n` the wake's force.
     """
 
     time_s: Number = 0.0
@@ -55,6 +56,7 @@ class Motion:
     z_m: Number = 0.0
     vz_mps: Number = 0.0
     source_n: Number = 0.0
+    source_rate_nps: Number = 0.0
     sufferer_n: Number = 0.0
     wake_mps: Number = 0.0
     wake_n: Number = 0.0
