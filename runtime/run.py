@@ -26,10 +26,12 @@ from runtime.predictor import PackagePredictor
 from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource, wait_for_first
 from runtime.realtime import become_realtime, quieten_interpreter
 from runtime.recorder import Recorder, RecorderReport
-from runtime.reference import random_plan
+from runtime.reference import FlightPlan, random_plan
+from runtime.reference_file import read_reference
 from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
@@ -55,12 +57,14 @@ HINTS = {
 class RunRequest:
     """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth.
 
-    `range_socket` beside a `port` reads range samples from a plant process instead of I²C.
+    `reference`, a file, replaces the random plan of `seconds` and `seed`. `range_socket` beside a
+    `port` reads range samples from a plant process instead of I²C.
     """
 
     rig: Rig
     seconds: float
     seed: int = 0
+    reference: Path | None = None
     package: Path | None = None
     port: str | None = None
     range_socket: Path | None = None
@@ -80,6 +84,7 @@ def fly(request: RunRequest, tell: Tell | None = None, show: Show | None = None)
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
     """
+    plan = _plan(request)
     package = read_package(request.package) if request.package else None
     if package is not None:
         require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
@@ -97,16 +102,9 @@ def fly(request: RunRequest, tell: Tell | None = None, show: Show | None = None)
             worker.wait_until_warm()
         recorder = _recorder(request, package, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
-        loop = Loop(
-            request.rig,
-            link,
-            ranges,
-            random_plan(request.rig, request.seconds, request.seed),
-            worker,
-            recorder,
-        )
+        loop = Loop(request.rig, link, ranges, plan, worker, recorder)
         try:
-            with _shown(loop, request, show):
+            with _shown(loop, len(plan) * PERIOD_S, request.rig, show):
                 report = _fly_recorded(loop, recorder)
         finally:
             if tell is not None and loop.tally.ticks:
@@ -135,6 +133,13 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
             f"{rig.default_lead_s:g} s; train with --lead {rig.default_lead_s:g}, or fly it all "
             "the same with --allow-lead-mismatch."
         )
+
+
+def _plan(request: RunRequest) -> FlightPlan:
+    """The reference file's plan, or a random one."""
+    if request.reference is not None:
+        return read_reference(request.reference, request.rig)
+    return random_plan(request.rig, request.seconds, request.seed)
 
 
 def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
@@ -172,6 +177,8 @@ def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -
         started=datetime.datetime.now(datetime.UTC),
         simulated=is_virtual,
     )
+    if request.reference is not None:
+        told |= {"reference_sha256": sha256_of(request.reference.read_bytes())}
     if is_virtual:
         told |= truth_metadata(request.plant_rig or request.rig, request.hooks)
     recorder = Recorder(request.log, told)
@@ -220,12 +227,12 @@ def _fly_recorded(loop: Loop, recorder: Recorder | None) -> RecorderReport | Non
 
 
 @contextlib.contextmanager
-def _shown(loop: Loop, request: RunRequest, show: Show | None) -> Iterator[None]:
+def _shown(loop: Loop, flight_s: float, rig: Rig, show: Show | None) -> Iterator[None]:
     """Show how far the loop is from a thread beside it, which only reads one counter."""
     if show is None:
         yield
         return
-    total_s = request.seconds + 2.0 * request.rig.disturbance.rest_s
+    total_s = flight_s + 2.0 * rig.disturbance.rest_s
     over = threading.Event()
 
     def run() -> None:

@@ -23,10 +23,16 @@ _BAR_WIDTH = 30
 @click.option("--virtual", is_flag=True, help="Fly the virtual gantry.")
 @click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0.")
 @click.option("--range-socket", type=_FILE, help="With --port: range samples from here, not I²C.")
-@click.option("--seconds", type=click.FloatRange(6, 3600), default=20.0, show_default=True)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(6, 3600),
+    show_default="20",
+    help="Of the random plan.",
+)
 @click.option(
     "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the plan."
 )
+@click.option("--reference", type=_FILE, help="Fly this CSV instead of a random plan.")
 @click.option("--log", "log_path", type=_FILE, help="Record the run here (.mcap).")
 @click.option("--plant-rig", type=_FILE, help="What the virtual gantry is in truth.")
 @click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks.")
@@ -42,9 +48,12 @@ def command(
     plant_rig: Path | None,
     log_path: Path | None,
     json_path: Path | None,
+    seconds: float | None,
     **options: Any,
 ) -> None:
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.
+
+    A reference file has the columns t_s, z_m, x_m, source_us; it begins and ends at rest.
 
     Ctrl-C brings the sufferer down; a second one switches the motors off at once.
 
@@ -61,6 +70,8 @@ def command(
         raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
     if port is not None and (plant_rig or options["hooks"]):
         raise UnusableInput("--plant-rig and --hooks belong to --virtual; a real rig is as it is.")
+    if seconds is not None and options["reference"]:
+        raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
     from runtime.run import RunRequest, fly
     from wakedeploy.rig import default_rig, read_rig
 
@@ -70,6 +81,7 @@ def command(
         port=port,
         plant_rig=read_rig(plant_rig) if plant_rig else None,
         log=log_path,
+        seconds=20.0 if seconds is None else seconds,
         **options,
     )
     # Another thread at the loop's priority on the loop's core is what --realtime is to prevent.
