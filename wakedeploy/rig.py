@@ -20,6 +20,7 @@ from pydantic import Field
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.physics.expression import expression_of
 from wakedeploy.validation import first_problem
 
 SCHEMA = 1
@@ -226,12 +227,28 @@ class EffectParameter(_Section):
 
 
 class Effect(_Section):
-    """A named piece of physics that this rig's simulation includes."""
+    """A named piece of physics that this rig's simulation includes.
+
+    A force without a name is the effect "symbolic-force"; its `expression`, in newtons, is built of
+    its parameters and of what an effect may look at (`wakedeploy.physics.expression`).
+    """
 
     name: str
+    expression: str | None = None
     parameters: dict[str, EffectParameter] = {}
     data_sha256: str | None = None
     date: str | None = None
+
+    @pydantic.model_validator(mode="after")
+    def _expression_is_arithmetic(self) -> Self:
+        if (self.name == "symbolic-force") != (self.expression is not None):
+            raise ValueError("an expression belongs to the effect symbolic-force, and to no other")
+        if self.expression is not None:
+            try:
+                expression_of(self.expression, self.parameters)
+            except UnusableInput as error:
+                raise ValueError(str(error).removesuffix(".")) from error
+        return self
 
 
 class Rig(_Section):

@@ -22,6 +22,7 @@ from wakedeploy.physics.expression import (
     Negative,
     parse,
 )
+from wakedeploy.rig import default_rig_text, parse_rig
 
 PYTHON = {  # the test's own meaning of each function
     "sin": math.sin,
@@ -144,3 +145,38 @@ def test_division_by_zero_is_infinite_and_silent():
 
 def test_it_may_look_at_everything_an_effect_may_look_at():
     assert {field.name for field in dataclasses.fields(Motion)} == set(VARIABLES)
+
+
+FORCE = """
+[[effect]]
+name = "symbolic-force"
+expression = "c1*sin(6.28*1.5*time_s) + c2*x_m"
+
+[effect.parameters]
+c1 = {value = 0.2, unit = "N", low = 0.1, high = 0.3}
+c2 = {value = 0.1, unit = "N/m"}
+"""
+
+
+def test_a_rig_file_keeps_its_expression():
+    rig = parse_rig(default_rig_text() + FORCE)
+    assert rig.effect[0].expression == "c1*sin(6.28*1.5*time_s) + c2*x_m"
+    assert parse_rig(rig.text) == rig
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "told"),
+    [
+        ("c2*x_m", "exit()", "character 27: 'exit' is not known"),
+        ("c2*x_m", "x_m", "does not use its parameter 'c2'"),
+        ("c2", "x_m", "parameter 'x_m' cannot be told from the rest"),
+        ("c2", "exp", "parameter 'exp' cannot be told"),
+        ("symbolic-force", "crosswind", "belongs to the effect symbolic-force"),
+        ("expression", "note", "effect.0.note is not known"),
+    ],
+)
+def test_a_rig_file_with_another_expression_is_refused(old, new, told):
+    with pytest.raises(UnusableInput) as refused:
+        parse_rig(default_rig_text() + FORCE.replace(old, new), "my.toml")
+    assert told in str(refused.value)
+    assert str(refused.value).startswith("my.toml: effect.0")

@@ -57,6 +57,7 @@ _OPERATORS: Mapping[str, tuple[int, Function]] = {  # precedence, meaning
     "**": (4, np.power),
 }
 _SIGN, _ATOM = 3, 5  # a leading minus binds weaker than a power, stronger than a product
+_IDENTIFIER = re.compile(r"[A-Za-z_][A-Za-z0-9_]*", re.ASCII)
 _TOKEN = re.compile(
     r"\s*(?:(?P<number>(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)"
     r"|(?P<name>[A-Za-z_][A-Za-z0-9_]*)"
@@ -149,6 +150,25 @@ def parse(text: str, names: Collection[str] = VARIABLES) -> Expression:
             f"The expression has {len(text)} characters; shorten it to {MOST_CHARACTERS}."
         )
     return Expression(_Parser(text, names).whole())
+
+
+def expression_of(text: str, parameters: Collection[str]) -> Expression:
+    """Read an expression in `VARIABLES` and a rig file's own parameters.
+
+    Raises UnusableInput, also for a parameter that cannot be a name, that hides a variable or a
+    function, or that the expression does not use.
+    """
+    for name in parameters:
+        if not _IDENTIFIER.fullmatch(name) or name in VARIABLES or name in FUNCTIONS:
+            raise UnusableInput(
+                f"The expression's parameter {name!r} cannot be told from the rest; "
+                "call it c1, c2 or the like."
+            )
+    expression = parse(text, (*parameters, *VARIABLES))
+    unused = sorted(set(parameters) - expression.names)
+    if unused:
+        raise UnusableInput(f"The expression does not use its parameter {unused[0]!r}; remove it.")
+    return expression
 
 
 def nodes(root: Node) -> Iterator[Node]:
