@@ -134,7 +134,8 @@ def test_the_longest_sum_is_read_evaluated_and_written():
 
 def test_numbers_take_the_place_of_names():
     expression = parse("c1*(z_m - c2)", ("c1", "c2", "z_m"))
-    assert expression.with_numbers({"c1": -2.0, "c2": 0.5}).text == "-2*(z_m - 0.5)"
+    assert expression.replaced({"c1": -2.0, "c2": 0.5}).text == "-2*(z_m - 0.5)"
+    assert expression.replaced({"c2": parse("1 - x_m")}).text == "c1*(z_m - (1 - x_m))"
     assert expression.names == {"c1", "c2", "z_m"}
 
 

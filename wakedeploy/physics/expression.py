@@ -134,9 +134,13 @@ class Expression:
     def __repr__(self) -> str:
         return f"Expression({self.text!r})"
 
-    def with_numbers(self, values: Mapping[str, float]) -> "Expression":
-        """The expression with some names replaced by finite numbers."""
-        return Expression(_substituted(self.root, values))
+    def replaced(self, names: "Mapping[str, float | Expression]") -> "Expression":
+        """The expression with some names replaced by finite numbers or other expressions."""
+        trees = {
+            name: to.root if isinstance(to, Expression) else Constant(float(to))
+            for name, to in names.items()
+        }
+        return Expression(_replaced(self.root, trees))
 
 
 def parse(text: str, names: Collection[str] = VARIABLES) -> Expression:
@@ -379,15 +383,15 @@ def _bracketed(node: Node, least: int) -> str:
     return text if strength >= least else f"({text})"
 
 
-def _substituted(node: Node, values: Mapping[str, float]) -> Node:
-    if isinstance(node, Name) and node.name in values:
-        value = float(values[node.name])
-        return Negative(Constant(-value)) if value < 0 else Constant(abs(value))
+def _replaced(node: Node, trees: Mapping[str, Node]) -> Node:
+    """A tree with names replaced and every number's sign in front of it."""
+    if isinstance(node, Constant):
+        return Negative(Constant(-node.value)) if node.value < 0 else Constant(abs(node.value))
+    if isinstance(node, Name):
+        return _replaced(trees[node.name], {}) if node.name in trees else node
     if isinstance(node, Negative):
-        return Negative(_substituted(node.operand, values))
+        return Negative(_replaced(node.operand, trees))
     if isinstance(node, Binary):
-        left, right = (_substituted(part, values) for part in (node.left, node.right))
+        left, right = (_replaced(part, trees) for part in (node.left, node.right))
         return Binary(node.operator, left, right)
-    if isinstance(node, Call):
-        return Call(node.function, tuple(_substituted(part, values) for part in node.arguments))
-    return node
+    return Call(node.function, tuple(_replaced(part, trees) for part in node.arguments))
