@@ -7,7 +7,6 @@ as `{value, spread, unit, date}`; its spread, the calibration uncertainty, is ke
 
 import functools
 import importlib.resources
-import re
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,6 +20,7 @@ from pydantic import Field
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of, write_text_whole
 from wakedeploy.physics.expression import expression_of
+from wakedeploy.units import same_unit, unit_of
 from wakedeploy.validation import first_problem
 
 SCHEMA = 1
@@ -28,24 +28,6 @@ LOOP_RATE_HZ = 32.0
 MOST_STEPS_PER_S = 32_767  # a command's carriage speed is a 16-bit number on the wire
 
 _CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
-_UNIT_OF_SUFFIX = {
-    "m": "m",
-    "kg": "kg",
-    "s": "s",
-    "n": "N",
-    "us": "us",
-    "mps": "m/s",
-    "mps2": "m/s^2",
-    "m2ps": "m^2/s",
-    "m2": "m^2",
-    "per_s": "1/s",
-    "us_per_s": "us/s",
-    "steps_per_m": "steps/m",
-    "n_per_m": "N/m",
-    "n_per_ms": "N/(m s)",
-    "ns_per_m": "N s/m",
-    "n_per_mps": "N s/m",
-}
 
 
 class Calibration(pydantic.BaseModel, frozen=True, extra="forbid"):
@@ -185,7 +167,11 @@ class Limits(_Section):
 
 
 class Wake(_Section):
-    """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, area Cd·A."""
+    """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, area Cd·A.
+
+    A puff sinks at `speed_mps` times the `speed_exponent`-th power of the thrust that made it, over
+    the reference thrust; the paper's wake has one speed, an exponent of 0.
+    """
 
     speed_mps: float = Field(gt=0.1, le=100)
     diffusivity_m2ps: float = Field(ge=0, le=10)
@@ -194,6 +180,7 @@ class Wake(_Section):
     width_m: float = Field(gt=0.005, le=5)
     drag_area_m2: float = Field(ge=0, le=10)
     reference_thrust_n: float = Field(default=4.41, gt=0, le=1000)
+    speed_exponent: float = Field(default=0.0, ge=-1, le=1)
 
 
 class Control(_Section):
@@ -291,9 +278,22 @@ class Rig(_Section):
 
     @property
     def default_lead_s(self) -> float:
-        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag."""
+        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag.
+
+        An effect of the rig file that states the lag, or more latency, counts.
+        """
         lag = self.spool.sufferer
-        return round(self.latency.round_trip_s + 0.5 * (lag.up_s + lag.down_s), 4)
+        up_s = self.effect_value("spool-lag-sufferer", "up_s", lag.up_s)
+        down_s = self.effect_value("spool-lag-sufferer", "down_s", lag.down_s)
+        delay_s = self.latency.round_trip_s + self.effect_value("command-latency", "latency_s", 0.0)
+        return round(delay_s + 0.5 * (up_s + down_s), 4)
+
+    def effect_value(self, effect: str, parameter: str, otherwise: float) -> float:
+        """The value of an effect's parameter, or `otherwise` where the file does not list it."""
+        for entry in self.effect:
+            if entry.name == effect and parameter in entry.parameters:
+                return entry.parameters[parameter].value
+        return otherwise
 
     @property
     def text(self) -> str:
@@ -333,6 +333,8 @@ class Rig(_Section):
             owner[name] = {"value": owner[name]} | known.model_dump(exclude_none=True)
         if not raw["effect"]:
             del raw["effect"]
+        if not raw["wake"]["speed_exponent"]:  # a rig that has none keeps its hash
+            del raw["wake"]["speed_exponent"]
         return raw
 
 
@@ -407,26 +409,10 @@ def _plain_date(entry: Any) -> Any:
 def _check_units(calibration: Mapping[str, Calibration], name: str) -> None:
     for path, known in calibration.items():
         expected = unit_of(path.rsplit(".", 1)[-1])
-        if known.unit is not None and expected and _folded(known.unit) != _folded(expected):
+        if known.unit is not None and expected and not same_unit(known.unit, expected):
             raise UnusableInput(
                 f"{name}: {path} is in {expected}, but its unit says {known.unit!r}; convert it."
             )
-
-
-def unit_of(name: str) -> str | None:
-    """The unit a constant's name ends in (`mass_kg` → "kg"), or None if it carries none."""
-    parts = name.split("_")
-    for start in range(1, len(parts)):
-        unit = _UNIT_OF_SUFFIX.get("_".join(parts[start:]))
-        if unit:
-            return unit
-    return _UNIT_OF_SUFFIX.get(name)
-
-
-def _folded(unit: str) -> str:
-    """A unit with the usual spellings folded together."""
-    plain = unit.replace("²", "^2").replace("µ", "u").replace("·", " ").replace("**", "^")
-    return re.sub(r"\s+", "", plain).lower()
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

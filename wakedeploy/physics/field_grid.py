@@ -85,7 +85,15 @@ class FieldPhysics:
 
     @classmethod
     def of(cls, wake: Wake) -> Self:
-        """The constants of a rig's `[wake]` section."""
+        """The constants of a rig's `[wake]` section.
+
+        Raises UnusableInput for a speed that depends on the thrust: the grid sinks as a whole.
+        """
+        if wake.speed_exponent != 0.0:
+            raise UnusableInput(
+                f"wake.speed_exponent = {wake.speed_exponent:g}: the 2D field has one speed for "
+                "all of its air; set it to 0."
+            )
         return cls(
             speed_mps=wake.speed_mps,
             diffusivity_m2ps=wake.diffusivity_m2ps,

@@ -1,0 +1,75 @@
+"""Effects on the way of a command: from the MCU's output to the pulse that an ESC accepts."""
+
+from wakedeploy.physics.effects.base import Effect, Parameter, Values
+
+
+class CommandLatency(Effect):
+    """A dead time between MCU and ESC."""
+
+    name = "command-latency"
+    physics = "A command reaches the ESCs later than the link's round trip tells."
+    stage = "command"
+    parameters = (
+        Parameter("latency_s", "s", scale=0.02, low=0.0, high=0.15, constant="command.delay_s"),
+    )
+    confused_with = ("spool-lag-sufferer", "esc-frame", "range-delay")
+    split_by = "thrust steps up and down: a dead time shifts the response, a lag bends it"
+
+
+class EscFrame(Effect):
+    """The servo frame's period."""
+
+    name = "esc-frame"
+    physics = "The ESC takes over a command only with the next servo frame."
+    stage = "command"
+    parameters = (
+        Parameter(
+            "frame_s", "s", scale=0.01, low=0.0, high=0.1, constant="disturbance.esc_frame_s"
+        ),
+    )
+    confused_with = ("command-latency",)
+    split_by = "the time at which the UNO applies each pulse"
+
+
+class PwmDeadBand(Effect):
+    """An ESC that ignores small changes."""
+
+    name = "pwm-dead-band"
+    physics = "An ESC ignores a pulse that differs too little from the last one it accepted."
+    stage = "command"
+    parameters = (
+        Parameter("band_us", "us", scale=5.0, low=0.0, high=50.0, starts=(0.5, 1.0, 2.0)),
+    )
+    confused_with = ("pwm-quantisation", "stiction")
+    split_by = "a slow triangle of the sufferer's command"
+
+    def pulse_us(
+        self, p: Values, pulse_us: float, applied_us: float, motor: str, idle_us: float
+    ) -> float:
+        """The old pulse [µs] until the new one is a band away from it."""
+        return applied_us if abs(pulse_us - applied_us) < p["band_us"] else pulse_us
+
+
+class PwmQuantisation(Effect):
+    """A timer that counts in coarse steps."""
+
+    name = "pwm-quantisation"
+    physics = "Pulse widths exist only in steps of a timer, counted from the idle pulse."
+    stage = "command"
+    parameters = (
+        Parameter("step_us", "us", scale=5.0, low=0.0, high=40.0, starts=(0.5, 1.0, 2.0)),
+    )
+    confused_with = ("pwm-dead-band", "stiction")
+    split_by = "a slow triangle of the sufferer's command"
+
+    def pulse_us(
+        self, p: Values, pulse_us: float, applied_us: float, motor: str, idle_us: float
+    ) -> float:
+        """The nearest pulse [µs] that the timer can make."""
+        step_us = p["step_us"]
+        if step_us <= 0.0:
+            return pulse_us
+        return idle_us + step_us * round((pulse_us - idle_us) / step_us)
+
+
+EFFECTS: tuple[Effect, ...] = (CommandLatency(), EscFrame(), PwmDeadBand(), PwmQuantisation())
