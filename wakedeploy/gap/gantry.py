@@ -1,0 +1,332 @@
+"""How likely the flights of a gantry are under a hypothesis: a rig file plus effects.
+
+In: a rig, flights, the names of effects. Out: innovations of the range sensor, one per sample, from
+a Kalman filter whose known forces come from the logged commands: under feedback a missing force
+hides in the command, and there it is in the prediction. Noise (white acceleration, turbulence that
+scales with the wake's force, range noise that may grow with height) and calibration (the rig
+file's spreads as priors) are free in every hypothesis, the base one included.
+
+Everything but the filter is a sum along the flight, linear around the smoothed motion.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
+from wakedeploy.gap.forces import Forces, Physics, forces_along
+from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
+from wakedeploy.physics.constants import Constants, constants_of, spreads_of
+from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
+from wakedeploy.physics.series import filtered, smoothed
+from wakedeploy.rig import Rig
+
+NOISE = (
+    "noise.log_acceleration",
+    "noise.log_turbulence",
+    "noise.log_turbulence_time",
+    "noise.log_range",
+    "noise.range_slope",
+)
+_ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
+_FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
+_NO_HORIZON = np.zeros(0, np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class Forecasts:
+    """Heights forecast from each counted sample, arrays (h, n); NaN where the flight ends before.
+
+    `measured_m` is the reading then, `forecast_m` what was expected of it and `variance_m2` how
+    uncertain that was, noise of the reading included.
+    """
+
+    horizon_s: FloatArray
+    at_s: FloatArray  # (n,) time of the sample it was forecast from
+    measured_m: FloatArray
+    forecast_m: FloatArray
+    variance_m2: FloatArray
+
+
+class GantryModel:
+    """The likelihood of flights under effects on top of a rig file; a `Model` of `inference`.
+
+    `extra` are further effects by name, as a search for a symbolic expression tries them.
+    """
+
+    def __init__(
+        self, rig: Rig, flights: Sequence[Flight], extra: Mapping[str, Effect] | None = None
+    ) -> None:
+        self.rig, self.flights = rig, tuple(flights)
+        self.extra = dict(extra or {})
+        self._physics = [Physics(rig, flight) for flight in self.flights]
+        self._layouts: dict[Hypothesis, _Layout] = {}
+        self._own = _own_effects(rig)
+
+    @property
+    def episodes(self) -> int:
+        """How many flights there are."""
+        return len(self.flights)
+
+    def effect(self, name: str) -> Effect:
+        """An effect of the library or of the extra ones; KeyError for neither."""
+        return self.extra[name] if name in self.extra else LIBRARY[name]
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, calibration, then the parameters of the rig's own effects and of the named."""
+        return self._layout(hypothesis).free
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One flight: a score per airborne sample and one per rest on the stop."""
+        layout, flight = self._layout(hypothesis), self.flights[episode]
+        constants, effects = layout.read(theta)
+        forces = self._physics[episode].forces(constants, effects)
+        samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
+        counted = flight.counted
+        e, v, density, weight = samples[:, counted]
+        rest_e, rest_v = _rest(flight, constants)
+        rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
+        return Score(
+            np.concatenate([density, rest_density]),
+            np.concatenate([e, rest_e]),
+            np.concatenate([np.maximum(v, 1e-12), rest_v]),
+            np.concatenate([weight, np.ones(len(rest_e))]),
+        )
+
+    def forces(self, fitted: Fit, episode: int) -> Forces:
+        """Every force along one flight under a fit."""
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        return self._physics[episode].forces(constants, effects)
+
+    def forecasts(self, fitted: Fit, episode: int, horizons_s: Sequence[float]) -> Forecasts:
+        """Open-loop replay: from each filtered state, the commands alone tell what comes."""
+        flight = self.flights[episode]
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        forces = self._physics[episode].forces(constants, effects)
+        steps = np.array([round(h / DT_S) for h in horizons_s], np.int64)
+        _, ahead, _, _ = self._filter(flight, forces, constants, fitted.theta, steps, False)
+        noise = _reading_noise(flight, fitted.theta, self.rig)
+        return _compared(flight, forces, steps, ahead, noise)
+
+    def relinearised(self, fitted: Fit) -> "GantryModel":
+        """The same flights around the motion that the fitted model and all samples agree on."""
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        flights = []
+        for flight, physics in zip(self.flights, self._physics, strict=True):
+            forces = physics.forces(constants, effects)
+            motion = self._smooth(flight, forces, constants, fitted.theta)
+            flights.append(replace(flight, nominal=motion))
+        return GantryModel(self.rig, flights, self.extra)
+
+    def only(self, episodes: Sequence[int]) -> "GantryModel":
+        """The model of some of the flights."""
+        return GantryModel(self.rig, [self.flights[i] for i in episodes], self.extra)
+
+    def _layout(self, hypothesis: Hypothesis) -> "_Layout":
+        if hypothesis not in self._layouts:
+            named = [self.effect(name) for name in hypothesis]
+            self._layouts[hypothesis] = _Layout(self.rig, self._own, named)
+        return self._layouts[hypothesis]
+
+    def _filter(
+        self,
+        flight: Flight,
+        forces: Forces,
+        constants: Constants,
+        theta: FloatArray,
+        horizons: np.typing.NDArray[np.int64],
+        remember: bool,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        gain, keep, white = _disturbance(forces, theta)
+        step_of, into_s = placed(flight.grid_s, forces.taken_s)
+        return filtered(  # type: ignore[no-any-return]
+            DT_S,
+            flight.start,
+            flight.stop,
+            flight.nominal,
+            forces.acceleration,
+            gain,
+            keep,
+            white,
+            step_of,
+            into_s,
+            flight.reading_m,
+            forces.expected,
+            _reading_noise(flight, theta, self.rig),
+            OUTLIER,
+            horizons,
+            remember,
+        )
+
+    def _smooth(
+        self, flight: Flight, forces: Forces, constants: Constants, theta: FloatArray
+    ) -> FloatArray:
+        _, _, states, covariances = self._filter(
+            flight, forces, constants, theta, _NO_HORIZON, True
+        )
+        gain, keep, white = _disturbance(forces, theta)
+        path = smoothed(
+            DT_S,
+            flight.start,
+            flight.stop,
+            states,
+            covariances,
+            flight.nominal,
+            forces.acceleration,
+            gain,
+            keep,
+            white,
+        )
+        motion = flight.nominal.copy()
+        for a, b in zip(flight.start, flight.stop, strict=True):
+            motion[:, a:b] = path[:2, a:b]
+        return motion
+
+
+class _Layout:
+    """Where each constant and effect parameter stands among the free parameters."""
+
+    def __init__(
+        self, rig: Rig, own: Sequence[tuple[Effect, Mapping[str, Free]]], named: Sequence[Effect]
+    ) -> None:
+        self._base = constants_of(rig)
+        spreads = spreads_of(rig)
+        names = {effect.name for effect in named}
+        own = [entry for entry in own if entry[0].name not in names]
+        claimed = {
+            p.constant for effect in (*named, *(e for e, _ in own)) for p in effect.parameters
+        }
+        free = list(_noise(rig))
+        self._constants: list[tuple[int, str]] = []
+        self._values: list[tuple[Effect, list[tuple[int, Parameter]]]] = []
+        for constant, spread in spreads.items():
+            if constant not in claimed:
+                self._constants.append((len(free), constant))
+                free.append(_nuisance(constant, self._base[constant], spread))
+        for effect, known in own:
+            self._add(free, effect, known)
+        for effect in named:
+            self._add(free, effect, {})
+        order = {name: i for i, name in enumerate(LIBRARY)}
+        self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
+        self.free = tuple(free)
+
+    def read(
+        self, theta: FloatArray
+    ) -> tuple[Constants, tuple[tuple[Effect, dict[str, float]], ...]]:
+        """Constants and effects with their values."""
+        constants = dict(self._base)
+        for i, name in self._constants:
+            constants[name] = float(theta[i])
+        effects = []
+        for effect, places in self._values:
+            values = {p.name: float(theta[i]) for i, p in places}
+            for _, p in places:
+                if p.constant is not None:
+                    constants[p.constant] = values[p.name]
+            effects.append((effect, values))
+        return constants, tuple(effects)
+
+    def _add(self, free: list[Free], effect: Effect, known: Mapping[str, Free]) -> None:
+        places = []
+        for p in effect.parameters:
+            places.append((len(free), p))
+            free.append(known.get(p.name) or _parameter(effect, p, self._base))
+        self._values.append((effect, places))
+
+
+def _noise(rig: Rig) -> tuple[Free, ...]:
+    fraction = max(rig.disturbance.turbulence_fraction, 0.01)
+    time_s = rig.disturbance.turbulence_time_s
+    range_m = max(rig.range_sensor.noise_m, 0.0005)
+    return (
+        Free(NOISE[0], "", math.log(_ACCELERATION), 1.0, -8.0, 2.0, 0.05),
+        Free(NOISE[1], "", math.log(fraction), 1.0, -7.0, 1.5, 0.05),
+        Free(NOISE[2], "", math.log(time_s), 0.5, -4.5, 1.0, 0.05),
+        Free(NOISE[3], "", math.log(range_m), 0.5, -8.0, -2.0, 0.02),
+        Free(NOISE[4], "", 0.0, 0.002, -0.003, 0.03, 1e-4),
+    )
+
+
+def _nuisance(constant: str, value: float, spread: float) -> Free:
+    positive = value > 0.0 or constant.startswith(("rail.", "spool.", "wake."))
+    low = 0.0 if positive else -math.inf
+    return Free(constant, "", value, spread, low, math.inf, 0.2 * spread)
+
+
+def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
+    neutral = base[p.constant] if p.constant is not None else p.neutral
+    starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
+    name = f"{effect.name}.{p.name}"
+    return Free(name, p.unit, neutral, 3.0 * p.scale, p.low, p.high, 0.05 * p.scale, starts)
+
+
+def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
+    """The rig file's effects, each parameter with its interval as a prior."""
+    own = []
+    for entry in rig.effect:
+        effect = LIBRARY[entry.name]
+        known = {}
+        for p in effect.parameters:
+            stated = entry.parameters[p.name]
+            spread = 0.05 * p.scale
+            if stated.low is not None and stated.high is not None:
+                spread = max((stated.high - stated.low) / 3.29, 1e-6 * p.scale)
+            known[p.name] = Free(
+                f"{effect.name}.{p.name}", p.unit, stated.value, spread, p.low, p.high,
+                0.2 * spread,
+            )
+        own.append((effect, known))
+    return own
+
+
+def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, float]:
+    """Acceleration per unit of the coloured disturbance (N,), its persistence, white intensity."""
+    turbulence = math.exp(theta[1]) * np.abs(forces.wake_n) / forces.inertia_kg
+    gain = np.hypot(turbulence, _FAINTEST)
+    return gain, math.exp(-DT_S / math.exp(theta[2])), math.exp(2.0 * theta[0])
+
+
+def _reading_noise(flight: Flight, theta: FloatArray, rig: Rig) -> FloatArray:
+    """Variance [m²] of each reading (n,)."""
+    deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
+    return np.asarray(deviation**2 + rig.range_sensor.resolution_m**2 / 12.0)
+
+
+def _rest(flight: Flight, constants: Constants) -> tuple[FloatArray, FloatArray]:
+    """What the readings at rest on the stop say about the range's bias."""
+    return flight.rest[:, 0] - constants["range.bias_m"], flight.rest[:, 1]
+
+
+def _compared(
+    flight: Flight,
+    forces: Forces,
+    steps: np.typing.NDArray[np.int64],
+    ahead: FloatArray,
+    noise: FloatArray,
+) -> Forecasts:
+    """Forecast heights beside the readings that came then, interpolated between samples."""
+    counted = flight.counted
+    measured, forecast, variance = [], [], []
+    for h, count in enumerate(steps):
+        step_of, _ = placed(flight.grid_s, forces.taken_s)
+        then_s = flight.grid_s[np.minimum(step_of + count, len(flight.grid_s) - 1)]
+        reading = np.interp(then_s, forces.taken_s, flight.reading_m)
+        nearest = np.abs(forces.taken_s[:, None] - then_s[None, :]).argmin(axis=0)
+        slope = forces.expected[1]
+        offset = forces.expected[0] - slope * flight.nominal[0, step_of]
+        reading_s = forces.taken_s[nearest]
+        speed = flight.nominal[1, np.minimum(step_of + count, len(flight.grid_s) - 1)]
+        reading = flight.reading_m[nearest] - slope * speed * (reading_s - then_s)
+        measured.append(reading[counted])
+        forecast.append((slope * ahead[2 * h] + offset)[counted])
+        variance.append((slope**2 * ahead[2 * h + 1] + noise)[counted])
+    return Forecasts(
+        steps * DT_S,
+        flight.sample_s[counted],
+        np.array(measured),
+        np.array(forecast),
+        np.array(variance),
+    )

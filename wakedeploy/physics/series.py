@@ -1,0 +1,354 @@
+"""Whole flights at once, compiled: rotor lag, the jet along a path, and a Kalman filter.
+
+The gap workflow evaluates a flight thousands of times; these are its inner loops. numba lives here
+and in `field`, away from the runtime.
+"""
+
+import functools
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+
+def _compiled(function: Callable[..., Any]) -> Any:
+    """Compile on first use and keep the machine code on disk, where there is a place to keep it."""
+    compiler = functools.partial(numba.njit, error_model="numpy", fastmath={"contract"})
+    try:
+        return compiler(cache=True)(function)
+    except RuntimeError:  # neither the package's folder nor the user's cache can be written to
+        return compiler()(function)
+
+
+@_compiled
+def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) -> FloatArray:
+    """Mean thrust [N] in each step of a rotor that lags, from rest, (N,).
+
+    `target` (N,) is the square root of the commanded thrust [√N], held over a step; the lag is
+    first order in rotor speed, `up_s` when rising and `down_s` when falling.
+    """
+    keep_up = math.exp(-dt_s / up_s) if up_s > 1e-5 else 0.0
+    keep_down = math.exp(-dt_s / down_s) if down_s > 1e-5 else 0.0
+    thrust = np.empty_like(target)
+    speed = 0.0
+    for k in range(len(target)):
+        keep = keep_up if target[k] > speed else keep_down
+        lag_s = up_s if target[k] > speed else down_s
+        start = speed
+        speed = target[k] + (speed - target[k]) * keep
+        if keep == 0.0:
+            thrust[k] = target[k] * target[k]
+        else:  # exact mean of the square of an exponential approach
+            gap = start - target[k]
+            mean_gap = gap * lag_s / dt_s * (1.0 - keep)
+            mean_gap2 = gap * gap * 0.5 * lag_s / dt_s * (1.0 - keep * keep)
+            thrust[k] = target[k] * target[k] + 2.0 * target[k] * mean_gap + mean_gap2
+    return thrust
+
+
+@_compiled
+def jet_along(
+    root: FloatArray,  # (N,) √(u/u_reference), mean over each step
+    x_m: FloatArray,  # (N,) at the steps' ends
+    above_m: FloatArray,  # (N,) height minus the source's
+    dt_s: float,
+    speed_mps: float,
+    speed_exponent: float,
+    diffusivity_m2ps: float,
+    decay_per_s: float,
+    strength: float,
+    width_m: float,
+    puffs: int,
+) -> FloatArray:
+    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N)."""
+    result = np.zeros((2, len(root)))
+    ages = dt_s * (np.arange(puffs) + 0.5)
+    width2 = width_m * width_m + 2.0 * diffusivity_m2ps * ages
+    amplitude = strength * dt_s * np.exp(-decay_per_s * ages) * width_m * width_m / width2
+    pace = np.empty_like(root)
+    for k in range(len(root)):
+        pace[k] = speed_mps
+        if speed_exponent != 0.0:
+            pace[k] *= max(root[k], 1e-3) ** (2.0 * speed_exponent)
+    for k in range(len(root)):
+        velocity, slope = 0.0, 0.0
+        for j in range(min(k + 1, puffs)):
+            below = above_m[k] + pace[k - j] * ages[j]
+            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2[j]
+            if exponent > -18.0:
+                part = amplitude[j] * root[k - j] * math.exp(exponent)
+                velocity -= part
+                slope += part * below / width2[j]
+        result[0, k], result[1, k] = velocity, slope
+    return result
+
+
+@_compiled
+def filtered(
+    dt_s: float,
+    start: IntArray,  # (S,) first step of each airborne stretch
+    stop: IntArray,  # (S,) one past its last
+    nominal: FloatArray,  # (2, N) height [m] and speed [m/s] around which the rest is linear
+    acceleration: FloatArray,  # (3, N) at nominal [m/s²], its slopes by height and by speed
+    gain: FloatArray,  # (N,) [m/s²] per unit of the coloured disturbance
+    keep: float,  # of the coloured disturbance from step to step
+    white: float,  # [(m/s²)²·s] intensity of white acceleration
+    step_of: IntArray,  # (n,) the step in which each sample was taken
+    into_s: FloatArray,  # (n,) how far into it
+    reading: FloatArray,  # (n,) [m]
+    expected: FloatArray,  # (2, n) reading at the nominal height, and its slope by height
+    noise: FloatArray,  # (n,) variance of a reading [m²]
+    outlier: FloatArray,  # probability of an outlier, and its variance [m²]
+    horizons: IntArray,  # (h,) in steps: how far ahead to forecast after each sample
+    remember: bool,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Kalman filter over (height, speed, disturbance) along the airborne stretches.
+
+    Returns (4, n): innovation, its variance, log density, probability of being no outlier;
+    (2h, n): for each horizon the forecast's height [m] and its variance; and, if asked to
+    `remember`, the states (3, N) and covariances (N, 3, 3) after each step's samples. Samples
+    outside the stretches get a variance of 0.
+    """
+    samples = np.zeros((4, len(reading)))
+    kept = nominal.shape[1] if remember else 1
+    states, covariances = np.zeros((3, kept)), np.zeros((kept, 3, 3))
+    ahead = np.full((2 * len(horizons), len(reading)), np.nan)
+    n = 0
+    for s in range(len(start)):
+        z, v, d = nominal[0, start[s]], nominal[1, start[s]], 0.0
+        p = np.zeros((3, 3))
+        p[0, 0], p[1, 1], p[2, 2] = 0.03**2, 0.3**2, 1.0
+        while n < len(reading) and step_of[n] < start[s]:
+            n += 1
+        for k in range(start[s], stop[s]):
+            while n < len(reading) and step_of[n] == k:
+                z, v, d = _update(
+                    samples[:, n],
+                    p,
+                    z,
+                    v,
+                    d,
+                    into_s[n],
+                    reading[n],
+                    expected[0, n],
+                    expected[1, n],
+                    nominal[0, k],
+                    nominal[1, k],
+                    noise[n],
+                    outlier,
+                )
+                for h in range(len(horizons)):
+                    if k + horizons[h] < stop[s]:
+                        _forecast(
+                            ahead[2 * h : 2 * h + 2, n],
+                            p,
+                            z,
+                            v,
+                            d,
+                            k,
+                            horizons[h],
+                            dt_s,
+                            nominal,
+                            acceleration,
+                            gain,
+                            keep,
+                            white,
+                        )
+                n += 1
+            if remember:
+                states[0, k], states[1, k], states[2, k] = z, v, d
+                covariances[k] = p
+            z, v, d = _advance(
+                p,
+                z,
+                v,
+                d,
+                dt_s,
+                nominal[0, k],
+                nominal[1, k],
+                acceleration[0, k],
+                acceleration[1, k],
+                acceleration[2, k],
+                gain[k],
+                keep,
+                white,
+            )
+    return samples, ahead, states, covariances
+
+
+@_compiled
+def _advance(
+    p: FloatArray,
+    z: float,
+    v: float,
+    d: float,
+    dt: float,
+    z0: float,
+    v0: float,
+    a0: float,
+    az: float,
+    av: float,
+    gain: float,
+    keep: float,
+    white: float,
+) -> tuple[float, float, float]:
+    """One step of mean and covariance (changed in place)."""
+    a = a0 + az * (z - z0) + av * (v - v0) + gain * d
+    half = 0.5 * dt * dt
+    f00, f01, f02 = 1.0 + half * az, dt + half * av, half * gain
+    f10, f11, f12 = dt * az, 1.0 + dt * av, dt * gain
+    q00 = f00 * p[0, 0] + f01 * p[0, 1] + f02 * p[0, 2]
+    q01 = f00 * p[0, 1] + f01 * p[1, 1] + f02 * p[1, 2]
+    q02 = f00 * p[0, 2] + f01 * p[1, 2] + f02 * p[2, 2]
+    q10 = f10 * p[0, 0] + f11 * p[0, 1] + f12 * p[0, 2]
+    q11 = f10 * p[0, 1] + f11 * p[1, 1] + f12 * p[1, 2]
+    q12 = f10 * p[0, 2] + f11 * p[1, 2] + f12 * p[2, 2]
+    p22 = keep * keep * p[2, 2] + 1.0 - keep * keep
+    p[0, 0] = q00 * f00 + q01 * f01 + q02 * f02 + white * dt * dt * dt / 3.0
+    p[0, 1] = q00 * f10 + q01 * f11 + q02 * f12 + white * dt * dt / 2.0
+    p[1, 1] = q10 * f10 + q11 * f11 + q12 * f12 + white * dt
+    p[0, 2] = q02 * keep
+    p[1, 2] = q12 * keep
+    p[2, 2] = p22
+    p[1, 0], p[2, 0], p[2, 1] = p[0, 1], p[0, 2], p[1, 2]
+    return z + dt * v + half * a, v + dt * a, keep * d
+
+
+@_compiled
+def _update(
+    sample: FloatArray,
+    p: FloatArray,
+    z: float,
+    v: float,
+    d: float,
+    into_s: float,
+    reading: float,
+    expected: float,
+    slope: float,
+    z0: float,
+    v0: float,
+    noise: float,
+    outlier: FloatArray,
+) -> tuple[float, float, float]:
+    """Take one sample in; a likely outlier counts for as much as it is likely to be none."""
+    # `expected` holds at the nominal height at the sample's time: z0 + into_s · v0.
+    e = reading - expected - slope * (z - z0 + into_s * (v - v0))
+    h0, h1 = slope, slope * into_s
+    c0 = p[0, 0] * h0 + p[0, 1] * h1
+    c1 = p[0, 1] * h0 + p[1, 1] * h1
+    c2 = p[0, 2] * h0 + p[1, 2] * h1
+    variance = h0 * c0 + h1 * c1 + noise
+    wide = variance + outlier[1]
+    inlying = (1.0 - outlier[0]) * math.exp(-0.5 * min(e * e / variance, 700.0))
+    inlying /= math.sqrt(variance)
+    outlying = outlier[0] * math.exp(-0.5 * min(e * e / wide, 700.0)) / math.sqrt(wide)
+    weight = inlying / (inlying + outlying)
+    sample[0], sample[1] = e, variance
+    sample[2] = math.log(inlying + outlying) - 0.9189385332046727
+    sample[3] = weight
+    g0, g1, g2 = weight * c0 / variance, weight * c1 / variance, weight * c2 / variance
+    p[0, 0] -= g0 * c0
+    p[0, 1] -= g0 * c1
+    p[0, 2] -= g0 * c2
+    p[1, 1] -= g1 * c1
+    p[1, 2] -= g1 * c2
+    p[2, 2] -= g2 * c2
+    p[1, 0], p[2, 0], p[2, 1] = p[0, 1], p[0, 2], p[1, 2]
+    return z + g0 * e, v + g1 * e, d + g2 * e
+
+
+@_compiled
+def _forecast(
+    result: FloatArray,
+    p: FloatArray,
+    z: float,
+    v: float,
+    d: float,
+    k: int,
+    steps: int,
+    dt: float,
+    nominal: FloatArray,
+    acceleration: FloatArray,
+    gain: FloatArray,
+    keep: float,
+    white: float,
+) -> None:
+    """Height and its variance `steps` later, without any further sample."""
+    q = p.copy()
+    for j in range(k, k + steps):
+        z, v, d = _advance(
+            q,
+            z,
+            v,
+            d,
+            dt,
+            nominal[0, j],
+            nominal[1, j],
+            acceleration[0, j],
+            acceleration[1, j],
+            acceleration[2, j],
+            gain[j],
+            keep,
+            white,
+        )
+    result[0], result[1] = z, q[0, 0]
+
+
+@_compiled
+def smoothed(
+    dt_s: float,
+    start: IntArray,
+    stop: IntArray,
+    states: FloatArray,  # (3, N) as `filtered` remembers them
+    covariance: FloatArray,  # (N, 3, 3) likewise
+    nominal: FloatArray,
+    acceleration: FloatArray,
+    gain: FloatArray,
+    keep: float,
+    white: float,
+) -> FloatArray:
+    """Height, speed and disturbance (3, N) given all samples (Rauch, Tung and Striebel 1965)."""
+    result = states.copy()
+    for s in range(len(start)):
+        for k in range(stop[s] - 2, start[s] - 1, -1):
+            p = covariance[k].copy()
+            z, v, d = states[0, k], states[1, k], states[2, k]
+            f = _transition(dt_s, acceleration[1, k], acceleration[2, k], gain[k], keep)
+            z1, v1, d1 = _advance(
+                p,
+                z,
+                v,
+                d,
+                dt_s,
+                nominal[0, k],
+                nominal[1, k],
+                acceleration[0, k],
+                acceleration[1, k],
+                acceleration[2, k],
+                gain[k],
+                keep,
+                white,
+            )
+            back = covariance[k] @ f.T @ np.linalg.inv(p + 1e-14 * np.eye(3))
+            rest = np.array([result[0, k + 1] - z1, result[1, k + 1] - v1, result[2, k + 1] - d1])
+            move = back @ rest
+            result[0, k], result[1, k], result[2, k] = z + move[0], v + move[1], d + move[2]
+    return result
+
+
+@_compiled
+def _transition(dt: float, az: float, av: float, gain: float, keep: float) -> FloatArray:
+    half = 0.5 * dt * dt
+    return np.array(
+        [
+            [1.0 + half * az, dt + half * av, half * gain],
+            [dt * az, 1.0 + dt * av, dt * gain],
+            [0.0, 0.0, keep],
+        ]
+    )
