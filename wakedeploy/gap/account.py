@@ -1,0 +1,246 @@
+"""The result in plain words: what is missing, how sure that is, how much of the gap it closes.
+
+In: `result.json`, or more (see `steps.Steps.summary`). Out: sentences.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from wakedeploy.gap.telling import (
+    counted,
+    entries,
+    interval,
+    listed,
+    mapping,
+    measured,
+    number,
+    parameters_of,
+    percent,
+    probability,
+    quantity,
+    texts,
+)
+
+FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
+_MOST = 8  # of a long list on the terminal; the report shows all
+
+
+def account(result: Mapping[str, Any]) -> str:
+    """A short account of a result, one sentence or two per line, the verdict first.
+
+    Only `verdict` is needed; whatever else is missing or null is left out or shown as a dash.
+    """
+    return "\n".join([verdict_sentence(result), *evidence(result)])
+
+
+def verdict_sentence(result: Mapping[str, Any]) -> str:
+    """What is missing, in one sentence."""
+    verdict = result.get("verdict")
+    names = [str(effect.get("name")) for effect in entries(result.get("effects"))]
+    if verdict == "named" and names:
+        return (
+            f"{'Effects' if len(names) > 1 else 'Effect'} missing from the model: {listed(names)}."
+        )
+    if verdict == "class":
+        return _class_sentence(texts(result.get("class")), names)
+    if verdict == "unknown":
+        return "Something is missing from the model, and no known effect explains it."
+    if verdict == "none":
+        return "Nothing is missing from the model beyond noise."
+    return "No verdict yet."
+
+
+def evidence(result: Mapping[str, Any]) -> list[str]:
+    """The sentences that follow the verdict, in the order in which a reader asks for them."""
+    verdict = result.get("verdict")
+    told = _values(result)
+    if verdict == "class":
+        told += _splitting(result)
+    if verdict == "unknown":
+        told += _rest(mapping(result.get("unknown")))
+    told += _place(result) if verdict != "none" else []
+    told += _gap(result) + _placebo(result) + _retraining(result)
+    if verdict == "none":
+        told += _detectable(result)
+    return told + _caveats(result)
+
+
+def _class_sentence(members: list[str], named: list[str]) -> str:
+    sure = [name for name in named if name not in members]
+    one = f"one of {listed(members, 'or')}; these flights cannot tell which."
+    if sure:
+        return f"Missing from the model: {listed(sure)}, and {one}"
+    return f"Missing from the model: {one}"
+
+
+def _values(result: Mapping[str, Any]) -> list[str]:
+    """One sentence per effect: its values, and how sure the name is."""
+    told = []
+    for effect in entries(result.get("effects")):
+        values = ", ".join(f"{name} = {value}" for name, value in parameters_of(effect))
+        sure = number(effect.get("confidence"))
+        parts = [values or "no values", *([f"{percent(sure)} sure"] if sure == sure else [])]
+        told.append(f"{effect.get('name')}: {'; '.join(parts)}.")
+    if told:
+        told[-1] += " In brackets, 90 % intervals."
+    return told
+
+
+def _splitting(result: Mapping[str, Any]) -> list[str]:
+    split_by = result.get("split_by") or mapping(result.get("plan")).get("sentence")
+    if not split_by:
+        return ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
+    return [f"What would tell them apart: {str(split_by).rstrip('.')}."]
+
+
+def _rest(unknown: Mapping[str, Any]) -> list[str]:
+    """What is known of an effect without a name."""
+    told = []
+    coordinates = texts(unknown.get("coordinates"))
+    if coordinates:
+        told.append(f"What is left depends on {listed(coordinates)}.")
+    if unknown.get("expression"):
+        gain = number(unknown.get("gain_nats"))
+        gains = "" if math.isnan(gain) else f", which explains {gain:.0f} nats of it"
+        told.append(f"As an expression{gains}: {unknown['expression']}")
+    return told
+
+
+def _place(result: Mapping[str, Any]) -> list[str]:
+    """Where the disagreement is strongest."""
+    places = entries(result.get("places")) or entries(result.get("where"))
+    places = [place for place in places if number(place.get("q_value")) <= 0.05]
+    if not places:
+        return []
+    return [f"It shows most {place_words(places[0])} ({_q(places[0])})."]
+
+
+def place_words(place: Mapping[str, Any]) -> str:
+    """A place in words: those it came with, or made of its bounds."""
+    if place.get("words"):
+        return str(place["words"]).rstrip(".")
+    unit = str(place.get("coordinate_unit", ""))
+    low, high = (quantity(place.get(end), unit) for end in ("low", "high"))
+    residual = quantity(place.get("residual"), str(place.get("unit", "")), signed=True)
+    return f"at {place.get('coordinate')} from {low} to {high}: {place.get('channel')} {residual}"
+
+
+def _q(place: Mapping[str, Any]) -> str:
+    return probability("q", place.get("q_value"))
+
+
+def gap_channel(result: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The channel by which the gap is judged, and its numbers; ("", {}) where there is none."""
+    channels = mapping(result.get("gap"))
+    name = FORECAST if FORECAST in channels else next(iter(channels), "")
+    return name, mapping(channels.get(name))
+
+
+def closed_share(channel: Mapping[str, Any]) -> float:
+    """(before² − after²) / (before² − floor²), unless the channel says so itself; or NaN."""
+    stated = number(channel.get("closed"))
+    if not math.isnan(stated):
+        return stated
+    before, after, floor = (number(channel.get(k)) for k in ("before", "after", "noise_floor"))
+    possible = before**2 - floor**2
+    return (before**2 - after**2) / possible if possible > 0.0 else math.nan
+
+
+def _gap(result: Mapping[str, Any]) -> list[str]:
+    name, channel = gap_channel(result)
+    if not channel:
+        return []
+    before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
+    if math.isnan(number(channel.get("after"))):
+        return [f"{_judged_on(result)}, the error of the {name} is {before}; noise alone: {floor}."]
+    share = closed_share(channel)
+    closed = "" if math.isnan(share) else f": {percent(share)} of the gap closed"
+    return [
+        f"{_judged_on(result)}, the error of the {name} goes from {before} to {after}, "
+        f"where noise alone gives {floor}{closed}."
+    ]
+
+
+def gap_value(channel: Mapping[str, Any], key: str) -> str:
+    """A gap with its interval, if it has one: key `before`, `after` or `noise_floor`."""
+    return measured(channel.get(key), *interval(channel.get(f"{key}_interval")), unit_of(channel))
+
+
+def unit_of(channel: Mapping[str, Any]) -> str:
+    """The unit stated, or none."""
+    return str(channel.get("unit") or "")
+
+
+def _judged_on(result: Mapping[str, Any]) -> str:
+    sealed = texts(result.get("sealed"))
+    if result.get("cross_validated") or not sealed:
+        return (
+            "On flights left out in turn" if result.get("cross_validated") else "In these flights"
+        )
+    return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
+
+
+def _placebo(result: Mapping[str, Any]) -> list[str]:
+    placebo = mapping(result.get("placebo"))
+    if not placebo.get("name"):
+        return []
+    unit = unit_of(placebo)
+    change = f"{quantity(placebo.get('before'), unit)} to {quantity(placebo.get('after'), unit)}"
+    if placebo.get("helps"):
+        return [
+            f"Careful: a placebo, {placebo['name']}, helps as well ({change}); "
+            "what was found may be no more than a better fit."
+        ]
+    return [f"A placebo with as many parameters, {placebo['name']}, does not help ({change})."]
+
+
+def _retraining(result: Mapping[str, Any]) -> list[str]:
+    retrain = mapping(result.get("retrain"))
+    if not retrain:
+        return []
+    unit = unit_of(retrain)
+    old, new = (quantity(retrain.get(key), unit) for key in ("old_rmse", "new_rmse"))
+    return [
+        f"A predictor trained on the corrected rig errs by {new} on measured data; before, {old}."
+    ]
+
+
+def _detectable(result: Mapping[str, Any]) -> list[str]:
+    """What would have been seen, had it been there."""
+    sizes = detectable_sizes(result)
+    if not sizes:
+        return []
+    shown = [f"{name}, {parameter} from {size}" for name, parameter, size in sizes[:_MOST]]
+    more = len(sizes) - len(shown)
+    tail = f"; {more} more in the report" if more > 0 else ""
+    return [f"What these flights would have shown: {'; '.join(shown)}{tail}."]
+
+
+def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """(effect, parameter, smallest size that would have been found) where that is known."""
+    return [
+        (str(name), str(size.get("parameter", "size")), quantity(size.get("size"), unit_of(size)))
+        for name, size in mapping(result.get("detectable")).items()
+        if isinstance(size, Mapping) and not math.isnan(number(size.get("size")))
+    ]
+
+
+def _caveats(result: Mapping[str, Any]) -> list[str]:
+    told = []
+    if result.get("cross_validated"):
+        told.append("There were too few flights to seal any, so the gap is cross-validated.")
+    if _flights(result) == 1:
+        told.append(
+            "With a single flight nothing can be held out: a hint, not a finding. Fly more."
+        )
+    white = mapping(result.get("white"))
+    if white.get("passes") is False and result.get("verdict") == "named":
+        told.append(
+            "What is left is not noise alone yet: " + probability("p", white.get("p_value"))
+        )
+    return told
+
+
+def _flights(result: Mapping[str, Any]) -> int:
+    return len(entries(result.get("logs")))

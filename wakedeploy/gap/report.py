@@ -1,0 +1,300 @@
+"""The report: one self-contained HTML page and its figures, as far as the steps have run.
+
+In: a folder with the steps' artefacts. Out: `report.html` and `figures/*.png` in the same folder.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wakedeploy import figures
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap import report_figures, report_maps
+from wakedeploy.gap.account import closed_share, evidence, gap_channel, gap_value, verdict_sentence
+from wakedeploy.gap.markup import Markup, element, page, picture, together
+from wakedeploy.gap.report_tables import (
+    added_effects,
+    detectable_table,
+    gap_table,
+    log_table,
+    noise_table,
+    place_table,
+    ranking_table,
+    unknown_effect,
+    whiteness,
+)
+from wakedeploy.gap.steps import Steps, read_steps
+from wakedeploy.gap.telling import entries, listed, mapping, parameters_of, percent, texts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One figure of the report: file name, caption, and who draws it."""
+
+    name: str
+    caption: str
+    draw: "Callable[[Steps], Figure | None]"
+
+
+PICTURES = (
+    Picture(
+        "maps_exogenous",
+        "Where they disagree, against what was known beforehand: mean residual (line) and its 90 % "
+        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not.",
+        lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
+    ),
+    Picture(
+        "maps_fed_back",
+        "The same against what the controller feeds back. A disagreement here can be an echo of "
+        "one elsewhere: under control, a missing force shows in the command.",
+        lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[1]),
+    ),
+    Picture(
+        "replay",
+        "Open-loop replay from filtered states: the error in height after each horizon, and the "
+        "error that noise alone would leave.",
+        lambda steps: report_figures.draw_replay(steps.find),
+    ),
+    Picture(
+        "spectrum",
+        "Innovations, the part of each measurement that the model did not foresee. If only noise "
+        "is left, spectrum and autocorrelation stay within the shaded bands.",
+        lambda steps: report_figures.draw_spectrum(steps.find, steps.show),
+    ),
+    Picture(
+        "ranking",
+        "What each effect gains on flights not used in fitting it, with 90 % intervals. Left of "
+        "the threshold is what calibration errors alone can gain on this rig. Orange: found; blue: "
+        "above the threshold and not chosen; grey: below.",
+        lambda steps: report_figures.draw_ranking(steps.name),
+    ),
+    Picture(
+        "confusion",
+        "If the effect of a row is the truth, how much the best version of the effect of a column "
+        "loses on these flights. Below 3 nats (×) they cannot be told apart.",
+        lambda steps: report_figures.draw_confusion(steps.name),
+    ),
+    Picture(
+        "before_after",
+        "The gap per channel on flights held out, with 90 % intervals; dashed, what noise alone "
+        "leaves. Closed: (before² − after²) / (before² − floor²).",
+        lambda steps: report_figures.draw_gaps(steps.show),
+    ),
+    Picture(
+        "places",
+        "The error per place, before and after.",
+        lambda steps: report_maps.draw_places(steps.show, steps.find),
+    ),
+    Picture(
+        "forecasts",
+        "One flight held out: height 0.25 s ahead as forecast by the model before and after.",
+        lambda steps: report_figures.draw_traces(steps.show),
+    ),
+    Picture(
+        "placebo",
+        "The placebo, a wrong effect with as many parameters, must not help.",
+        lambda steps: report_figures.draw_placebo(steps.summary),
+    ),
+    Picture(
+        "retraining",
+        "Predictors trained on the old and on the corrected simulation, both on measured data.",
+        lambda steps: report_figures.draw_retraining(steps.show),
+    ),
+)
+
+_NEXT = {
+    "find": "where simulation and measurement disagree",
+    "name": "which effect explains the disagreement",
+    "add": "put the effect into a new rig file",
+    "show": "the gap before and after, on flights that took no part in finding it",
+}
+
+
+def write_report(out: Path) -> Path:
+    """Draw the figures of the steps that have run in `out`, and write its `report.html`.
+
+    Returns the page's path. Raises UnusableInput for an artefact that cannot be read, and when the
+    page or a figure cannot be written.
+    """
+    steps = read_steps(out)
+    pictures = draw_pictures(steps, out / "figures")
+    body = [_opening(steps), _where(steps, pictures), _which(steps, pictures)]
+    body += [_added(steps), _shown(steps, pictures), _data(steps)]
+    path = out / "report.html"
+    write_text_whole(path, page("The gap between simulation and measurement", *body))
+    return path
+
+
+def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
+    """Draw every figure there is something for, as PNG, and embed it; others are removed."""
+    drawn = {}
+    for each in PICTURES:
+        path = folder / f"{each.name}.png"
+        with figures.style():
+            figure = each.draw(steps)
+        if figure is None:
+            path.unlink(missing_ok=True)  # of an earlier run
+            continue
+        figures.save(figure, path)
+        drawn[each.name] = picture(path, each.caption)
+    return drawn
+
+
+def _opening(steps: Steps) -> Markup:
+    """The account in plain words, the numbers that matter, and what comes next."""
+    summary = steps.summary
+    sentences = [verdict_sentence(summary), *evidence(summary)]
+    links = [("where", "Where"), ("which", "Which"), ("added", "Added"), ("shown", "Shown")]
+    return together(
+        element("h1", "The gap between simulation and measurement"),
+        _flights(steps),
+        element("nav", *(element("a", text, href=f"#{to}") for to, text in links)),
+        element("div", *(element("p", each) for each in sentences), class_="account"),
+        _tiles(summary),
+        _next(steps),
+    )
+
+
+def _flights(steps: Steps) -> Markup:
+    logs = entries(steps.find.get("logs"))
+    seconds = sum(log.get("seconds") or 0.0 for log in logs)
+    told = f"{len(logs)} flights, {seconds:.0f} s" if logs else "No flights read yet"
+    return element("p", told, class_="soft")
+
+
+def _tiles(summary: Mapping[str, Any]) -> Markup:
+    tiles = []
+    for effect in entries(summary.get("effects")):
+        for parameter, value in parameters_of(effect):
+            tiles.append((f"{effect.get('name')}, {parameter}", value))
+    name, channel = gap_channel(summary)
+    if channel:
+        tiles.append((f"{name}, before", gap_value(channel, "before")))
+        tiles.append(("after", gap_value(channel, "after")))
+        tiles.append(("noise alone", gap_value(channel, "noise_floor")))
+        tiles.append(("of the gap closed", percent(closed_share(channel))))
+    boxes = [
+        element("div", element("b", value), element("span", label, class_="soft"), class_="tile")
+        for label, value in tiles
+    ]
+    return element("div", *boxes, class_="tiles") if boxes else Markup()
+
+
+def _next(steps: Steps) -> Markup:
+    step = steps.missing
+    if step is None:
+        return Markup()
+    command = element("code", f"wakedeploy gap {step}")
+    return element("p", "Next step: ", command, f", {_NEXT[step]}.", class_="next")
+
+
+def _where(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+    find = steps.find
+    if not find:
+        return _not_yet("where", "Where they disagree")
+    return _section(
+        "where",
+        "Where they disagree",
+        _paragraph(find.get("sentence")),
+        place_table(entries(find.get("places"))),
+        _shown_pictures(pictures, "maps_exogenous", "maps_fed_back", "replay"),
+        element("h3", "Is anything but noise left?"),
+        whiteness(mapping(find.get("white")), "the rig as it is"),
+        _shown_pictures(pictures, "spectrum"),
+    )
+
+
+def _which(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+    name = steps.name
+    if not name:
+        return _not_yet("which", "Which effect explains it")
+    return _section(
+        "which",
+        "Which effect explains it",
+        _paragraph(name.get("sentence")),
+        whiteness(mapping(name.get("white")), "the model with what was found"),
+        unknown_effect(mapping(name.get("unknown"))),
+        _shown_pictures(pictures, "ranking"),
+        ranking_table(name),
+        _shown_pictures(pictures, "confusion"),
+        noise_table(mapping(name.get("noise"))),
+        detectable_table(name),
+    )
+
+
+def _added(steps: Steps) -> Markup:
+    add = steps.add
+    if not add:
+        if steps.missing == "add":
+            return _not_yet("added", "What was added")
+        return _section("added", "What was added", _paragraph("Nothing: the rig file stays."))
+    hashes = (str(add.get(f"{which}_sha256") or "–")[:12] for which in ("old", "new"))
+    old, new = (element("code", short) for short in hashes)
+    rig = element("code", str(add.get("rig")))
+    return _section(
+        "added",
+        "What was added",
+        element("p", "New rig file ", rig, " (", old, " → ", new, "); the old one stays as it is."),
+        added_effects(entries(add.get("effects"))),
+    )
+
+
+def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+    show = steps.show
+    if not show:
+        if steps.missing is None:
+            nothing = "Nothing was added, so there is nothing to compare."
+            return _section("shown", "The gap before and after", _paragraph(nothing))
+        return _not_yet("shown", "The gap before and after")
+    white = mapping(show.get("white"))
+    return _section(
+        "shown",
+        "The gap before and after",
+        _paragraph(_judging(show)),
+        gap_table(mapping(show.get("gap"))),
+        _shown_pictures(pictures, "before_after", "places", "forecasts"),
+        whiteness(mapping(white.get("before")), "these flights before"),
+        whiteness(mapping(white.get("after")), "these flights after"),
+        _shown_pictures(pictures, "placebo", "retraining"),
+    )
+
+
+def _judging(show: Mapping[str, Any]) -> str:
+    sealed = texts(show.get("sealed"))
+    if show.get("cross_validated") or not sealed:
+        return "Judged by cross-validation: every flight by a model fitted to the others."
+    verb = "was" if len(sealed) == 1 else "were"
+    return f"Judged on {listed(sealed)}, which {verb} not looked at before."
+
+
+def _data(steps: Steps) -> Markup:
+    logs = entries(steps.find.get("logs"))
+    if not logs:
+        return Markup()
+    rig = element("code", str(steps.find.get("rig_sha256") or "–"))
+    return _section(
+        "data",
+        "The flights",
+        log_table(logs, texts(mapping(steps.find.get("split")).get("sealed"))),
+        element("p", "Rig file, SHA-256: ", rig, class_="soft"),
+    )
+
+
+def _section(anchor: str, title: str, *inside: str) -> Markup:
+    return element("section", element("h2", title), *inside, id=anchor)
+
+
+def _not_yet(anchor: str, title: str) -> Markup:
+    return _section(anchor, title, element("p", "This step has not run yet.", class_="soft"))
+
+
+def _paragraph(text: object) -> Markup:
+    return element("p", str(text)) if text else Markup()
+
+
+def _shown_pictures(pictures: Mapping[str, Markup], *names: str) -> Markup:
+    return together(*(pictures[name] for name in names if name in pictures))

@@ -1,0 +1,154 @@
+"""The report's tables: places, ranking, noise, what could be detected, what was added, logs.
+
+In: parts of the artefacts. Out: markup; empty where there is nothing to say.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from wakedeploy.gap.account import (
+    closed_share,
+    detectable_sizes,
+    gap_value,
+    place_words,
+    unit_of,
+)
+from wakedeploy.gap.markup import Markup, element, table, together
+from wakedeploy.gap.telling import (
+    UNKNOWN,
+    entries,
+    interval,
+    listed,
+    mapping,
+    measured,
+    number,
+    parameters_of,
+    percent,
+    probability,
+    quantity,
+    texts,
+)
+
+_MOST_PLACES, _MOST_RANKED = 15, 10
+
+Artefact = Mapping[str, Any]
+
+
+def place_table(places: Sequence[Artefact]) -> Markup:
+    """The places where the disagreement is significant, the strongest first."""
+    rows = [
+        [
+            place_words(place),
+            "known beforehand" if place.get("exogenous") else "fed back",
+            quantity(place.get("residual"), unit_of(place), signed=True),
+            probability("q", place.get("q_value")),
+        ]
+        for place in places[:_MOST_PLACES]
+    ]
+    if len(places) > _MOST_PLACES:
+        rows.append([f"and {len(places) - _MOST_PLACES} more in find.json", "", "", ""])
+    return table(["place", "coordinate", "residual", "significance"], rows)
+
+
+def ranking_table(name: Artefact) -> Markup:
+    """The best of the first round with gain, confidence and fitted values."""
+    rounds = entries(name.get("rounds"))
+    ranking = entries(rounds[0].get("ranking")) if rounds else []
+    rows = [_ranked(candidate) for candidate in ranking[:_MOST_RANKED]]
+    return table(["effect alone", "gain [nats]", "confidence", "values"], rows)
+
+
+def _ranked(candidate: Artefact) -> list[str]:
+    values = ", ".join(f"{name} = {value}" for name, value in parameters_of(candidate))
+    gain = measured(candidate.get("gain_nats"), *interval(candidate.get("interval")), "")
+    return [str(candidate.get("name")), gain, percent(candidate.get("confidence")), values]
+
+
+def noise_table(noise: Artefact) -> Markup:
+    """The noise model as fitted together with what was found."""
+    rows = [
+        [str(name), quantity(mapping(value).get("value"), unit_of(mapping(value)))]
+        for name, value in noise.items()
+    ]
+    return _titled("The noise as fitted", table(["noise", "value"], rows), bool(rows))
+
+
+def detectable_table(name: Artefact) -> Markup:
+    """The smallest size of each effect that these flights would have shown."""
+    rows = [list(row) for row in detectable_sizes(name)]
+    inside = table(["effect", "parameter", "from"], rows)
+    return _titled("What these flights would have shown", inside, bool(rows))
+
+
+def unknown_effect(unknown: Artefact) -> Markup:
+    """The expression for an effect without a name, and what it depends on."""
+    if not unknown:
+        return Markup()
+    parts = []
+    coordinates = texts(unknown.get("coordinates"))
+    if coordinates:
+        parts.append(element("p", f"What is left depends on {listed(coordinates)}."))
+    if unknown.get("expression"):
+        parts.append(element("pre", element("code", str(unknown["expression"]))))
+    return together(element("h3", "An effect without a name"), *parts)
+
+
+def added_effects(effects: Sequence[Artefact]) -> Markup:
+    """The values that the new rig file states."""
+    rows = [
+        [str(effect.get("name")), parameter, value]
+        for effect in effects
+        for parameter, value in parameters_of(effect) or [(UNKNOWN, UNKNOWN)]
+    ]
+    return table(["effect", "parameter", "value (90 % interval)"], rows)
+
+
+def gap_table(gap: Artefact) -> Markup:
+    """Every channel before, after, floor, and the share of the gap that is closed."""
+    channels = [(str(name), mapping(channel)) for name, channel in gap.items()]
+    rows = [
+        [
+            name,
+            *(gap_value(channel, key) for key in ("before", "after", "noise_floor")),
+            percent(closed_share(channel)),
+        ]
+        for name, channel in channels
+    ]
+    return table(["channel", "before", "after", "noise alone", "closed"], rows)
+
+
+def whiteness(white: Artefact, of: str) -> Markup:
+    """One sentence: whether what is left looks like noise."""
+    if white.get("passes") is None:
+        return Markup()
+    p = probability("p", white.get("p_value"))
+    left = "nothing but noise is left" if white["passes"] else "more than noise is left"
+    return element("p", f"For {of}, {left} in the innovations ({p}).")
+
+
+def log_table(logs: Sequence[Artefact], sealed: Sequence[str]) -> Markup:
+    """Every log read: length, use, notes, hash."""
+    rows = []
+    for log in logs:
+        path = str(log.get("path"))
+        rows.append(
+            [
+                path,
+                quantity(log.get("seconds"), "s"),
+                f"{number(log.get('samples')):.0f}".replace("nan", UNKNOWN),
+                "sealed" if any(_same(path, name) for name in sealed) else "fitted",
+                "; ".join(texts(log.get("notes"))),
+                element("code", str(log.get("sha256") or UNKNOWN)[:12]),
+            ]
+        )
+    return table(["log", "length", "samples", "use", "notes", "SHA-256"], rows)
+
+
+def _same(path: str, name: str) -> bool:
+    """A split names logs by path or by file name, with or without the ending."""
+    last = path.replace("\\", "/").rsplit("/", 1)[-1]
+    return name in (path, last, last.rsplit(".", 1)[0])
+
+
+def _titled(title: str, inside: Markup, there: bool) -> Markup:
+    return together(element("h3", title), inside) if there else Markup()

@@ -1,0 +1,143 @@
+"""Numbers from artefacts as words: what is not a finite number becomes a dash, never an error.
+
+In: values as JSON gives them. Out: plain floats and arrays, and text with units.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+
+UNKNOWN = "–"
+_SMALL = 0.2  # below this, seconds and metres read better in thousandths
+_THOUSANDTHS = {"s": "ms", "m": "mm"}
+_DIMENSIONLESS = ("", "1", "-", "–")
+
+
+def number(value: Any) -> float:
+    """A finite float, or NaN for whatever is none (null, text, infinity)."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return math.nan
+    return float(value) if math.isfinite(value) else math.nan
+
+
+def numbers(values: Any) -> FloatArray:
+    """A list of numbers (n,); NaN where an entry is none."""
+    if not isinstance(values, Sequence) or isinstance(values, str):
+        return np.empty(0)
+    return np.array([number(value) for value in values], dtype=np.float64)
+
+
+def mapping(value: Any) -> Mapping[str, Any]:
+    """The value if it is a mapping, else an empty one."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def entries(value: Any) -> list[Mapping[str, Any]]:
+    """The mappings in a list, or nothing."""
+    return [entry for entry in _listed(value) if isinstance(entry, Mapping)]
+
+
+def texts(value: Any) -> list[str]:
+    """A list of names, or nothing."""
+    return [str(entry) for entry in _listed(value)]
+
+
+def interval(value: Any) -> tuple[float, float]:
+    """Low and high of an interval; NaN where there is none."""
+    ends = numbers(value)
+    return (float(ends[0]), float(ends[1])) if len(ends) == 2 else (math.nan, math.nan)
+
+
+def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, str]:
+    """Factor and unit in which values read best: small seconds and metres in thousandths."""
+    finite = np.abs(np.asarray(values, dtype=np.float64))
+    finite = finite[np.isfinite(finite)]
+    if unit in _THOUSANDTHS and finite.size and finite.max() < _SMALL:
+        return 1e3, _THOUSANDTHS[unit]
+    return 1.0, "" if unit in _DIMENSIONLESS else unit
+
+
+def quantity(value: Any, unit: str, signed: bool = False) -> str:
+    """A value with its unit, two to three significant digits: `12.4 mm`."""
+    known = number(value)
+    if math.isnan(known):
+        return UNKNOWN
+    factor, shown = scale_of([known], unit)
+    return _with_unit(_digits(factor * known, abs(factor * known) / 10, signed), shown)
+
+
+def measured(value: Any, low: Any, high: Any, unit: str) -> str:
+    """A value with interval, to the digits that the interval allows: `52 ms (47 to 58)`."""
+    known, bottom, top = number(value), number(low), number(high)
+    if math.isnan(known) or math.isnan(bottom) or math.isnan(top):
+        return quantity(value, unit)
+    factor, shown = scale_of([known, bottom, top], unit)
+    spread = factor * (top - bottom) / 2 or factor * abs(known)
+    middle, first, last = (_digits(factor * each, spread) for each in (known, bottom, top))
+    return f"{_with_unit(middle, shown)} ({first} to {last})"
+
+
+def percent(share: Any) -> str:
+    """A share as a percentage; what would round to 100 and is not says so."""
+    known = number(share)
+    if math.isnan(known):
+        return UNKNOWN
+    if 0.995 <= known < 1.0:
+        return "over 99 %"
+    return f"{_minus(f'{100 * known:.0f}')} %"
+
+
+def probability(symbol: str, value: Any) -> str:
+    """`q = 0.012`, or `q < 0.001`."""
+    known = number(value)
+    if math.isnan(known):
+        return f"{symbol} {UNKNOWN}"
+    return f"{symbol} < 0.001" if known < 0.001 else f"{symbol} = {known:.2g}"
+
+
+def listed(names: Sequence[str], last: str = "and") -> str:
+    """`a, b and c`."""
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} {last} {names[-1]}"
+
+
+def counted(count: int, thing: str) -> str:
+    """`1 flight`, `3 flights`."""
+    return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def parameters_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
+    """Name and measured value of every parameter of an effect."""
+    return [
+        (str(name), measured(p.get("value"), p.get("low"), p.get("high"), str(p.get("unit", ""))))
+        for name, p in mapping(effect.get("parameters")).items()
+        if isinstance(p, Mapping)
+    ]
+
+
+def _digits(value: float, spread: float, signed: bool = False) -> str:
+    """A number to the digit in which its spread counts between 3 and 30."""
+    if spread > 0.0 and math.isfinite(spread):
+        decimals = min(max(0, -math.floor(math.log10(spread / 3.0))), 9)
+    else:
+        decimals = 0
+    text = f"{value:{'+' if signed else ''},.{decimals}f}"
+    return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else _minus(text)
+
+
+def _with_unit(text: str, unit: str) -> str:
+    return f"{text} {unit}" if unit else text
+
+
+def _minus(text: str) -> str:
+    return text.replace("-", "−")
+
+
+def _listed(value: Any) -> list[Any]:
+    return list(value) if isinstance(value, list | tuple) else []
