@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from runtime.estimator import Estimate
 from runtime.reference import Reference
+from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
 
@@ -39,7 +40,7 @@ class Controller:
     """PID on height; the feedforward asks for the opposite of the predicted wake force."""
 
     def __init__(self, rig: Rig, period_s: float) -> None:
-        self._rig, self._period_s = rig, period_s
+        self._rig, self._period_s = believed(rig), period_s
         self._hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
 
     def initial(self) -> ControlState:

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from filterpy.kalman import predict as kalman_predict
 from filterpy.kalman import update as kalman_update
 
+from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
@@ -86,16 +87,23 @@ def initial_estimate(t_s: float) -> Estimate:
 
 
 class Estimator:
-    """The filter's constants for one rig, and its two pure steps."""
+    """The filter's constants for one rig, and its two pure steps.
+
+    What the rig file's effects say of its constants, of delays and of the range sensor is believed.
+    """
 
     def __init__(self, rig: Rig) -> None:
-        self._rig = rig
+        constants = unplaced_constants(rig)
+        self._rig = rig = believed(rig)
         sensor = rig.range_sensor
         quantum = sensor.resolution_m**2 / 12.0
         self._range_var = max(sensor.noise_m**2 + quantum, 1e-8)
         self._step_var = max((1.0 / rig.stepper.steps_per_m) ** 2 / 12.0, 1e-12)
         # Half the round trip is the command's way; a pulse then waits for half a frame on average.
         self.command_delay_s = 0.5 * (rig.latency.round_trip_s + rig.disturbance.esc_frame_s)
+        self.command_delay_s += constants["command.delay_s"]
+        self._range_bias_m, self._range_scale = constants["range.bias_m"], constants["range.scale"]
+        self._range_delay_s = constants["range.delay_s"]
 
     def step(
         self,
@@ -190,9 +198,10 @@ class Estimator:
         unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan)
         if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
             return unseen
-        age = measured.range_age_s
+        age = measured.range_age_s + self._range_delay_s
+        range_m = (measured.range_m - self._range_bias_m) / self._range_scale
         row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
-        innovation = measured.range_m - float((row @ now.height)[0])
+        innovation = range_m - float((row @ now.height)[0])
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + self._range_var
         seen = replace(now, innovation_m=innovation, innovation_var_m2=variance)
         if innovation**2 > _GATE_SD**2 * variance and now.rejected < _PERSISTENT:
@@ -200,7 +209,7 @@ class Estimator:
         height, cov = kalman_update(
             now.height,
             now.height_cov,
-            np.array([measured.range_m]),
+            np.array([range_m]),
             np.array([[self._range_var]]),
             row,
         )

@@ -24,6 +24,7 @@ from runtime.smoother import (
     smooth,
 )
 from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import Rig
@@ -85,6 +86,7 @@ def measure(
         raise UnusableInput(
             f"No log has {SHORTEST_S:g} s in the air with range samples; nothing can be smoothed."
         )
+    rig = believed(rig)
     fitted_on = min(len(flat), FITTED_FLIGHTS)
     total = 2 * fitted_on + len(logs)  # the fit passes over its flights twice
     chosen = [flat[round(i)] for i in np.linspace(0, len(flat) - 1, fitted_on)]
@@ -104,6 +106,7 @@ def thrust_after_spool(log: RunLog, rig: Rig, fine_s: FloatArray) -> FloatArray:
     half a servo frame after it was commanded.
     """
     onset_s, pulse_us = _applied_pulses(log, rig)
+    rig = believed(rig)
     held = np.maximum(np.searchsorted(onset_s, fine_s, side="right") - 1, 0)
     curve, lag = rig.thrust.sufferer, rig.spool.sufferer
     targets = np.sqrt(np.interp(pulse_us, curve.pulse_us, curve.thrust_n))[held]
@@ -128,7 +131,8 @@ def range_offset(log: RunLog, rig: Rig) -> float:
 def _applied_pulses(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """When each pulse width began to act, and the pulse widths [µs]; times rise."""
     if log.has("applied_time_s") and log.has("sufferer_applied_us"):
-        return _reported_pulses(log, rig)
+        onset_s, pulse_us = _reported_pulses(log, believed(rig))
+        return onset_s + unplaced_constants(rig)["command.delay_s"], pulse_us
     return log["t_s"] + Estimator(rig).command_delay_s, log["sufferer_cmd_us"]
 
 

@@ -142,7 +142,7 @@ def test_flights_differ_by_seed_alone() -> None:
     assert not np.array_equal(flown(default_rig(), 1), flown(default_rig(), 2))
 
 
-def test_an_effect_that_is_not_simulated_is_refused_rather_than_ignored() -> None:
+def test_an_effect_that_is_not_known_is_refused_rather_than_ignored() -> None:
     raw = default_rig().text + '\n[[effect]]\nname = "ghost"\n'
     with pytest.raises(UnusableInput, match="ghost"):
         GantryPlant(parse_rig(raw), seed=0)

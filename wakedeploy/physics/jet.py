@@ -2,7 +2,8 @@
 
 With the source fixed and its jet pointing straight down, the four operations of the field act on
 each injected puff alone: it sinks at w_a, widens to s² = σ² + 2κτ and decays with λ. The field is
-then a sum over puffs, linear in the square root of the source's thrust, and needs no grid.
+then a sum over puffs, linear in the square root of the source's thrust, and needs no grid. A wake
+whose speed goes with the thrust that made it only lets each puff sink at a pace of its own.
 """
 
 import math
@@ -13,6 +14,8 @@ import numpy.typing as npt
 from wakedeploy.rig import Wake
 
 AIR_DENSITY_KGPM3 = 1.2
+LEAST_ROOT_THRUST = 1e-3  # √(u/u_reference) below which a puff's pace no longer changes
+_SLOWEST_ROOT, _STRONGEST_ROOT = 0.25, 2.0  # puffs outside these may be given up on their way
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -24,20 +27,24 @@ class PuffTable:
     """
 
     def __init__(self, wake: Wake, dt_s: float, reach_m: float, newest_age_s: float) -> None:
-        self.ages_s = newest_age_s + dt_s * np.arange(_count(wake, dt_s, reach_m))
+        self.ages_s = newest_age_s + dt_s * np.arange(puff_count(wake, dt_s, reach_m))
         width2 = wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * self.ages_s
         fading = np.exp(-wake.decay_per_s * self.ages_s) * wake.width_m**2 / width2
         self.amplitude_mps = wake.strength * dt_s * fading  # (M,) at the reference thrust
         self.inverse_2width2 = 0.5 / width2  # (M,)
         self.sunk_m = wake.speed_mps * self.ages_s  # (M,)
 
-    def velocity(self, root_thrust: FloatArray, x_m: float, above_m: float) -> float:
+    def velocity(
+        self, root_thrust: FloatArray, x_m: float, above_m: float, pace: FloatArray | None = None
+    ) -> float:
         """Vertical velocity [m/s] at a lateral offset and a height relative to the source.
 
-        `root_thrust` (M,): √(u/u_reference) when each puff was injected, newest first.
-        `above_m` is the point's height minus the source's, negative below it.
+        `root_thrust` (M,): √(u/u_reference) when each puff was injected, newest first; `pace` (M,):
+        its speed over the wake's, where that is not 1. `above_m` is the point's height minus the
+        source's, negative below it.
         """
-        distance2 = x_m * x_m + (above_m + self.sunk_m) ** 2  # (M,)
+        sunk_m = self.sunk_m if pace is None else pace * self.sunk_m  # (M,)
+        distance2 = x_m * x_m + (above_m + sunk_m) ** 2  # (M,)
         shape = np.exp(-distance2 * self.inverse_2width2)  # (M,)
         return -float(np.dot(self.amplitude_mps * root_thrust, shape))
 
@@ -64,7 +71,7 @@ class VerticalJet:
     def velocity(self, x_m: float, z_m: float) -> float:
         """Vertical air velocity [m/s], up positive, at a point of the gantry's plane."""
         roots = self._history[self._newest : self._newest + self._length]
-        return self._table.velocity(roots, x_m, z_m - self._height_m)
+        return self._table.velocity(roots, x_m, z_m - self._height_m, self._pace(roots))
 
     def velocity_ahead(self, x_m: float, z_m: float, lead_s: float) -> float:
         """The velocity `lead_s` from now, from the puffs that are already in the air.
@@ -75,7 +82,14 @@ class VerticalJet:
         steps = min(round(lead_s / self._dt_s), self._length)
         roots = self._history[self._newest : self._newest + self._length]
         known = np.concatenate([np.full(steps, roots[0]), roots[: self._length - steps]])
-        return self._table.velocity(known, x_m, z_m - self._height_m)
+        return self._table.velocity(known, x_m, z_m - self._height_m, self._pace(known))
+
+    def _pace(self, roots: FloatArray) -> FloatArray | None:
+        """Each puff's speed over the wake's, (M,); None where all have the same."""
+        exponent = self._wake.speed_exponent
+        if exponent == 0.0:
+            return None
+        return np.asarray(np.maximum(roots, LEAST_ROOT_THRUST) ** (2.0 * exponent))
 
 
 def drag_force(wake: Wake, vx_mps: float, vz_mps: float) -> float:
@@ -83,10 +97,17 @@ def drag_force(wake: Wake, vx_mps: float, vz_mps: float) -> float:
     return 0.5 * AIR_DENSITY_KGPM3 * wake.drag_area_m2 * vz_mps * math.hypot(vx_mps, vz_mps)
 
 
-def _count(wake: Wake, dt_s: float, reach_m: float) -> int:
-    """How many puffs are still within reach: the last one has sunk past it by six widths."""
-    age_s = reach_m / wake.speed_mps
+def puff_count(wake: Wake, dt_s: float, reach_m: float) -> int:
+    """How many puffs are still within reach: the last one has sunk past it by six widths.
+
+    With a speed that goes with the thrust, of those made at a sixteenth to four times the reference
+    thrust the slowest.
+    """
+    exponent = wake.speed_exponent
+    root = _SLOWEST_ROOT if exponent > 0.0 else _STRONGEST_ROOT
+    speed_mps = wake.speed_mps * math.pow(root, 2.0 * exponent)
+    age_s = reach_m / speed_mps
     for _ in range(20):  # the width grows with the age; this converges in a few rounds
         width_m = math.sqrt(wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * age_s)
-        age_s = (reach_m + 6.0 * width_m) / wake.speed_mps
+        age_s = (reach_m + 6.0 * width_m) / speed_mps
     return max(2, math.ceil(age_s / dt_s))

@@ -20,13 +20,17 @@ def smooth_friction(rail: Rail, vz_mps: float) -> float:
 
 @dataclass
 class RailBody:
-    """A mass on a vertical rail between two inelastic stops at 0 and `travel_m`."""
+    """A mass on a vertical rail between two inelastic stops at 0 and `travel_m`.
+
+    `added_kg` is what moves along without weighing anything.
+    """
 
     mass_kg: float
     rail: Rail
     travel_m: float
     z_m: float = 0.0
     vz_mps: float = 0.0
+    added_kg: float = 0.0
 
     def step(self, force_n: float, dt_s: float) -> None:
         """Advance by `dt_s` under a vertical force [N] held over the step, gravity apart."""
@@ -42,7 +46,7 @@ class RailBody:
             return 0.0
         direction = math.copysign(1.0, v if v != 0.0 else driving_n)
         resisting_n = rail.coulomb_n * direction + rail.viscous_n_per_mps * v
-        after = v + (driving_n - resisting_n) / self.mass_kg * dt_s
+        after = v + (driving_n - resisting_n) / (self.mass_kg + self.added_kg) * dt_s
         # Friction stops a motion but does not turn it round: the next step decides afresh.
         return 0.0 if v != 0.0 and after * v < 0.0 and rail.coulomb_n > 0.0 else after
 

@@ -22,7 +22,10 @@ NO_SAMPLE = RangeSample(math.nan, -math.inf, 255)
 
 
 class RangeSensorModel:
-    """Takes a sample each period; `newest` gives what can be read `delay_s` after it was taken."""
+    """Takes a sample each period; `newest` gives what can be read `delay_s` after it was taken.
+
+    For `hold_s` after a reading was taken it is repeated, under new time stamps.
+    """
 
     def __init__(
         self,
@@ -30,13 +33,11 @@ class RangeSensorModel:
         disturbance: Disturbance,
         delay_s: float,
         rng: np.random.Generator,
+        hold_s: float = 0.0,
     ) -> None:
-        self._sensor, self._disturbance, self._delay_s, self._rng = (
-            sensor,
-            disturbance,
-            delay_s,
-            rng,
-        )
+        self._sensor, self._disturbance, self._rng = sensor, disturbance, rng
+        self._delay_s, self._hold_s = delay_s, hold_s
+        self._held_m, self._held_until_s = math.nan, -math.inf
         self._next_s = float(rng.uniform(0.0, sensor.period_s))
         self._waiting: deque[RangeSample] = deque()
         self._readable = NO_SAMPLE
@@ -48,7 +49,10 @@ class RangeSensorModel:
         self._next_s += self._sensor.period_s * (
             1 + int((t_s - self._next_s) / self._sensor.period_s)
         )
-        self._waiting.append(RangeSample(self._reading(z_m), t_s))
+        reading_m = self._reading(z_m)  # drawn even if held: the noise stays as it was
+        if t_s >= self._held_until_s - 1e-9:
+            self._held_m, self._held_until_s = reading_m, t_s + self._hold_s
+        self._waiting.append(RangeSample(self._held_m, t_s))
 
     def newest(self, t_s: float) -> RangeSample:
         """The newest sample that can be read at `t_s`."""

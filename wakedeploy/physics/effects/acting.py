@@ -1,0 +1,103 @@
+"""Effects while a plant is stepped: what they may look at, and what has to be remembered for them.
+
+In: the plant's motion, step by step. Out: thrusts, air, forces and readings as the effects leave
+them. The gap workflow computes the same integrals from a log; their definitions stand here.
+"""
+
+import math
+from collections import deque
+
+from wakedeploy.physics.effects.base import Motion
+from wakedeploy.physics.effects.chain import Chain, setting_of
+from wakedeploy.rig import Rig
+
+TAKEN_OFF = 0.5  # of its weight: the sufferer's thrust at which `Motion.time_s` begins to count
+LEAST_MOTION_MPS = 0.01  # a slower carriage keeps its direction: step counts cannot tell
+
+
+class DelayLine:
+    """A value as it was `delay_s` ago, in steps of `dt_s`, linear between them."""
+
+    def __init__(self, delay_s: float, dt_s: float, initial: float) -> None:
+        whole = math.floor(delay_s / dt_s + 1e-9)
+        self._share = max(delay_s / dt_s - whole, 0.0)
+        self._past = deque([initial] * (whole + 2), maxlen=whole + 2)  # oldest first
+
+    def passed(self, value: float) -> float:
+        """Put in the present value, take out the old one; called once per step."""
+        self._past.append(value)
+        return (1.0 - self._share) * self._past[1] + self._share * self._past[0]
+
+
+class ActingEffects:
+    """A chain of effects along one run of the plant; called in the order of its methods.
+
+    `charge_s` counts the thrust after spool and before any effect on it; `time_s` counts from when
+    that thrust first reaches half the weight; the carriage's direction changes with motions of
+    1 cm/s or more.
+    """
+
+    def __init__(self, chain: Chain, rig: Rig, dt_s: float) -> None:
+        self._chain, self._dt_s = chain, dt_s
+        self._setting = setting_of(rig)
+        self._idle_us = rig.limits.pulse_us[0]
+        self._accepted_us = {"source": self._idle_us, "sufferer": self._idle_us}
+        self._taken_off_s = math.inf
+        self.motion = Motion()
+
+    def look(self, t_s: float, x_m: float, vx_mps: float, z_m: float, vz_mps: float) -> None:
+        """A step begins at this time and with this motion."""
+        m = self.motion
+        m.time_s = max(t_s - self._taken_off_s, 0.0)
+        m.x_m, m.vx_mps, m.z_m, m.vz_mps = x_m, vx_mps, z_m, vz_mps
+        if abs(vx_mps) >= LEAST_MOTION_MPS:
+            m.direction = math.copysign(1.0, vx_mps)
+
+    def range_m(self, range_m: float) -> float:
+        """The range [m] that the sensor sees."""
+        return float(self._chain.range_m(range_m, self.motion, self._setting))
+
+    def pulse_us(self, pulse_us: float, motor: str) -> float:
+        """The pulse [µs] that a motor's ESC takes over in this servo frame."""
+        accepted_us = self._accepted_us[motor]
+        self._accepted_us[motor] = self._chain.pulse_us(pulse_us, accepted_us, motor, self._idle_us)
+        return self._accepted_us[motor]
+
+    def source_n(self, t_s: float, source_n: float, sufferer_n: float) -> float:
+        """The source's thrust [N], of both motors' thrusts after spool."""
+        m, before_n = self.motion, self.motion.source_n
+        if sufferer_n >= TAKEN_OFF * self._setting.weight_n:
+            self._taken_off_s = min(self._taken_off_s, t_s)
+        m.charge_s = m.charge_s + sufferer_n / self._setting.weight_n * self._dt_s
+        m.source_n, m.sufferer_n = source_n, sufferer_n
+        m.source_n = self._chain.source_n(m, self._setting)
+        m.source_rate_nps = (m.source_n - before_n) / self._dt_s
+        return float(m.source_n)
+
+    def wake_x_m(self, x_m: float) -> float:
+        """Where in the wake [m] a sufferer at `x_m` is."""
+        return x_m - float(self._chain.wake_offset_m(self.motion, self._setting))
+
+    def wake_mps(self, wake_mps: float) -> float:
+        """The air's vertical speed [m/s] at the sufferer."""
+        self.motion.wake_mps = wake_mps
+        self.motion.wake_mps = self._chain.wake_mps(self.motion, self._setting)
+        return float(self.motion.wake_mps)
+
+    def sufferer_n(self, wake_n: float) -> float:
+        """The sufferer's thrust [N] in a wake of this force."""
+        self.motion.wake_n = wake_n
+        self.motion.sufferer_n = self._chain.sufferer_n(self.motion, self._setting)
+        return float(self.motion.sufferer_n)
+
+    def force_n(self) -> float:
+        """The extra force [N] on the sufferer."""
+        return float(self._chain.force_n(self.motion, self._setting))
+
+    def added_mass_kg(self) -> float:
+        """What the sufferer's inertia gains [kg]."""
+        return float(self._chain.added_mass_kg(self.motion, self._setting))
+
+    def travel(self, carriage_mps: float) -> None:
+        """A step ends in which the carriage went at this speed."""
+        self.motion.travelled_m = self.motion.travelled_m + abs(carriage_mps) * self._dt_s
