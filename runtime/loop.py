@@ -23,6 +23,7 @@ from runtime.realtime import Clock, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Gate, Mode, SafetyState
 from runtime.tally import Tally
+from runtime.watch import GapWatch
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
@@ -121,9 +122,11 @@ class Loop:
         worker: Predictions | None = None,
         recorder: RowSink | None = None,
         clock: Clock = time,
+        watch: GapWatch | None = None,
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
         self._worker, self._recorder, self._clock = worker, recorder, clock
+        self._watch = watch
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
@@ -158,6 +161,7 @@ class Loop:
                 self._tick(pacer.wait())
         finally:
             self.tally.ended = self._ending()
+            self.tally.gap = self._watch.report if self._watch is not None else None
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
         return self.tally
@@ -195,7 +199,10 @@ class Loop:
         self._write(command)
         laps.mark("t_write_s")
         row = tick_row(tick.index, measured, self._state, aim, command, terms) | laps.times_s
-        self._record(row | self._reported(reading, answer, prediction), tick)
+        row |= self._reported(reading, answer, prediction)
+        if self._watch is not None:  # the command is on its way; nothing waits for the score
+            row["gap_score"] = self._watch.step(row)
+        self._record(row, tick)
 
     def _read(self) -> tuple[RangeReading, Answer, Measurement]:
         """The newest range sample and the newest status; neither is waited for."""

@@ -30,6 +30,7 @@ from runtime.reference import FlightPlan, random_plan
 from runtime.reference_file import read_reference
 from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
+from runtime.watch import GapWatch
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
@@ -40,6 +41,7 @@ SHOW_PERIOD_S = 0.5
 
 Tell = Callable[[Tally], None]
 Show = Callable[[float, float], None]
+Warn = Callable[[str], None]
 
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
@@ -73,13 +75,21 @@ class RunRequest:
     log: Path | None = None
     realtime: bool = False
     allow_lead_mismatch: bool = False
+    watch_gap: bool = False
 
 
-def fly(request: RunRequest, tell: Tell | None = None, show: Show | None = None) -> Tally:
+def fly(
+    request: RunRequest,
+    tell: Tell | None = None,
+    show: Show | None = None,
+    warn: Warn | None = None,
+) -> Tally:
     """Carry out a run.
 
     `tell` is given the tally of every run that flew, however it ended, before anything is raised;
-    `show` is called twice a second with the seconds done and those of the whole run.
+    `show` is called twice a second with the seconds done and those of the whole run; `warn` gets a
+    sentence, from another thread, whenever `watch_gap` finds that the rig file stops or starts to
+    explain the flight.
 
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
@@ -102,7 +112,8 @@ def fly(request: RunRequest, tell: Tell | None = None, show: Show | None = None)
             worker.wait_until_warm()
         recorder = _recorder(request, package, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
-        loop = Loop(request.rig, link, ranges, plan, worker, recorder)
+        watch = GapWatch(request.rig, warn) if request.watch_gap else None
+        loop = Loop(request.rig, link, ranges, plan, worker, recorder, watch=watch)
         try:
             with _shown(loop, len(plan) * PERIOD_S, request.rig, show):
                 report = _fly_recorded(loop, recorder)

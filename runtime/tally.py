@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from runtime.watch import GapReport
 from wakedeploy.runlog import FLYING, STAGES
 
 LogValue = float | int | str | None
@@ -23,6 +24,7 @@ class Tally:
     skipped: int = 0
     overran: int = 0
     ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
+    gap: GapReport | None = None  # of --watch-gap
     modes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     errors_m: array[float] = field(default_factory=lambda: array("d"))

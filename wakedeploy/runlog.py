@@ -73,6 +73,7 @@ COLUMNS = (
     Column("applied_time_s", "s"),
     Column("homed", "", "integer"),
     Column("battery_v", "V", "number", "extra"),
+    Column("gap_score", "", "number", "extra"),
     Column("true_wake_force_n", "N", "number", "extra"),
     Column("true_hook_force_n", "N", "number", "extra"),
     Column("true_z_m", "m", "number", "extra"),

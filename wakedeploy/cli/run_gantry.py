@@ -38,6 +38,9 @@ _BAR_WIDTH = 30
 @click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks.")
 @click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core.")
 @click.option("--allow-lead-mismatch", is_flag=True, help="Fly a package made for another lead.")
+@click.option(
+    "--watch-gap", is_flag=True, help="Warn when the rig file explains it no more."
+)
 @click.option("--json", "json_path", type=_FILE, help="Also write the summary as JSON.")
 def command(
     package_path: Path | None,
@@ -90,6 +93,7 @@ def command(
         request,
         tell=lambda tally: _tell(tally, log_path, json_path),
         show=_show if is_shown else None,
+        warn=_warn,
     )
 
 
@@ -98,6 +102,12 @@ def _show(done_s: float, total_s: float) -> None:
     filled = round(_BAR_WIDTH * min(1.0, done_s / total_s))
     bar = "=" * filled + " " * (_BAR_WIDTH - filled)
     sys.stderr.write(f"\rFlying [{bar}] {done_s:.0f} of {total_s:.0f} s")
+    sys.stderr.flush()
+
+
+def _warn(sentence: str) -> None:
+    clear = "\r\x1b[K" if sys.stderr.isatty() else ""  # the bar is drawn again after it
+    sys.stderr.write(f"{clear}{sentence}\n")
     sys.stderr.flush()
 
 
@@ -128,6 +138,18 @@ def summary(tally: "Tally") -> dict[str, Any]:
         "compute_max_ms": 1e3 * float(np.max(tally.totals_s)),
         "seconds_in_mode": {mode: tally.seconds_in(mode) for mode in tally.modes},
         "faults": dict(tally.faults),
+    } | _gap(tally)
+
+
+def _gap(tally: "Tally") -> dict[str, Any]:
+    """What the watch found; nothing for a run without one."""
+    if tally.gap is None:
+        return {}
+    worst = tally.gap.worst
+    return {
+        "gap_worst_score": worst if worst == worst else None,
+        "gap_left_s": tally.gap.first_left_s,
+        "gap": tally.gap.sentence(),
     }
 
 
@@ -145,6 +167,8 @@ def _lines(tally: "Tally") -> list[tuple[str, str]]:
         ("Time in mode", modes),
         ("Faults", faults or "none"),
     ]
+    if "gap" in told:
+        lines.append(("Rig file", told["gap"]))
     return [line for line in lines if "nan" not in line[1]]
 
 
