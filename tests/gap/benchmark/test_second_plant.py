@@ -16,6 +16,7 @@ from runtime.simulated import SimulatedGantry
 from wakedeploy.domains.gantry import _Rows
 from wakedeploy.gap.benchmark.second_plant import (
     Constants,
+    Jet,
     Numbers,
     SecondPlant,
     Sensing,
@@ -115,25 +116,25 @@ def test_two_equal_lags_are_a_critically_damped_second_order() -> None:
     assert math.sqrt(one.sufferer_thrust_n) == pytest.approx(expected, rel=1e-5)
 
 
-def still_air(distance_m: float, lateral_m: float, wake: Wake) -> float:
+def still_air(distance_m: float, lateral_m: float, jet: Jet) -> float:
     inputs = Inputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2000, 1 / 256)
-    return air_speed(2000 / 256, distance_m, lateral_m, calibrated_jet(wake), inputs, np.ones(1024))
+    return air_speed(2000 / 256, distance_m, lateral_m, jet, inputs, np.ones(1024))
 
 
 def test_without_decay_the_jet_keeps_its_momentum() -> None:
     """∫ v² · 2πr dr is the same at every distance but for the loss that calibration found."""
     radius = np.linspace(0.0, 1.2, 1201)
-    flux = []
+    jet, flux = calibrated_jet(Wake(decay_per_s=0.0)), []
     for distance in (1.1, 1.5, 1.9):
-        v = np.array([still_air(distance, r, Wake(decay_per_s=0.0)) for r in radius])
+        v = np.array([still_air(distance, r, jet) for r in radius])
         flux.append(np.trapezoid(v**2 * radius, radius))
     assert np.ptp(flux) / np.mean(flux) < 0.02
 
 
 def test_the_jet_widens_in_proportion_to_the_distance() -> None:
-    widths = []
+    jet, widths = calibrated_jet(Wake()), []
     for distance in (1.2, 1.5, 1.8):
-        axis, aside = (still_air(distance, r, Wake()) for r in (0.0, 0.15))
+        axis, aside = (still_air(distance, r, jet) for r in (0.0, 0.15))
         widths.append(0.15 / math.sqrt(2.0 * math.log(axis / aside)))
     assert widths[2] - widths[1] == pytest.approx(widths[1] - widths[0], rel=1e-6)
     assert widths[0] < widths[1]
