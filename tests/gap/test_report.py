@@ -14,16 +14,11 @@ from wakedeploy.gap.markup import element, table
 from wakedeploy.gap.report import PICTURES, write_report
 from wakedeploy.gap.report_maps import strongest_maps
 from wakedeploy.gap.steps import read_steps
-from wakedeploy.gap.telling import measured, percent, probability, quantity
+from wakedeploy.gap.telling import measured, percent, probability, quantity, span
+from wakedeploy.physics.effects import LIBRARY
 
-NAMES = [
-    "spool lag", "source spool lag", "transport speed", "command latency", "ESC frame hold",
-    "thrust coefficient", "thrust-curve exponent", "battery sag", "PWM dead band",
-    "PWM quantisation", "inflow thrust loss", "wake inflow cuts thrust", "Coulomb friction",
-    "viscous friction", "stiction", "ground effect", "recirculation", "crosswind offset",
-    "wake deflection", "wake strength", "wake width", "added mass", "tether spring", "range bias",
-    "range scale", "range drift", "sample and hold", "lost steps",
-]  # fmt: skip
+_PAIR = ["spool-lag-sufferer", "command-latency"]
+NAMES = [*_PAIR, *(name for name in LIBRARY if name not in _PAIR)][:28]
 COORDINATES = {
     "source command": ("N", True), "source command slope": ("N/s", True),
     "carriage position": ("m", True), "carriage speed": ("m/s", True), "time": ("s", True),
@@ -91,7 +86,7 @@ def find_artefact(rng, maps=12):
 
 
 def parameters(value=0.052):
-    return {"time constant": {"value": value, "low": 0.9 * value, "high": 1.13 * value,
+    return {"up_s": {"value": value, "low": 0.9 * value, "high": 1.13 * value,
                               "unit": "s"}}  # fmt: skip
 
 
@@ -159,7 +154,7 @@ def show_artefact(rng):
              "after": list(rng.uniform(0.01, 0.014, 8))}
             for name in COORDINATES
         ],
-        "placebo": {"name": "range drift", "before": 0.0213, "after": 0.0212, "unit": "m",
+        "placebo": {"name": "range-drift", "before": 0.0213, "after": 0.0212, "unit": "m",
                     "gain_nats": -1.2, "helps": False},
         "white": {"before": white(rng, False), "after": white(rng, True)},
         "spectrum": {"before": spectrum(rng, 1.0), "after": spectrum(rng, 0.0)},
@@ -250,11 +245,11 @@ def test_every_figure_is_drawn_embedded_and_not_blank(full):
 
 def test_the_page_tells_verdict_value_and_share_closed(full):
     text = " ".join(full[1].text)
-    assert "Effect missing from the model: spool lag." in text
+    assert "Effect missing from the model: spool-lag-sufferer." in text
     assert "52 ms (47 to 59)" in text
     assert "21.3 mm" in text
     assert "96 % of the gap closed" in text
-    assert "range drift, does not help" in text
+    assert "range-drift, does not help" in text
     assert "below 0.25 m: force +0.41 N" in text
     assert "Next step" not in text
 
@@ -322,10 +317,20 @@ def test_a_broken_artefact_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("verdict", "expected"),
     [
-        ("named", ["Effect missing from the model: spool lag.", "over 99 % sure"]),
-        ("class", ["one of spool lag or source spool lag", "thrust steps at two separations"]),
+        ("named", ["Effect missing from the model: spool-lag-sufferer.", "over 99 % sure"]),
+        (
+            "class",
+            ["either spool-lag-sufferer or command-latency", "thrust steps at two separations"],
+        ),
         ("unknown", ["no known effect explains it", "height and source command", "exp(-z / 0.2)"]),
-        ("none", ["Nothing is missing", "spool lag, size from 12.0 ms", "20 more in the report"]),
+        (
+            "none",
+            [
+                "Nothing is missing",
+                "spool-lag-sufferer, size off by 12.0 ms",
+                "20 more in the report",
+            ],
+        ),
     ],
 )
 def test_the_account_of_each_verdict(tmp_path, verdict, expected):
@@ -348,7 +353,7 @@ def test_the_account_says_how_little_it_rests_on():
 
 
 def test_a_placebo_that_helps_is_a_warning():
-    placebo = {"name": "range drift", "before": 2.0, "after": 1.0, "unit": "N", "helps": True}
+    placebo = {"name": "range-drift", "before": 2.0, "after": 1.0, "unit": "N", "helps": True}
     assert "Careful" in account({"verdict": "named", "placebo": placebo})
 
 
@@ -367,6 +372,8 @@ def test_numbers_carry_the_digits_that_their_interval_allows():
     assert measured(-1.234, -1.3, -1.2, "N") == "−1.23 N (−1.30 to −1.20)"
     assert measured(None, 1.0, 2.0, "N") == "–"
     assert quantity(0.41, "N", signed=True) == "+0.41 N"
+    assert quantity(13.0, "us") == "13.0 µs"
+    assert span(2.0, 3.5, "N") == "from 2.00 to 3.50 N"
     assert quantity(float("inf"), "N") == "–"
     assert (percent(0.999), percent(None), percent(-0.2)) == ("over 99 %", "–", "−20 %")
     assert (probability("q", 0.0001), probability("p", 0.25)) == ("q < 0.001", "p = 0.25")

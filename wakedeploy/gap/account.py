@@ -19,8 +19,11 @@ from wakedeploy.gap.telling import (
     percent,
     probability,
     quantity,
+    span,
+    spoken,
     texts,
 )
+from wakedeploy.physics.effects import LIBRARY
 
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _MOST = 8  # of a long list on the terminal; the report shows all
@@ -68,22 +71,26 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
 
 def _class_sentence(members: list[str], named: list[str]) -> str:
     sure = [name for name in named if name not in members]
-    one = f"one of {listed(members, 'or')}; these flights cannot tell which."
+    several = "either" if len(members) == 2 else "one of"
+    one = f"{several} {listed(members, 'or')}; these flights cannot tell which."
     if sure:
         return f"Missing from the model: {listed(sure)}, and {one}"
     return f"Missing from the model: {one}"
 
 
 def _values(result: Mapping[str, Any]) -> list[str]:
-    """One sentence per effect: its values, and how sure the name is."""
+    """One sentence per effect: its values, how sure the name is, and its physics."""
+    members = texts(result.get("class"))
     told = []
     for effect in entries(result.get("effects")):
-        values = ", ".join(f"{name} = {value}" for name, value in parameters_of(effect))
+        name = str(effect.get("name"))
+        values = [f"{spoken(each)} {value}" for each, value in parameters_of(effect)]
         sure = number(effect.get("confidence"))
-        parts = [values or "no values", *([f"{percent(sure)} sure"] if sure == sure else [])]
-        told.append(f"{effect.get('name')}: {'; '.join(parts)}.")
-    if told:
-        told[-1] += " In brackets, 90 % intervals."
+        if name not in members and not math.isnan(sure):
+            values.append(f"{percent(sure)} sure")
+        start = f"If it is {name}" if name in members else name
+        physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
+        told.append(f"{start}: {', '.join(values) or 'without parameters'}.{physics}")
     return told
 
 
@@ -120,10 +127,9 @@ def place_words(place: Mapping[str, Any]) -> str:
     """A place in words: those it came with, or made of its bounds."""
     if place.get("words"):
         return str(place["words"]).rstrip(".")
-    unit = str(place.get("coordinate_unit", ""))
-    low, high = (quantity(place.get(end), unit) for end in ("low", "high"))
+    where = span(place.get("low"), place.get("high"), str(place.get("coordinate_unit", "")))
     residual = quantity(place.get("residual"), str(place.get("unit", "")), signed=True)
-    return f"at {place.get('coordinate')} from {low} to {high}: {place.get('channel')} {residual}"
+    return f"at {place.get('coordinate')} {where}: {place.get('channel')} {residual}"
 
 
 def _q(place: Mapping[str, Any]) -> str:
@@ -211,7 +217,7 @@ def _detectable(result: Mapping[str, Any]) -> list[str]:
     sizes = detectable_sizes(result)
     if not sizes:
         return []
-    shown = [f"{name}, {parameter} from {size}" for name, parameter, size in sizes[:_MOST]]
+    shown = [f"{name}, {parameter} off by {size}" for name, parameter, size in sizes[:_MOST]]
     more = len(sizes) - len(shown)
     tail = f"; {more} more in the report" if more > 0 else ""
     return [f"What these flights would have shown: {'; '.join(shown)}{tail}."]
@@ -220,7 +226,11 @@ def _detectable(result: Mapping[str, Any]) -> list[str]:
 def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
     """(effect, parameter, smallest size that would have been found) where that is known."""
     return [
-        (str(name), str(size.get("parameter", "size")), quantity(size.get("size"), unit_of(size)))
+        (
+            str(name),
+            spoken(str(size.get("parameter", "size"))),
+            quantity(size.get("size"), unit_of(size)),
+        )
         for name, size in mapping(result.get("detectable")).items()
         if isinstance(size, Mapping) and not math.isnan(number(size.get("size")))
     ]

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from html import escape
 from pathlib import Path
 
+_PHONE_PX = 700  # wider pictures scroll sideways on a phone rather than shrink beyond reading
 _VOID = frozenset({"img", "meta"})
 
 
@@ -48,8 +49,10 @@ def picture(path: Path, caption: str) -> Markup:
     png = path.read_bytes()
     source = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
     width = int.from_bytes(png[16:20], "big")  # the first field of IHDR, a PNG's first chunk
-    image = element("img", src=source, alt=caption, width=str(width))
-    return element("figure", image, element("figcaption", caption))
+    text = caption.split(". ")[0]
+    image = element("img", src=source, alt=text, width=str(width))
+    frame = element("div", image, class_="wide" if width > _PHONE_PX else "narrow")
+    return element("figure", frame, element("figcaption", caption))
 
 
 def page(title: str, *body: str) -> Markup:
@@ -97,6 +100,7 @@ figure { margin: 1.2rem 0; }
 img { display: block; max-width: 100%; height: auto; background: #fff; border-radius: 6px;
   border: 1px solid var(--line); }
 figcaption { margin-top: .35rem; max-width: 46rem; }
+@media screen and (max-width: 640px) { figure .wide img { max-width: none; width: 640px; } }
 .wide { overflow-x: auto; margin: .7rem 0; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
 th, td { text-align: left; vertical-align: top; padding: .28rem .9rem .28rem 0;

@@ -25,7 +25,18 @@ from wakedeploy.gap.report_tables import (
     whiteness,
 )
 from wakedeploy.gap.steps import Steps, read_steps
-from wakedeploy.gap.telling import entries, listed, mapping, parameters_of, percent, texts
+from wakedeploy.gap.telling import (
+    counted,
+    entries,
+    listed,
+    mapping,
+    number,
+    parameters_of,
+    percent,
+    quantity,
+    spoken,
+    texts,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -161,8 +172,8 @@ def _opening(steps: Steps) -> Markup:
 
 def _flights(steps: Steps) -> Markup:
     logs = entries(steps.find.get("logs"))
-    seconds = sum(log.get("seconds") or 0.0 for log in logs)
-    told = f"{len(logs)} flights, {seconds:.0f} s" if logs else "No flights read yet"
+    seconds = quantity(sum(number(log.get("seconds")) for log in logs), "s")
+    told = f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
     return element("p", told, class_="soft")
 
 
@@ -170,7 +181,7 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
     tiles = []
     for effect in entries(summary.get("effects")):
         for parameter, value in parameters_of(effect):
-            tiles.append((f"{effect.get('name')}, {parameter}", value))
+            tiles.append((f"{effect.get('name')}, {spoken(parameter)}", value))
     name, channel = gap_channel(summary)
     if channel:
         tiles.append((f"{name}, before", gap_value(channel, "before")))

@@ -12,6 +12,7 @@ import numpy as np
 from wakedeploy import figures
 from wakedeploy.gap.account import closed_share, gap_channel
 from wakedeploy.gap.report_maps import AFTER, BEFORE, labelled
+from wakedeploy.gap.report_tables import ranked
 from wakedeploy.gap.telling import (
     FloatArray,
     entries,
@@ -20,6 +21,7 @@ from wakedeploy.gap.telling import (
     number,
     numbers,
     percent,
+    quantity,
     scale_of,
     texts,
 )
@@ -69,10 +71,10 @@ def draw_replay(find: Artefact) -> "Figure | None":
 
 def draw_ranking(name: Artefact) -> "Figure | None":
     """Held-out gain per effect with interval, one panel per round, and the threshold."""
-    rounds = [r for r in entries(name.get("rounds")) if entries(r.get("ranking"))]
+    rounds = [r for r in entries(name.get("rounds")) if ranked(r)]
     if not rounds:
         return None
-    rankings = [_ranking(r, _LATER_ROUNDS if i else _FIRST_ROUND) for i, r in enumerate(rounds)]
+    rankings = [ranked(r)[: _LATER_ROUNDS if i else _FIRST_ROUND] for i, r in enumerate(rounds)]
     heights = [0.6 + 0.19 * len(ranking) for ranking in rankings]
     drawn, grid = figures.figure(
         len(rounds), size=(_WIDTH_IN, sum(heights) + 0.3), squeeze=False, height_ratios=heights
@@ -109,18 +111,17 @@ def draw_gaps(show: Artefact) -> "Figure | None":
     channels = [(n, c) for n, c in channels if not math.isnan(number(c.get("before")))]
     if not channels:
         return None
-    columns = min(2, len(channels))
-    rows = math.ceil(len(channels) / columns)
     drawn, grid = figures.figure(
-        rows, columns, size=(_WIDTH_IN * (0.6, 1.0)[columns - 1], 1.55 * rows), squeeze=False
+        len(channels), size=(_WIDTH_IN, 1.3 * len(channels)), squeeze=False
     )
-    for axes in list(grid.flat)[len(channels) :]:
-        axes.remove()
-    for axes, (name, channel) in zip(grid.flat, channels, strict=False):
-        points = [("before", "before", BEFORE), ("after", "after", AFTER)]
-        _levels(axes, [_level(channel, *p) for p in points], channel, name)
-        axes.set_title(f"{percent(closed_share(channel))} closed", loc="right", fontsize=8,
-                       fontweight="normal")  # fmt: skip
+    for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
+        closed = f"{percent(closed_share(channel))} closed"
+        levels = [
+            _level(channel, "before", "before", BEFORE),
+            _level(channel, "after", "after", AFTER) | {"note": closed},
+        ]
+        _levels(axes, levels, channel, f"rms error, {name}")
+    drawn.align_ylabels(grid)
     return drawn
 
 
@@ -137,7 +138,7 @@ def draw_placebo(summary: Artefact) -> "Figure | None":
         _level(channel, "after", f"found: {', '.join(names)}" if names else "after", AFTER),
     ]
     drawn, axes = figures.figure(size=(_WIDTH_IN, 1.9))
-    _levels(axes, levels, channel or placebo, name or "gap")
+    _levels(axes, levels, channel or placebo, f"rms error, {name}" if name else "gap")
     return drawn
 
 
@@ -190,17 +191,21 @@ def _before_after(found: Any, shown: Any) -> list[tuple[Artefact, str, str]]:
 
 
 def _spectrum(axes: "Axes", spectra: Sequence[tuple[Artefact, str, str]], found: Artefact) -> None:
+    from matplotlib.ticker import LogLocator
+
     for spectrum, colour, label in spectra:
         hz, density = numbers(spectrum.get("frequency_hz")), numbers(spectrum.get("density"))
         if len(hz) == len(density) > 0:
             drawable = (hz > 0.0) & (density > 0.0)
             axes.loglog(hz[drawable], density[drawable], color=colour, label=label)
             _band(axes, hz, spectrum if spectrum.get("low") is not None else found)
-    axes.set_title("Spectrum")
-    axes.set(xlabel="frequency [Hz]", ylabel="power density [1/Hz]")
-    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set(xlabel="frequency [Hz]", ylabel="power density of innovations [1/Hz]")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter("")
     if axes.lines:
-        figures.legend(axes, ncols=2)
+        figures.legend(axes)
 
 
 def _band(axes: "Axes", hz: FloatArray, spectrum: Artefact) -> None:
@@ -229,20 +234,12 @@ def _autocorrelation(
         half = 1.96 / math.sqrt(samples)
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
-    axes.set_title("Autocorrelation")
-    axes.set(xlabel="lag [samples]", ylabel="correlation [1]")
+    axes.set(xlabel="lag [samples]", ylabel="autocorrelation of innovations")
 
 
 def _samples(find: Artefact) -> float:
     counts = [number(log.get("samples")) for log in entries(find.get("logs"))]
     return float(np.nansum(counts)) if counts else 0.0
-
-
-def _ranking(round_: Artefact, most: int) -> list[Artefact]:
-    known = [
-        c for c in entries(round_.get("ranking")) if not math.isnan(number(c.get("gain_nats")))
-    ]
-    return sorted(known, key=lambda c: -number(c.get("gain_nats")))[:most]
 
 
 def _round(axes: "Axes", round_: Artefact, ranking: Sequence[Artefact], found: set[str]) -> None:
@@ -255,7 +252,7 @@ def _round(axes: "Axes", round_: Artefact, ranking: Sequence[Artefact], found: s
         chosen = passes and str(candidate.get("name")) in found
         colour = AFTER if chosen else figures.MEASURED if passes else figures.LIMIT
         axes.plot([low, high], [row, row], color=colour, linewidth=2.2, alpha=0.45)
-        axes.plot(gain, row, "o", color=colour, markersize=5 if chosen else 3.5)
+        axes.plot(gain, row, "o", color=colour, markersize=5 if chosen else 3.5, clip_on=False)
     names = [_plain(c.get("name")) for c in ranking]
     axes.set_yticks(range(len(ranking)), names, fontsize=8)
     axes.set_ylim(len(ranking) - 0.4, -0.6)
@@ -274,6 +271,7 @@ def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> N
     if float(np.nanmax(np.abs(ends), initial=0.0)) > 8.0 * linear:
         axes.set_xscale("symlog", linthresh=2.0 * linear, linscale=1.0)
         axes.xaxis.set_major_formatter("{x:g}")
+        axes.set_xlim(right=1.5 * float(np.nanmax(ends)))
     if not math.isnan(threshold):
         axes.axvline(threshold, color=figures.REFERENCE, linestyle="--", linewidth=1.0,
                      label=f"threshold, {threshold:.1f} nats")  # fmt: skip
@@ -291,7 +289,9 @@ def _heat_map(drawn: "Figure", axes: "Axes", loss: FloatArray, names: list[str])
     from matplotlib.colors import LogNorm
 
     top = max(float(np.nanmax(loss)), 30.0)
-    shades = axes.imshow(np.maximum(loss, 0.3), norm=LogNorm(0.3, top), cmap="viridis")
+    shades = axes.imshow(
+        np.maximum(loss, 0.3), norm=LogNorm(0.3, top), cmap="viridis", aspect="auto"
+    )
     axes.set_facecolor("#dddddd")
     ticks = range(len(names))
     size = 8 if len(names) <= _MOST_NUMBERED else 7
@@ -319,7 +319,7 @@ def _cell(axes: "Axes", row: int, column: int, nats: float, numbered: bool) -> N
 
 def _level(source: Artefact, key: str, label: str, colour: str) -> dict[str, Any]:
     return {"value": number(source.get(key)), "ends": interval(source.get(f"{key}_interval")),
-            "label": label, "colour": colour}  # fmt: skip
+            "label": label, "colour": colour, "note": ""}  # fmt: skip
 
 
 def _levels(
@@ -335,15 +335,17 @@ def _levels(
         low, high = (factor * end for end in level["ends"])
         axes.plot([low, high], [row, row], color=level["colour"], linewidth=2.4)
         end = np.nanmax([factor * level["value"], high])
-        axes.annotate(f"{factor * level['value']:.3g}", (end, row), (5, 0),
-                      textcoords="offset points", va="center", fontsize=8)  # fmt: skip
+        text = "  ".join([quantity(factor * level["value"], ""), level["note"]])
+        axes.annotate(text, (end, row), (5, 0), textcoords="offset points", va="center",
+                      fontsize=8)  # fmt: skip
     if not math.isnan(floor):
-        axes.axvline(factor * floor, color=figures.REFERENCE, linestyle="--", linewidth=1.0,
-                     label="noise floor")  # fmt: skip
+        axes.axvline(factor * floor, color=figures.REFERENCE, linestyle="--", linewidth=1.0)
+        axes.text(factor * floor, 1.0, "noise floor", transform=axes.get_xaxis_transform(),
+                  ha="center", va="bottom", fontsize=8)  # fmt: skip
     axes.set_yticks(range(len(levels)), [_plain(level["label"]) for level in levels])
     axes.set_ylim(len(levels) - 0.4, -0.6)
     axes.grid(False, axis="y")
-    axes.set_xlim(0, 1.12 * factor * float(np.nanmax(every)))
+    axes.set_xlim(0, 1.18 * factor * float(np.nanmax(every)))
     axes.set_xlabel(labelled(name, unit))
 
 

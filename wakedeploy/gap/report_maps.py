@@ -4,6 +4,7 @@ In: lists as in `find.json` and `show.json`. Out: figures; None where there is n
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ BEFORE, AFTER = figures.LIMIT, figures.PREDICTED  # in every figure that compare
 _MOST_MAPS = 12
 _COLUMNS = 3
 _WIDTH_IN = 7.5
+_LONG_LABEL = 18  # characters that fit beside a panel
 
 Map = Mapping[str, Any]
 
@@ -150,12 +152,16 @@ def _as_long(values: FloatArray, like: FloatArray) -> FloatArray:
 
 
 def _folded(label: str) -> str:
-    """A long label on two lines."""
-    middle = label.find(" ", len(label) // 3)
-    return f"{label[:middle]}\n{label[middle + 1 :]}" if len(label) > 16 and middle > 0 else label
+    """A long label on two lines, broken near its middle, a number kept with its unit."""
+    breaks = [m.start() for m in re.finditer(r"(?<!\d) ", label)]
+    if len(label) <= _LONG_LABEL or not breaks:
+        return label
+    at = min(breaks, key=lambda each: abs(each - len(label) / 2))
+    return f"{label[:at]}\n{label[at + 1 :]}"
 
 
 def _calm(axes: "Axes") -> None:
+    axes.use_sticky_edges = False
     axes.locator_params(axis="x", nbins=5)
     axes.locator_params(axis="y", nbins=4)
     axes.tick_params(labelsize=8)

@@ -3,6 +3,7 @@
 In: parts of the artefacts. Out: markup; empty where there is nothing to say.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -53,9 +54,16 @@ def place_table(places: Sequence[Artefact]) -> Markup:
 def ranking_table(name: Artefact) -> Markup:
     """The best of the first round with gain, confidence and fitted values."""
     rounds = entries(name.get("rounds"))
-    ranking = entries(rounds[0].get("ranking")) if rounds else []
+    ranking = ranked(rounds[0]) if rounds else []
     rows = [_ranked(candidate) for candidate in ranking[:_MOST_RANKED]]
     return table(["effect alone", "gain [nats]", "confidence", "values"], rows)
+
+
+def ranked(round_: Artefact) -> list[Artefact]:
+    """The effects of a round whose gain is known, the best first."""
+    known = entries(round_.get("ranking"))
+    known = [each for each in known if not math.isnan(number(each.get("gain_nats")))]
+    return sorted(known, key=lambda each: -number(each.get("gain_nats")))
 
 
 def _ranked(candidate: Artefact) -> list[str]:
@@ -76,7 +84,7 @@ def noise_table(noise: Artefact) -> Markup:
 def detectable_table(name: Artefact) -> Markup:
     """The smallest size of each effect that these flights would have shown."""
     rows = [list(row) for row in detectable_sizes(name)]
-    inside = table(["effect", "parameter", "from"], rows)
+    inside = table(["effect", "parameter", "off by"], rows)
     return _titled("What these flights would have shown", inside, bool(rows))
 
 

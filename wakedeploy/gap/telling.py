@@ -4,6 +4,7 @@ In: values as JSON gives them. Out: plain floats and arrays, and text with units
 """
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,6 +17,8 @@ UNKNOWN = "–"
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
 _DIMENSIONLESS = ("", "1", "-", "–")
+_SIGNS = {"us": "µs", "^2": "²", "^3": "³"}
+_UNIT_SUFFIX = re.compile(r"_(n_per_mps|n_per_m|s_per_m|per_s|per_m|m2ps|mps|us|s|m|n|kg|hz)$")
 
 
 def number(value: Any) -> float:
@@ -59,7 +62,14 @@ def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, st
     finite = finite[np.isfinite(finite)]
     if unit in _THOUSANDTHS and finite.size and finite.max() < _SMALL:
         return 1e3, _THOUSANDTHS[unit]
-    return 1.0, "" if unit in _DIMENSIONLESS else unit
+    return 1.0, "" if unit in _DIMENSIONLESS else signs(unit)
+
+
+def signs(unit: str) -> str:
+    """A unit as printed: `µs` for `us`, `m²/s` for `m^2/s`."""
+    for plain, printed in _SIGNS.items():
+        unit = printed if unit == plain else unit.replace(plain, printed) if "^" in plain else unit
+    return unit
 
 
 def quantity(value: Any, unit: str, signed: bool = False) -> str:
@@ -80,6 +90,18 @@ def measured(value: Any, low: Any, high: Any, unit: str) -> str:
     spread = factor * (top - bottom) / 2 or factor * abs(known)
     middle, first, last = (_digits(factor * each, spread) for each in (known, bottom, top))
     return f"{_with_unit(middle, shown)} ({first} to {last})"
+
+
+def span(low: Any, high: Any, unit: str) -> str:
+    """A range of values: `from 2.0 to 3.5 N`, to the digits in which its ends differ."""
+    first, last = number(low), number(high)
+    if math.isnan(first) or math.isnan(last):
+        return f"from {quantity(low, unit)} to {quantity(high, unit)}"
+    factor, shown = scale_of([first, last], unit)
+    spread = factor * abs(last - first) / 10
+    return _with_unit(
+        f"from {_digits(factor * first, spread)} to {_digits(factor * last, spread)}", shown
+    )
 
 
 def percent(share: Any) -> str:
@@ -110,6 +132,11 @@ def listed(names: Sequence[str], last: str = "and") -> str:
 def counted(count: int, thing: str) -> str:
     """`1 flight`, `3 flights`."""
     return f"{count:,} {thing}{'' if count == 1 else 's'}"
+
+
+def spoken(parameter: str) -> str:
+    """A parameter's name without its unit: `up` for `up_s`."""
+    return _UNIT_SUFFIX.sub("", parameter).replace("_", " ")
 
 
 def parameters_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
