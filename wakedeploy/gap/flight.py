@@ -5,6 +5,7 @@ servo frames, the carriage's path, the range samples with their own times, and w
 airborne. Columns `true_*` are dropped on reading.
 """
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -73,17 +74,28 @@ class Flight:
     nominal: FloatArray
     rest: FloatArray
     take_off_s: float
+    resolution_m: float
     sha256: str = ""
     notes: tuple[str, ...] = ()
     battery_v: FloatArray | None = None
     references: FloatArray | None = None  # (3, n) height, carriage, source command, at the samples
 
-    @property
+    @functools.cached_property
     def counted(self) -> npt.NDArray[np.bool_]:
         """Which samples (n,) are airborne and past the filter's settling."""
         after = self.sample_s[:, None] - self.grid_s[self.start][None, :]
         before = self.grid_s[self.stop - 1][None, :] - self.sample_s[:, None]
         return np.asarray(((after > SETTLING_S) & (before > 0.05)).any(axis=1))
+
+    @functools.cached_property
+    def repeated(self) -> npt.NDArray[np.bool_]:
+        """Which readings (n,) equal the one before them."""
+        return np.append(False, np.diff(self.reading_m) == 0.0)
+
+    @functools.cached_property
+    def spacing_s(self) -> float:
+        """Time between fresh samples [s], the usual one."""
+        return float(np.median(np.diff(self.sample_s)))
 
     @property
     def airborne_s(self) -> float:
@@ -137,6 +149,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         nominal=nominal,
         rest=_rests(log, t_s, flying, sample_s, reading_m),
         take_off_s=float(t_s[flying][0]),
+        resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
         notes=notes,
         battery_v=_battery(log, t_s, grid_s),

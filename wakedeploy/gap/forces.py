@@ -30,6 +30,7 @@ _DV_MPS = 0.03  # about how well the speed is known: slopes are averaged over th
 _SLIDING_MPS = 0.03
 _KEPT = 3
 _PULSES_AVERAGED = 5
+_ARRIVAL_S = 0.004  # within this the time is known at which a command reaches the ESC's frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +39,7 @@ class Forces:
 
     `acceleration` (3, N): [m/s²] at the nominal motion, slopes by height and speed. `expected`
     (2, n): the reading at the nominal height and its slope. `taken_s` (n,): when the samples were
-    taken.
+    taken. `held_share`: how many of the readings repeat the one before because they are held.
     """
 
     source_n: FloatArray
@@ -49,6 +50,7 @@ class Forces:
     acceleration: FloatArray
     taken_s: FloatArray
     expected: FloatArray
+    held_share: float
 
 
 class Physics:
@@ -109,7 +111,11 @@ class Physics:
         key = (*(constants[n] for n in (*names, *own, *lags)), _key(pulses))
 
         def compute() -> FloatArray:
-            pulse_us = self._pulses(motor, constants, pulses)
+            pulse_us = self._remembered(
+                f"pulses.{motor}",
+                (*key[:2], _key(pulses)),
+                lambda: self._pulses(motor, constants, pulses),
+            )
             curve = getattr(self._rig.thrust, motor)
             table = np.array(curve.thrust_n)
             moved = moved_thrust(table, constants[own[0]], constants[own[1]], self._weight_n)
@@ -125,9 +131,8 @@ class Physics:
         line: Line = getattr(self._flight, motor)
         frame_s = self._flight.frame_s
         longer_s = constants["disturbance.esc_frame_s"] - self._rig.disturbance.esc_frame_s
-        back_s = longer_s * (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
-        if longer_s == 0.0:
-            back_s = np.zeros(1)
+        share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
+        back_s = _ARRIVAL_S * (share - 0.5) + longer_s * share
         asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
         pulse = line.at(asked_s).mean(axis=1)
         if effects:
@@ -227,19 +232,17 @@ class Physics:
         acceleration, thrust_n, wake_mps, wake_n, inertia, _ = self._remembered(
             "sum", (*key, _key(acting)), compute
         )
-        taken_s, expected = self._reading(constants, effects, motion)
-        return Forces(
-            source_n, thrust_n, wake_mps, wake_n, inertia, acceleration, taken_s, expected
-        )
+        reading = self._reading(constants, effects, motion)
+        return Forces(source_n, thrust_n, wake_mps, wake_n, inertia, acceleration, *reading)
 
     def _reading(
         self, constants: Constants, effects: Active, motion: Motion
-    ) -> tuple[FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, float]:
         flight = self._flight
         taken_s = flight.sample_s - constants["range.delay_s"]
-        for effect, values in effects:
-            if "hold_s" in values and effect.stage == "sensor":
-                taken_s = taken_s - np.minimum(_repeated_s(flight), values["hold_s"])
+        hold_s = next((v["hold_s"] for e, v in effects if e.name == "sample-and-hold"), 0.0)
+        # A reading that is new was taken at any time since the last one was asked for.
+        taken_s = taken_s - 0.5 * min(hold_s, flight.spacing_s)
         z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
         reading = tuple(_overriding(effects, "range_m"))
         expected = []
@@ -249,7 +252,8 @@ class Physics:
             for effect, values in reading:
                 value = np.asarray(effect.range_m(values, value, at, self._setting))
             expected.append(value)
-        return taken_s, np.stack([expected[0], (expected[1] - expected[0]) / _DZ_M])
+        held = max(0.0, 1.0 - flight.spacing_s / hold_s) if hold_s > 0.0 else 0.0
+        return taken_s, np.stack([expected[0], (expected[1] - expected[0]) / _DZ_M]), held
 
     def _remembered(self, stage: str, key: Hashable, compute: Callable[[], Result]) -> Result:
         kept = self._kept.setdefault(stage, OrderedDict())
@@ -323,13 +327,6 @@ def _accepted(pulse: FloatArray, motor: str, effects: Active, idle_us: float) ->
             now = before[j] = effect.pulse_us(values, now, before[j], motor, idle_us)
         accepted[i] = now
     return accepted
-
-
-def _repeated_s(flight: Flight) -> FloatArray:
-    """How long ago each reading's value was first read, in a row of equal readings (n,)."""
-    new = np.append(True, np.diff(flight.reading_m) != 0.0)
-    first = np.maximum.accumulate(np.where(new, np.arange(len(new)), 0))
-    return np.asarray(flight.sample_s - flight.sample_s[first])
 
 
 def _direction(vx_mps: FloatArray) -> FloatArray:

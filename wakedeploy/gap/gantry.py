@@ -32,6 +32,9 @@ NOISE = (
 )
 _ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
+_WIDEST_SD = 5.0
+_LOUD = {NOISE[0]: 0.0, NOISE[1]: -1.0}
+_CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
 _NO_HORIZON = np.zeros(0, np.int64)
 
 
@@ -78,21 +81,26 @@ class GantryModel:
         """Noise, calibration, then the parameters of the rig's own effects and of the named."""
         return self._layout(hypothesis).free
 
+    def start(self, hypothesis: Hypothesis) -> FloatArray:
+        """Where a first fit begins: neutral, but with loud noise, so that nothing is an outlier."""
+        return np.array([_LOUD.get(f.name, f.neutral) for f in self.free(hypothesis)])
+
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
         """One flight: a score per airborne sample and one per rest on the stop."""
         layout, flight = self._layout(hypothesis), self.flights[episode]
         constants, effects = layout.read(theta)
         forces = self._physics[episode].forces(constants, effects)
         samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
-        counted = flight.counted
-        e, v, density, weight = samples[:, counted]
+        e, v, density, weight = samples[:, flight.counted]
+        density = _with_repeats(density, flight, forces.held_share)
         rest_e, rest_v = _rest(flight, constants)
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
+        repeat_e, repeat_v = _repeats(flight, forces.held_share)
         return Score(
-            np.concatenate([density, rest_density]),
-            np.concatenate([e, rest_e]),
-            np.concatenate([np.maximum(v, 1e-12), rest_v]),
-            np.concatenate([weight, np.ones(len(rest_e))]),
+            np.concatenate([density, rest_density, [0.0]]),
+            np.concatenate([e, rest_e, repeat_e]),
+            np.concatenate([np.maximum(v, 1e-12), rest_v, repeat_v]),
+            np.concatenate([weight, np.ones(len(rest_e) + 1)]),
         )
 
     def forces(self, fitted: Fit, episode: int) -> Forces:
@@ -154,7 +162,7 @@ class GantryModel:
             into_s,
             flight.reading_m,
             forces.expected,
-            _reading_noise(flight, theta, self.rig),
+            _reading_noise(flight, theta, self.rig, forces.held_share),
             OUTLIER,
             horizons,
             remember,
@@ -251,16 +259,19 @@ def _noise(rig: Rig) -> tuple[Free, ...]:
 
 
 def _nuisance(constant: str, value: float, spread: float) -> Free:
-    positive = value > 0.0 or constant.startswith(("rail.", "spool.", "wake."))
-    low = 0.0 if positive else -math.inf
-    return Free(constant, "", value, spread, low, math.inf, 0.2 * spread)
+    low = value - _WIDEST_SD * spread
+    if constant.startswith(("rail.", "spool.", "wake.")):
+        low = max(low, 0.05 * value)
+    return Free(constant, "", value, spread, low, value + _WIDEST_SD * spread, 0.2 * spread, quantity=constant)
 
 
 def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
     neutral = base[p.constant] if p.constant is not None else p.neutral
     starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
     name = f"{effect.name}.{p.name}"
-    return Free(name, p.unit, neutral, 3.0 * p.scale, p.low, p.high, 0.05 * p.scale, starts)
+    step = 0.05 * p.scale
+    quantity = p.constant or ""
+    return Free(name, p.unit, neutral, 3.0 * p.scale, p.low, p.high, step, starts, quantity)
 
 
 def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
@@ -289,10 +300,34 @@ def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, 
     return gain, math.exp(-DT_S / math.exp(theta[2])), math.exp(2.0 * theta[0])
 
 
-def _reading_noise(flight: Flight, theta: FloatArray, rig: Rig) -> FloatArray:
-    """Variance [m²] of each reading (n,)."""
+def _reading_noise(
+    flight: Flight, theta: FloatArray, rig: Rig, held_share: float = 0.0
+) -> FloatArray:
+    """Variance [m²] of each reading (n,); a repeated one says little where readings are held."""
     deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
-    return np.asarray(deviation**2 + rig.range_sensor.resolution_m**2 / 12.0)
+    variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
+    fresh = (1.0 - held_share) * _CHANCE
+    return np.where(flight.repeated, variance * (held_share + fresh) / fresh, variance)
+
+
+def _with_repeats(density: FloatArray, flight: Flight, held_share: float) -> FloatArray:
+    """Log densities where a reading may be the one before, held: a mixture of the two."""
+    if held_share <= 0.0:
+        return density
+    fresh = math.log1p(-held_share) + density
+    held = math.log(held_share / flight.resolution_m)
+    return np.where(flight.repeated[flight.counted], np.logaddexp(fresh, held), fresh)
+
+
+def _repeats(flight: Flight, held_share: float) -> tuple[FloatArray, FloatArray]:
+    """How many repeats there are beyond expectation, and its variance.
+
+    Their likelihood is in the samples' densities; this carries its slope to the fit.
+    """
+    count = len(flight.repeated)
+    expected = held_share + (1.0 - held_share) * _CHANCE
+    excess = float(flight.repeated.mean()) - expected
+    return np.array([excess]), np.array([expected * (1.0 - expected) / count])
 
 
 def _rest(flight: Flight, constants: Constants) -> tuple[FloatArray, FloatArray]:

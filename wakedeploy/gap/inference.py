@@ -23,14 +23,17 @@ _ITERATIONS = 12
 _ENOUGH_NATS = 0.02  # a step that promises less ends a fit
 _SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
-_MOST_CONTENDERS = 7
+_MOST_CONTENDERS = 6
+_ABSURD_NATS = 25.0  # a start that is worse than no effect by more is not worth climbing from
 
 
 @dataclass(frozen=True)
 class Free:
     """A parameter that a fit may move: prior N(neutral, prior_sd²) within [low, high].
 
-    `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior.
+    `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
+    parameters with the same `quantity` are the same thing under two names, as a calibrated constant
+    and the effect that moves it; a larger hypothesis then starts from the smaller one's value.
     """
 
     name: str
@@ -41,6 +44,7 @@ class Free:
     high: float
     step: float
     starts: tuple[float, ...] = (0.0,)
+    quantity: str = ""
 
 
 @dataclass(frozen=True)
@@ -260,7 +264,8 @@ def rank(
 def extended(base: Fit, hypothesis: Hypothesis, free: Sequence[Free]) -> FloatArray:
     """Parameters (p,) for a larger hypothesis: the base's where they are shared, else neutral."""
     known = dict(zip(base.names, base.theta, strict=True))
-    return np.array([known.get(f.name, f.neutral) for f in free])
+    same = {f.quantity: v for f, v in zip(base.free, base.theta, strict=True) if f.quantity}
+    return np.array([known.get(f.name, same.get(f.quantity, f.neutral)) for f in free])
 
 
 def confusion(
@@ -386,11 +391,7 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
     free = model.free(hypothesis)
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     best: Fit | None = None
-    for start in range(max(len(free[i].starts) for i in own)):
-        theta = extended(base, hypothesis, free)
-        for i in own:
-            starts = free[i].starts
-            theta[i] = np.clip(starts[min(start, len(starts) - 1)], free[i].low, free[i].high)
+    for theta in _starts(model, base, hypothesis, free, own):
         slopes = _carried_over(model, base, hypothesis, free, theta, own)
         fitted = fit(model, hypothesis, base.episodes, theta, slopes, own)
         if best is None or fitted.objective > best.objective:
@@ -398,6 +399,22 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
     if best is None:
         raise ValueError(f"{name!r} has no parameters")
     return best
+
+
+def _starts(
+    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
+) -> list[FloatArray]:
+    """The neutral point, and those of the effect's starts that are not absurd."""
+    neutral_point = extended(base, hypothesis, free)
+    starts = [neutral_point]
+    for k in range(max(len(free[i].starts) for i in own)):
+        theta = neutral_point.copy()
+        for i in own:
+            theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
+        here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
+        if here > base.log_likelihood - _ABSURD_NATS:
+            starts.append(theta)
+    return starts
 
 
 def _carried_over(
