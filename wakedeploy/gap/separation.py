@@ -1,0 +1,255 @@
+"""How well flights tell effects apart, before any of them is fitted to anything.
+
+In: a `Model` and its base fit. Out: one information matrix per episode over nuisances and effects,
+from which follow the nats by which each rival of an effect loses, how often an effect will be
+detected and named, and how these grow with more flights.
+
+An effect changes the whitened innovations along its signature; nuisances with their priors explain
+part of every signature (marginalised, as in a Kalman filter); what is left is Gaussian with unit
+variance. Innovations are linear in the size of an effect to the accuracy that planning needs.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Slopes, extended
+
+ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
+_TINY = 1e-10
+_MOST_DEVIATIONS = 2.0
+_SMALLEST_SHARE = 1e-4
+
+
+@dataclass(frozen=True, eq=False)
+class Column:
+    """One direction in which an effect can move the innovations.
+
+    `amount` is how far the parameter was moved, in its unit; `low` and `high` bound what a fit may
+    use of the direction, in multiples of `amount`.
+    """
+
+    effect: str
+    parameter: str
+    unit: str
+    amount: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """Information about nuisances and effects: `gram` (E, q, q) per episode, nuisances first.
+
+    `precision` (p,) of the nuisances' priors; `columns` name the q − p effect directions;
+    `whole` (C, q − p): how much of each direction the effects `names` are when they are the truth
+    at the size that they were evaluated at.
+    """
+
+    names: tuple[str, ...]
+    columns: tuple[Column, ...]
+    precision: FloatArray
+    gram: FloatArray
+    whole: FloatArray
+
+    def information(self, copies: float = 1.0) -> FloatArray:
+        """Marginal information over the effect directions (c, c), of `copies` of all episodes."""
+        total, p = copies * self.gram.sum(0), len(self.precision)
+        nuisance = total[:p, :p] + np.diag(self.precision)
+        scale = 1.0 / np.sqrt(np.maximum(np.diag(nuisance), _TINY))
+        known = nuisance * scale[:, None] * scale[None, :]
+        shared = scale[:, None] * total[:p, p:]
+        explained = shared.T @ np.linalg.lstsq(known, shared, rcond=1e-12)[0]
+        left = total[p:, p:] - explained
+        return np.asarray(0.5 * (left + left.T))
+
+    def only(self, names: Sequence[str]) -> "Evidence":
+        """The same about some of the effects."""
+        kept = [i for i, c in enumerate(self.columns) if c.effect in names]
+        p = len(self.precision)
+        places = [*range(p), *(p + i for i in kept)]
+        rows = [self.names.index(name) for name in names]
+        return Evidence(
+            tuple(names),
+            tuple(self.columns[i] for i in kept),
+            self.precision,
+            self.gram[:, places][:, :, places],
+            self.whole[np.ix_(rows, kept)],
+        )
+
+    def joined(self, other: "Evidence") -> "Evidence":
+        """Both sets of episodes; the same effects and nuisances in both."""
+        gram = np.concatenate([self.gram, other.gram])
+        return Evidence(self.names, self.columns, self.precision, gram, self.whole)
+
+    def repeated(self, times: int) -> "Evidence":
+        """Every episode so many times."""
+        gram = np.concatenate([self.gram] * times)
+        return Evidence(self.names, self.columns, self.precision, gram, self.whole)
+
+    def of(self, name: str) -> list[int]:
+        """The directions of an effect."""
+        return [i for i, c in enumerate(self.columns) if c.effect == name]
+
+
+def gather(
+    model: Model,
+    base: Fit,
+    names: Sequence[str],
+    sizes: Mapping[str, Sequence[float]] | None = None,
+    progress: Callable[[], None] | None = None,
+) -> Evidence:
+    """Evaluate every effect on the episodes of `base`.
+
+    `sizes`: the parameters at which an effect is evaluated; one prior scale (its last start) if
+    it is not there.
+    """
+    columns: list[Column] = []
+    directions: list[list[FloatArray]] = []  # per column, per episode (2n,)
+    for name in names:
+        moved = _directions(model, base, name, None if sizes is None else sizes.get(name))
+        for column, direction in moved:
+            columns.append(column)
+            directions.append(direction)
+        if progress is not None:
+            progress()
+    nuisances = whitened(base.slopes)
+    grams = []
+    for i, nuisance in enumerate(nuisances):
+        own = np.stack([d[i] for d in directions], axis=1)
+        everything = np.hstack([nuisance, own])
+        grams.append(everything.T @ everything)
+    precision = np.array([1.0 / f.prior_sd**2 for f in base.free])
+    whole = np.array([[_share(c, name) for c in columns] for name in names])
+    return Evidence(tuple(names), tuple(columns), precision, np.array(grams), whole)
+
+
+def _share(column: Column, name: str) -> float:
+    """The whole of an effect is its first direction; the others are what a fit may add."""
+    return 1.0 if column.effect == name and column.parameter == "" else 0.0
+
+
+def _directions(
+    model: Model, base: Fit, name: str, size: Sequence[float] | None
+) -> list[tuple[Column, list[FloatArray]]]:
+    """The effect as a whole first, then its parameters one by one where it has several."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    neutral = extended(base, hypothesis, free)
+    there = neutral.copy()
+    for k, i in enumerate(own):
+        start = free[i].starts[min(1, len(free[i].starts) - 1)] if size is None else size[k]
+        there[i] = np.clip(start, free[i].low, free[i].high)
+    origin = changes(model, base, hypothesis, neutral)
+    share, near = _response(model, base, hypothesis, (neutral, there), origin)
+    whole = [(n - o) / share for n, o in zip(near, origin, strict=True)]
+    found = [(_whole_column(name, free, own, neutral, there), whole)]
+    at = neutral + share * (there - neutral)
+    for i in own[1:]:
+        aside = at.copy()
+        has_room = at[i] - free[i].step >= free[i].low
+        aside[i] += -free[i].step if has_room else free[i].step
+        moved = changes(model, base, hypothesis, aside)
+        column = Column(name, free[i].name, free[i].unit, at[i] - aside[i], -np.inf, np.inf)
+        found.append((column, [n - m for n, m in zip(near, moved, strict=True)]))
+    return found
+
+
+def _response(
+    model: Model,
+    base: Fit,
+    hypothesis: tuple[str, ...],
+    ends: tuple[FloatArray, FloatArray],
+    origin: list[FloatArray],
+) -> tuple[float, list[FloatArray]]:
+    """How far from the neutral values to the effect a response was taken, and `changes` there.
+
+    As far as no sample is moved by more than two standard deviations: further on a filter would
+    take good samples for outliers and lose the track, which a fit to data does not.
+    """
+    share = 1.0
+    while True:
+        moved = changes(model, base, hypothesis, ends[0] + share * (ends[1] - ends[0]))
+        furthest = max(
+            float(np.abs((m - o)[: len(m) // 2]).max(initial=0.0))
+            for m, o in zip(moved, origin, strict=True)
+        )
+        if furthest <= _MOST_DEVIATIONS or share < _SMALLEST_SHARE:
+            return share, moved
+        share *= max(0.1, min(0.5, 0.7 * _MOST_DEVIATIONS / furthest))
+
+
+def _whole_column(
+    name: str, free: Sequence[Free], own: Sequence[int], neutral: FloatArray, there: FloatArray
+) -> Column:
+    first = own[0]
+    amount = float(there[first] - neutral[first]) or 1.0
+    bounds = sorted(
+        ((free[first].low - neutral[first]) / amount, (free[first].high - neutral[first]) / amount)
+    )
+    return Column(name, "", free[first].unit, amount, bounds[0], bounds[1])
+
+
+def changes(
+    model: Model, base: Fit, hypothesis: tuple[str, ...], theta: FloatArray
+) -> list[FloatArray]:
+    """Innovations minus the base's, and variances likewise, whitened, (2n,) per episode."""
+    parts = []
+    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
+        there = model.score(hypothesis, theta, episode)
+        root = np.sqrt(score.weight)
+        shift = root * (there.innovation - score.innovation) / np.sqrt(score.variance)
+        stretch = root * (there.variance - score.variance) / (score.variance * 2.0**0.5)
+        parts.append(np.concatenate([shift, stretch]))
+    return parts
+
+
+def whitened(slopes: Slopes) -> list[FloatArray]:
+    """Derivatives by the base's parameters in the units of `changes`, (2n, p) per episode."""
+    parts = []
+    for s, de, dv in zip(slopes.scores, slopes.innovation, slopes.variance, strict=True):
+        root = np.sqrt(s.weight)[:, None]
+        shift = root * de / np.sqrt(s.variance)[:, None]
+        parts.append(np.vstack([shift, root * dv / (s.variance[:, None] * 2.0**0.5)]))
+    return parts
+
+
+def loss_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
+    """Nats that the best version of rival j loses when effect i is the truth, (C, C)."""
+    information = evidence.information(copies)
+    count = len(evidence.names)
+    loss = np.zeros((count, count))
+    for i, truth in enumerate(evidence.whole):
+        for j, rival in enumerate(evidence.names):
+            if i != j:
+                loss[i, j] = _left(information, truth, evidence, rival)
+    return loss
+
+
+def gain_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
+    """Nats that each effect gains on the base when it is the truth, (C,)."""
+    information = evidence.information(copies)
+    return np.array([0.5 * float(w @ information @ w) for w in evidence.whole])
+
+
+def _left(information: FloatArray, truth: FloatArray, evidence: Evidence, rival: str) -> float:
+    own = evidence.of(rival)
+    pull = information[own] @ truth
+    share = fitted_shares(information[np.ix_(own, own)], pull[None, :], evidence, own)[0]
+    explained = share @ pull - 0.5 * share @ information[np.ix_(own, own)] @ share
+    return max(0.0, 0.5 * float(truth @ information @ truth) - float(explained))
+
+
+def fitted_shares(
+    own: FloatArray, pulls: FloatArray, evidence: Evidence, places: Sequence[int]
+) -> FloatArray:
+    """What a fit uses of a rival's directions (n, k), within bounds where there is only one."""
+    if len(places) == 1:
+        column = evidence.columns[places[0]]
+        share = pulls / max(own[0, 0], _TINY)
+        return np.asarray(np.clip(share, column.low, column.high))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(own), _TINY))
+    scaled = own * scale[:, None] * scale[None, :]
+    return np.asarray(np.linalg.lstsq(scaled, (scale * pulls).T, rcond=1e-8)[0].T * scale)
