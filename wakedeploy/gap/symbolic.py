@@ -47,7 +47,9 @@ from wakedeploy.physics.expression import (
 
 SEARCHED = (*TERMS, *(wave_in_time(0.05 * n) for n in range(10, 101)))  # 0.5 to 5 Hz
 MOST_TERMS = 3
-_FITTED = 6  # of all that are tried, so many are fitted in each round
+_NEAR_NATS = 10.0  # terms that promise so much less than the best are not fitted
+_MOST_FITTED = 6
+_WORTH_FITTING = 0.7
 _EQUAL_NATS = 1.0
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
@@ -122,7 +124,7 @@ def search(
     current, chosen = base, list[str]()
     while len(chosen) < most_terms:
         left = [name for name in names if name not in chosen]
-        best = _best(model, current, left, terms, rank_function)
+        best = _best(model, current, left, terms, rank_function, least)
         if best is None or best.gain_nats < least:
             break
         current, chosen = best.fit, [*chosen, best.name]
@@ -173,12 +175,17 @@ def _best(
     names: Sequence[str],
     terms: Mapping[str, ExpressionForce],
     rank_function: Rank,
+    least: float,
 ) -> Candidate | None:
-    """The term that gains most on held-out episodes; a wave with its frequency refined."""
-    order = np.argsort(-promises(model, current, names))[:_FITTED]
-    ranked = rank_function(model, current, [names[i] for i in order])
-    if not ranked:
+    """The term that gains most on held-out episodes, a wave with its frequency refined.
+
+    None where no term promises much of `least` even on the episodes that it is fitted to.
+    """
+    promised = promises(model, current, names)
+    order = [i for i in np.argsort(-promised) if promised[i] > promised.max() - _NEAR_NATS]
+    if not order or promised.max() < _WORTH_FITTING * least:
         return None
+    ranked = rank_function(model, current, [names[i] for i in order[:_MOST_FITTED]])
     best = _simplest(ranked, terms)
     near = neighbours(best.name)
     if near:
