@@ -68,4 +68,5 @@ def markdown_table() -> str:
 
 
 def _parameter_cell(one: Parameter) -> str:
-    return f"`{one.name}` ({one.unit}, {one.scale:g}, {one.low:g}…{one.high:g})"
+    replaced = "" if one.constant is None else f"; rig constant `{one.constant}`"
+    return f"`{one.name}` ({one.unit}, {one.scale:g}, {one.low:g}…{one.high:g}{replaced})"

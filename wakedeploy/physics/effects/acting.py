@@ -12,7 +12,7 @@ from wakedeploy.physics.effects.chain import Chain, setting_of
 from wakedeploy.rig import Rig
 
 TAKEN_OFF = 0.5  # of its weight: the sufferer's thrust at which `Motion.time_s` begins to count
-LEAST_MOTION_MPS = 0.01  # a slower carriage keeps its direction: step counts cannot tell
+LEAST_MOTION_MPS = 0.005  # a slower carriage keeps its direction: step counts cannot tell
 
 
 class DelayLine:
@@ -34,7 +34,7 @@ class ActingEffects:
 
     `charge_s` counts the thrust after spool and before any effect on it; `time_s` counts from when
     that thrust first reaches half the weight; the carriage's direction changes with motions of
-    1 cm/s or more.
+    5 mm/s or more.
     """
 
     def __init__(self, chain: Chain, rig: Rig, dt_s: float) -> None:
