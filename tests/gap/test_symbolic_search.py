@@ -7,7 +7,8 @@ import pytest
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.inference import Free, Score, fit
-from wakedeploy.gap.symbolic import SEARCHED, promises, search, to_effect
+from wakedeploy.gap.promises import promises
+from wakedeploy.gap.symbolic import SEARCHED, search, to_effect
 from wakedeploy.gap.terms import TERMS, neighbours, wave_in_time
 from wakedeploy.physics.effects.base import Motion, Setting
 from wakedeploy.physics.effects.symbolic import symbolic_effect
@@ -144,6 +145,11 @@ def test_a_proxy_that_was_found_first_is_dropped_when_two_others_explain_it():
     assert first.terms == ("source-rate",)
     found = search(model, base, setting=NUMBERS, names=names)
     assert sorted(found.terms) == ["carriage", "speed"]
+
+
+def test_a_parabola_is_one_parabola_and_not_two_bends():
+    _, found = found_in(lambda m: 2.5 * (m.z_m - 0.48) ** 2)
+    assert found.terms == ("height-squared",)
 
 
 def test_a_promise_is_what_a_full_fit_gains():

@@ -5,9 +5,8 @@ chosen one after another by what they gain on episodes that they were not fitted
 together, with those dropped that are no longer needed; as text with units, and as an effect that a
 rig file can hold.
 
-Trying a term takes one finite difference per parameter: how far it would improve the fit follows
-from the slopes, everything else readjusted (a score test; Rao 1948). Only the most promising are
-fitted.
+Only the most promising terms of each round are fitted (`gap.promises`). A term that was found
+early and stood for two others gives its place to a rival, or is dropped.
 """
 
 import math
@@ -15,21 +14,19 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from wakedeploy import rig
 from wakedeploy.gap.inference import (
     Candidate,
     Fit,
     FloatArray,
-    Free,
+    Hypothesis,
     Model,
-    Score,
     extended,
     fit,
     held_out,
     rank,
 )
+from wakedeploy.gap.promises import promises
 from wakedeploy.gap.terms import TERMS, neighbours, wave_in_time
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, ExpressionForce
 from wakedeploy.physics.expression import (
@@ -121,18 +118,14 @@ def search(
     much as the best of so many terms without any truth in them would hardly gain.
     """
     least = math.log(len(names)) + 2.0 if least_nats is None else least_nats
-    current, chosen = base, list[str]()
-    while len(chosen) < most_terms:
-        left = [name for name in names if name not in chosen]
-        best = _best(model, current, left, terms, rank_function, least)
-        if best is None or best.gain_nats < least:
-            break
-        current, chosen = best.fit, [*chosen, best.name]
-    current, chosen = _without_idle(model, current, chosen, least)
-    if not chosen:
+    one = _Search(model, base, rank_function, names, terms, least)
+    while len(one.chosen) < most_terms and one.add():
+        one.exchange()
+    one.drop_idle()
+    if not one.chosen:
         return None
-    gains = held_out(model, current) - held_out(model, base)
-    return _told(current, [terms[name] for name in chosen], setting, gains)
+    gains = held_out(model, one.current) - held_out(model, base)
+    return _told(one.current, [terms[name] for name in one.chosen], setting, gains)
 
 
 def to_effect(
@@ -156,42 +149,84 @@ def to_effect(
     )
 
 
-def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
-    """How many nats each term would gain on the episodes of the fit, by its slopes at zero (T,)."""
-    slopes = base.slopes
-    parts = zip(slopes.scores, slopes.innovation, slopes.variance, strict=True)
-    shared = np.vstack([_white_slopes(*each) for each in parts])
-    prior = np.diag([1.0 / f.prior_sd for f in base.free])
-    held, _ = np.linalg.qr(np.vstack([shared, prior]))
-    held = held[: len(shared)]
-    rest = np.concatenate([_white_rest(score) for score in slopes.scores])
-    rest = rest - held @ (held.T @ rest)
-    return np.array([_promise(model, base, name, held, rest) for name in names])
+class _Search:
+    """Forward selection with exchanges: `chosen` terms, each with its rivals, and their fit."""
 
+    def __init__(
+        self,
+        model: Model,
+        base: Fit,
+        rank_function: Rank,
+        names: Sequence[str],
+        terms: Mapping[str, ExpressionForce],
+        least: float,
+    ) -> None:
+        self._model, self._rank = model, rank_function
+        self._names, self._terms, self._least = names, terms, least
+        self.current = base
+        self.chosen: dict[str, tuple[str, ...]] = {}
 
-def _best(
-    model: Model,
-    current: Fit,
-    names: Sequence[str],
-    terms: Mapping[str, ExpressionForce],
-    rank_function: Rank,
-    least: float,
-) -> Candidate | None:
-    """The term that gains most on held-out episodes, a wave with its frequency refined.
+    def add(self) -> bool:
+        """Take the term that gains most on held-out episodes, if it gains enough.
 
-    None where no term promises much of `least` even on the episodes that it is fitted to.
-    """
-    promised = promises(model, current, names)
-    order = [i for i in np.argsort(-promised) if promised[i] > promised.max() - _NEAR_NATS]
-    if not order or promised.max() < _WORTH_FITTING * least:
-        return None
-    ranked = rank_function(model, current, [names[i] for i in order[:_MOST_FITTED]])
-    best = _simplest(ranked, terms)
-    near = neighbours(best.name)
-    if near:
-        closest = near[int(np.argmax(promises(model, current, near)))]
-        best = max(best, *rank_function(model, current, [closest]), key=lambda c: c.gain_nats)
-    return best
+        A wave has its frequency refined. Where no term promises much of `least` even on the
+        episodes that it is fitted to, none is fitted.
+        """
+        left = [name for name in self._names if name not in self.chosen]
+        promised = promises(self._model, self.current, left)
+        if not left or promised.max() < _WORTH_FITTING * self._least:
+            return False
+        order = sorted(range(len(left)), key=lambda i: -promised[i])[:_MOST_FITTED]
+        near = [left[i] for i in order if promised[i] > promised.max() - _NEAR_NATS]
+        best = self._refined(_simplest(self._rank(self._model, self.current, near), self._terms))
+        if best.gain_nats < self._least:
+            return False
+        self.current = best.fit
+        self.chosen[best.name] = tuple(left[i] for i in order if left[i] != best.name)
+        return True
+
+    def exchange(self) -> None:
+        """Give each earlier term's place to its best rival, where that now gains more."""
+        for name, rivals in list(self.chosen.items())[:-1]:
+            smaller = self._without(name)
+            free = [rival for rival in rivals if rival not in self.chosen]
+            if not free:
+                continue
+            rival = free[int(promises(self._model, smaller, free).argmax())]
+            best = self._rank(self._model, smaller, [rival])[0]
+            present = held_out(self._model, self.current) - held_out(self._model, smaller)
+            if best.gain_nats > float(present.sum()) + _EQUAL_NATS:
+                del self.chosen[name]
+                self.chosen = {rival: rivals, **self.chosen}
+                self.current = best.fit
+
+    def drop_idle(self) -> None:
+        """Drop terms whose absence costs less than `least`, the idlest first."""
+        while len(self.chosen) > 1:
+            density = float(held_out(self._model, self.current).sum())
+            smaller = {name: self._without(name) for name in self.chosen}
+            losses = {
+                name: density - float(held_out(self._model, fitted).sum())
+                for name, fitted in smaller.items()
+            }
+            idle = min(losses, key=lambda name: losses[name])
+            if losses[idle] >= self._least:
+                break
+            self.current = smaller[idle]
+            del self.chosen[idle]
+
+    def _without(self, name: str) -> Fit:
+        hypothesis: Hypothesis = tuple(n for n in self.current.hypothesis if n != name)
+        start = extended(self.current, hypothesis, self._model.free(hypothesis))
+        return fit(self._model, hypothesis, self.current.episodes, start)
+
+    def _refined(self, best: Candidate) -> Candidate:
+        near = neighbours(best.name)
+        if not near:
+            return best
+        closest = near[int(promises(self._model, self.current, near).argmax())]
+        refined = self._rank(self._model, self.current, [closest])[0]
+        return max(best, refined, key=lambda candidate: candidate.gain_nats)
 
 
 def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce]) -> Candidate:
@@ -199,71 +234,6 @@ def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce])
     best = max(c.gain_nats for c in ranked)
     equal = [c for c in ranked if c.gain_nats > best - _EQUAL_NATS]
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))
-
-
-def _without_idle(
-    model: Model, current: Fit, chosen: list[str], least: float
-) -> tuple[Fit, list[str]]:
-    """The fit and its terms, less those whose absence costs less than `least`, the idlest first."""
-    while len(chosen) > 1:
-        densities = held_out(model, current).sum()
-        losses = []
-        for name in chosen:
-            hypothesis = tuple(n for n in current.hypothesis if n != name)
-            start = extended(current, hypothesis, model.free(hypothesis))
-            smaller = fit(model, hypothesis, current.episodes, start)
-            losses.append((float(densities - held_out(model, smaller).sum()), name, smaller))
-        loss, idle, smaller = min(losses, key=lambda entry: entry[0])
-        if loss >= least:
-            break
-        current, chosen = smaller, [n for n in chosen if n != idle]
-    return current, chosen
-
-
-def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatArray) -> float:
-    """Half the squared length of the rest along the term's own directions."""
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    theta = extended(base, hypothesis, free)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    columns = [_direction(model, base, hypothesis, theta, free, i) for i in own]
-    span = np.stack(columns, axis=1)
-    span = span - held @ (held.T @ span)
-    prior = np.diag([1.0 / free[i].prior_sd ** 2 for i in own])
-    pull = span.T @ rest
-    return 0.5 * float(pull @ np.linalg.solve(span.T @ span + prior, pull))
-
-
-def _direction(
-    model: Model,
-    base: Fit,
-    hypothesis: tuple[str, ...],
-    theta: FloatArray,
-    free: Sequence[Free],
-    column: int,
-) -> FloatArray:
-    moved = theta.copy()
-    moved[column] += free[column].step
-    parts = []
-    for episode, score in zip(base.episodes, base.slopes.scores, strict=True):
-        there = model.score(hypothesis, moved, episode)
-        de = (there.innovation - score.innovation) / free[column].step
-        dv = (there.variance - score.variance) / free[column].step
-        parts.append(_white_slopes(score, de[:, None], dv[:, None])[:, 0])
-    return np.concatenate(parts)
-
-
-def _white_slopes(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
-    """Slopes whose products are the Fisher information (2n, p)."""
-    root = np.sqrt(score.weight)[:, None]
-    variance = score.variance[:, None]
-    return np.vstack([-root * de / np.sqrt(variance), root * dv / (variance * math.sqrt(2.0))])
-
-
-def _white_rest(score: Score) -> FloatArray:
-    """What the slopes are multiplied with to give the gradient (2n,)."""
-    squares = np.sqrt(0.5 * score.weight) * (score.innovation**2 / score.variance - 1.0)
-    return np.concatenate([score.white, squares])
 
 
 def _told(
