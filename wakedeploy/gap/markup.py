@@ -91,9 +91,8 @@ nav a { margin-right: 1rem; }
 .account { background: var(--card); border-left: 4px solid var(--accent); border-radius: 6px;
   padding: .7rem 1.1rem; margin: 1rem 0; }
 .account p:first-child { font-size: 1.15rem; font-weight: 600; }
-.tiles { display: grid; grid-template-columns: repeat(auto-fit, minmax(11rem, 1fr)); gap: .7rem;
-  margin: 1rem 0; }
-.tile { background: var(--card); border-radius: 6px; padding: .6rem .8rem; }
+.tiles { display: flex; flex-wrap: wrap; gap: .7rem; margin: 1rem 0; }
+.tile { flex: 1 1 9rem; background: var(--card); border-radius: 6px; padding: .6rem .8rem; }
 .tile b { display: block; font-size: 1.2rem; line-height: 1.3; overflow-wrap: anywhere; }
 .next { border: 1px dashed var(--accent); border-radius: 6px; padding: .5rem 1rem; }
 figure { margin: 1.2rem 0; }
@@ -109,6 +108,7 @@ th { color: var(--soft); font-weight: 600; white-space: nowrap; }
 code { font-family: ui-monospace, Menlo, Consolas, monospace; font-size: .92em;
   overflow-wrap: anywhere; }
 pre { background: var(--card); border-radius: 6px; padding: .7rem 1rem; overflow-x: auto; }
+details { margin-top: 1.2rem; }
 summary { cursor: pointer; color: var(--accent); }
 @media print {
   :root { color-scheme: light; --ink: #000; --soft: #444; --line: #bbb; --ground: #fff;

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 INDISTINCT_NATS = 3.0  # two effects closer than this cannot be told apart
 _WIDTH_IN = 7.5
 _FIRST_ROUND, _LATER_ROUNDS = 30, 10  # effects shown per panel of the ranking
+_DARK_BELOW_NATS = 60.0  # where the heat map's shades are dark
 _MOST_NUMBERED = 12  # names in a confusion matrix whose cells still have room for numbers
 
 Artefact = Mapping[str, Any]
@@ -245,14 +246,14 @@ def _samples(find: Artefact) -> float:
 def _round(axes: "Axes", round_: Artefact, ranking: Sequence[Artefact], found: set[str]) -> None:
     """One round: a dot and an interval per effect, the best at the top."""
     threshold = number(round_.get("threshold_nats"))
-    for row, candidate in enumerate(ranking):
-        gain = number(candidate.get("gain_nats"))
-        low, high = interval(candidate.get("interval"))
-        passes = gain >= threshold
-        chosen = passes and str(candidate.get("name")) in found
-        colour = AFTER if chosen else figures.MEASURED if passes else figures.LIMIT
-        axes.plot([low, high], [row, row], color=colour, linewidth=2.2, alpha=0.45)
-        axes.plot(gain, row, "o", color=colour, markersize=5 if chosen else 3.5, clip_on=False)
+    gains = np.array([number(each.get("gain_nats")) for each in ranking])
+    ends = np.array([interval(each.get("interval")) for each in ranking])
+    passes = gains >= threshold
+    chosen = [ok and str(c.get("name")) in found for ok, c in zip(passes, ranking, strict=True)]
+    colours = np.where(chosen, AFTER, np.where(passes, figures.MEASURED, figures.LIMIT))
+    rows = np.arange(len(ranking))
+    axes.hlines(rows, ends[:, 0], ends[:, 1], colors=list(colours), linewidth=2.2, alpha=0.45)
+    axes.scatter(gains, rows, c=list(colours), s=np.where(chosen, 26, 13), clip_on=False, zorder=3)
     names = [_plain(c.get("name")) for c in ranking]
     axes.set_yticks(range(len(ranking)), names, fontsize=8)
     axes.set_ylim(len(ranking) - 0.4, -0.6)
@@ -299,8 +300,10 @@ def _heat_map(drawn: "Figure", axes: "Axes", loss: FloatArray, names: list[str])
     axes.set_yticks(ticks, names, fontsize=size)
     axes.set(xlabel="explained by", ylabel="true effect")
     axes.grid(False)
-    for row, column in np.argwhere(np.isfinite(loss)):
-        _cell(axes, row, column, float(loss[row, column]), len(names) <= _MOST_NUMBERED)
+    rows, columns = np.nonzero(loss < INDISTINCT_NATS)
+    axes.scatter(columns, rows, marker="x", color="white", s=18, linewidths=1.0)
+    if len(names) <= _MOST_NUMBERED:
+        _number_cells(axes, loss)
     bar = drawn.colorbar(shades, ax=axes, shrink=0.8, pad=0.02)
     bar.ax.axhline(INDISTINCT_NATS, color="white", linewidth=1.6)
     bar.ax.yaxis.set_major_formatter("{x:g}")
@@ -308,13 +311,11 @@ def _heat_map(drawn: "Figure", axes: "Axes", loss: FloatArray, names: list[str])
     axes.set_title(f"× under {INDISTINCT_NATS:g} nats: cannot be told apart", fontsize=9)
 
 
-def _cell(axes: "Axes", row: int, column: int, nats: float, numbered: bool) -> None:
-    indistinct = nats < INDISTINCT_NATS
-    if not indistinct and not numbered:
-        return
-    text = "×" if indistinct else f"{nats:.0f}"
-    axes.text(column, row, text, ha="center", va="center", fontsize=9 if indistinct else 7,
-              color="white" if nats < 60 else "#222222")  # fmt: skip
+def _number_cells(axes: "Axes", loss: FloatArray) -> None:
+    for row, column in np.argwhere(loss >= INDISTINCT_NATS):
+        nats = loss[row, column]
+        ink = "white" if nats < _DARK_BELOW_NATS else "#222222"
+        axes.text(column, row, f"{nats:.0f}", ha="center", va="center", fontsize=7, color=ink)
 
 
 def _level(source: Artefact, key: str, label: str, colour: str) -> dict[str, Any]:

@@ -73,7 +73,7 @@ def labelled(name: object, unit: str) -> str:
 
 
 def _panels(count: int, height_in: float) -> "tuple[Figure, list[Axes]]":
-    columns = min(count, _COLUMNS)
+    columns = 2 if count == 4 else min(count, _COLUMNS)
     rows = math.ceil(count / columns)
     width = _WIDTH_IN if columns > 1 else 0.6 * _WIDTH_IN
     height_in = height_in if columns > 1 else 1.4 * height_in

@@ -82,10 +82,16 @@ def noise_table(noise: Artefact) -> Markup:
 
 
 def detectable_table(name: Artefact) -> Markup:
-    """The smallest size of each effect that these flights would have shown."""
+    """The smallest size of each effect that would have shown: the answer where nothing is missing.
+
+    Under any other verdict it is folded away.
+    """
     rows = [list(row) for row in detectable_sizes(name)]
     inside = table(["effect", "parameter", "off by"], rows)
-    return _titled("What these flights would have shown", inside, bool(rows))
+    title = "What these flights would have shown"
+    if not rows or name.get("verdict") == "none":
+        return _titled(title, inside, bool(rows))
+    return element("details", element("summary", title), inside)
 
 
 def unknown_effect(unknown: Artefact) -> Markup:
