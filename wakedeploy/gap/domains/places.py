@@ -1,0 +1,132 @@
+"""Where a baseline and the measurement disagree: whitened innovations against coordinates.
+
+In: a fitted `ResponseModel`. Out: places with their size and a q value. Signs of whole blocks,
+longer than the noise's correlation, are permuted within the hypothesis that nothing is there
+(Nichols and Holmes, Human Brain Mapping 15, 2002); Benjamini and Hochberg's rule over all bins.
+"""
+
+import itertools
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import chi2
+
+from wakedeploy.gap.domains.coloured import ResponseModel
+from wakedeploy.gap.inference import Fit, FloatArray
+
+BINS = 6
+FLIPS = 999
+LAGS = 10
+SIGNIFICANT = 0.05
+_FEWEST = 12  # samples of a bin
+
+
+@dataclass(frozen=True)
+class Place:
+    """One range of a coordinate; `residual` is the mean disagreement there."""
+
+    channel: str
+    coordinate: str
+    coordinate_unit: str
+    low: float
+    high: float
+    residual: float
+    unit: str
+    q_value: float
+
+
+def find_places(model: ResponseModel, fitted: Fit, seed: int = 0) -> list[Place]:
+    """Places where the mean residual is not zero, most certain and largest first."""
+    found = []
+    for channel, (name, unit) in enumerate(model.channels):
+        residuals, white = _rows(model, fitted, channel)
+        for coordinate, (coordinate_unit, at) in _joined(model, fitted).items():
+            for low, high, inside in _bins(at):
+                p_value = _p_value(
+                    [w[i] for w, i in zip(white, _split(inside, white), strict=True)], seed
+                )
+                size = float(np.concatenate(residuals)[inside].mean())
+                place = Place(name, coordinate, coordinate_unit, low, high, size, unit, p_value)
+                found.append(place)
+    return _controlled(found)
+
+
+def whiteness(model: ResponseModel, fitted: Fit) -> dict[str, Any]:
+    """Ljung and Box's test (Biometrika 65, 1978) of the innovations, channel by channel."""
+    statistic, freedom = 0.0, 0
+    correlations = []
+    for channel in range(len(model.channels)):
+        _, white = _rows(model, fitted, channel)
+        total = sum(float(w @ w) for w in white)
+        count = sum(len(w) for w in white)
+        row = [sum(float(w[k:] @ w[:-k]) for w in white) / total for k in range(1, LAGS + 1)]
+        statistic += count * sum(r * r for r in row)
+        freedom += LAGS
+        correlations.append(row)
+    p_value = float(chi2.sf(statistic, freedom))
+    return {
+        "p_value": p_value,
+        "statistic": statistic,
+        "passes": p_value > SIGNIFICANT,
+        "lags": list(range(1, LAGS + 1)),
+        "autocorrelation": correlations,
+    }
+
+
+def _rows(
+    model: ResponseModel, fitted: Fit, channel: int
+) -> tuple[list[FloatArray], list[FloatArray]]:
+    """Raw residuals and whitened innovations of a channel, one array per episode."""
+    values = model.values(fitted.hypothesis, fitted.theta)
+    residuals, white = [], []
+    for episode, score in zip(fitted.episodes, fitted.slopes.scores, strict=True):
+        record = model.records[episode]
+        n = len(record.time_s)
+        residuals.append(model.disagreement(values, episode)[channel])
+        white.append(score.white[channel * n : (channel + 1) * n])
+    return residuals, white
+
+
+def _joined(model: ResponseModel, fitted: Fit) -> dict[str, tuple[str, FloatArray]]:
+    each = [model.coordinates(e) for e in fitted.episodes]
+    return {
+        name: (unit, np.concatenate([c[name][1] for c in each]))
+        for name, (unit, _) in each[0].items()
+    }
+
+
+def _bins(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
+    """Up to six ranges with as many samples each: lowest, highest and which samples."""
+    edges = np.unique(np.quantile(at, np.linspace(0.0, 1.0, BINS + 1)))
+    result = []
+    for low, high in itertools.pairwise(edges):
+        inside = (at >= low) & ((at < high) | (high == edges[-1]))
+        if inside.sum() >= _FEWEST:
+            result.append((float(low), float(high), inside))
+    return result
+
+
+def _split(inside: FloatArray, rows: list[FloatArray]) -> list[FloatArray]:
+    return np.split(inside, np.cumsum([len(r) for r in rows])[:-1])
+
+
+def _p_value(pieces: list[FloatArray], seed: int) -> float:
+    """How often the sum is as large when each episode's part has a random sign."""
+    sums = np.array([p.sum() for p in pieces if len(p)])
+    signs = np.random.default_rng(seed).choice((-1.0, 1.0), (FLIPS, len(sums)))
+    beaten = np.abs(signs @ sums) >= abs(sums.sum())
+    return float((1 + beaten.sum()) / (1 + FLIPS))
+
+
+def _controlled(places: list[Place]) -> list[Place]:
+    """Those that survive false-discovery control, with q in place of p."""
+    order = sorted(places, key=lambda p: p.q_value)
+    q_values = [p.q_value * len(order) / (k + 1) for k, p in enumerate(order)]
+    q_values = list(np.minimum.accumulate(q_values[::-1])[::-1])
+    kept = [
+        Place(**(vars(p) | {"q_value": float(q)}))
+        for p, q in zip(order, q_values, strict=True)
+        if q < SIGNIFICANT
+    ]
+    return sorted(kept, key=lambda p: (p.q_value, -abs(p.residual)))
