@@ -61,7 +61,7 @@ class SampleAndHold(Effect):
     name = "sample-and-hold"
     physics = "The range sensor repeats a reading for a while, under time stamps that go on."
     stage = "sensor"
-    parameters = (Parameter("hold_s", "s", scale=0.05, low=0.0, high=0.3, starts=(0.5, 1.0, 2.0)),)
+    parameters = (Parameter("hold_s", "s", scale=0.03, low=0.0, high=0.3, starts=(1.0, 2.0, 3.0)),)
     confused_with = ("range-delay",)
     split_by = "fast sines of the height, and readings that are equal to the last digit"
 

@@ -25,7 +25,7 @@ class TransportSpeedExponent(Effect):
     physics = "The wake's speed goes with a power of the thrust that made it."
     stage = "wake"
     parameters = (
-        Parameter("exponent", "1", scale=0.3, low=-1.0, high=1.0, constant="wake.speed_exponent"),
+        Parameter("exponent", "1", scale=0.2, low=-1.0, high=1.0, constant="wake.speed_exponent"),
     )
     confused_with = ("source-thrust-exponent", "transport-speed", "spool-lag-source")
     split_by = "source steps between weak levels and between strong levels"
