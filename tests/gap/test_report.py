@@ -14,7 +14,7 @@ from wakedeploy.gap.markup import element, table
 from wakedeploy.gap.report import PICTURES, write_report
 from wakedeploy.gap.report_maps import strongest_maps
 from wakedeploy.gap.steps import read_steps
-from wakedeploy.gap.telling import measured, percent, probability, quantity, span
+from wakedeploy.gap.telling import confidence, measured, percent, probability, quantity, span
 from wakedeploy.physics.effects import LIBRARY
 
 _PAIR = ["spool-lag-sufferer", "command-latency"]
@@ -47,14 +47,14 @@ def fabricated_map(rng, index, bins=10):
 def white(rng, passes):
     lags = list(range(1, 33))
     correlation = rng.normal(0, 0.015, 32) + (0.0 if passes else 0.5) * 0.8 ** np.arange(32)
-    return {"p_value": 0.4 if passes else 1e-9, "statistic": 31.0, "passes": passes,
-            "lags": lags, "autocorrelation": list(correlation)}  # fmt: skip
+    statistic, p = (31.0, 0.4) if passes else (800.0, 1e-9)
+    return {"p_value": p, "statistic": statistic, "limit": 34.0, "passes": passes, "lags": lags, "autocorrelation": list(correlation)}  # fmt: skip
 
 
 def spectrum(rng, coloured):
     hz = np.linspace(0.0, 16.0, 129)
-    density = (1 / 16) * (1 + coloured * 6 / (1 + hz**2)) * rng.gamma(12, 1 / 12, 129)
-    return {"frequency_hz": list(hz), "density": list(density), "low": 0.03, "high": 0.1}
+    density = (1 + coloured * 6 / (1 + hz**2)) * rng.gamma(12, 1 / 12, 129)
+    return {"frequency_hz": list(hz), "density": list(density), "low": 0.5, "high": 1.67}
 
 
 def find_artefact(rng, maps=12):
@@ -118,7 +118,8 @@ def name_artefact(rng, verdict):
         "split_by": "thrust steps at two separations" if verdict == "class" else "",
         "sentence": "In short.", "rounds": rounds,
         "confusion": {"names": NAMES, "loss_nats": loss.tolist()},
-        "detectable": {n: {"parameter": "size", "size": 0.012, "unit": "s"} for n in NAMES},
+        "detectable": {n: {"parameter": "size", "size": 0.012, "unit": "s"} for n in NAMES}
+        | {"lost-steps": {"parameter": "lost_per_m", "size": None, "unit": "1"}},
         "unknown": {"coordinates": ["height", "source command"], "gain_nats": 88.0,
                     "expression": "0.31 * exp(-z / 0.2) * u_source"}
         if verdict == "unknown" else None,
@@ -254,11 +255,13 @@ def test_the_page_tells_verdict_value_and_share_closed(full):
     assert "Next step" not in text
 
 
-@pytest.mark.parametrize(("upto", "step"), [("find", "name"), ("name", "add"), ("add", "show")])
-def test_an_unfinished_folder_says_which_step_comes_next(tmp_path, upto, step):
-    fabricate(tmp_path, maps=1, upto=upto)
+def test_an_unfinished_folder_says_which_step_comes_next(tmp_path):
+    fabricate(tmp_path, maps=1, upto="find")
     text = "".join(read_page(write_report(tmp_path)).text)
-    assert f"Next step: wakedeploy gap {step}" in text
+    assert "Next step: wakedeploy gap name" in text
+    for upto, step in (("name", "add"), ("add", "show"), ("show", None)):
+        fabricate(tmp_path, upto=upto)
+        assert read_steps(tmp_path).missing == step
 
 
 def test_an_empty_folder_begins_with_find(tmp_path):
@@ -375,7 +378,8 @@ def test_numbers_carry_the_digits_that_their_interval_allows():
     assert quantity(13.0, "us") == "13.0 µs"
     assert span(2.0, 3.5, "N") == "from 2.00 to 3.50 N"
     assert quantity(float("inf"), "N") == "–"
-    assert (percent(0.999), percent(None), percent(-0.2)) == ("over 99 %", "–", "−20 %")
+    assert (percent(0.96), percent(None), percent(-0.2)) == ("96 %", "–", "−20 %")
+    assert (confidence(1.0), confidence(0.5), confidence(0.0)) == ("over 99 %", "50 %", "under 1 %")
     assert (probability("q", 0.0001), probability("p", 0.25)) == ("q < 0.001", "p = 0.25")
 
 

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from wakedeploy.gap.telling import (
+    confidence,
     counted,
     entries,
     interval,
@@ -87,7 +88,7 @@ def _values(result: Mapping[str, Any]) -> list[str]:
         values = [f"{spoken(each)} {value}" for each, value in parameters_of(effect)]
         sure = number(effect.get("confidence"))
         if name not in members and not math.isnan(sure):
-            values.append(f"{percent(sure)} sure")
+            values.append(f"{confidence(sure)} sure")
         start = f"If it is {name}" if name in members else name
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{start}: {', '.join(values) or 'without parameters'}.{physics}")
@@ -215,12 +216,14 @@ def _retraining(result: Mapping[str, Any]) -> list[str]:
 def _detectable(result: Mapping[str, Any]) -> list[str]:
     """What would have been seen, had it been there."""
     sizes = detectable_sizes(result)
+    hidden = undetectable(result)
+    blind = [f"No plausible size of these would have shown: {listed(hidden)}."] if hidden else []
     if not sizes:
-        return []
+        return blind
     shown = [f"{name}, {parameter} off by {size}" for name, parameter, size in sizes[:_MOST]]
     more = len(sizes) - len(shown)
     tail = f"; {more} more in the report" if more > 0 else ""
-    return [f"What these flights would have shown: {'; '.join(shown)}{tail}."]
+    return [f"What these flights would have shown: {'; '.join(shown)}{tail}.", *blind]
 
 
 def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
@@ -233,6 +236,15 @@ def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
         )
         for name, size in mapping(result.get("detectable")).items()
         if isinstance(size, Mapping) and not math.isnan(number(size.get("size")))
+    ]
+
+
+def undetectable(result: Mapping[str, Any]) -> list[str]:
+    """Effects that would not have been found at any size within their bounds."""
+    return [
+        str(name)
+        for name, size in mapping(result.get("detectable")).items()
+        if isinstance(size, Mapping) and math.isnan(number(size.get("size")))
     ]
 
 
@@ -250,6 +262,14 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
             "What is left is not noise alone yet: " + probability("p", white.get("p_value"))
         )
     return told
+
+
+def whiteness_words(white: Mapping[str, Any]) -> str:
+    """The statistic beside what noise alone hardly exceeds; the p value where no limit is known."""
+    if math.isnan(number(white.get("limit"))):
+        return probability("p", white.get("p_value"))
+    statistic, limit = (quantity(white.get(key), "") for key in ("statistic", "limit"))
+    return f"statistic {statistic}, of noise alone at most {limit}"
 
 
 def _flights(result: Mapping[str, Any]) -> int:

@@ -200,7 +200,7 @@ def _spectrum(axes: "Axes", spectra: Sequence[tuple[Artefact, str, str]], found:
             drawable = (hz > 0.0) & (density > 0.0)
             axes.loglog(hz[drawable], density[drawable], color=colour, label=label)
             _band(axes, hz, spectrum if spectrum.get("low") is not None else found)
-    axes.set(xlabel="frequency [Hz]", ylabel="power density of innovations [1/Hz]")
+    axes.set(xlabel="frequency [Hz]", ylabel="power density (white noise = 1)")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     for axis in (axes.xaxis, axes.yaxis):
         axis.set_major_formatter("{x:g}")

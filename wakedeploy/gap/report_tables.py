@@ -12,11 +12,14 @@ from wakedeploy.gap.account import (
     detectable_sizes,
     gap_value,
     place_words,
+    undetectable,
     unit_of,
+    whiteness_words,
 )
 from wakedeploy.gap.markup import Markup, element, table, together
 from wakedeploy.gap.telling import (
     UNKNOWN,
+    confidence,
     entries,
     interval,
     listed,
@@ -69,7 +72,7 @@ def ranked(round_: Artefact) -> list[Artefact]:
 def _ranked(candidate: Artefact) -> list[str]:
     values = ", ".join(f"{name} = {value}" for name, value in parameters_of(candidate))
     gain = measured(candidate.get("gain_nats"), *interval(candidate.get("interval")), "")
-    return [str(candidate.get("name")), gain, percent(candidate.get("confidence")), values]
+    return [str(candidate.get("name")), gain, confidence(candidate.get("confidence")), values]
 
 
 def noise_table(noise: Artefact) -> Markup:
@@ -87,6 +90,7 @@ def detectable_table(name: Artefact) -> Markup:
     Under any other verdict it is folded away.
     """
     rows = [list(row) for row in detectable_sizes(name)]
+    rows += [[hidden, UNKNOWN, "no plausible size"] for hidden in undetectable(name)]
     inside = table(["effect", "parameter", "off by"], rows)
     title = "What these flights would have shown"
     if not rows or name.get("verdict") == "none":
@@ -135,9 +139,8 @@ def whiteness(white: Artefact, of: str) -> Markup:
     """One sentence: whether what is left looks like noise."""
     if white.get("passes") is None:
         return Markup()
-    p = probability("p", white.get("p_value"))
     left = "nothing but noise is left" if white["passes"] else "more than noise is left"
-    return element("p", f"For {of}, {left} in the innovations ({p}).")
+    return element("p", f"For {of}, {left} in the innovations ({whiteness_words(white)}).")
 
 
 def log_table(logs: Sequence[Artefact], sealed: Sequence[str]) -> Markup:

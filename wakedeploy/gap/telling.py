@@ -105,13 +105,17 @@ def span(low: Any, high: Any, unit: str) -> str:
 
 
 def percent(share: Any) -> str:
-    """A share as a percentage; what would round to 100 and is not says so."""
+    """A share as a percentage."""
     known = number(share)
-    if math.isnan(known):
-        return UNKNOWN
-    if 0.995 <= known < 1.0:
+    return UNKNOWN if math.isnan(known) else f"{_minus(f'{100 * known:.0f}')} %"
+
+
+def confidence(share: Any) -> str:
+    """A probability as a percentage that is never quite 0 or 100."""
+    known = number(share)
+    if known >= 0.995:
         return "over 99 %"
-    return f"{_minus(f'{100 * known:.0f}')} %"
+    return "under 1 %" if known < 0.005 else percent(share)
 
 
 def probability(symbol: str, value: Any) -> str:
