@@ -48,7 +48,10 @@ def white(rng, passes):
     lags = list(range(1, 33))
     correlation = rng.normal(0, 0.015, 32) + (0.0 if passes else 0.5) * 0.8 ** np.arange(32)
     statistic, p = (31.0, 0.4) if passes else (800.0, 1e-9)
-    return {"p_value": p, "statistic": statistic, "limit": 34.0, "passes": passes, "lags": lags, "autocorrelation": list(correlation)}  # fmt: skip
+    return {
+        "p_value": p, "statistic": statistic, "limit": 34.0, "passes": passes, "lags": lags,
+        "autocorrelation": list(correlation),
+    }  # fmt: skip
 
 
 def spectrum(rng, coloured):
