@@ -45,16 +45,18 @@ def init(path: Path, force: bool) -> None:
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path), required=False)
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 def show(path: Path | None, json_path: Path | None) -> None:
-    """Check the rig file PATH and print its constants; without PATH, the default rig's.
+    """Check the rig file PATH and print constants and effects; without PATH, the default rig's.
 
     \b
     Example:
         wakedeploy rig show rig.toml
     """
+    from wakedeploy.physics.effects.chain import Chain
     from wakedeploy.rig import default_rig, read_rig
 
     rig = read_rig(path) if path else default_rig()
     constants = _flat(rig.model_dump(mode="json", by_alias=True))
+    constants |= {name: f"{value:g}" for name, value in Chain.of(rig).values.items()}
     rows = [[name, value, _spread(rig, name)] for name, value in constants.items()]
     print_table(f"{path or 'default rig'}", ["constant", "value", "spread"], rows)
     click.echo(f"Lead that fits this rig: {rig.default_lead_s:g} s.")
