@@ -42,7 +42,7 @@ class Numbers(NamedTuple):
     source_down_s: float = 0.10
     sufferer_up_s: float = 0.06
     sufferer_down_s: float = 0.10
-    electrical_share: float = 0.1
+    electrical_share: float = 0.02
     # Rail: Stribeck's curve from `stiction_n` at rest down to `coulomb_n`.
     coulomb_n: float = 0.05
     stiction_n: float = 0.08
