@@ -172,3 +172,15 @@ def test_a_rig_without_an_exponent_keeps_its_text() -> None:
     assert "speed_exponent" not in RIG.text
     changed = RIG.changed(wake={"speed_exponent": 0.3})
     assert parse_rig(changed.text) == changed
+
+
+def test_an_expression_from_a_rig_file_pushes_the_sufferer() -> None:
+    entry = (
+        '[[effect]]\nname = "symbolic-force"\nexpression = "a - b * vz_mps"\n'
+        'parameters = { a = { value = 0.3, unit = "N" }, b = { value = 0.5, unit = "N s/m" } }'
+    )
+    rig = parse_rig(NO_WAKE.without("spool").text + "\n" + entry)
+    run = flown(GantryPlant(rig, seed=0), 1.0)
+    expected_mps = 0.3 / 0.5 * (1.0 - np.exp(-0.5 / 0.45))
+    assert run["vz_mps"][-1] == pytest.approx(expected_mps, rel=0.01)
+    assert believed(rig).effect == rig.effect
