@@ -7,6 +7,7 @@ from pathlib import Path
 import matplotlib.image
 import numpy as np
 import pytest
+from fabricated_artefacts import NAMES, fabricate, fabricated_map
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.account import account, closed_share
@@ -15,173 +16,8 @@ from wakedeploy.gap.report import PICTURES, write_report
 from wakedeploy.gap.report_maps import strongest_maps
 from wakedeploy.gap.steps import read_steps
 from wakedeploy.gap.telling import confidence, measured, percent, probability, quantity, span
-from wakedeploy.physics.effects import LIBRARY
 
-_PAIR = ["spool-lag-sufferer", "command-latency"]
-NAMES = [*_PAIR, *(name for name in LIBRARY if name not in _PAIR)][:28]
-COORDINATES = {
-    "source command": ("N", True), "source command slope": ("N/s", True),
-    "carriage position": ("m", True), "carriage speed": ("m/s", True), "time": ("s", True),
-    "reference": ("m", True), "height": ("m", False), "speed": ("m/s", False),
-    "own command": ("N", False), "own command slope": ("N/s", False), "separation": ("m", False),
-    "forecast wake": ("N", False),
-}  # fmt: skip
 VOID = {"img", "meta"}
-
-
-def fabricated_map(rng, index, bins=10):
-    coordinate = list(COORDINATES)[index % len(COORDINATES)]
-    unit, exogenous = COORDINATES[coordinate]
-    mean = (0.3 / (index + 1)) * np.sin(np.linspace(0, 4, bins)) + rng.normal(0, 0.01, bins)
-    half = rng.uniform(0.02, 0.05, bins)
-    return {
-        "channel": ("force", "control effort", "height 0.25 s ahead")[index % 3],
-        "coordinate": coordinate, "exogenous": exogenous,
-        "unit": "m" if index % 3 == 2 else "N", "coordinate_unit": unit,
-        "edges": list(np.sort(rng.uniform(-1, 1, bins + 1))), "mean": list(mean),
-        "low": list(mean - half), "high": list(mean + half), "count": [64] * bins,
-        "q_value": min(1.0, 0.001 * 3.0**index),
-    }  # fmt: skip
-
-
-def white(rng, passes):
-    lags = list(range(1, 33))
-    correlation = rng.normal(0, 0.015, 32) + (0.0 if passes else 0.5) * 0.8 ** np.arange(32)
-    statistic, p = (31.0, 0.4) if passes else (800.0, 1e-9)
-    return {
-        "p_value": p, "statistic": statistic, "limit": 34.0, "passes": passes, "lags": lags,
-        "autocorrelation": list(correlation),
-    }  # fmt: skip
-
-
-def spectrum(rng, coloured):
-    hz = np.linspace(0.0, 16.0, 129)
-    density = (1 + coloured * 6 / (1 + hz**2)) * rng.gamma(12, 1 / 12, 129)
-    return {"frequency_hz": list(hz), "density": list(density), "low": 0.5, "high": 1.67}
-
-
-def find_artefact(rng, maps=12):
-    places = [
-        {"channel": "force", "coordinate": "height", "exogenous": False, "low": 0.0, "high": 0.25,
-         "residual": 0.41, "unit": "N", "coordinate_unit": "m", "q_value": 0.001,
-         "words": "below 0.25 m: force +0.41 N"},
-        {"channel": "control effort", "coordinate": "source command", "exogenous": True,
-         "low": 2.0, "high": 3.5, "residual": -0.12, "unit": "N", "coordinate_unit": "N",
-         "q_value": 0.004},
-    ]  # fmt: skip
-    flights = [f"flight{i}" for i in range(7)]
-    return {
-        "rig_sha256": "ab" * 32,
-        "logs": [
-            {"path": f"logs/{name}.mcap", "sha256": "cd" * 32, "seconds": 20.0, "samples": 640,
-             "notes": ["2 outliers"] if name == "flight3" else []}
-            for name in flights
-        ],
-        "split": {"fit": flights[:5], "sealed": flights[5:]},
-        "white": white(rng, False), "places": places if maps else [],
-        "maps": [fabricated_map(rng, i) for i in range(maps)],
-        "spectrum": spectrum(rng, 1.0),
-        "replay": [{"horizon_s": h, "rmse_m": 0.03 * h**1.5, "expected_m": 0.016 * h**1.5}
-                   for h in (0.25, 0.5, 1.0)],
-        "noise_floor": {"force": {"value": 0.08, "unit": "N"}},
-        "sentence": "They disagree in 2 places.",
-    }  # fmt: skip
-
-
-def parameters(value=0.052):
-    return {"up_s": {"value": value, "low": 0.9 * value, "high": 1.13 * value,
-                              "unit": "s"}}  # fmt: skip
-
-
-def ranking(rng, best, count=28):
-    gains = np.r_[best, 0.4 * best, rng.normal(-2, 4, count - 2)]
-    return [
-        {"name": name, "gain_nats": gain, "interval": [gain - 0.2 * abs(gain) - 2, gain + 6],
-         "confidence": 0.97 if gain == best else 0.02, "parameters": parameters()}
-        for name, gain in zip(NAMES, gains, strict=False)
-    ]  # fmt: skip
-
-
-def name_artefact(rng, verdict):
-    rounds = [
-        {"given": [], "threshold_nats": 9.3, "ranking": ranking(rng, 412.0)},
-        {"given": NAMES[:1], "threshold_nats": 8.1, "ranking": ranking(rng, 5.0)},
-    ]
-    if verdict == "none":
-        rounds = [
-            {"given": [], "threshold_nats": 9.3, "ranking": ranking(rng, 4.0)},
-            {"given": [], "threshold_nats": None, "ranking": []},
-        ]
-    loss = 10.0 ** rng.uniform(-1, 3, (28, 28))
-    effect = {"name": NAMES[0], "confidence": 0.9984, "parameters": parameters()}
-    return {
-        "verdict": verdict,
-        "effects": [effect] if verdict in ("named", "class") else [],
-        "class": NAMES[:2] if verdict == "class" else [],
-        "split_by": "thrust steps at two separations" if verdict == "class" else "",
-        "sentence": "In short.", "rounds": rounds,
-        "confusion": {"names": NAMES, "loss_nats": loss.tolist()},
-        "detectable": {n: {"parameter": "size", "size": 0.012, "unit": "s"} for n in NAMES}
-        | {"lost-steps": {"parameter": "lost_per_m", "size": None, "unit": "1"}},
-        "unknown": {"coordinates": ["height", "source command"], "gain_nats": 88.0,
-                    "expression": "0.31 * exp(-z / 0.2) * u_source"}
-        if verdict == "unknown" else None,
-        "white": white(rng, verdict != "unknown"),
-        "noise": {"range noise": {"value": 0.004, "unit": "m"}}, "seconds": 31.0,
-    }  # fmt: skip
-
-
-def add_artefact():
-    effects = [{"name": NAMES[0], "parameters": parameters()}]
-    return {"rig": "rig.toml", "old_sha256": "ab" * 32, "new_sha256": "ef" * 32,
-            "effects": effects}  # fmt: skip
-
-
-def show_artefact(rng):
-    t_s = np.arange(0, 10, 1 / 32)
-    height = 0.5 + 0.1 * np.sin(t_s)
-    gap = {
-        "height 0.25 s ahead": (0.0213, 0.0124, 0.0119, "m"), "force": (0.31, 0.11, 0.1, "N"),
-        "control effort": (0.22, 0.09, 0.08, "N"),
-    }  # fmt: skip
-    return {
-        "sealed": ["flight5", "flight6"], "cross_validated": False,
-        "gap": {
-            name: {"before": b, "after": a, "noise_floor": f, "unit": unit,
-                   "before_interval": [0.9 * b, 1.1 * b], "after_interval": [0.93 * a, 1.07 * a],
-                   "closed": (b**2 - a**2) / (b**2 - f**2)}
-            for name, (b, a, f, unit) in gap.items()
-        },
-        "places": [
-            {"coordinate": name, "edges": list(np.linspace(0, 1, 9)), "unit": "m",
-             "before": list(rng.uniform(0.015, 0.03, 8)),
-             "after": list(rng.uniform(0.01, 0.014, 8))}
-            for name in COORDINATES
-        ],
-        "placebo": {"name": "range-drift", "before": 0.0213, "after": 0.0212, "unit": "m",
-                    "gain_nats": -1.2, "helps": False},
-        "white": {"before": white(rng, False), "after": white(rng, True)},
-        "spectrum": {"before": spectrum(rng, 1.0), "after": spectrum(rng, 0.0)},
-        "traces": {"t_s": list(t_s), "measured_m": list(height),
-                   "before_m": list(height + 0.02 * np.sin(3 * t_s)),
-                   "after_m": list(height + rng.normal(0, 0.005, len(t_s)))},
-        "retrain": {"unit": "N", "old_rmse": 0.21, "new_rmse": 0.13},
-    }  # fmt: skip
-
-
-def fabricate(out: Path, verdict="named", maps=12, upto="result"):
-    rng = np.random.default_rng(3)
-    name = name_artefact(rng, verdict)
-    artefacts = {"find": find_artefact(rng, maps), "name": name}
-    if verdict != "none":
-        artefacts |= {"add": add_artefact(), "show": show_artefact(rng)}
-    artefacts["result"] = {k: name[k] for k in ("verdict", "effects", "class")} | {"plan": {}}
-    out.mkdir(parents=True, exist_ok=True)
-    for step, content in artefacts.items():
-        (out / f"{step}.json").write_text(json.dumps(content), encoding="utf-8")
-        if step == upto:
-            break
-    return artefacts
 
 
 class Reader(HTMLParser):
@@ -328,7 +164,10 @@ def test_a_broken_artefact_is_named(tmp_path):
             "class",
             ["either spool-lag-sufferer or command-latency", "thrust steps at two separations"],
         ),
-        ("unknown", ["no known effect explains it", "height and source command", "exp(-z / 0.2)"]),
+        (
+            "unknown",
+            ["no known effect explains it", "height and source command", "0.31 N exp(-z / 0.2 m)"],
+        ),
         (
             "none",
             [
@@ -356,6 +195,23 @@ def test_the_account_says_how_little_it_rests_on():
                     "cross_validated": True})  # fmt: skip
     assert "too few flights to seal" in told
     assert "a hint, not a finding" in told
+
+
+def test_a_plan_takes_the_place_of_what_the_library_says_splits():
+    result = {"verdict": "class", "class": NAMES[:3], "split_by": "a sensor"}
+    assert "What would tell them apart: a sensor." in account(result)
+    planned = account(result | {"plan": {"sentence": "Fly steps."}})
+    assert "Fly steps." in planned
+    assert "a sensor" not in planned
+
+
+def test_an_expression_is_shown_with_its_coefficients(tmp_path):
+    fabricate(tmp_path, "unknown", maps=2)
+    for unneeded in ("find", "show"):
+        (tmp_path / f"{unneeded}.json").unlink()
+    text = " ".join(read_page(write_report(tmp_path)).text)
+    assert "a * exp(-z_m / 0.2)" in text
+    assert "0.31 N (0.20 to 0.40)" in text
 
 
 def test_a_placebo_that_helps_is_a_warning():

@@ -96,10 +96,12 @@ def _values(result: Mapping[str, Any]) -> list[str]:
 
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
-    split_by = result.get("split_by") or mapping(result.get("plan")).get("sentence")
-    if not split_by:
-        return ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
-    return [f"What would tell them apart: {str(split_by).rstrip('.')}."]
+    planned = mapping(result.get("plan")).get("sentence")
+    if planned:
+        return [str(planned)]
+    told = ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
+    split_by = str(result.get("split_by") or "").rstrip(".")
+    return [f"What would tell them apart: {split_by}.", *told] if split_by else told
 
 
 def _rest(unknown: Mapping[str, Any]) -> list[str]:
@@ -108,10 +110,11 @@ def _rest(unknown: Mapping[str, Any]) -> list[str]:
     coordinates = texts(unknown.get("coordinates"))
     if coordinates:
         told.append(f"What is left depends on {listed(coordinates)}.")
-    if unknown.get("expression"):
+    expression = unknown.get("text") or unknown.get("expression")
+    if expression:
         gain = number(unknown.get("gain_nats"))
         gains = "" if math.isnan(gain) else f", which explains {gain:.0f} nats of it"
-        told.append(f"As an expression{gains}: {unknown['expression']}")
+        told.append(f"As an expression{gains}: {expression}")
     return told
 
 

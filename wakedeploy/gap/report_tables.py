@@ -106,8 +106,10 @@ def unknown_effect(unknown: Artefact) -> Markup:
     coordinates = texts(unknown.get("coordinates"))
     if coordinates:
         parts.append(element("p", f"What is left depends on {listed(coordinates)}."))
-    if unknown.get("expression"):
-        parts.append(element("pre", element("code", str(unknown["expression"]))))
+    lines = [str(unknown[key]) for key in ("text", "expression") if unknown.get(key)]
+    if lines:
+        parts.append(element("pre", element("code", "\n".join(lines))))
+    parts.append(table(["coefficient", "value (90 % interval)"], parameters_of(unknown)))
     return together(element("h3", "An effect without a name"), *parts)
 
 
