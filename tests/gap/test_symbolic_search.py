@@ -180,9 +180,34 @@ def test_the_rig_file_s_force_is_the_one_that_was_fitted():
     assert isinstance(default_rig(), Rig)
 
 
-def test_an_expression_from_an_artefact_is_read_not_run():
-    with pytest.raises(UnusableInput, match="is not arithmetic"):
-        to_effect({"expression": "c1*exit[0]", "parameters": {"c1": {"value": 1, "unit": "N"}}})
+def unknown(expression, **values):
+    parameters = {name: {"value": value, "unit": "N"} for name, value in values.items()}
+    return {"expression": expression, "parameters": parameters}
+
+
+@pytest.mark.parametrize(
+    ("result", "told"),
+    [
+        (unknown("c1*exit[0]", c1=1.0), "is not arithmetic"),
+        (unknown("c1*z_m + c2", c1=1.0), "'c2' is not known"),
+        ({"expression": "z_m"}, "cannot be read"),
+        ({"expression": "c*z_m", "parameters": {"c": {"value": "much"}}}, "cannot be read"),
+        ({"expression": "c*z_m", "parameters": {"c": 3}}, "cannot be read"),
+    ],
+)
+def test_an_expression_from_an_artefact_is_read_not_run(result, told):
+    with pytest.raises(UnusableInput, match=told):
+        to_effect(result)
+
+
+def test_a_second_expression_is_added_to_the_first():
+    first = to_effect(unknown("c1*z_m - c2", c1=1.0, c2=0.25))
+    both = to_effect(unknown("c1*x_m - c2*vx_mps", c1=3.0, c2=4.0), onto=first)
+    assert both.expression == "c1*z_m - c2 + (c3*x_m - c4*vx_mps)"
+    assert [p.value for p in both.parameters.values()] == [1.0, 0.25, 3.0, 4.0]
+    values = {name: p.value for name, p in both.parameters.items()}
+    m = Motion(z_m=0.5, x_m=0.1, vx_mps=0.2)
+    assert symbolic_effect(both).force_n(values, m, SETTING) == pytest.approx(-0.25)
 
 
 def test_the_dictionary_has_terms_of_about_the_same_size_that_are_not_each_other():

@@ -9,12 +9,14 @@ Only the most promising terms of each round are fitted (`gap.promises`). A term 
 early and stood for two others gives its place to a rival, or is dropped.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from wakedeploy import rig
+from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.gap.inference import (
     Candidate,
     Fit,
@@ -38,6 +40,7 @@ from wakedeploy.physics.expression import (
     Name,
     Negative,
     Node,
+    expression_of,
     nodes,
     parse,
 )
@@ -132,21 +135,42 @@ def to_effect(
     symbolic: Symbolic | Mapping[str, Any],
     data_sha256: str | None = None,
     date: str | None = None,
+    onto: rig.Effect | None = None,
 ) -> rig.Effect:
     """The expression as a rig file's effect; from `name.json`'s "unknown" as well.
 
-    Raises UnusableInput for an expression that is none, KeyError where parts of it are missing.
+    `onto` is the symbolic force that the rig has already; both are summed. Raises UnusableInput for
+    what is no expression in the variables and its own parameters.
     """
     known = symbolic.as_json() if isinstance(symbolic, Symbolic) else symbolic
-    parse(known["expression"], (*known["parameters"], *VARIABLES))
-    parameters = {name: rig.EffectParameter(**p) for name, p in known["parameters"].items()}
+    try:
+        stated = {n: rig.EffectParameter(**p) for n, p in known["parameters"].items()}
+        expression = expression_of(str(known["expression"]), stated)
+    except (KeyError, TypeError, ValueError) as error:
+        raise UnusableInput(
+            f"The result's unknown force cannot be read ({one_line(error)}); name it again."
+        ) from error
+    if onto is not None and onto.expression is not None:
+        expression, stated = _summed(onto, onto.expression, expression, stated)
     return rig.Effect(
         name=SYMBOLIC,
-        expression=known["expression"],
-        parameters=parameters,
+        expression=expression.text,
+        parameters=stated,
         data_sha256=data_sha256,
         date=date,
     )
+
+
+def _summed(
+    old: rig.Effect, text: str, new: Expression, stated: Mapping[str, rig.EffectParameter]
+) -> tuple[Expression, dict[str, rig.EffectParameter]]:
+    """Two forces as one, the new one's parameters under names that are still free."""
+    before = expression_of(text, old.parameters)
+    free = (name for n in itertools.count(1) if (name := f"c{n}") not in old.parameters)
+    names = dict(zip(stated, free))  # noqa: B905 - the second never ends
+    renamed = new.replaced({name: parse(to, (to,)) for name, to in names.items()})
+    parameters = dict(old.parameters) | {names[name]: p for name, p in stated.items()}
+    return expression_of(f"{before.text} + ({renamed.text})", parameters), parameters
 
 
 class _Search:
@@ -165,6 +189,7 @@ class _Search:
         self._names, self._terms, self._least = names, terms, least
         self.current = base
         self.chosen: dict[str, tuple[str, ...]] = {}
+        self._fits: dict[Hypothesis, Fit] = {base.hypothesis: base}
 
     def add(self) -> bool:
         """Take the term that gains most on held-out episodes, if it gains enough.
@@ -181,7 +206,7 @@ class _Search:
         best = self._refined(_simplest(self._rank(self._model, self.current, near), self._terms))
         if best.gain_nats < self._least:
             return False
-        self.current = best.fit
+        self.current = self._fits[best.fit.hypothesis] = best.fit
         self.chosen[best.name] = tuple(left[i] for i in order if left[i] != best.name)
         return True
 
@@ -217,8 +242,10 @@ class _Search:
 
     def _without(self, name: str) -> Fit:
         hypothesis: Hypothesis = tuple(n for n in self.current.hypothesis if n != name)
-        start = extended(self.current, hypothesis, self._model.free(hypothesis))
-        return fit(self._model, hypothesis, self.current.episodes, start)
+        if hypothesis not in self._fits:
+            start = extended(self.current, hypothesis, self._model.free(hypothesis))
+            self._fits[hypothesis] = fit(self._model, hypothesis, self.current.episodes, start)
+        return self._fits[hypothesis]
 
     def _refined(self, best: Candidate) -> Candidate:
         near = neighbours(best.name)
