@@ -253,6 +253,8 @@ def undetectable(result: Mapping[str, Any]) -> list[str]:
 
 def _caveats(result: Mapping[str, Any]) -> list[str]:
     told = []
+    if entries(result.get("effects")) or gap_channel(result)[0]:
+        told.append("In brackets: 90 % intervals.")
     if result.get("cross_validated"):
         told.append("There were too few flights to seal any, so the gap is cross-validated.")
     if _flights(result) == 1:
