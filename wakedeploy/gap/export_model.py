@@ -1,0 +1,290 @@
+"""The gantry's model as it is exported: plain arithmetic, one function per piece of physics.
+
+This file is the text of the exported Python module and the source of the MATLAB script, so it keeps
+to what both can say: numbers, arrays, loops, conditions. `constants` and the functions on effects
+are replaced by those of one rig; here they are the default rig's without any effect.
+"""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+# exported from here on
+
+
+def thrust_at(pulse_us: float, curve_us: Any, curve_n: Any) -> Any:
+    """Static thrust [N] at a pulse width [us], linear between the points of the table."""
+    return np.interp(pulse_us, curve_us, curve_n)
+
+
+def spooled(speed: float, target: float, up_s: float, down_s: float, dt_s: float) -> Any:
+    """Rotor speed [sqrt(N)] after dt_s of a first-order lag, slower down than up."""
+    lag_s = down_s
+    if target > speed:
+        lag_s = up_s
+    if lag_s <= 0.0:
+        return target
+    return target + (speed - target) * np.exp(-dt_s / lag_s)
+
+
+def delayed(values: Any, k: int, delay_s: float, dt_s: float, initial: float) -> Any:
+    """The value of delay_s before step k, linear between the steps."""
+    whole = int(np.floor(delay_s / dt_s + 1e-9))
+    share = max(delay_s / dt_s - whole, 0.0)
+    newer = initial
+    older = initial
+    if k - whole >= 0:
+        newer = values[k - whole]
+    if k - whole - 1 >= 0:
+        older = values[k - whole - 1]
+    return (1.0 - share) * newer + share * older
+
+
+def puff_table(c: Any, dt_s: float) -> Any:
+    """What a puff of each age contributes: amplitude [m/s], width [m], way sunk [m]."""
+    ages_s = dt_s * (0.5 + np.arange(int(np.ceil(c.wake_life_s / dt_s - 1e-9))))
+    width2 = c.wake_width_m**2 + 2.0 * c.wake_diffusivity_m2ps * ages_s
+    fading = np.exp(-c.wake_decay_per_s * ages_s) * c.wake_width_m**2 / width2
+    amplitude_mps = c.wake_strength * dt_s * fading
+    return amplitude_mps, width2, c.wake_speed_mps * ages_s
+
+
+def wake_velocity(c: Any, puffs: Any, roots: Any, x_m: float, above_m: float) -> Any:
+    """Vertical speed of the air [m/s] as a sum over puffs; roots are newest first."""
+    amplitude_mps, width2, sunk_m = puffs.amplitude_mps, puffs.width2, puffs.sunk_m
+    if c.wake_speed_exponent != 0.0:
+        sunk_m = sunk_m * np.maximum(roots, c.least_root) ** (2.0 * c.wake_speed_exponent)
+    distance2 = x_m**2 + (above_m + sunk_m) ** 2
+    return -np.sum(amplitude_mps * roots * np.exp(-0.5 * distance2 / width2))
+
+
+def is_held(c: Any, z_m: float, driving_n: float) -> Any:
+    """Whether stiction or a stop keeps a resting sufferer where it is."""
+    if abs(driving_n) <= max(c.stiction_n, c.coulomb_n):
+        return True
+    if z_m <= 0.0 and driving_n < 0.0:
+        return True
+    return z_m >= c.travel_m and driving_n > 0.0
+
+
+def body_step(
+    c: Any, z_m: float, vz_mps: float, force_n: float, added_kg: float, dt_s: float
+) -> Any:
+    """Height [m] and speed [m/s] after dt_s on the rail, between its two inelastic stops."""
+    driving_n = force_n - c.weight_n
+    after = 0.0
+    if vz_mps != 0.0 or not is_held(c, z_m, driving_n):
+        direction = np.sign(driving_n)
+        if vz_mps != 0.0:
+            direction = np.sign(vz_mps)
+        resisting_n = c.coulomb_n * direction + c.viscous_n_per_mps * vz_mps
+        after = vz_mps + (driving_n - resisting_n) / (c.mass_kg + added_kg) * dt_s
+        if after * vz_mps < 0.0 and c.coulomb_n > 0.0:
+            after = 0.0
+    z_m = z_m + 0.5 * (vz_mps + after) * dt_s
+    if z_m <= 0.0 and after <= 0.0:
+        z_m = 0.0
+        after = 0.0
+    if z_m >= c.travel_m and after >= 0.0:
+        z_m = c.travel_m
+        after = 0.0
+    return z_m, after
+
+
+def started(c: Any, z0_m: float, frame_phase_s: float, range_phase_s: float, puffs: int) -> Any:
+    """The state before the first step: at rest, motors idle, no wake in the air."""
+    s = SimpleNamespace()
+    s.height_m = z0_m
+    s.speed_mps = 0.0
+    s.source_speed = 0.0
+    s.source_target = 0.0
+    s.sufferer_speed = 0.0
+    s.sufferer_target = 0.0
+    s.source_us = c.idle_us
+    s.sufferer_us = c.idle_us
+    s.next_frame_s = frame_phase_s
+    s.next_range_s = range_phase_s
+    s.range_m = np.nan
+    s.held_until_s = -np.inf
+    s.taken_off_s = np.inf
+    s.roots = np.zeros(puffs)
+    return s
+
+
+def looked(c: Any, m: Any, s: Any, now_s: float, x_m: float, way_m: float, dt_s: float) -> Any:
+    """What effects may look at, at the beginning of a step."""
+    m.time_s = max(now_s - s.taken_off_s, 0.0)
+    m.x_m = x_m
+    m.vx_mps = way_m / dt_s
+    m.travelled_m = m.travelled_m + abs(way_m)
+    m.z_m = s.height_m
+    m.vz_mps = s.speed_mps
+    if abs(m.vx_mps) >= c.least_motion_mps:
+        m.direction = np.sign(m.vx_mps)
+    return m
+
+
+def sensed(c: Any, m: Any, s: Any, z_m: Any, k: int, dt_s: float) -> Any:
+    """The range sensor's sample, if one is due; z_m are the heights [m] up to step k."""
+    now_s = k * dt_s
+    if now_s >= s.next_range_s - 1e-9:
+        s.next_range_s = s.next_range_s + c.range_period_s
+        if now_s >= s.held_until_s - 1e-9:
+            height_m = delayed(z_m, k, c.range_delay_s, dt_s, 0.0)
+            seen_m = c.range_bias_m + c.range_scale * height_m
+            s.range_m = max(changed_range_m(c, m, seen_m), 0.0)
+            s.held_until_s = now_s + c.range_hold_s
+    return s
+
+
+def driven(c: Any, s: Any, source_us: Any, sufferer_us: Any, k: int, dt_s: float) -> Any:
+    """The pulses that the ESCs take over, if a servo frame begins with step k."""
+    now_s = k * dt_s
+    if c.esc_frame_s <= 0.0 or now_s >= s.next_frame_s - 1e-9:
+        s.next_frame_s = s.next_frame_s + c.esc_frame_s
+        late_us = delayed(source_us, k, c.command_delay_s, dt_s, c.idle_us)
+        s.source_us = accepted_us(c, late_us, s.source_us, "source")
+        late_us = delayed(sufferer_us, k, c.command_delay_s, dt_s, c.idle_us)
+        s.sufferer_us = accepted_us(c, late_us, s.sufferer_us, "sufferer")
+        s.source_target = np.sqrt(thrust_at(s.source_us, c.source_us, c.source_n))
+        s.sufferer_target = np.sqrt(thrust_at(s.sufferer_us, c.sufferer_us, c.sufferer_n))
+    s.source_speed = spooled(s.source_speed, s.source_target, c.source_up_s, c.source_down_s, dt_s)
+    s.sufferer_speed = spooled(
+        s.sufferer_speed, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s
+    )
+    return s
+
+
+def powered(c: Any, m: Any, s: Any, now_s: float, dt_s: float) -> Any:
+    """Both thrusts [N] after spool, the source's after its effects, too."""
+    before_n = m.source_n
+    m.source_n = s.source_speed**2
+    m.sufferer_n = s.sufferer_speed**2
+    if m.sufferer_n >= c.taken_off_share * c.weight_n and now_s < s.taken_off_s:
+        s.taken_off_s = now_s
+    m.charge_s = m.charge_s + m.sufferer_n / c.weight_n * dt_s
+    m.source_n = changed_source_n(c, m)
+    m.source_rate_nps = (m.source_n - before_n) / dt_s
+    return m, s
+
+
+def blown(c: Any, m: Any, s: Any, puffs: Any) -> Any:
+    """The wake's air and force at the sufferer, and the sufferer's thrust in it."""
+    s.roots = np.roll(s.roots, 1)
+    s.roots[0] = np.sqrt(max(m.source_n, 0.0) / c.reference_thrust_n)
+    aside_m = m.x_m - added_offset_m(c, m)
+    m.wake_mps = wake_velocity(c, puffs, s.roots, aside_m, m.z_m - c.source_height_m)
+    m.wake_mps = changed_wake_mps(c, m)
+    m.wake_n = 0.5 * c.air_density_kgpm3 * c.drag_area_m2 * m.wake_mps * abs(m.wake_mps)
+    m.sufferer_n = changed_sufferer_n(c, m)
+    return m, s
+
+
+def simulate(
+    t_s: Any,
+    source_us: Any,
+    sufferer_us: Any,
+    x_m: Any,
+    z0_m: float = 0.0,
+    frame_phase_s: float = 0.0,
+    range_phase_s: float = 0.0,
+) -> Any:
+    """Advance the model over a fixed grid of times t_s [s]; all arrays have its length.
+
+    source_us and sufferer_us are the pulse widths [us] that the board puts out, x_m is the
+    carriage's position [m]; the sufferer starts at rest at z0_m [m]. The first servo frame begins
+    frame_phase_s after the first time, the first range sample is taken range_phase_s after it.
+    Gives heights, speeds and the newest range sample at every time, and thrusts and forces over
+    the step that begins there. No turbulence, no noise. Use a grid of 1/256 s, as the plant does.
+    """
+    c = constants()
+    m = motion_at_rest()
+    n = len(t_s)
+    dt_s = (t_s[n - 1] - t_s[0]) / (n - 1)
+    puffs = SimpleNamespace()
+    puffs.amplitude_mps, puffs.width2, puffs.sunk_m = puff_table(c, dt_s)
+    s = started(c, z0_m, frame_phase_s, range_phase_s, len(puffs.sunk_m))
+    z_m, vz_mps, range_m = np.zeros(n), np.zeros(n), np.zeros(n)
+    source_n, sufferer_n, wake_n, effect_n = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
+    for k in range(n):
+        z_m[k] = s.height_m
+        vz_mps[k] = s.speed_mps
+        way_m = 0.0
+        if k > 0:
+            way_m = x_m[k] - x_m[k - 1]
+        m = looked(c, m, s, k * dt_s, x_m[k], way_m, dt_s)
+        s = sensed(c, m, s, z_m, k, dt_s)
+        range_m[k] = s.range_m
+        s = driven(c, s, source_us, sufferer_us, k, dt_s)
+        m, s = powered(c, m, s, k * dt_s, dt_s)
+        m, s = blown(c, m, s, puffs)
+        source_n[k], sufferer_n[k], wake_n[k] = m.source_n, m.sufferer_n, m.wake_n
+        effect_n[k] = added_force_n(c, m)
+        total_n = m.sufferer_n + m.wake_n + effect_n[k]
+        s.height_m, s.speed_mps = body_step(
+            c, s.height_m, s.speed_mps, total_n, added_mass_kg(c, m), dt_s
+        )
+    return {
+        "t_s": t_s,
+        "z_m": z_m,
+        "vz_mps": vz_mps,
+        "range_m": range_m,
+        "source_n": source_n,
+        "sufferer_n": sufferer_n,
+        "wake_n": wake_n,
+        "effect_n": effect_n,
+    }
+
+
+# exported up to here
+
+
+def constants() -> Any:
+    """Replaced by the rig's constants and its effects' values."""
+    return SimpleNamespace()
+
+
+def motion_at_rest() -> Any:
+    """Replaced by what effects may look at, all zero."""
+    return SimpleNamespace()
+
+
+def accepted_us(c: Any, pulse_us: float, before_us: float, motor: str) -> float:
+    """The pulse [us] that an ESC takes over in a servo frame."""
+    return pulse_us
+
+
+def changed_source_n(c: Any, m: Any) -> Any:
+    """The source's thrust [N] after effects."""
+    return m.source_n
+
+
+def changed_sufferer_n(c: Any, m: Any) -> Any:
+    """The sufferer's thrust [N] after effects."""
+    return m.sufferer_n
+
+
+def changed_wake_mps(c: Any, m: Any) -> Any:
+    """The air's speed [m/s] after effects."""
+    return m.wake_mps
+
+
+def changed_range_m(c: Any, m: Any, range_m: float) -> float:
+    """The range [m] after effects."""
+    return range_m
+
+
+def added_offset_m(c: Any, m: Any) -> float:
+    """How far to the right [m] the wake lies."""
+    return 0.0
+
+
+def added_force_n(c: Any, m: Any) -> float:
+    """Extra force [N] on the sufferer."""
+    return 0.0
+
+
+def added_mass_kg(c: Any, m: Any) -> float:
+    """Extra inertia [kg]."""
+    return 0.0
