@@ -19,8 +19,9 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.flight import Flight, flight_from_log
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import FloatArray, fit
+from wakedeploy.gap.inference import FloatArray
 from wakedeploy.gap.manoeuvres import Manoeuvre, menu
+from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.separation import Evidence, gather, loss_nats
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, effect
@@ -159,8 +160,8 @@ def evidence_of(
     rig: Rig, flights: Sequence[Flight], names: Sequence[str], sizes: Mapping[str, Sequence[float]]
 ) -> Evidence:
     """What some flights can say about effects, with nuisances as fitted to them."""
-    model = GantryModel(rig, flights)
-    return gather(model, fit(model, (), range(len(flights))), names, sizes)
+    model, base = fitted_base(GantryModel(rig, flights))
+    return gather(model, base, names, sizes)
 
 
 def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:

@@ -10,7 +10,7 @@ variance. Innovations are linear in the size of an effect to the accuracy that p
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,8 +26,9 @@ _SMALLEST_SHARE = 1e-4
 class Column:
     """One direction in which an effect can move the innovations.
 
-    `amount` is how far the parameter was moved, in its unit; `low` and `high` bound what a fit may
-    use of the direction, in multiples of `amount`.
+    It is the difference of what `hypothesis` says at the parameters `near` and `origin`, divided by
+    `share`. `parameter` is empty for the effect as a whole, whose first parameter it moves by
+    `amount`; `low` and `high` bound what a fit may use of it, in multiples of `amount`.
     """
 
     effect: str
@@ -36,6 +37,10 @@ class Column:
     amount: float
     low: float
     high: float
+    hypothesis: tuple[str, ...]
+    near: FloatArray
+    origin: FloatArray
+    share: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,15 +150,30 @@ def _directions(
     origin = changes(model, base, hypothesis, neutral)
     share, near = _response(model, base, hypothesis, (neutral, there), origin)
     whole = [(n - o) / share for n, o in zip(near, origin, strict=True)]
-    found = [(_whole_column(name, free, own, neutral, there), whole)]
     at = neutral + share * (there - neutral)
+    column = _whole_column(name, free[own[0]], neutral[own[0]], there[own[0]])
+    found = [(replace(column, hypothesis=hypothesis, near=at, origin=neutral, share=share), whole)]
     for i in own[1:]:
         aside = at.copy()
         has_room = at[i] - free[i].step >= free[i].low
         aside[i] += -free[i].step if has_room else free[i].step
         moved = changes(model, base, hypothesis, aside)
-        column = Column(name, free[i].name, free[i].unit, at[i] - aside[i], -np.inf, np.inf)
-        found.append((column, [n - m for n, m in zip(near, moved, strict=True)]))
+        found.append(
+            (
+                Column(
+                    effect=name,
+                    parameter=free[i].name,
+                    unit=free[i].unit,
+                    amount=at[i] - aside[i],
+                    low=-np.inf,
+                    high=np.inf,
+                    hypothesis=hypothesis,
+                    near=at,
+                    origin=aside,
+                ),
+                [n - m for n, m in zip(near, moved, strict=True)],
+            )
+        )
     return found
 
 
@@ -181,15 +201,11 @@ def _response(
         share *= max(0.1, min(0.5, 0.7 * _MOST_DEVIATIONS / furthest))
 
 
-def _whole_column(
-    name: str, free: Sequence[Free], own: Sequence[int], neutral: FloatArray, there: FloatArray
-) -> Column:
-    first = own[0]
-    amount = float(there[first] - neutral[first]) or 1.0
-    bounds = sorted(
-        ((free[first].low - neutral[first]) / amount, (free[first].high - neutral[first]) / amount)
-    )
-    return Column(name, "", free[first].unit, amount, bounds[0], bounds[1])
+def _whole_column(name: str, free: Free, neutral: float, there: float) -> Column:
+    amount = float(there - neutral) or 1.0
+    bounds = sorted(((free.low - neutral) / amount, (free.high - neutral) / amount))
+    nowhere = np.zeros(0)
+    return Column(name, "", free.unit, amount, bounds[0], bounds[1], (), nowhere, nowhere)
 
 
 def changes(

@@ -1,0 +1,346 @@
+"""What flights of a rig can and cannot tell, before any of them is flown.
+
+In: a rig, how many flights of what length. Out: per effect of the library the smallest size that
+will be detected and that will be named, the rivals that remain, the minutes of flight until it is
+named, the cheapest sensor that would name it, and what ignoring it costs in millimetres. Flights
+are simulated; what is missing from them is then judged by the likelihood that `name` uses.
+"""
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.errors import UnusableInput
+from wakedeploy.gap.flight import Flight, flight_from_log
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit, FloatArray
+from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.plan import MARGIN_NATS, plausible_size
+from wakedeploy.gap.rates import SURE, Draws, flights_needed, null_quantile, smallest_sizes
+from wakedeploy.gap.sensors import SENSORS, with_sensor
+from wakedeploy.gap.separation import Evidence, gain_nats, gather, loss_nats
+from wakedeploy.gap.tracking import tracking_rmse_m, with_effect
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.rig import Rig
+
+TRACKING_SEED = 8101
+TRACKING_S = 20.0
+_FLIGHT_SEED = 8000
+_FACTOR_ONE = np.ones(1)
+
+Advance = Callable[[], None]
+Item = TypeVar("Item")
+
+
+@dataclass(frozen=True)
+class EffectPower:
+    """What the flights say about one effect; sizes are changes of its first parameter.
+
+    `size` is one prior scale; the fields after it hold at that size. `named` and `detected` are
+    shares of data sets, `rivals` the effects that would stay within the margin, `flights` and
+    `minutes` what naming takes (None: no number of flights), `sensor` the cheapest one with which
+    it is named from these flights (None: none of the menu, or none needed), `cost_mm` what
+    ignoring it adds to the tracking error (None: the flight ends in a failsafe).
+    """
+
+    name: str
+    stage: str
+    parameter: str
+    unit: str
+    size: float
+    detectable: float | None
+    nameable: float | None
+    gain_nats: float
+    detected: float
+    named: float
+    rivals: tuple[str, ...]
+    flights: float | None
+    minutes: float | None
+    sensor: str | None
+    cost_mm: float | None
+    split_by: str
+
+    @property
+    def verdict(self) -> str:
+        """In a word: named, class, or too small."""
+        if self.named >= SURE:
+            return "named"
+        return "class" if self.detected >= SURE else "too small"
+
+
+@dataclass(frozen=True, eq=False)
+class Power:
+    """The whole answer. `loss_nats` (C, C); `named_with` (C, S + 1): share named, first as is."""
+
+    rig_sha256: str
+    flights: int
+    seconds: float
+    rest_s: float
+    threshold_nats: float
+    threshold_source: str
+    tracking_mm: float
+    effects: tuple[EffectPower, ...]
+    loss_nats: FloatArray
+    named_with: FloatArray
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The effects' names."""
+        return tuple(e.name for e in self.effects)
+
+    @property
+    def flight_s(self) -> float:
+        """One flight with its rests [s]."""
+        return self.seconds + 2.0 * self.rest_s
+
+    @property
+    def naming_rate(self) -> float:
+        """Of effects at one prior scale, how many will be named."""
+        return float(np.mean([e.named for e in self.effects]))
+
+    @property
+    def classes(self) -> tuple[tuple[str, ...], ...]:
+        """Effects that these flights would leave together, each group once."""
+        groups = {tuple(sorted((e.name, *e.rivals))) for e in self.effects if e.rivals}
+        return tuple(sorted(groups))
+
+    def as_json(self) -> dict[str, Any]:
+        """For power.json."""
+        return {
+            "rig_sha256": self.rig_sha256,
+            "flights": self.flights,
+            "seconds": self.seconds,
+            "threshold_nats": self.threshold_nats,
+            "threshold_source": self.threshold_source,
+            "margin_nats": MARGIN_NATS,
+            "sure": SURE,
+            "naming_rate": self.naming_rate,
+            "tracking_mm": self.tracking_mm,
+            "classes": [list(group) for group in self.classes],
+            "effects": [asdict(e) | {"verdict": e.verdict} for e in self.effects],
+            "loss_nats": self.loss_nats.tolist(),
+            "sensors": [asdict(sensor) for sensor in SENSORS],
+            "named_with": self.named_with.tolist(),
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Simulated:
+    """Flights of the rig as its file has it, and what they say about the library's effects."""
+
+    model: GantryModel
+    base: Fit
+    evidence: Evidence
+
+
+def power(
+    rig: Rig,
+    *,
+    flights: int,
+    seconds: float,
+    threshold_nats: float | None = None,
+    names: Sequence[str] | None = None,
+    workers: int = 2,
+    progress: Callable[[str, int, int], None] | None = None,
+) -> Power:
+    """Simulate the flights and answer for every effect that the rig file does not have yet.
+
+    `threshold_nats` is `name`'s simulated one; without it, the same quantile of Gaussian draws.
+    `progress(stage, done, total)` is called as things finish. Raises UnusableInput for fewer than
+    two flights, or for a rig that cannot fly them.
+    """
+    if flights < 2:
+        raise UnusableInput("Naming leaves flights out to test itself on others: plan at least 2.")
+    chosen = _chosen(rig, names)
+    with ProcessPoolExecutor(max_workers=workers) as pool:
+        flown = _fly(pool, rig, flights, seconds, _telling(progress, "flying", flights))
+        costs, plain_mm = _costs(pool, rig, chosen, _telling(progress, "tracking", len(chosen) + 1))
+    simulated = _judged(rig, flown, chosen, _telling(progress, "judging", len(chosen)))
+    threshold = null_quantile(simulated.evidence) if threshold_nats is None else threshold_nats
+    named_with = _named_with_sensors(
+        simulated, threshold, _telling(progress, "sensors", len(SENSORS) + 1)
+    )
+    told = _Told(rig, simulated.evidence, threshold, seconds + 2.0 * rig.disturbance.rest_s)
+    advance = _telling(progress, "sizes", len(chosen))
+    effects = []
+    for i, name in enumerate(chosen):
+        effects.append(told.effect(name, named_with[i], costs[name]))
+        advance()
+    return Power(
+        rig_sha256=rig.sha256,
+        flights=flights,
+        seconds=seconds,
+        rest_s=rig.disturbance.rest_s,
+        threshold_nats=threshold,
+        threshold_source="Gaussian draws" if threshold_nats is None else "simulated flights",
+        tracking_mm=plain_mm,
+        effects=tuple(effects),
+        loss_nats=told.loss,
+        named_with=named_with,
+    )
+
+
+def predicted_naming_rate(
+    rig: Rig,
+    effect: str,
+    values: Sequence[float],
+    *,
+    flights: Sequence[Flight],
+    threshold_nats: float | None = None,
+    names: Sequence[str] | None = None,
+) -> dict[str, float]:
+    """How often `name` will name this effect from flights like these, and answer with its class.
+
+    `values` are its parameters, `flights` any of the rig without the effect. Keys: "detected",
+    "named" alone, "in_class" (named or in the class), and "gain_nats" as expected.
+    """
+    chosen = _chosen(rig, names)
+    sizes = {name: plausible_size(rig, name) for name in chosen} | {effect: tuple(values)}
+    model, base = fitted_base(GantryModel(rig, flights))
+    evidence = gather(model, base, chosen, sizes)
+    threshold = null_quantile(evidence) if threshold_nats is None else threshold_nats
+    outcome = Draws.of(evidence).outcomes(effect, _FACTOR_ONE, threshold)
+    return {
+        "detected": float(outcome.detected[0]),
+        "named": float(outcome.named[0]),
+        "in_class": float(outcome.in_class[0]),
+        "gain_nats": float(gain_nats(evidence)[chosen.index(effect)]),
+    }
+
+
+class _Told:
+    """Puts together what is known about each effect."""
+
+    def __init__(self, rig: Rig, evidence: Evidence, threshold: float, flight_s: float) -> None:
+        self._rig, self._evidence = rig, evidence
+        self._threshold, self._flight_s = threshold, flight_s
+        self._draws = Draws.of(evidence)
+        self.loss = loss_nats(evidence)
+        self._gain = gain_nats(evidence)
+
+    def effect(self, name: str, named_with: FloatArray, cost_mm: float | None) -> EffectPower:
+        """Everything about one effect; `named_with` (S + 1,)."""
+        i, effect = self._evidence.names.index(name), LIBRARY[name]
+        column = self._evidence.columns[self._evidence.of(name)[0]]
+        detectable, nameable = smallest_sizes(self._draws, name, self._threshold)
+        outcome = self._draws.outcomes(name, _FACTOR_ONE, self._threshold)
+        needed = flights_needed(self._evidence, name, self._threshold)
+        near = [
+            rival
+            for j, rival in enumerate(self._evidence.names)
+            if j != i and self.loss[i, j] < MARGIN_NATS
+        ]
+        is_seen = outcome.detected[0] >= SURE
+        return EffectPower(
+            name=name,
+            stage=effect.stage,
+            parameter=effect.parameters[0].name,
+            unit=effect.parameters[0].unit,
+            size=column.amount,
+            detectable=_finite(detectable * abs(column.amount)),
+            nameable=_finite(nameable * abs(column.amount)),
+            gain_nats=float(self._gain[i]),
+            detected=float(outcome.detected[0]),
+            named=float(outcome.named[0]),
+            rivals=tuple(near) if is_seen else (),
+            flights=_finite(np.ceil(needed)),
+            minutes=_finite(np.ceil(needed) * self._flight_s / 60.0),
+            sensor=_cheapest(named_with),
+            cost_mm=cost_mm,
+            split_by=effect.split_by,
+        )
+
+
+def _chosen(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:
+    present = {entry.name for entry in rig.effect}
+    return tuple(name for name in (names or LIBRARY) if name not in present)
+
+
+def _cheapest(named_with: FloatArray) -> str | None:
+    """The cheapest sensor with which an effect is named that is not named without."""
+    if named_with[0] >= SURE:
+        return None
+    able = [s for s, share in zip(SENSORS, named_with[1:], strict=True) if share >= SURE]
+    return min(able, key=lambda s: s.euros).name if able else None
+
+
+def _named_with_sensors(simulated: Simulated, threshold: float, advance: Advance) -> FloatArray:
+    """Share of data sets in which each effect is named, without a sensor and with each, (C, S+1).
+
+    A sensor counts only through what it splits and shows; the threshold stays.
+    """
+    evidence = simulated.evidence
+    columns = []
+    for sensor in (None, *SENSORS):
+        seen = evidence
+        if sensor is not None:
+            seen = with_sensor(evidence, simulated.model, simulated.base, sensor)
+        draws = Draws.of(seen)
+        columns.append([draws.outcomes(n, _FACTOR_ONE, threshold).named[0] for n in evidence.names])
+        advance()
+    return np.array(columns).T
+
+
+def _judged(
+    rig: Rig, flights: Sequence[Flight], names: Sequence[str], advance: Advance
+) -> Simulated:
+    model, base = fitted_base(GantryModel(rig, flights))
+    sizes = {name: plausible_size(rig, name) for name in names}
+    return Simulated(model, base, gather(model, base, names, sizes, advance))
+
+
+def _fly(pool: Executor, rig: Rig, count: int, seconds: float, advance: Advance) -> list[Flight]:
+    jobs = [(rig, seconds, _FLIGHT_SEED + i) for i in range(count)]
+    return _collected(pool.map(_one_flight, jobs), advance)
+
+
+def _one_flight(job: tuple[Rig, float, int]) -> Flight:
+    rig, seconds, seed = job
+    return flight_from_log(
+        record(rig, seconds=seconds, seed=seed), rig, f"a simulated flight of {seconds:g} s"
+    )
+
+
+def _costs(
+    pool: Executor, rig: Rig, names: Sequence[str], advance: Advance
+) -> tuple[dict[str, float | None], float]:
+    """Millimetres of RMSE that each effect adds, and the RMSE without any."""
+    jobs = [(rig, rig)]
+    jobs += [(with_effect(rig, name, plausible_size(rig, name)), rig) for name in names]
+    plain, *worse = _collected(pool.map(_one_rmse_mm, jobs), advance)
+    costs = [w - plain if np.isfinite(w) else None for w in worse]
+    return dict(zip(names, costs, strict=True)), plain
+
+
+def _one_rmse_mm(job: tuple[Rig, Rig]) -> float:
+    truth, rig = job
+    return 1e3 * tracking_rmse_m(truth, rig, seconds=TRACKING_S, seed=TRACKING_SEED)
+
+
+def _collected(results: Iterable[Item], advance: Advance) -> list[Item]:
+    collected = []
+    for result in results:
+        collected.append(result)
+        advance()
+    return collected
+
+
+def _telling(progress: Callable[[str, int, int], None] | None, stage: str, total: int) -> Advance:
+    """A callback without arguments that counts the steps of one stage."""
+    done = 0
+
+    def advance() -> None:
+        nonlocal done
+        done += 1
+        if progress is not None:
+            progress(stage, done, total)
+
+    return advance
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
