@@ -102,7 +102,10 @@ class GapWatch:
         return max(
             (size / SIZE_LIMIT, "samples scatter more than the model says"),
             (slow / SLOW_LIMIT, "forecasts err to one side for half a second and longer"),
-            (float(departures[farthest]) / CALIBRATION_LIMIT, f"{name} is not as calibrated"),
+            (
+                float(departures[farthest]) / CALIBRATION_LIMIT,
+                f"as if {name} were not as calibrated",
+            ),
         )
 
     def _note(self, score: float, why: str, when_s: float) -> None:

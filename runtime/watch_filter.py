@@ -30,6 +30,7 @@ _PERSISTENT = 4  # that many samples in a row are no outliers
 _CLEAR_M = 0.05  # above the stop, whose contact is not modelled
 _SETTLE_S = 0.5  # in the air before a sample counts
 _LONGEST_GAP_S = 0.25
+_CATCH_UP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,7 @@ class WatchFilter:
         if not is_new or sample_s <= self._last_sample_s:
             return None
         if sample_s - self._last_sample_s > _LONGEST_GAP_S:
-            self._airborne_s = 0.0
+            self._was_blind(sample_s)
         self._last_sample_s, self._last_range_m = sample_s, range_m
         self._advance_to(sample_s)
         seen = self._update(range_m, sample_s)
@@ -101,6 +102,14 @@ class WatchFilter:
         moved, left = self._state[_BIAS:], np.diag(self._cov)[_BIAS:]
         told = np.maximum(1.0 - left, 0.05)
         return np.asarray(moved / np.sqrt(told))
+
+    def _was_blind(self, sample_s: float) -> None:
+        """Height and speed have to be found again; of a long time only the end is caught up."""
+        assert self._now_s is not None
+        self._now_s = max(self._now_s, sample_s - _CATCH_UP_S)
+        self._airborne_s = 0.0
+        self._cov[_Z, _Z] += 1.0
+        self._cov[_V, _V] += 1.0
 
     def _take_commands(self, row: Mapping[str, Value], t_s: float) -> None:
         computing_s = sum(_number(row, name, 0.0) for name in STAGES_BEFORE_SENDING[1:])

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from wakedeploy.physics.constants import NEUTRAL, Constants
 from wakedeploy.physics.effects import Motion, Setting
+from wakedeploy.physics.effects.acting import LEAST_MOTION_MPS, TAKEN_OFF
 from wakedeploy.physics.effects.chain import Chain, believed, setting_of, unplaced_constants
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3, LEAST_ROOT_THRUST, PuffTable
 from wakedeploy.physics.motor import spooled
@@ -25,8 +26,6 @@ from wakedeploy.rig import Rig, SpoolLag, Wake
 FloatArray = npt.NDArray[np.float64]
 
 STEP_S = 1.0 / 64.0
-_STILL_MPS = 0.005
-_TAKEN_OFF_M = 0.02
 _SMALL_N = 1e-3  # below it a thrust's logarithm says nothing
 _OF_WAKE = ("speed_mps", "strength", "width_m", "diffusivity_m2ps", "decay_per_s")
 
@@ -287,12 +286,13 @@ class ForceForecast:
         """What effects may look at, one step later."""
         m = self.motion
         m.x_m, m.vx_mps, m.z_m, m.vz_mps = place.x_m, place.vx_mps, place.z_m, place.vz_mps
-        m.source_n, m.sufferer_n = source_n, sufferer_n
+        before_n, m.source_n, m.sufferer_n = m.source_n, source_n, sufferer_n
+        m.source_rate_nps = (source_n - before_n) / STEP_S
         m.charge_s += sufferer_n / self._hover_n * STEP_S
         m.travelled_m += abs(place.vx_mps) * STEP_S
-        if abs(place.vx_mps) > _STILL_MPS:
+        if abs(place.vx_mps) >= LEAST_MOTION_MPS:
             m.direction = math.copysign(1.0, place.vx_mps)
-        if m.time_s > 0.0 or place.z_m > _TAKEN_OFF_M:
+        if m.time_s > 0.0 or sufferer_n >= TAKEN_OFF * self._hover_n:
             m.time_s += STEP_S
 
     def _changed(self, what: str, values: list[float], to: float | None = None) -> list[float]:

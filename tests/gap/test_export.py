@@ -55,11 +55,11 @@ def with_effects(*entries):
     return RIG.model_copy(update={"effect": entries})
 
 
-def flown(rig, steps=768):
+def flown(rig, steps=512):
     """Inputs of a lively flight, and what the plant makes of them."""
     t_s = np.arange(steps) / 256.0
     sufferer_us = 1745.0 + 40.0 * np.sin(2.2 * t_s) + 15.0 * np.sign(np.sin(6.9 * t_s))
-    sufferer_us[t_s < 0.5] = 1000.0
+    sufferer_us[t_s < 0.2] = 1000.0
     source_us = 1450.0 + 250.0 * np.sign(np.sin(4.4 * t_s)) + 100.0 * np.sin(5.0 * t_s)
     plant, rows = GantryPlant(rig, seed=SEED), []
     for k in range(steps):

@@ -62,7 +62,7 @@ def test_a_calibration_error_of_the_stated_size_is_no_gap():
     truth = RIG.changed(
         thrust={"sufferer": {"thrust_n": heavier}}, wake={"strength": 1.1 * RIG.wake.strength}
     )
-    rows = list(record(truth, seconds=20, seed=5, model_rig=RIG).rows())
+    rows = list(record(truth, seconds=14, seed=5, model_rig=RIG).rows())
     watch, _ = watched(rows)
     assert watch.report.worst < 1.0
 
@@ -71,7 +71,7 @@ def test_an_effect_in_the_rig_file_is_part_of_what_it_explains():
     def above_the_base(t_s, state):
         return 0.3 * state["sufferer_thrust_n"] / (1.0 + (state["z_m"] / 0.15) ** 2)
 
-    rows = list(record(RIG, seconds=20, seed=6, force_hook=above_the_base).rows())
+    rows = list(record(RIG, seconds=14, seed=6, force_hook=above_the_base).rows())
     without, _ = watched(rows)
     effect = {
         "name": "ground-effect",
@@ -98,6 +98,19 @@ def test_samples_that_stop_and_come_back_do_not_alarm(flight):
     assert watch.report.worst < 1.0
     gap = [s for row, s in zip(rows, scores, strict=True) if 8.0 < row["t_s"] < 9.5]
     assert set(gap) == {None}
+
+
+def test_a_clock_that_jumps_by_a_day_is_caught_up_at_once(flight):
+    day_s = 86_400.0
+    times = ("t_s", "applied_time_s")
+    late = [row | {name: row[name] + day_s for name in times} for row in flight[320:]]
+    watching = WatchFilter(RIG)
+    for row in flight[:320]:
+        watching.step(row)
+    before_s = flight[319]["t_s"]
+    seen = [one for one in map(watching.step, late) if one is not None]
+    assert seen[0].sample_s > before_s + day_s
+    assert np.mean(np.square([np.clip(one.whitened, -3, 3) for one in seen])) < 1.5
 
 
 def test_a_rest_without_flight_is_not_judged(flight):

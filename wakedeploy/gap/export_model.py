@@ -1,8 +1,8 @@
 """The gantry's model as it is exported: plain arithmetic, one function per piece of physics.
 
 This file is the text of the exported Python module and the source of the MATLAB script, so it keeps
-to what both can say: numbers, arrays, loops, conditions. `constants` and the functions on effects
-are replaced by those of one rig; here they are the default rig's without any effect.
+to what both can say: numbers, arrays, loops, conditions. The functions below the second mark stand
+for those that the export writes for one rig: its constants, and what its effects change.
 """
 
 from types import SimpleNamespace
