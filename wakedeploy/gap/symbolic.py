@@ -47,9 +47,13 @@ from wakedeploy.physics.expression import (
 
 SEARCHED = (*TERMS, *(wave_in_time(0.05 * n) for n in range(10, 101)))  # 0.5 to 5 Hz
 MOST_TERMS = 3
-_NEAR_NATS = 10.0  # terms that promise so much less than the best are not fitted
-_MOST_FITTED = 6
+_NEAR_NATS = 8.0  # terms that promise so much less than the best are not fitted
+_MOST_FITTED = 4
 _WORTH_FITTING = 0.7
+_MOST_RIVALS = 6
+_RIVALS_SHARE = 0.4  # of the best's promise, for a term that may take its place later
+_MOST_WAVES = 25  # of those of one round, so many are tried in the next
+_SURELY = 3.0
 _EQUAL_NATS = 1.0
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
@@ -198,25 +202,30 @@ class _Search:
         episodes that it is fitted to, none is fitted.
         """
         left = [name for name in self._names if name not in self.chosen]
-        promised = promises(self._model, self.current, left)
-        if not left or promised.max() < _WORTH_FITTING * self._least:
+        promised = dict(zip(left, promises(self._model, self.current, left), strict=True))
+        most = max(promised.values(), default=0.0)
+        if most < _WORTH_FITTING * self._least:
             return False
-        order = sorted(range(len(left)), key=lambda i: -promised[i])[:_MOST_FITTED]
-        near = [left[i] for i in order if promised[i] > promised.max() - _NEAR_NATS]
-        best = self._refined(_simplest(self._rank(self._model, self.current, near), self._terms))
+        order = sorted(left, key=lambda name: -promised[name])
+        near = [name for name in order[:_MOST_FITTED] if promised[name] > most - _NEAR_NATS]
+        best = _simplest(self._rank(self._model, self.current, near), self._terms)
+        best = self._refined(best, promised[best.name])
         if best.gain_nats < self._least:
             return False
         self.current = self._fits[best.fit.hypothesis] = best.fit
-        self.chosen[best.name] = tuple(left[i] for i in order if left[i] != best.name)
+        rivals = [n for n in order[:_MOST_RIVALS] if promised[n] > _RIVALS_SHARE * most]
+        self.chosen[best.name] = tuple(n for n in rivals if n != best.name)
+        waves = [name for name in order if neighbours(name)]
+        self._names = [name for name in order if name not in waves[_MOST_WAVES:]]
         return True
 
     def exchange(self) -> None:
         """Give each earlier term's place to its best rival, where that now gains more."""
         for name, rivals in list(self.chosen.items())[:-1]:
-            smaller = self._without(name)
             free = [rival for rival in rivals if rival not in self.chosen]
             if not free:
                 continue
+            smaller = self._without(name)
             rival = free[int(promises(self._model, smaller, free).argmax())]
             best = self._rank(self._model, smaller, [rival])[0]
             present = held_out(self._model, self.current) - held_out(self._model, smaller)
@@ -228,17 +237,23 @@ class _Search:
     def drop_idle(self) -> None:
         """Drop terms whose absence costs less than `least`, the idlest first."""
         while len(self.chosen) > 1:
+            doubtful = [name for name in self.chosen if not self._surely_needed(name)]
             density = float(held_out(self._model, self.current).sum())
-            smaller = {name: self._without(name) for name in self.chosen}
             losses = {
-                name: density - float(held_out(self._model, fitted).sum())
-                for name, fitted in smaller.items()
+                name: density - float(held_out(self._model, self._without(name)).sum())
+                for name in doubtful
             }
-            idle = min(losses, key=lambda name: losses[name])
-            if losses[idle] >= self._least:
+            idle = min(losses, key=lambda name: losses[name], default=None)
+            if idle is None or losses[idle] >= self._least:
                 break
-            self.current = smaller[idle]
+            self.current = self._without(idle)
             del self.chosen[idle]
+
+    def _surely_needed(self, name: str) -> bool:
+        """Whether one of a term's coefficients is so far from zero that no refit is needed."""
+        own = [n for n in self.current.names if n.startswith(f"{name}.")]
+        away = [self.current.value(n) / self.current.standard_error(n) for n in own]
+        return 0.5 * max(abs(z) for z in away) ** 2 > _SURELY * self._least
 
     def _without(self, name: str) -> Fit:
         hypothesis: Hypothesis = tuple(n for n in self.current.hypothesis if n != name)
@@ -247,13 +262,16 @@ class _Search:
             self._fits[hypothesis] = fit(self._model, hypothesis, self.current.episodes, start)
         return self._fits[hypothesis]
 
-    def _refined(self, best: Candidate) -> Candidate:
+    def _refined(self, best: Candidate, promised: float) -> Candidate:
+        """The candidate or, for a wave, the neighbour that promises more and gains more."""
         near = neighbours(best.name)
         if not near:
             return best
-        closest = near[int(promises(self._model, self.current, near).argmax())]
-        refined = self._rank(self._model, self.current, [closest])[0]
-        return max(best, refined, key=lambda candidate: candidate.gain_nats)
+        there = promises(self._model, self.current, near)
+        if there.max() <= promised:
+            return best
+        closest = self._rank(self._model, self.current, [near[int(there.argmax())]])[0]
+        return max(best, closest, key=lambda candidate: candidate.gain_nats)
 
 
 def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce]) -> Candidate:
