@@ -179,6 +179,19 @@ def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:
     return tuple(values)
 
 
+def stated_sizes(named: Mapping[str, Any], names: Sequence[str]) -> dict[str, tuple[float, ...]]:
+    """The parameters that name.json states for these effects, from its first round."""
+    rounds = named.get("rounds") or [{}]
+    ranking = {str(one.get("name")): one for one in rounds[0].get("ranking", [])}
+    sizes = {}
+    for name in names:
+        stated = ranking.get(name, {}).get("parameters", {})
+        wanted = [p.name for p in effect(name).parameters]
+        if all(p in stated for p in wanted):
+            sizes[name] = tuple(float(stated[p]["value"]) for p in wanted)
+    return sizes
+
+
 def write_plan_reference(path: Path, rig: Rig, option: Option) -> FlightPlan:
     """Write the manoeuvre for `run-gantry --reference`."""
     flown = option.manoeuvre.plan(rig)

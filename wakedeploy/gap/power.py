@@ -21,7 +21,7 @@ from wakedeploy.gap.inference import Fit, FloatArray
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import MARGIN_NATS, plausible_size
 from wakedeploy.gap.rates import SURE, Draws, flights_needed, null_quantile, smallest_sizes
-from wakedeploy.gap.sensors import SENSORS, with_sensor
+from wakedeploy.gap.sensors import SENSORS, Sensor, with_sensor
 from wakedeploy.gap.separation import Evidence, gain_nats, gather, loss_nats
 from wakedeploy.gap.tracking import tracking_rmse_m, with_effect
 from wakedeploy.physics.effects import LIBRARY
@@ -31,6 +31,7 @@ TRACKING_SEED = 8101
 TRACKING_S = 20.0
 _FLIGHT_SEED = 8000
 _FACTOR_ONE = np.ones(1)
+_CLEARLY = 0.1  # a sensor must name an effect so much more often to be worth its price
 
 Advance = Callable[[], None]
 Item = TypeVar("Item")
@@ -69,7 +70,7 @@ class EffectPower:
         """In a word: named, class, or too small."""
         if self.named >= SURE:
             return "named"
-        return "class" if self.detected >= SURE else "too small"
+        return "class" if self.rivals else "too small"
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,6 +97,27 @@ class Power:
     def flight_s(self) -> float:
         """One flight with its rests [s]."""
         return self.seconds + 2.0 * self.rest_s
+
+    @property
+    def purchase(self) -> tuple[Sensor, tuple[str, ...]] | None:
+        """The sensor that names the most further effects, the cheapest of equals, and which."""
+        without = self.named_with[:, 0] >= SURE
+        gained = [
+            tuple(
+                name
+                for name, was, share, before in zip(
+                    self.names,
+                    without,
+                    self.named_with[:, k + 1],
+                    self.named_with[:, 0],
+                    strict=True,
+                )
+                if not was and share >= max(SURE, before + _CLEARLY)
+            )
+            for k in range(len(SENSORS))
+        ]
+        best = max(range(len(SENSORS)), key=lambda k: (len(gained[k]), -SENSORS[k].euros))
+        return (SENSORS[best], gained[best]) if gained[best] else None
 
     @property
     def naming_rate(self) -> float:
@@ -184,6 +206,12 @@ def power(
     )
 
 
+def step_count(rig: Rig, flights: int) -> int:
+    """How many times `power` calls its `progress` for the whole library."""
+    effects = len(_chosen(rig, None))
+    return flights + effects + 1 + effects + len(SENSORS) + 1 + effects
+
+
 def predicted_naming_rate(
     rig: Rig,
     effect: str,
@@ -264,7 +292,8 @@ def _cheapest(named_with: FloatArray) -> str | None:
     """The cheapest sensor with which an effect is named that is not named without."""
     if named_with[0] >= SURE:
         return None
-    able = [s for s, share in zip(SENSORS, named_with[1:], strict=True) if share >= SURE]
+    enough = max(SURE, named_with[0] + _CLEARLY)
+    able = [s for s, share in zip(SENSORS, named_with[1:], strict=True) if share >= enough]
     return min(able, key=lambda s: s.euros).name if able else None
 
 

@@ -16,7 +16,7 @@ SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
 DRAWS = 400
 SMALLEST, LARGEST, SIZES = 0.03, 30.0, 31  # multiples of the size that was evaluated
 MOST_FLIGHTS = 512.0
-_FLIGHTS = 2.0 ** np.arange(0.0, np.log2(MOST_FLIGHTS) + 0.25, 0.5)
+_FLIGHTS = 2.0 ** np.arange(1.0, np.log2(MOST_FLIGHTS) + 0.25, 0.5)
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,188 @@
+"""`wakedeploy gap plan` and `gap power`: what to fly next, and what flying can tell at all."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import UnusableInput, one_line
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.flight import Flight
+    from wakedeploy.gap.plan import Option, Plan
+    from wakedeploy.rig import Rig
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+_RIG = click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+
+
+@click.command()
+@_RIG
+@click.option("--class", "names", multiple=True, help="An effect of the class; at least two.")
+@click.option(
+    "--out", type=_FOLDER, help="Read the class from result.json here; write plan.json here."
+)
+@click.option("--write-reference", "reference", type=_FILE, help="CSV for run-gantry --reference.")
+@click.option("--json", "json_path", type=_FILE, help="Also write the plan as JSON.")
+def plan(
+    rig_path: Path | None,
+    names: tuple[str, ...],
+    out: Path | None,
+    reference: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Find the manoeuvre that best splits a class of effects, by simulating each of a menu.
+
+    For every manoeuvre: the nats by which the rival of each pair would lose in one flight, and how
+    many flights that takes with margin. With --out, flights already made count, too.
+
+    \b
+    Example:
+        wakedeploy gap plan --class coulomb-friction --class viscous-friction
+        wakedeploy gap plan --rig rig.toml --out gap --write-reference fly.csv
+    """
+    from wakedeploy.gap.manoeuvres import menu
+    from wakedeploy.gap.plan import make_plan, write_plan_reference
+    from wakedeploy.rig import default_rig, read_rig
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    members = names or _class_in(out)
+    sizes, flown = _known_sizes(out, members), _flown(out, rig)
+    with progress("Flying manoeuvres", len(menu()) + 1) as bar:
+        made = make_plan(rig, members, sizes=sizes, flown=flown, progress=bar.advance)
+    _tell_plan(made)
+    for path in (json_path, out / "plan.json" if out else None):
+        if path is not None:
+            write_json(path, made.as_json())
+    if reference is not None and made.best is not None:
+        write_plan_reference(reference, rig, made.best)
+        click.echo(f"Written: {reference}. Fly it with `wakedeploy run-gantry --reference`.")
+
+
+@click.command()
+@_RIG
+@click.option("--flights", type=click.IntRange(2, 500), default=7, show_default=True)
+@click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
+@click.option("--out", type=_FOLDER, help="Write power.json, power.html and figures here.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
+@click.option(
+    "--simulate-threshold",
+    is_flag=True,
+    help="Simulate the rig's false-alarm threshold if it is not known (minutes).",
+)
+def power(
+    rig_path: Path | None,
+    flights: int,
+    seconds: float,
+    out: Path | None,
+    workers: int,
+    simulate_threshold: bool,
+) -> None:
+    """Say what flights of a rig will and will not tell, before any is flown.
+
+    Per effect of the library: the smallest size that will be detected, and named; the rivals that
+    remain; minutes of flight until it is named; the cheapest sensor that names it; and what
+    ignoring it costs in tracking error. With --out, a page to read before buying a sensor.
+
+    \b
+    Example:
+        wakedeploy gap power --rig rig.toml --flights 7 --seconds 20 --out power
+    """
+    from wakedeploy.gap.power import power as compute
+    from wakedeploy.gap.power import step_count
+    from wakedeploy.gap.power_page import COLUMNS, rows, sentences, write_page
+    from wakedeploy.rig import default_rig, read_rig
+
+    rig = read_rig(rig_path) if rig_path else default_rig()
+    threshold = _threshold(rig, simulate_threshold, workers)
+    with progress("Simulating", step_count(rig, flights)) as bar:
+        told = compute(
+            rig,
+            flights=flights,
+            seconds=seconds,
+            threshold_nats=threshold,
+            workers=workers,
+            progress=lambda stage, done, total: bar.advance(),
+        )
+    print_table("What these flights will tell", COLUMNS, rows(told))
+    for sentence in sentences(told):
+        click.echo(sentence)
+    if out is not None:
+        write_json(out / "power.json", told.as_json())
+        click.echo(f"Page: {write_page(told, out)}")
+
+
+def _tell_plan(made: "Plan") -> None:
+    pairs = [(i, j) for i in range(len(made.names)) for j in range(i)]
+    columns = ["manoeuvre", "s"]
+    columns += [f"{made.names[j]} / {made.names[i]}" for i, j in pairs]
+    columns += ["flights", "total s", ""]
+    rows = [_option_row(option, pairs) for option in made.options]
+    rows.append(_option_row(made.random, pairs))
+    print_table("Nats by which the rival loses in one flight", columns, rows)
+    click.echo(made.sentence)
+
+
+def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
+    nats = [f"{min(option.loss[i, j], option.loss[j, i]):.1f}" for i, j in pairs]
+    needed = (
+        ["-", "-"] if option.flights is None else [str(option.flights), f"{option.total_s:.0f}"]
+    )
+    manoeuvre = option.manoeuvre
+    return [manoeuvre.name, f"{option.seconds:.0f}", *nats, *needed, manoeuvre.description]
+
+
+def _class_in(out: Path | None) -> tuple[str, ...]:
+    """The class that `gap close` or `gap name` left."""
+    if out is None:
+        raise UnusableInput("Say what to split: --class NAME twice, or --out with a result.json.")
+    members = _read(out / "result.json").get("class", [])
+    if len(members) < 2:
+        raise UnusableInput(f"{out / 'result.json'}: holds no class; give --class NAME twice.")
+    return tuple(str(name) for name in members)
+
+
+def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
+    """Each member's parameters as `name` fitted them, where it did."""
+    from wakedeploy.gap.plan import stated_sizes
+
+    if out is None or not (out / "name.json").exists():
+        return {}
+    return stated_sizes(_read(out / "name.json"), names)
+
+
+def _flown(out: Path | None, rig: "Rig") -> "list[Flight]":
+    """The flights that the class was left by, as far as their logs are still there."""
+    from wakedeploy.gap.flight import read_flights
+
+    if out is None or not (out / "find.json").exists():
+        return []
+    found = _read(out / "find.json")
+    chosen = set(found.get("split", {}).get("fit", []))
+    paths = [Path(str(log["path"])) for log in found.get("logs", [])]
+    kept = [path for path in paths if path.exists() and (not chosen or str(path) in chosen)]
+    return read_flights(kept, rig) if kept else []
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        read = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path}: cannot be read as JSON ({one_line(error)}).") from error
+    if not isinstance(read, dict):
+        raise UnusableInput(f"{path}: holds no JSON object; run `wakedeploy gap close` again.")
+    return read
+
+
+def _threshold(rig: "Rig", is_simulated: bool, workers: int) -> float | None:
+    """The rig's threshold if it is known or asked for; None leaves it to Gaussian draws."""
+    from wakedeploy.gap.threshold import SETS, known_thresholds, thresholds_for
+
+    known = known_thresholds(rig)
+    if known is None and is_simulated:
+        with progress("Simulating the threshold", SETS) as bar:
+            known = thresholds_for(rig, workers=workers, progress=bar.update)
+    return None if known is None else known.effect_nats
