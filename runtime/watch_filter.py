@@ -16,11 +16,11 @@ from runtime.watch_forecast import STEP_S, ForceForecast, Forces, Model, Place
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
-from wakedeploy.runlog import FLYING, Value
+from wakedeploy.runlog import FLYING, STAGES, Value
 
 FloatArray = npt.NDArray[np.float64]
 
-STAGES_BEFORE_SENDING = ("t_read_s", "t_estimate_s", "t_predict_s", "t_control_s", "t_write_s")
+_UNTIL_SENT = STAGES[1:]  # after the reading, whose time the tick has
 _Z, _V, _GUST, _BIAS = 0, 1, 2, 3
 _FIRST = 4  # where the states of the forces' constants begin
 _SLOW_MPS = 0.02  # where Coulomb friction has its full size, as in `smooth_friction`
@@ -112,7 +112,7 @@ class WatchFilter:
         self._cov[_V, _V] += 1.0
 
     def _take_commands(self, row: Mapping[str, Value], t_s: float) -> None:
-        computing_s = sum(_number(row, name, 0.0) for name in STAGES_BEFORE_SENDING[1:])
+        computing_s = sum(_number(row, name, 0.0) for name in _UNTIL_SENT)
         source_us, sufferer_us = _number(row, "source_cmd_us"), _number(row, "sufferer_cmd_us")
         if math.isfinite(source_us + sufferer_us):
             self._forecast.sent(t_s + computing_s, source_us, sufferer_us)
