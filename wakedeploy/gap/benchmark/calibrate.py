@@ -1,16 +1,19 @@
-"""How large each effect must be for its strength: pilots with the judge's own measure.
+"""How large each effect must be for its strength, told from one pilot without any effect.
 
-In: the list of effects. Out: `sizes.json`, committed; the benchmark's cases are made from it. A
-pilot flies other seeds than any case. The gain grows about with the square of the size; the
-exponent is measured between pilots.
+In: the list of effects. Out: `sizes.json`, committed; the benchmark's cases are made from it. The
+pilot flies other seeds than any case. What an effect of some size would change in its innovations,
+less what noise and calibration can explain of it, is the expected gain in nats: half its square.
+The judge measures what each case really has.
 
-    python -m wakedeploy.gap.benchmark.calibrate [NAME…]
+    python -m wakedeploy.gap.benchmark.calibrate
 """
 
 import json
-import math
-import sys
+from collections.abc import Callable, Mapping
 from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap.benchmark.cases import FLIGHTS, SPOOLS, Case, values_at
@@ -18,61 +21,120 @@ from wakedeploy.gap.benchmark.measure import Measured
 from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.benchmark.worlds import flight
 from wakedeploy.gap.flight import flight_from_log
+from wakedeploy.gap.inference import extended
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.rig import Rig
 
+FloatArray = npt.NDArray[np.float64]
 PATH = Path(__file__).with_name("sizes.json")
 STRENGTHS = (5, 15, 50, 150)
 _PILOT_SEED = 990_000
-_PILOTS = 3
-_CLOSE = 0.2  # a pilot this near to its aim, in the logarithm of nats, ends the search
+_HALVINGS = 9
+_LINEAR_SD = 0.6
+# What changes in jumps is not linear in its size: from pilots in which the effect was flown.
+_BY_HAND = {
+    "command-latency": {"5": 0.6, "15": 0.95, "50": 1.5, "150": 2.2},
+    "esc-frame": {"5": 0.43, "15": 0.67, "50": 1.1, "150": 1.73},
+    "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.1, "150": 3.6},
+    "pwm-quantisation": {"5": 1.2, "15": 2.0, "50": 3.4, "150": 5.5},
+    "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
+}
+_LINEAR_SD = 0.6
+# A resting sufferer is not flying: what stiction changes is not linear in anything.
+_BY_HAND = {"stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0}}
+_STEPPED = (*_BY_HAND, "sample-and-hold")
+_SMALLEST, _LARGEST = 0.01, 40.0  # in prior scales, or units of an outside effect
 
 
 def main() -> None:
-    """Calibrate what the file lacks, or what is named; each result is kept at once."""
-    known = json.loads(PATH.read_text()) if PATH.exists() else {}
-    wanted = sys.argv[1:] or [*LIBRARY, *(f"{n}@instant" for n in SPOOLS), *OUTSIDE]
-    for name in wanted:
-        if name not in known or sys.argv[1:]:
-            known[name] = calibrated(name)
+    """Calibrate every effect; print what is found."""
+    known: dict[str, dict[str, float]] = {}
+    for instant, names in ((False, [*LIBRARY, *OUTSIDE]), (True, list(SPOOLS))):
+        pilot = Pilot(instant)
+        for name in names:
+            key = f"{name}@instant" if instant else name
+            known[key] = {str(n): pilot.size(name, float(n)) for n in STRENGTHS}
+            known[key] = _BY_HAND.get(name, known[key])
             write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
-            print(name, known[name], flush=True)  # noqa: T201
+            print(key, known[key], flush=True)  # noqa: T201
 
 
-def calibrated(name: str) -> dict[str, float]:
-    """Sizes of one effect for every strength, and the pilots they come from."""
-    pilots: list[tuple[float, float]] = []
-    size = OUTSIDE[name].unit if name in OUTSIDE else 1.0
-    for _ in range(_PILOTS):
-        gain = max(_gain(name, size), 0.3)
-        pilots.append((size, gain))
-        if abs(math.log(gain / 30.0)) < _CLOSE:
-            break
-        size *= min(max((30.0 / gain) ** (1.0 / _exponent(pilots)), 0.15), 6.0)
-    size, gain = min(pilots, key=lambda p: abs(math.log(p[1] / 30.0)))
-    power = _exponent(pilots)
-    return {str(n): float(f"{size * (n / gain) ** (1.0 / power):.4g}") for n in STRENGTHS}
+class Pilot:
+    """Flights without any effect, and what effects would change in them."""
 
+    def __init__(self, instant: bool) -> None:
+        case = Case("pilot", "none", "first", _PILOT_SEED, instant=instant)
+        self.rig: Rig = case.model_rig
+        logs = [flight(case, i).without_truth() for i in range(FLIGHTS)]
+        flights = [flight_from_log(log, self.rig, str(i)) for i, log in enumerate(logs)]
+        self._measured = Measured(self.rig, flights)
+        base = self._measured.base
+        self._scores = base.slopes.scores
+        parts = []
+        for score, de in zip(self._scores, base.slopes.innovation, strict=True):
+            parts.append(de * np.sqrt(score.weight / score.variance)[:, None])
+        precision = np.array([0.0 if np.isinf(f.prior_sd) else f.prior_sd**-1 for f in base.free])
+        self._explained, _ = np.linalg.qr(np.vstack([*parts, np.diag(precision)]))
+        self._padding = np.zeros(len(precision))
 
-def _exponent(pilots: list[tuple[float, float]]) -> float:
-    """With which power of the size the gain grows, between the two newest pilots."""
-    if len(pilots) < 2 or pilots[-1][0] == pilots[-2][0]:
-        return 2.0
-    (s0, g0), (s1, g1) = pilots[-2:]
-    return min(max(math.log(g1 / g0) / math.log(s1 / s0), 1.0), 4.0)
+    def size(self, name: str, nats: float) -> float:
+        """The size at which an effect is expected to gain this much; four digits."""
+        unit = OUTSIDE[name].unit if name in OUTSIDE else 1.0
+        low, high = _SMALLEST * unit, _LARGEST * unit
+        expected = self._expectation(name)
+        for _ in range(_HALVINGS):
+            middle = float(np.sqrt(low * high))
+            if expected(middle) < nats:
+                low = middle
+            else:
+                high = middle
+        return float(f"{np.sqrt(low * high):.4g}")
 
+    def _expectation(self, name: str) -> Callable[[float], float]:
+        known: dict[float, float] = {}
 
-def _gain(name: str, size: float) -> float:
-    bare, _, instant = name.partition("@")
-    label = Case("", "none", "first", 0, instant=bool(instant))
-    effects = {} if bare in OUTSIDE else {bare: values_at(bare, size, label.model_rig)}
-    outside = {bare: size} if bare in OUTSIDE else {}
-    case = Case(name, "effect", "first", _PILOT_SEED, 0, effects, outside, bool(instant))
-    rig = case.model_rig
-    logs = [flight(case, i).without_truth() for i in range(FLIGHTS)]
-    flights = [flight_from_log(log, rig, str(i)) for i, log in enumerate(logs)]
-    gain = Measured(rig, flights).strength(effects, outside).nats
-    print(f"  {name} at {size:.4g}: {gain:.1f} nats", flush=True)  # noqa: T201
-    return gain
+        def expected(size: float) -> float:
+            if size not in known:
+                known[size] = self._grown(name, size)
+            return known[size]
+
+        return expected
+
+    def _values(self, name: str, size: float) -> dict[str, float]:
+        return {"size": size} if name in OUTSIDE else values_at(name, size, self.rig)
+
+    def _grown(self, name: str, size: float) -> float:
+        """Nats at a size, for smooth effects from one that is small enough to be linear."""
+        small = size
+        nats, most = self.nats(name, self._values(name, small))
+        while most > _LINEAR_SD and name not in _STEPPED:
+            small *= 0.5
+            nats, most = self.nats(name, self._values(name, small))
+        return nats * (size / small) ** 2
+
+    def nats(self, name: str, values: Mapping[str, float]) -> tuple[float, float]:
+        """What an effect at these values is expected to gain on the pilot's flights.
+
+        Also the largest change of an innovation, in standard deviations.
+        """
+        model, base = self._measured.model, self._measured.base
+        free = model.free((name,))
+        theta = extended(base, (name,), free)
+        fitted = dict(zip(base.names, base.theta, strict=True))
+        constant = {p.name: p.constant for p in model.effect(name).parameters}
+        for i, one in enumerate(free):
+            own = one.name.removeprefix(f"{name}.")
+            if own in values:  # from where calibration has put a constant, not from the rig's value
+                centre = fitted.get(constant[own] or "", one.neutral)
+                theta[i] = centre + values[own] - one.neutral
+        parts: list[FloatArray] = []
+        for episode, before in enumerate(self._scores):
+            after = model.score((name,), theta, episode)
+            change = after.innovation - before.innovation
+            parts.append(change * np.sqrt(before.weight / before.variance))
+        change = np.concatenate([*parts, self._padding])
+        rest = change - self._explained @ (self._explained.T @ change)
+        return 0.5 * float(rest @ rest), float(np.abs(change).max())
 
 
 if __name__ == "__main__":

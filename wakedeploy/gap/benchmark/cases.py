@@ -3,6 +3,7 @@
 In: `sizes.json`, made once by `calibrate`. Out: `Case`s, each with its hidden truth.
 """
 
+import functools
 import importlib.resources
 import itertools
 import json
@@ -79,7 +80,7 @@ class Case:
     @property
     def model_rig(self) -> Rig:
         """The rig file that the workflow is given."""
-        return default_rig().without("spool") if self.instant else default_rig()
+        return _model_rig(self.instant)
 
     @property
     def truth_names(self) -> tuple[str, ...]:
@@ -123,6 +124,7 @@ def values_at(name: str, size: float, rig: Rig, sign: int = 1) -> dict[str, floa
     return values
 
 
+@functools.cache
 def sizes() -> dict[str, dict[str, float]]:
     """Size of each effect for each strength in nats, as it was calibrated."""
     text = importlib.resources.files(__package__).joinpath("sizes.json").read_text("utf-8")
@@ -163,7 +165,7 @@ def _effect_cases(repeat: int, strengths: tuple[int, ...]) -> list[Case]:
             if nats not in strengths and half == count % 2:
                 continue
             instant = name in SPOOLS and half == 1
-            rig = default_rig().without("spool") if instant else default_rig()
+            rig = _model_rig(instant)
             size = size_of(name, nats, instant)
             values = values_at(name, size, rig, 1 if half == 0 else -1)
             plant = PLANTS[(count + half + nats // 50) % 2]
@@ -178,7 +180,7 @@ def _pair_cases(repeat: int) -> list[Case]:
     cases = []
     for count, pair in enumerate(PAIRS):
         label = f"{'+'.join(pair)}/50/{repeat}"
-        rig = default_rig()
+        rig = _model_rig(False)
         values = {name: values_at(name, size_of(name, 50, False), rig) for name in pair}
         cases.append(Case(label, "pair", PLANTS[count % 2], _seed(label), 50, values))
     return cases
@@ -206,6 +208,11 @@ def size_of(name: str, nats: int, instant: bool) -> float:
         return known[str(nats)]
     nearest = min(known, key=lambda n: abs(np.log(float(n) / nats)))
     return known[nearest] * float(np.sqrt(nats / float(nearest)))
+
+
+@functools.cache
+def _model_rig(instant: bool) -> Rig:
+    return default_rig().without("spool") if instant else default_rig()
 
 
 def _seed(label: str) -> int:

@@ -21,6 +21,7 @@ Hooks = dict[str, Callable[..., Any]]
 VIBRATION_HZ, DETENT_M, GUST_S = 2.0, 0.09, (8.0, 11.0)
 MAST_HZ, MAST_DAMPING = 2.2, 0.08
 _GRID_S = 1.0 / 128.0  # of the workflow's flights
+_SPOOL_S = 0.06
 _PLANT_S = 1.0 / 256.0
 
 
@@ -97,8 +98,8 @@ class _Supply(_Force):
     parameters = (Parameter("size", "1", scale=0.03, low=-1.0, high=1.0),)
 
     def force_n(self, p: Values, m: Motion, s: Setting) -> Number:
-        root = np.sqrt(np.maximum(m.source_n, 0.01))
-        surge = np.maximum(m.source_rate_nps / (2.0 * root), 0.0) * 0.06
+        root = np.sqrt(np.maximum(np.atleast_1d(np.asarray(m.source_n, float)), 0.01))
+        surge = _SPOOL_S * np.maximum(np.gradient(root, _GRID_S), 0.0)
         return -2.0 * p["size"] * surge * m.sufferer_n
 
 

@@ -1,0 +1,189 @@
+"""The judge's rules on made-up answers, the tables' arithmetic, and runs that are interrupted."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from wakedeploy.gap.benchmark import run
+from wakedeploy.gap.benchmark.cases import PAIRS, Case, all_cases, short_cases
+from wakedeploy.gap.benchmark.judge import decided, named_intervals, share_closed
+from wakedeploy.gap.benchmark.page import draw, markdown_of
+from wakedeploy.gap.benchmark.run import LINES, read_lines, run_cases
+from wakedeploy.gap.benchmark.table import coverage, summary, wilson
+from wakedeploy.physics.effects import LIBRARY
+
+
+def truth(kind: str, *names: str) -> dict[str, Any]:
+    hidden = {name: {"size": 1.0} for name in names}
+    inside, outside = (hidden, {}) if kind != "outside" else ({}, dict.fromkeys(names, 1.0))
+    return {"kind": kind, "effects": inside, "outside": outside}
+
+
+def answer(verdict: str, *names: str, members: tuple[str, ...] = ()) -> dict[str, Any]:
+    return {"verdict": verdict, "effects": [{"name": n} for n in names], "class": list(members)}
+
+
+def right(hidden: dict[str, Any], given: dict[str, Any], **gains: float) -> bool:
+    return decided(hidden, given, gains)["right"]
+
+
+def test_a_name_is_right_if_it_is_the_hidden_one_and_alone() -> None:
+    assert right(truth("effect", "a"), answer("named", "a"))
+    assert not right(truth("effect", "a"), answer("named", "b"))
+    assert not right(truth("effect", "a"), answer("named", "a", "b"))
+    for other in ("none", "unknown"):
+        assert not right(truth("effect", "a"), answer(other))
+
+
+def test_a_class_is_right_only_if_every_member_explains_the_data_as_well() -> None:
+    both = answer("class", "a", "b", members=("a", "b"))
+    assert right(truth("effect", "a"), both, a=50.0, b=47.5)
+    assert not right(truth("effect", "a"), both, a=50.0, b=46.5)
+    assert not right(truth("effect", "c"), both, a=50.0, b=50.0, c=50.0)
+    extra = answer("class", "d", "a", "b", members=("a", "b"))
+    assert not right(truth("effect", "a"), extra, a=50.0, b=50.0)
+
+
+def test_unknown_is_for_what_the_library_lacks_and_none_for_nothing() -> None:
+    assert right(truth("outside", "x"), answer("unknown"))
+    assert not right(truth("outside", "x"), answer("named", "a"))
+    assert right(truth("none"), answer("none"))
+    assert not right(truth("none"), answer("unknown"))
+
+
+def test_of_a_pair_both_must_be_found_and_one_counts_apart() -> None:
+    pair = truth("pair", "a", "b")
+    assert decided(pair, answer("named", "b", "a"), {}) == {"right": True, "partial": False}
+    assert decided(pair, answer("unknown", "a"), {}) == {"right": False, "partial": True}
+    assert decided(pair, answer("named", "a", "c"), {}) == {"right": False, "partial": False}
+    half = answer("class", "a", "b", "c", members=("b", "c"))
+    assert right(pair, half, b=30.0, c=29.0)
+    assert not right(pair, half, b=30.0, c=20.0)
+
+
+def test_named_intervals_are_held_against_the_truth() -> None:
+    given = {"effects": [{"name": "a", "parameters": {"size": {"low": 0.5, "high": 0.9}}}]}
+    (row,) = named_intervals(truth("effect", "a"), given)
+    assert not row["held"]
+    assert named_intervals(truth("effect", "b"), given) == []
+
+
+def test_the_share_closed_is_of_squares_above_the_floor() -> None:
+    channel = {"before": 5.0, "after": 4.0, "noise_floor": 3.0}
+    assert share_closed({"gap": {"height 0.25 s ahead": channel}}) == pytest.approx(9.0 / 16.0)
+    assert share_closed({"gap": {}}) is None
+
+
+@pytest.mark.parametrize(
+    ("successes", "trials", "low", "high"),
+    [(0, 10, 0.0, 0.2775), (5, 100, 0.0215, 0.1118), (81, 263, 0.2553, 0.3662), (7, 7, 0.6457, 1)],
+)
+def test_wilsons_interval(successes: int, trials: int, low: float, high: float) -> None:
+    """81 of 263 is Newcombe's example (Statistics in Medicine 17, 1998, table I)."""
+    assert wilson(successes, trials) == pytest.approx((low, high), abs=5e-5)
+
+
+def test_coverage_is_told_per_effect_and_for_all() -> None:
+    rows = [{"effect": e, "held": h} for e, h in (("a", True), ("a", False), ("b", True))]
+    told = coverage(rows)
+    assert (told["a"]["count"], told["a"]["of"], told["all"]["count"]) == (1, 2, 2)
+
+
+def test_the_list_has_what_was_promised() -> None:
+    cases = all_cases()
+    assert len({c.name for c in cases}) == len({c.seed for c in cases}) == len(cases)
+    by_kind = {k: [c for c in cases if c.kind == k] for k in ("effect", "pair", "none", "outside")}
+    assert len(by_kind["none"]) >= 100
+    assert len(by_kind["pair"]) == len(PAIRS) == 10
+    assert len({c.truth_names for c in by_kind["outside"]}) >= 6
+    for name in LIBRARY:
+        own = [c for c in by_kind["effect"] if name in c.effects]
+        assert {15, 50} <= {c.nats for c in own}
+        assert {c.plant for c in own} == {"first", "second"}
+    for kind, some in by_kind.items():
+        share = sum(c.plant == "second" for c in some) / len(some)
+        assert 0.4 <= share <= 0.6, kind
+    assert {c.kind for c in short_cases()} == {"effect", "outside", "none"}
+
+
+def test_hidden_values_lie_within_the_librarys_bounds() -> None:
+    for case in all_cases():
+        for name, values in case.effects.items():
+            for p in LIBRARY[name].parameters:
+                assert p.low <= values[p.name] <= p.high, case.name
+
+
+def test_calibration_is_off_in_every_case_but_for_what_is_hidden() -> None:
+    cases = all_cases()[::40]
+    for case in cases:
+        assert case.truth_constants() == case.truth_constants()
+        assert case.truth_constants()["wake.diffusivity_m2ps"] != 0.06 or "wake" in case.name
+    (hidden,) = (c for c in all_cases() if c.name == "wake-strength/50/0")
+    assert hidden.truth_constants()["wake.strength"] == 380.0
+
+
+def fake(job: run.Job) -> dict[str, Any]:
+    if (job.out / "stop").exists() and job.case.name == "none/0/2":
+        raise KeyboardInterrupt
+    return line(job.case)
+
+
+def line(case: Case, **more: Any) -> dict[str, Any]:
+    told = {"name": case.name, "kind": case.kind, "plant": case.plant, "seconds": 1.0}
+    told |= {"verdict": "none", "named": [], "class": [], "hidden": list(case.truth_names)}
+    told |= {"right": case.kind == "none", "partial": False, "named_intervals": [], "closed": None}
+    return told | more
+
+
+def test_an_interrupted_run_goes_on_where_it_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = [c for c in all_cases() if c.kind == "none"][:4]
+    monkeypatch.setattr(run, "do_case", fake)
+    (tmp_path / "stop").touch()
+    with pytest.raises(KeyboardInterrupt):
+        run_cases(cases, tmp_path, close=dict)
+    assert [told["name"] for told in read_lines(tmp_path)] == ["none/0/0", "none/0/1"]
+    with (tmp_path / LINES).open("a") as file:
+        file.write('{"name": "none/0/2", "ki')  # killed while writing
+    (tmp_path / "stop").unlink()
+    seen: list[tuple[int, int]] = []
+    lines = run_cases(cases, tmp_path, close=dict, progress=lambda *done: seen.append(done))
+    assert [told["name"] for told in lines] == [c.name for c in cases]
+    assert seen == [(3, 4), (4, 4)]
+    before = (tmp_path / LINES).read_bytes()
+    assert run_cases(cases, tmp_path, close=dict) == lines
+    assert (tmp_path / LINES).read_bytes() == before
+
+
+def test_a_case_that_fails_is_told_and_tried_again(tmp_path: Path) -> None:
+    case = next(c for c in all_cases() if c.kind == "none")
+
+    def broken(*_: Any, **__: Any) -> dict[str, Any]:
+        raise ValueError("no")
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(run, "write_world", lambda *_: [])
+        (told,) = run.read_lines(tmp_path) or [
+            run.do_case(run.Job(case, tmp_path, broken, False, ""))
+        ]
+    assert told["error"] == "ValueError: no"
+    assert summary([told])["errors"] == {case.name: "ValueError: no"}
+
+
+def test_the_page_says_the_rates_and_draws_them(tmp_path: Path) -> None:
+    cases = all_cases()
+    lines = [
+        line(c, nats=float(c.nats), verdict="named", named=list(c.truth_names), right=True)
+        if c.kind in ("effect", "pair")
+        else line(c)
+        for c in cases
+    ]
+    told = summary(json.loads(json.dumps(lines)))
+    page = markdown_of(told, "picture.png")
+    assert told["right_from_50_nats"]["share"] == 1.0
+    assert told["false_alarms"]["count"] == 0
+    assert "| false alarms without an effect | 0 % [0, 4] | 0 of 100 | ≤ 5 % |" in page
+    draw(told).savefig(tmp_path / "page.png")

@@ -1,0 +1,154 @@
+"""Run the benchmark: fly each case, let the workflow close the gap, judge; resumable.
+
+In: cases and a folder. Out: `cases.jsonl`, one line per finished case. Each line is appended in one
+write, so a killed run loses the cases under way and nothing else; the next run does what is
+missing.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import time
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap.benchmark.cases import Case
+from wakedeploy.gap.benchmark.judge import judge
+from wakedeploy.gap.benchmark.worlds import write_world
+
+LINES = "cases.jsonl"
+Close = Callable[..., Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Job:
+    """One case to do; `close` is the workflow under test, `keep` whether its files stay."""
+
+    case: Case
+    out: Path
+    close: Close
+    keep: bool
+    frozen_at: str
+
+
+def run_cases(
+    cases: Sequence[Case],
+    out: Path,
+    *,
+    workers: int = 1,
+    keep: bool = False,
+    close: Close | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[dict[str, Any]]:
+    """Do the cases that `out` lacks and return the lines of all of `cases`, in their order.
+
+    `close` is `wakedeploy.gap.close.close` unless given. `progress(done, total)` counts what is
+    done, earlier runs included. A case on which the workflow fails is a line with its error, and is
+    tried again by the next run.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    done = {line["name"]: line for line in read_lines(out) if "error" not in line}
+    commit = frozen_at()
+    workflow = close if close is not None else _workflow()
+    jobs = [Job(c, out, workflow, keep, commit) for c in cases if c.name not in done]
+    for count, line in enumerate(_lines(jobs, workers), start=len(cases) - len(jobs) + 1):
+        _append(out / LINES, line)
+        done[line["name"]] = line
+        if progress is not None:
+            progress(count, len(cases))
+    return [done[c.name] for c in cases if c.name in done]
+
+
+def read_lines(out: Path) -> list[dict[str, Any]]:
+    """Every whole line of a run so far, the newest of each case last."""
+    path = out / LINES
+    if not path.exists():
+        return []
+    lines = []
+    for text in path.read_text(encoding="utf-8").splitlines():
+        try:
+            lines.append(json.loads(text))
+        except json.JSONDecodeError:  # the line that a killed run was writing
+            continue
+    return lines
+
+
+def frozen_at() -> str:
+    """The git commit of this code, "-dirty" if it has been changed since; "" outside git."""
+    git = shutil.which("git")
+    if git is None:
+        return ""
+    root = Path(__file__).parents[3]
+    command = [
+        git,
+        "-C",
+        str(root),
+        "describe",
+        "--always",
+        "--abbrev=12",
+        "--dirty",
+        "--exclude=*",
+    ]
+    told = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    return told.stdout.strip() if told.returncode == 0 else ""
+
+
+def do_case(job: Job) -> dict[str, Any]:
+    """Fly, close, judge; the line of one case."""
+    label = job.case.name.replace("/", "_").replace("+", "_")
+    world, truth = job.out / "worlds" / label, job.out / "truth" / f"{label}.json"
+    started = time.monotonic()
+    line: dict[str, Any] = {"name": job.case.name, "kind": job.case.kind, "commit": job.frozen_at}
+    try:
+        logs = write_world(job.case, world, truth)
+        flown = time.monotonic()
+        result = dict(job.close(world / "rig.toml", logs, world / "answer", workers=1))
+        closed = time.monotonic()
+        line |= judge(world, result, truth)
+        line |= {"seconds": closed - flown, "seconds_flying": flown - started}
+        line["seconds_judging"] = time.monotonic() - closed
+    except Exception as error:  # a failure is a result, too
+        line["error"] = f"{type(error).__name__}: {error}"
+        write_text_whole(job.out / "errors" / f"{label}.txt", traceback.format_exc())
+    if not job.keep and "error" not in line:
+        shutil.rmtree(world, ignore_errors=True)
+    return line
+
+
+def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
+    """Finished lines as they come."""
+    if workers <= 1:
+        yield from map(do_case, jobs)
+        return
+    with ProcessPoolExecutor(max_workers=workers) as pool:
+        waiting = [pool.submit(do_case, job) for job in jobs]
+        try:
+            for one in as_completed(waiting):
+                yield one.result()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _append(path: Path, line: Mapping[str, Any]) -> None:
+    """One line in one write; begins with a line break where a killed run left half a line."""
+    text = json.dumps(line) + "\n"
+    with path.open("ab+") as file:
+        if file.tell() > 0:
+            file.seek(-1, os.SEEK_END)
+            text = text if file.read(1) == b"\n" else "\n" + text
+        file.write(text.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _workflow() -> Close:
+    from wakedeploy.gap.close import close
+
+    return close

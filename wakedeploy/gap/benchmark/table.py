@@ -1,0 +1,118 @@
+"""The benchmark's tables, from its lines: what was answered, how often that was right, how sure.
+
+In: lines of `cases.jsonl`. Out: a summary as plain data, as text and as a Markdown page.
+"""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+Line = Mapping[str, Any]
+BINS = ((0.0, 10.0), (10.0, 25.0), (25.0, 50.0), (50.0, 100.0), (100.0, math.inf))
+_Z95 = 1.959963984540054
+
+
+def wilson(successes: int, trials: int, z: float = _Z95) -> tuple[float, float]:
+    """Wilson's score interval for a proportion (1927), 95 % by default; (0, 1) without trials."""
+    if trials == 0:
+        return 0.0, 1.0
+    share, z2 = successes / trials, z * z
+    centre = (share + z2 / (2 * trials)) / (1 + z2 / trials)
+    reach = z / (1 + z2 / trials)
+    reach *= math.sqrt(share * (1 - share) / trials + z2 / (4 * trials * trials))
+    return max(0.0, centre - reach), min(1.0, centre + reach)
+
+
+def summary(lines: Sequence[Line]) -> dict[str, Any]:
+    """Everything that the page shows, ready for JSON."""
+    good = [line for line in lines if "error" not in line]
+    singles = [line for line in good if line["kind"] == "effect"]
+    pairs = [line for line in good if line["kind"] == "pair"]
+    strong = [line for line in singles if (line.get("nats") or 0.0) >= 50.0]
+    weak = [line for line in singles if 15.0 <= (line.get("nats") or 0.0) < 50.0]
+    none = [line for line in good if line["kind"] == "none"]
+    outside = [line for line in good if line["kind"] == "outside"]
+    return {
+        "commits": sorted({line.get("commit", "") for line in good}),
+        "cases": dict(Counter(line["kind"] for line in good)),
+        "errors": {line["name"]: line["error"] for line in lines if "error" in line},
+        "right_from_50_nats": _rate(line["right"] for line in strong),
+        "right_15_to_50_nats": _rate(line["right"] for line in weak),
+        "false_alarms": _rate(line["verdict"] != "none" for line in none),
+        "unknown_outside": _rate(line["right"] for line in outside),
+        "unknown_outside_from_50_nats": _rate(
+            line["right"] for line in outside if (line.get("nats") or 0.0) >= 50.0
+        ),
+        "pairs_right": _rate(line["right"] for line in pairs),
+        "pairs_in_part": _rate(line["partial"] for line in pairs),
+        "by_nats": [_bin(singles, low, high) for low, high in BINS],
+        "by_plant": {
+            plant: _rate(line["right"] for line in (*strong, *weak) if line["plant"] == plant)
+            for plant in ("first", "second")
+        },
+        "false_alarms_by_plant": {
+            plant: _rate(line["verdict"] != "none" for line in none if line["plant"] == plant)
+            for plant in ("first", "second")
+        },
+        "coverage_fitted": coverage(r for line in good for r in line.get("fitted_intervals", [])),
+        "coverage_named": coverage(row for line in good for row in line["named_intervals"]),
+        "closed_from_50_nats": spread(line["closed"] for line in (*strong, *pairs)),
+        "class_size": spread(len(line["class"]) for line in good if line["class"]),
+        "seconds": spread(line["seconds"] for line in good),
+        "confusion": confusion(good),
+    }
+
+
+def coverage(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """How often 90 % intervals held the truth: per effect, and "all"."""
+    held: dict[str, list[bool]] = {"all": []}
+    for row in rows:
+        held["all"].append(row["held"])
+        held.setdefault(row["effect"], []).append(row["held"])
+    return {name: _rate(values) for name, values in held.items()}
+
+
+def confusion(lines: Sequence[Line]) -> dict[str, dict[str, int]]:
+    """Hidden effect → answer → count; a class that holds the hidden effect counts as "class"."""
+    table: dict[str, Counter[str]] = {}
+    for line in lines:
+        if line["kind"] == "pair":
+            continue
+        hidden = line["hidden"][0] if line["hidden"] else "none"
+        table.setdefault(hidden, Counter())[answer(line, hidden)] += 1
+    return {hidden: dict(counts) for hidden, counts in table.items()}
+
+
+def answer(line: Line, hidden: str) -> str:
+    """One word for an answer: an effect, "class", "other class", "several", "unknown", "none"."""
+    if line["verdict"] == "named":
+        return str(line["named"][0]) if len(line["named"]) == 1 else "several"
+    if line["verdict"] == "class":
+        return "class" if hidden in line["class"] and not line["named"] else "other class"
+    return str(line["verdict"])
+
+
+def spread(values: Iterable[float | None]) -> dict[str, float] | None:
+    """Mean, median and extremes of what is known; None without any."""
+    known = sorted(v for v in values if v is not None and math.isfinite(v))
+    if not known:
+        return None
+    mean, middle = sum(known) / len(known), known[len(known) // 2]
+    least, most = known[0], known[-1]
+    return {"mean": mean, "median": middle, "least": least, "most": most, "count": len(known)}
+
+
+def _rate(flags: Iterable[bool]) -> dict[str, float]:
+    values = [bool(flag) for flag in flags]
+    count, total = sum(values), len(values)
+    low, high = wilson(count, total)
+    share = count / total if total else math.nan
+    return {"count": count, "of": total, "share": share, "low": low, "high": high}
+
+
+def _bin(lines: Sequence[Line], low: float, high: float) -> dict[str, Any]:
+    inside = [line for line in lines if low <= (line.get("nats") or 0.0) < high]
+    rate = _rate(line["right"] for line in inside)
+    shares = {"low_share": rate.pop("low"), "high_share": rate.pop("high")}
+    return {"low": low, "high": high} | rate | shares
