@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -181,3 +182,10 @@ def test_a_rig_file_with_another_expression_is_refused(old, new, told):
         parse_rig(default_rig_text() + FORCE.replace(old, new), "my.toml")
     assert told in str(refused.value)
     assert str(refused.value).startswith("my.toml: effect.0")
+
+
+def test_the_docs_name_every_variable_and_their_example_is_read():
+    page = (Path(__file__).parents[2] / "docs" / "expressions.md").read_text(encoding="utf-8")
+    assert all(f"`{name}`" in page for name in (*VARIABLES, *FUNCTIONS))
+    example = page.split("```toml")[1].split("```")[0]
+    assert parse_rig(default_rig_text() + example).effect[0].name == "symbolic-force"

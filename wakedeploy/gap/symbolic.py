@@ -124,7 +124,7 @@ def search(
     (`vars(setting_of(rig))`). Each term must gain `least_nats` on held-out episodes; by default as
     much as the best of so many terms without any truth in them would hardly gain.
     """
-    least = math.log(len(names)) + 2.0 if least_nats is None else least_nats
+    least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
     one = _Search(model, base, rank_function, names, terms, least)
     while len(one.chosen) < most_terms and one.add():
         one.exchange()
