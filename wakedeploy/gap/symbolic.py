@@ -49,12 +49,12 @@ SEARCHED = (*TERMS, *(wave_in_time(0.05 * n) for n in range(10, 101)))  # 0.5 to
 MOST_TERMS = 3
 _NEAR_NATS = 8.0  # terms that promise so much less than the best are not fitted
 _MOST_FITTED = 4
-_WORTH_FITTING = 0.7
+_WORTH_FITTING = 0.7  # of the least gain; slopes at zero promise somewhat too little
 _MOST_RIVALS = 6
 _RIVALS_SHARE = 0.4  # of the best's promise, for a term that may take its place later
 _MOST_WAVES = 25  # of those of one round, so many are tried in the next
-_SURELY = 3.0
-_EQUAL_NATS = 1.0
+_SURELY = 3.0  # times the least gain, by the standard error: no refit without the term is needed
+_EQUAL_NATS = 1.0  # the shorter of two terms so close is taken
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
 
