@@ -7,7 +7,9 @@ each. May import what `wakedeploy.gap` may.
 """
 
 import importlib
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from wakedeploy.gap.domains.coloured import ResponseModel
 
@@ -22,3 +24,12 @@ def open_domain(name: str, path: Path | None) -> ResponseModel:
     module = importlib.import_module(f"wakedeploy.gap.domains.{name}")
     model: ResponseModel = module.open_model(path)
     return model
+
+
+def further(
+    name: str, model: ResponseModel, simulations: int, seed: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """What a domain adds to the account: independent estimates, profiles, an audit of labels."""
+    module = importlib.import_module(f"wakedeploy.gap.domains.{name}")
+    result: dict[str, Any] = module.further(model, simulations, seed, progress)
+    return result

@@ -7,6 +7,7 @@ here: it is a part of what answers.
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
@@ -109,6 +110,17 @@ def open_model(path: Path | None) -> FishModel:
     if model.episodes < 4:
         raise UnusableInput(f"{path}: {first} is shorter than 41 s; give a longer recording.")
     return model
+
+
+def further(
+    model: FishModel, simulations: int, seed: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """The likelihood over the delay, in steps of a sixtieth of a second."""
+    delays_s = np.arange(0, 37) / 60.0
+    profile = delay_profile(model, delays_s, progress)
+    return {
+        "delay_profile": {"delay_s": delays_s.tolist(), "nats": (profile - profile.max()).tolist()}
+    }
 
 
 def delay_profile(

@@ -4,11 +4,15 @@ In: logs of duty steps (`wakedeploy.domains.motor`). Each step is an episode; it
 unknown, with a prior around a straight curve from duty to speed.
 """
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from scipy.optimize import curve_fit
 
 from wakedeploy.domains.motor import Step, read_steps
+from wakedeploy.gap.domains.closing import required
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values
 from wakedeploy.gap.inference import FloatArray, Free
 
@@ -132,10 +136,41 @@ class MotorModel(ResponseModel):
         return np.asarray(sag * warm)
 
 
+def further(
+    model: MotorModel, simulations: int, seed: int, progress: Callable[[str], None]
+) -> dict[str, Any]:
+    """An exponential fitted to each step alone, by least squares: an independent estimate."""
+    progress("fitting single steps")
+    steps = [step_response(s) for s in model.steps]
+    rising = [s.after > s.before for s in model.steps]
+    result: dict[str, Any] = {}
+    for name, wanted in (("up", True), ("down", False)):
+        taus = [t for t, up in zip(steps, rising, strict=True) if up == wanted]
+        result[name] = {"steps": len(taus), "median_s": float(np.median(taus)) if taus else None}
+    return {"single_steps": result | {"tau_s": dict(zip(_names(model), steps, strict=True))}}
+
+
+def step_response(step: Step) -> float:
+    """Time constant [s] of one step, its beginning free within a burst."""
+    since_s = step.time_s - step.step_s
+    low = float(np.median(step.rpm[since_s < 0]))
+    high = float(np.median(step.rpm[since_s > 0.5 * since_s[-1]]))
+    after = since_s >= 0
+
+    def course(at_s: FloatArray, tau_s: float, start_s: float) -> FloatArray:
+        return np.asarray(high + (low - high) * _decay(np.maximum(at_s - start_s, 0.0), tau_s))
+
+    bounds = ([1e-3, -_BURST_S], [1.0, _BURST_S])
+    found, _ = curve_fit(course, since_s[after], step.rpm[after], [0.03, 0.0], bounds=bounds)
+    return float(found[0])
+
+
+def _names(model: MotorModel) -> list[str]:
+    return [s.name for s in model.steps]
+
+
 def open_model(path: Path | None) -> MotorModel:
     """The model over the logs below `path`."""
-    from wakedeploy.gap.domains.closing import required
-
     return MotorModel(read_steps(required(path, "motor")))
 
 

@@ -1,0 +1,90 @@
+"""`wakedeploy gap domain`: the gap workflow on recordings and simulations other than the gantry."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+
+
+@click.command("domain")
+@click.argument("name", type=click.Choice(["motor", "fish", "quadrotor", "downwash"]))
+@click.argument("path", type=click.Path(path_type=Path), required=False)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    required=True,
+    help="Folder for domain.json.",
+)
+@click.option(
+    "--simulations",
+    type=click.IntRange(min=1),
+    default=19,
+    show_default=True,
+    help="Of the baseline, for the threshold; 19 make a false alarm one in twenty.",
+)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+def domain(
+    name: str,
+    path: Path | None,
+    out: Path,
+    simulations: int,
+    seed: int,
+    json_path: Path | None,
+) -> None:
+    """Find, name and show what a domain's baseline lacks; PATH holds its recordings.
+
+    downwash flies its own simulation and takes no PATH.
+
+    \b
+    Example:
+        wakedeploy gap domain motor esc_test --out runs/motor
+        wakedeploy gap domain downwash --out runs/downwash --simulations 3
+    """
+    from wakedeploy.gap.domains import further, open_domain
+    from wakedeploy.gap.domains.closing import close
+
+    model = open_domain(name, path)
+    with progress(f"Closing the gap: {name}", 1) as bar:
+
+        def tell(words: str) -> None:
+            bar.update(0, 1)
+            click.echo(words, err=True)
+
+        account = close(model, simulations=simulations, seed=seed, progress=tell)
+        document = account.document | further(name, model, simulations, seed, tell)
+    write_json(out / "domain.json", document)
+    if json_path:
+        write_json(json_path, document)
+    _print(name, document)
+    if "far" in document:
+        _print(f"{name}, where no wake is", document["far"])
+
+
+def _print(title: str, document: dict[str, Any]) -> None:
+    found = ", ".join(document["effects"]) or "nothing"
+    click.echo(f"{title}: {document['verdict']}: {found}")
+    print_table(
+        "parameters",
+        ["parameter", "value", "low", "high", "unit"],
+        [
+            [n, *(f"{p[k]:.4g}" for k in ("value", "low", "high")), p["unit"]]
+            for n, p in document["parameters"].items()
+        ],
+    )
+    first = document["rounds"][0]["ranking"]
+    print_table(
+        f"each alone, threshold {document['threshold_nats']:.1f} nats",
+        ["effect", "held-out nats"],
+        [[c["name"], f"{c['gain_nats']:.1f}"] for c in first],
+    )
+    print_table(
+        "residual on sealed episodes",
+        ["channel", "before", "after", "unit"],
+        [
+            [n, f"{g['before']:.4g}", f"{g['after']:.4g}", g["unit"]]
+            for n, g in document["gap"].items()
+        ],
+    )
