@@ -38,9 +38,7 @@ _BAR_WIDTH = 30
 @click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks.")
 @click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core.")
 @click.option("--allow-lead-mismatch", is_flag=True, help="Fly a package made for another lead.")
-@click.option(
-    "--watch-gap", is_flag=True, help="Warn when the rig file explains it no more."
-)
+@click.option("--watch-gap", is_flag=True, help="Warn when the rig file explains it no more.")
 @click.option("--json", "json_path", type=_FILE, help="Also write the summary as JSON.")
 def command(
     package_path: Path | None,
