@@ -20,6 +20,7 @@ ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alo
 _TINY = 1e-10
 _MOST_DEVIATIONS = 2.0
 _SMALLEST_SHARE = 1e-4
+_SWEEPS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +29,8 @@ class Column:
 
     It is the difference of what `hypothesis` says at the parameters `near` and `origin`, divided by
     `share`. `parameter` is empty for the effect as a whole, whose first parameter it moves by
-    `amount`; `low` and `high` bound what a fit may use of it, in multiples of `amount`.
+    `amount`; `low` and `high` bound what a fit may use of it, in multiples of `amount`. A parameter
+    that only shapes the effect does nothing without it, so its bounds go with the whole.
     """
 
     effect: str
@@ -41,6 +43,7 @@ class Column:
     near: FloatArray
     origin: FloatArray
     share: float = 1.0
+    is_shape: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,22 +157,26 @@ def _directions(
     column = _whole_column(name, free[own[0]], neutral[own[0]], there[own[0]])
     found = [(replace(column, hypothesis=hypothesis, near=at, origin=neutral, share=share), whole)]
     for i in own[1:]:
-        aside = at.copy()
-        has_room = at[i] - free[i].step >= free[i].low
-        aside[i] += -free[i].step if has_room else free[i].step
+        step = -free[i].step if at[i] - free[i].step >= free[i].low else free[i].step
+        aside, alone = at.copy(), neutral.copy()
+        aside[i] += step
+        alone[i] += step
         moved = changes(model, base, hypothesis, aside)
+        unmoved = changes(model, base, hypothesis, alone)
+        bounds = sorted(((free[i].low - at[i]) / -step, (free[i].high - at[i]) / -step))
         found.append(
             (
                 Column(
                     effect=name,
                     parameter=free[i].name,
                     unit=free[i].unit,
-                    amount=at[i] - aside[i],
-                    low=-np.inf,
-                    high=np.inf,
+                    amount=-step,
+                    low=bounds[0],
+                    high=bounds[1],
                     hypothesis=hypothesis,
                     near=at,
                     origin=aside,
+                    is_shape=all(np.allclose(u, o) for u, o in zip(unmoved, origin, strict=True)),
                 ),
                 [n - m for n, m in zip(near, moved, strict=True)],
             )
@@ -261,11 +268,21 @@ def _left(information: FloatArray, truth: FloatArray, evidence: Evidence, rival:
 def fitted_shares(
     own: FloatArray, pulls: FloatArray, evidence: Evidence, places: Sequence[int]
 ) -> FloatArray:
-    """What a fit uses of a rival's directions (n, k), within bounds where there is only one."""
-    if len(places) == 1:
-        column = evidence.columns[places[0]]
-        share = pulls / max(own[0, 0], _TINY)
-        return np.asarray(np.clip(share, column.low, column.high))
+    """What a fit uses of a rival's directions (n, k), each within its bounds.
+
+    The unbounded optimum first, then one direction after another; the problem is convex.
+    """
+    columns = [evidence.columns[i] for i in places]
     scale = 1.0 / np.sqrt(np.maximum(np.diag(own), _TINY))
     scaled = own * scale[:, None] * scale[None, :]
-    return np.asarray(np.linalg.lstsq(scaled, (scale * pulls).T, rcond=1e-8)[0].T * scale)
+    shares = (np.linalg.lstsq(scaled, (scale * pulls).T, rcond=1e-8)[0].T * scale).copy()
+    for _ in range(_SWEEPS if len(places) > 1 else 1):
+        before = shares.copy()
+        for k, column in enumerate(columns):
+            rest = pulls[:, k] - shares @ own[:, k] + shares[:, k] * own[k, k]
+            reach = np.maximum(shares[:, 0], 0.0) if column.is_shape else 1.0
+            best = rest / max(own[k, k], _TINY)
+            shares[:, k] = np.clip(best, reach * column.low, reach * column.high)
+        if np.allclose(shares, before, rtol=1e-4, atol=1e-6):
+            break
+    return np.asarray(shares)
