@@ -191,7 +191,7 @@ def _inputs(flight: Flight, beyond_m: float | None) -> _Inputs:
     )
 
 
-def _between(series: FloatArray, at: FloatArray) -> FloatArray:
+def _between(series: FloatArray, at: NDArray[np.floating[Any]]) -> FloatArray:
     """A series at fractional indices, held at its ends."""
     at = np.clip(at, 0.0, len(series) - 1.0)
     low = np.minimum(at.astype(int), len(series) - 2)
