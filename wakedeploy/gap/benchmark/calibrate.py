@@ -1,14 +1,16 @@
-"""How large each effect must be for its strength, told from one pilot without any effect.
+"""How large each effect must be for its strength, told from pilots.
 
 In: the list of effects. Out: `sizes.json`, committed; the benchmark's cases are made from it. The
-pilot flies other seeds than any case. What an effect of some size would change in its innovations,
-less what noise and calibration can explain of it, is the expected gain in nats: half its square.
-The judge measures what each case really has.
+pilots fly other seeds than any case. What an effect of some size would change in the innovations of
+flights without it, less what noise and calibration can explain, is the expected gain in nats: half
+its square. Then it is flown at the size for 50 nats, and all its sizes are corrected by what that
+gains. The judge measures what each case really has.
 
-    python -m wakedeploy.gap.benchmark.calibrate
+    python -m wakedeploy.gap.benchmark.calibrate [--refine]
 """
 
 import json
+import sys
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
@@ -30,6 +32,7 @@ PATH = Path(__file__).with_name("sizes.json")
 STRENGTHS = (5, 15, 50, 150)
 _PILOT_SEED = 990_000
 _HALVINGS = 9
+_CORRECTIONS = (0.4, 2.5)
 _LINEAR_SD = 0.6
 # What changes in jumps is not linear in its size: from pilots in which the effect was flown.
 _BY_HAND = {
@@ -47,7 +50,10 @@ _SMALLEST, _LARGEST = 0.01, 40.0  # in prior scales, or units of an outside effe
 
 
 def main() -> None:
-    """Calibrate every effect; print what is found."""
+    """Calibrate every effect, or only correct the sizes by pilots that fly them; print both."""
+    if "--refine" in sys.argv[1:]:
+        refine()
+        return
     known: dict[str, dict[str, float]] = {}
     for instant, names in ((False, [*LIBRARY, *OUTSIDE]), (True, list(SPOOLS))):
         pilot = Pilot(instant)
@@ -57,6 +63,30 @@ def main() -> None:
             known[key] = _BY_HAND.get(name, known[key])
             write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
             print(key, known[key], flush=True)  # noqa: T201
+
+
+def refine() -> None:
+    """Fly each effect at its size for 50 nats and correct its sizes for what that gains."""
+    known: dict[str, dict[str, float]] = json.loads(PATH.read_text())
+    for key, sizes in known.items():
+        gain = flown_nats(key, sizes["50"])
+        share = float(np.clip(np.sqrt(50.0 / max(gain, 1.0)), *_CORRECTIONS))
+        if key not in _BY_HAND:
+            known[key] = {n: float(f"{share * size:.4g}") for n, size in sizes.items()}
+        write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
+        print(f"{key} at {sizes['50']}: {gain:.1f} nats, times {share:.2f}", flush=True)  # noqa: T201
+
+
+def flown_nats(key: str, size: float) -> float:
+    """What an effect of this size gains on flights of the first plant that have it."""
+    name, _, instant = key.partition("@")
+    rig = Case("", "none", "first", 0, instant=bool(instant)).model_rig
+    effects = {} if name in OUTSIDE else {name: values_at(name, size, rig)}
+    outside = {name: size} if name in OUTSIDE else {}
+    case = Case(key, "effect", "first", _PILOT_SEED, 0, effects, outside, bool(instant))
+    logs = [flight(case, i).without_truth() for i in range(FLIGHTS)]
+    flights = [flight_from_log(log, rig, str(i)) for i, log in enumerate(logs)]
+    return Measured(rig, flights).strength(effects, outside).nats
 
 
 class Pilot:

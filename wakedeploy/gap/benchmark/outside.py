@@ -100,7 +100,7 @@ class _Supply(_Force):
     def force_n(self, p: Values, m: Motion, s: Setting) -> Number:
         root = np.sqrt(np.maximum(np.atleast_1d(np.asarray(m.source_n, float)), 0.01))
         surge = _SPOOL_S * np.maximum(np.gradient(root, _GRID_S), 0.0)
-        return -2.0 * p["size"] * surge * m.sufferer_n
+        return np.asarray(-2.0 * p["size"] * surge * m.sufferer_n)
 
 
 class _Mast(_Force):

@@ -151,4 +151,5 @@ def _append(path: Path, line: Mapping[str, Any]) -> None:
 def _workflow() -> Close:
     from wakedeploy.gap.close import close
 
-    return close
+    workflow: Close = close
+    return workflow
