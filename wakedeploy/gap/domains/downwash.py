@@ -162,9 +162,10 @@ class _World:
         self._commands.append(command_n)
         late = self._late()
         self._thrust = self._spooled(late)
-        # A puff stands for air pushed over the step: take it for the middle of it.
-        aside = self._values.get("crosswind.offset_m", 0.0)
-        self._field.step(aside, -0.5 * DT_S * _SPEED_MPS, 0.0, self._thrust)
+        # A puff sinks for the whole step in which it is pushed, its air for half of it.
+        above_m = 0.5 * DT_S * self._values.get("transport-speed.speed_mps", _SPEED_MPS)
+        aside_m = self._values.get("crosswind.offset_m", 0.0)
+        self._field.step(aside_m, above_m, 0.0, self._thrust)
         return drag_force_n(self._field.velocity(x_m, z_m), _AREA_M2)
 
     def _late(self) -> FloatArray:

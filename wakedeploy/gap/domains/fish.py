@@ -5,6 +5,7 @@ and the flow, with coloured noise; pieces of ten seconds are episodes. The flag'
 here: it is a part of what answers.
 """
 
+import copy
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -59,6 +60,12 @@ class FishModel(ResponseModel):
             Record(f"piece-{k + 1}", np.arange(length) / RATE_HZ, tip_mm[None, s : s + length])
             for k, s in enumerate(self._starts)
         ]
+
+    def first(self, pieces: int) -> "FishModel":
+        """The model over the first pieces alone."""
+        part = copy.copy(self)
+        part.records = self.records[:pieces]
+        return part
 
     def nuisances(self) -> tuple[Free, ...]:
         """Gains of the two inputs, in millimetres per unit."""

@@ -20,6 +20,7 @@ FLIPS = 999
 LAGS = 10
 SIGNIFICANT = 0.05
 _FEWEST = 12  # samples of a bin
+_CORRELATIONS = 5.0  # times the noise's time constant: how long a block is
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,12 @@ def find_places(model: ResponseModel, fitted: Fit, seed: int = 0) -> list[Place]
     found = []
     for channel, (name, unit) in enumerate(model.channels):
         residuals, white = _rows(model, fitted, channel)
+        block = _blocks(model, fitted, channel)
+        residual, innovation = np.concatenate(residuals), np.concatenate(white)
         for coordinate, (coordinate_unit, at) in _joined(model, fitted).items():
             for low, high, inside in _bins(at):
-                p_value = _p_value(
-                    [w[i] for w, i in zip(white, _split(inside, white), strict=True)], seed
-                )
-                size = float(np.concatenate(residuals)[inside].mean())
+                p_value = _p_value(innovation[inside], block[inside], seed)
+                size = float(residual[inside].mean())
                 place = Place(name, coordinate, coordinate_unit, low, high, size, unit, p_value)
                 found.append(place)
     return _controlled(found)
@@ -107,13 +108,22 @@ def _bins(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
     return result
 
 
-def _split(inside: FloatArray, rows: list[FloatArray]) -> list[FloatArray]:
-    return np.split(inside, np.cumsum([len(r) for r in rows])[:-1])
+def _blocks(model: ResponseModel, fitted: Fit, channel: int) -> FloatArray:
+    """The number of each sample's block: several correlation times long, within one episode."""
+    length_s = _CORRELATIONS * float(np.exp(fitted.value(f"noise.{channel}.time")))
+    numbers, first = [], 0.0
+    for episode in fitted.episodes:
+        time_s = model.records[episode].time_s
+        own = np.floor((time_s - time_s[0]) / length_s)
+        numbers.append(first + own)
+        first += own[-1] + 1.0
+    return np.concatenate(numbers)
 
 
-def _p_value(pieces: list[FloatArray], seed: int) -> float:
-    """How often the sum is as large when each episode's part has a random sign."""
-    sums = np.array([p.sum() for p in pieces if len(p)])
+def _p_value(white: FloatArray, block: FloatArray, seed: int) -> float:
+    """How often the sum is as large when each block has a random sign."""
+    _, place = np.unique(block, return_inverse=True)
+    sums = np.bincount(place, weights=white)
     signs = np.random.default_rng(seed).choice((-1.0, 1.0), (FLIPS, len(sums)))
     beaten = np.abs(signs @ sums) >= abs(sums.sum())
     return float((1 + beaten.sum()) / (1 + FLIPS))

@@ -1,0 +1,79 @@
+"""Coloured noise: innovations against the joint density, places, and effects."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from wakedeploy.gap.domains.closing import close
+from wakedeploy.gap.domains.coloured import Record, ResponseModel, covariance, scored
+from wakedeploy.gap.inference import Free
+
+
+class Line(ResponseModel):
+    """A line over time; the effect is a parabola."""
+
+    name = "line"
+    channels = (("height", "m"),)
+    noise_start = ((0.2, 0.3, 0.1),)
+    effects: ClassVar = {
+        "bend": (Free("bend.size", "m", 0.0, 1.0, -9.0, 9.0, 1e-3, (0.1,)),),
+        "wave": (Free("wave.size", "m", 0.0, 1.0, -9.0, 9.0, 1e-3, (0.1,)),),
+    }
+
+    def __init__(self, bend: float, episodes: int = 8) -> None:
+        self.time_s = np.arange(60) / 20.0
+        rng = np.random.default_rng(3)
+        factor = np.linalg.cholesky(covariance(tuple(np.log((0.2, 0.3, 0.1))), self.time_s))
+        self.records = [
+            Record(f"{e}", self.time_s, (bend * (self.time_s - 1.5) ** 2 + factor @ noise)[None])
+            for e, noise in enumerate(rng.standard_normal((episodes, 60)))
+        ]
+
+    def response(self, values, episode):
+        bend = values.get("bend.size", 0.0) * (self.time_s - 1.5) ** 2
+        return (bend + values.get("wave.size", 0.0) * np.sin(9.0 * self.time_s))[None]
+
+
+def test_innovations_are_the_joint_density_taken_apart():
+    time_s = np.sort(np.random.default_rng(0).uniform(0, 3, 40))
+    noise = tuple(np.log((0.5, 0.4, 0.1)))
+    factor = np.linalg.cholesky(covariance(noise, time_s))
+    residual = factor @ np.random.default_rng(1).standard_normal(40)
+    _, innovation, variance, _ = scored(residual, factor)
+    one_by_one = -0.5 * (innovation**2 / variance + np.log(2 * np.pi * variance)).sum()
+    together = multivariate_normal(np.zeros(40), covariance(noise, time_s)).logpdf(residual)
+    assert one_by_one == pytest.approx(together, rel=1e-9)
+
+
+def test_the_noise_is_that_of_the_ornstein_uhlenbeck_process():
+    matrix = covariance(tuple(np.log((0.5, 0.4, 0.1))), np.array([0.0, 0.4]))
+    assert matrix[0, 1] == pytest.approx(0.25 / np.e)
+    assert matrix[0, 0] == pytest.approx(0.25 + 0.01)
+
+
+def test_an_outlier_hardly_counts():
+    _, _, _, weight = scored(np.array([0.1, 9.0, -0.1]), np.eye(3))
+    assert weight[1] < 1e-3 < 0.97 < weight[0]
+
+
+def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes():
+    account = close(Line(bend=0.4, episodes=20), simulations=3)
+    assert account.verdict == "named"
+    assert account.effects == ("bend",)
+    entry = account.document["parameters"]["bend.size"]
+    assert entry["low"] < 0.4 < entry["high"]
+    assert {p.coordinate for p in account.places} == {"time"}
+    gap = account.document["gap"]["height"]
+    assert gap["after"] < 0.8 * gap["before"]
+
+
+def test_nothing_is_named_where_nothing_is():
+    account = close(Line(bend=0.0), simulations=5)
+    assert (account.verdict, account.effects) == ("none", ())
+
+
+def test_three_episodes_are_too_few():
+    with pytest.raises(Exception, match="at least 4"):
+        close(Line(bend=0.4, episodes=3))
