@@ -26,8 +26,8 @@ Result = TypeVar("Result")
 
 _JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
 _DZ_M = 0.005  # how far slopes are looked at; smaller than anything that varies with height
-_DV_MPS = 0.03  # about how well the speed is known: slopes are averaged over that
-_SLIDING_MPS = 0.03
+_DV_MPS = 0.01  # how far slopes by speed are looked at
+_SLIDING_MPS = 0.007
 _KEPT = 3
 _PULSES_AVERAGED = 5
 _ARRIVAL_S = 0.004  # within this the time is known at which a command reaches the ESC's frame
@@ -73,7 +73,7 @@ class Physics:
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
         travelled = np.cumsum(np.abs(flight.vx_mps)) * DT_S
         self._still = Motion(
-            time_s=flight.grid_s - flight.take_off_s,
+            time_s=np.maximum(flight.grid_s - flight.take_off_s, 0.0),
             x_m=flight.x_m,
             vx_mps=flight.vx_mps,
             travelled_m=travelled,
@@ -210,6 +210,7 @@ class Physics:
             z_m=nominal[0],
             vz_mps=nominal[1],
             source_n=source_n,
+            source_rate_nps=np.append(0.0, np.diff(source_n) / DT_S),
             sufferer_n=sufferer_n,
             charge_s=charge_s,
         )
@@ -222,11 +223,10 @@ class Physics:
         def compute() -> tuple[object, ...]:
             at = _Motions(self._setting, motion, wake, self._rig.wake.drag_area_m2)
             middle = at.acceleration(constants, acting, 0.0, 0.0)
-            up = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
-            down = at.acceleration(constants, acting, -_DZ_M, 0.0)[0]
+            higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
             faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
             slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
-            slopes = (up - down) / (2 * _DZ_M), (faster - slower) / (2 * _DV_MPS)
+            slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
             return np.stack([middle[0], *slopes]), *middle[1:], (source_n, sufferer_n, wake)
 
         acceleration, thrust_n, wake_mps, wake_n, inertia, _ = self._remembered(
@@ -321,8 +321,12 @@ def _accepted(pulse: FloatArray, motor: str, effects: Active, idle_us: float) ->
     """Frame by frame what the ESC took over, from idle."""
     accepted = np.empty_like(pulse)
     before = [idle_us] * len(effects)
-    for i, offered in enumerate(pulse):
-        now = float(offered)
+    now, last = idle_us, math.nan
+    for i, offered in enumerate(pulse.tolist()):
+        if offered == last:  # the same pulse again is taken as before
+            accepted[i] = now
+            continue
+        now = last = offered
         for j, (effect, values) in enumerate(effects):
             now = before[j] = effect.pulse_us(values, now, before[j], motor, idle_us)
         accepted[i] = now

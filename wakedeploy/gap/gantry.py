@@ -20,6 +20,7 @@ from wakedeploy.gap.forces import Forces, Physics, forces_along
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
+from wakedeploy.physics.effects.chain import effect_of
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 
@@ -63,7 +64,7 @@ class GantryModel:
         self, rig: Rig, flights: Sequence[Flight], extra: Mapping[str, Effect] | None = None
     ) -> None:
         self.rig, self.flights = rig, tuple(flights)
-        self.extra = dict(extra or {})
+        self.extra: Mapping[str, Effect] = extra if extra is not None else {}
         self._physics = [Physics(rig, flight) for flight in self.flights]
         self._layouts: dict[Hypothesis, _Layout] = {}
         self._own = _own_effects(rig)
@@ -278,7 +279,7 @@ def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
     """The rig file's effects, each parameter with its interval as a prior."""
     own = []
     for entry in rig.effect:
-        effect = LIBRARY[entry.name]
+        effect = effect_of(entry)
         known = {}
         for p in effect.parameters:
             stated = entry.parameters[p.name]

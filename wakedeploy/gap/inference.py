@@ -23,7 +23,7 @@ _ITERATIONS = 12
 _ENOUGH_NATS = 0.02  # a step that promises less ends a fit
 _SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
-_MOST_CONTENDERS = 6
+_MOST_CONTENDERS = 5
 _ABSURD_NATS = 25.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -123,7 +123,12 @@ class Fit:
     @property
     def objective(self) -> float:
         """Log likelihood and priors together [nats]."""
-        return self.log_likelihood + _log_prior(self.free, self.theta)
+        return self.log_likelihood + self.log_prior
+
+    @property
+    def log_prior(self) -> float:
+        """How well the parameters agree with their priors, 0 at best [nats]."""
+        return _log_prior(self.free, self.theta)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -177,11 +182,16 @@ class Candidate:
     name: str
     fit: Fit
     gains: FloatArray  # (E,) nats, held out
+    prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
 
     @property
     def gain_nats(self) -> float:
-        """The sum over the episodes."""
-        return float(self.gains.sum())
+        """The sum over the episodes, and what the priors say.
+
+        A calibration is a measurement, too: a base that only explains the flights with constants
+        far from their calibrated values pays for it.
+        """
+        return float(self.gains.sum()) + self.prior_gain
 
     def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
         """Student's interval of the sum, from the spread between episodes."""
@@ -236,12 +246,13 @@ def rank(
     base: Fit,
     candidates: Sequence[str],
     *,
+    least_nats: float = 0.0,
     progress: Callable[[str], None] | None = None,
 ) -> list[Candidate]:
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
-    to the end.
+    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
     """
     reference = held_out(model, base)
     rough = []
@@ -250,12 +261,15 @@ def rank(
         if progress is not None:
             progress(name)
     best = max((f.objective for f in rough), default=0.0)
+    least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
     order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
-    near = [i for i in order if rough[i].objective > best - _CONTENDERS_NATS][:_MOST_CONTENDERS]
+    near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
     for i in near:
         rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
     ranked = [
-        Candidate(name, fitted, held_out(model, fitted) - reference)
+        Candidate(
+            name, fitted, held_out(model, fitted) - reference, fitted.log_prior - base.log_prior
+        )
         for name, fitted in zip(candidates, rough, strict=True)
     ]
     return sorted(ranked, key=lambda c: -c.gain_nats)
@@ -294,6 +308,24 @@ def confusion(
             rest = padded - q @ (q.T @ padded)
             loss[i, j] = 0.5 * float(rest @ rest) if i != j else 0.0
     return loss
+
+
+def information(model: Model, base: Fit, name: str) -> FloatArray:
+    """Fisher information of an effect's own parameters (k, k), nuisances readjusted.
+
+    At the neutral point, by its starts: half of it times a size squared is what an effect of that
+    size gains [nats].
+    """
+    one, span = _signature(model, base, name, None)
+    hypothesis = (*base.hypothesis, name)
+    free = [f for f in model.free(hypothesis) if f.name.startswith(f"{name}.")]
+    sizes = np.array([f.starts[-1] - f.neutral or f.step for f in free])
+    prior = np.sqrt(_prior_precision(base.free))
+    columns = np.vstack([_whitened(base.slopes), np.diag(prior)])
+    q, _ = np.linalg.qr(columns)
+    padded = np.vstack([span / sizes, np.zeros((len(prior), len(sizes)))])
+    rest = padded - q @ (q.T @ padded)
+    return np.asarray(rest.T @ rest)
 
 
 def neutral(free: Sequence[Free]) -> FloatArray:
@@ -344,7 +376,7 @@ class _Ascent:
     ) -> Slopes:
         renew: Sequence[int] | None = self._moving
         if renew is None and gained < _SETTLED_NATS:
-            renew = ()
+            renew = ()  # hardly moved: the slopes still hold
         if renew is None:
             return self._slopes(theta, None, scores)
         return self._slopes(theta, (slopes, renew), scores)

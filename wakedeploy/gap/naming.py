@@ -1,0 +1,225 @@
+"""Which effect explains the disagreement: a name, a class, "unknown" or "none".
+
+In: a model of the flights to fit, and thresholds. Out: an `Answer`. Every effect is tried alone and
+on top of those found, ranked on flights held out; what is found is refitted together, and dropped
+when it is no longer needed. What no effect explains is looked for as an expression.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Candidate, Fit, fit, held_out, information, rank
+from wakedeploy.gap.symbolic import Symbolic, search
+from wakedeploy.gap.terms import TERMS
+from wakedeploy.gap.whiteness import Whiteness, whiteness
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import setting_of
+from wakedeploy.rig import Rig
+
+Verdict = Literal["named", "class", "unknown", "none"]
+Progress = Callable[[str], None]
+
+CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
+MOST_IN_CLASS = 3
+MOST_EFFECTS = 3
+_REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
+_DROPPED_NATS = 1.0
+_CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`."""
+
+    effect_nats: float
+    expression_nats: float
+    whiteness: float
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One search through the library, on top of the effects `given`."""
+
+    given: tuple[str, ...]
+    ranking: tuple[Candidate, ...]
+
+    def confidence(self, candidate: Candidate) -> float:
+        """The candidate's share of the belief, "nothing" included, all equally likely before."""
+        gains = np.array([0.0, *(c.gain_nats for c in self.ranking)])
+        weights = np.exp(gains - gains.max())
+        return float(math.exp(candidate.gain_nats - gains.max()) / weights.sum())
+
+    @property
+    def rivals(self) -> tuple[Candidate, ...]:
+        """The best and those that cannot be told from it, three at most."""
+        best = self.ranking[0].gain_nats
+        near = [c for c in self.ranking if c.gain_nats > best - CLASS_NATS]
+        return tuple(near[:MOST_IN_CLASS])
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What was found: `fit` has the named effects, `base` none of them.
+
+    `model` is linear around the motion that `fit` explains, and `white` tests what `fit` leaves.
+    """
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    members: tuple[str, ...]  # of the class, where it is one
+    rounds: tuple[Round, ...]
+    model: GantryModel
+    base: Fit
+    fit: Fit
+    white: Whiteness
+    unknown: Symbolic | None
+    thresholds: Thresholds
+
+    def interval(self, effect: str, parameter: str) -> tuple[float, float, float]:
+        """Value, low and high (90 %) of a found effect's parameter."""
+        name = f"{effect}.{parameter}"
+        return self.fit.value(name), *self.fit.interval(name)
+
+
+def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
+    """The base hypothesis, fitted around the motion that it and the readings agree on."""
+    everything = range(model.episodes)
+    first = fit(model, (), everything, model.start(()))
+    near = model.relinearised(first)
+    return near, fit(near, (), everything, first.theta)
+
+
+def name_effects(
+    rig: Rig,
+    model: GantryModel,
+    thresholds: Thresholds,
+    progress: Progress = lambda _: None,
+    candidates: Sequence[str] | None = None,
+) -> Answer:
+    """Find, refit, drop, and decide; see the module. One flight alone is never enough for a name."""
+    progress("fitting the rig file as it is")
+    model, base = fitted_base(with_terms(model))
+    names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
+    rounds: list[Round] = []
+    current = base
+    while len(current.hypothesis) < MOST_EFFECTS:
+        left = [n for n in names if n not in current.hypothesis]
+        progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
+        least = 0.5 * thresholds.effect_nats
+        searched = Round(
+            current.hypothesis, tuple(rank(model, current, left, least_nats=least))
+        )
+        rounds.append(searched)
+        if searched.ranking[0].gain_nats < thresholds.effect_nats:
+            break
+        model, current = _settled(model, searched.ranking[0].fit)
+        base = fit(model, (), range(model.episodes), base.theta)
+    current = _without_idle(model, current)
+    rounds = [r for r in rounds if set(r.given) <= set(current.hypothesis)]
+    progress("looking for what no effect explains")
+    unknown = _rest(rig, model, base, current, thresholds)
+    white = whiteness(current)
+    verdict, members = _verdict(rounds, current, unknown, white, thresholds, model.episodes)
+    effects = current.hypothesis if verdict in ("named", "class") else ()
+    return Answer(
+        verdict, effects, members, tuple(rounds), model, base, current, white, unknown, thresholds
+    )
+
+
+def with_terms(model: GantryModel) -> GantryModel:
+    """The same model, able to try terms of an expression as well."""
+    return GantryModel(model.rig, model.flights, TERMS)
+
+
+def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
+    """The found hypothesis, everything refitted around the motion that it explains."""
+    near = model.relinearised(found)
+    return near, fit(near, found.hypothesis, range(near.episodes), found.theta)
+
+
+def _without_idle(model: GantryModel, current: Fit) -> Fit:
+    """Drop each effect that the others have made superfluous."""
+    for name in current.hypothesis:
+        if len(current.hypothesis) < 2:
+            break
+        rest = tuple(n for n in current.hypothesis if n != name)
+        known = dict(zip(current.names, current.theta, strict=True))
+        start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
+        without = fit(model, rest, current.episodes, start)
+        lost = (held_out(model, current) - held_out(model, without)).sum()
+        if lost + current.log_prior - without.log_prior < _DROPPED_NATS:
+            current = without
+    return current
+
+
+def _rest(
+    rig: Rig, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds
+) -> Symbolic | None:
+    """An expression that explains more than the effects do, or much beyond them."""
+    least = thresholds.expression_nats
+    setting = vars(setting_of(rig))
+    beyond = search(model, current, setting=setting, least_nats=least)
+    if not current.hypothesis:
+        return beyond
+    explained = gain_over(model, base, current)
+    if beyond is not None and beyond.gain_nats > _REST_SHARE * explained:
+        return beyond
+    if explained > _CLEAR_NATS:
+        return None
+    instead = search(model, base, setting=setting, least_nats=least, most_terms=2)
+    if instead is not None and instead.gain_nats > explained + CLASS_NATS:
+        return instead
+    return None
+
+
+def gain_over(model: GantryModel, base: Fit, current: Fit) -> float:
+    """What a hypothesis gains over the base on flights held out, priors included [nats]."""
+    likelihood = (held_out(model, current) - held_out(model, base)).sum()
+    return float(likelihood) + current.log_prior - base.log_prior
+
+
+def _verdict(
+    rounds: Sequence[Round],
+    current: Fit,
+    unknown: Symbolic | None,
+    white: Whiteness,
+    thresholds: Thresholds,
+    flights: int,
+) -> tuple[Verdict, tuple[str, ...]]:
+    if unknown is not None or white.statistic > thresholds.whiteness:
+        return "unknown", ()
+    if not current.hypothesis:
+        return "none", ()
+    for searched in rounds[: len(current.hypothesis)]:
+        rivals = searched.rivals
+        if len(rivals) > 1:
+            return "class", tuple(c.name for c in rivals)
+    if flights == 1:
+        return "class", tuple(c.name for c in rounds[0].ranking[:MOST_IN_CLASS])
+    return "named", ()
+
+
+def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
+    """For each effect the smallest size of its first parameter that would have been noticed."""
+    nats = answer.thresholds.effect_nats + 1.0
+    sizes = {}
+    for name in LIBRARY:
+        if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:
+            continue
+        known = information(answer.model, answer.fit, name)[0, 0]
+        parameter = LIBRARY[name].parameters[0]
+        widest = parameter.high - parameter.low
+        size = math.sqrt(2.0 * nats / known) if known > 2.0 * nats / widest**2 else None
+        sizes[name] = {"parameter": parameter.name, "size": size, "unit": parameter.unit}
+    return sizes
+
+
+def _on_top(found: Sequence[str]) -> str:
+    return f" on top of {', '.join(found)}" if found else ""
+
+

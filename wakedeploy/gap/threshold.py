@@ -1,0 +1,187 @@
+"""How much gain a rig shows when nothing is missing: the thresholds, simulated and cached.
+
+In: a rig. Out: `Thresholds` that closed-loop flights without any effect, but with constants off by
+as much as the rig file says they may be, exceed together in one case of twenty. Ordinary
+calibration error gives wrong effects many nats; so does looking at thirty effects at once. A
+threshold therefore belongs to a rig and cannot be chosen.
+"""
+
+import json
+import os
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+
+import numpy as np
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap.flight import flight_from_log
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import rank
+from wakedeploy.gap.naming import Thresholds, fitted_base, with_terms
+from wakedeploy.gap.symbolic import search
+from wakedeploy.gap.whiteness import whiteness
+from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import setting_of
+from wakedeploy.rig import Effect, EffectParameter, Rig
+
+FALSE_ALARMS = 0.05  # of flight sets without any effect, all three thresholds together
+SETS = 48
+FLIGHTS, SECONDS = 5, 20.0
+_FIRST_SEED = 600_000_000
+_VERSION = 1  # of what is simulated; another one starts the cache anew
+_LEAST = Thresholds(effect_nats=3.0, expression_nats=4.0, whiteness=28.0)
+
+
+@dataclass(frozen=True)
+class NullSet:
+    """What one set of flights without any missing effect reached."""
+
+    effect_nats: float
+    effect: str
+    expression_nats: float
+    whiteness: float
+
+
+def thresholds_for(
+    rig: Rig,
+    *,
+    sets: int = SETS,
+    workers: int = 2,
+    progress: Callable[[int, int], None] | None = None,
+) -> Thresholds:
+    """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, sets)`)."""
+    known = known_thresholds(rig)
+    if known is None:
+        simulated = simulate(rig, sets=sets, workers=workers, progress=progress)
+        known = quantiles(simulated)
+        _cache_path(rig).parent.mkdir(parents=True, exist_ok=True)
+        write_text_whole(_cache_path(rig), json.dumps(asdict(known), indent=1))
+    return known
+
+
+def known_thresholds(rig: Rig) -> Thresholds | None:
+    """The rig's thresholds if they are shipped or cached; nothing is simulated."""
+    known = _shipped().get(rig.sha256) or _cached(rig)
+    return None if known is None else Thresholds(**known)
+
+
+def simulate(
+    rig: Rig,
+    *,
+    sets: int = SETS,
+    workers: int = 2,
+    first_seed: int = _FIRST_SEED,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[NullSet]:
+    """Fly and search `sets` times; deterministic by seed."""
+    jobs = [(rig.text, first_seed + 1000 * i) for i in range(sets)]
+    results = []
+    with ProcessPoolExecutor(max_workers=workers) as pool:
+        for result in pool.map(_null_set, jobs):
+            results.append(result)
+            if progress is not None:
+                progress(len(results), sets)
+    return results
+
+
+def quantiles(null: Sequence[NullSet]) -> Thresholds:
+    """The lowest equal quantile of the three at which together one set in twenty is above.
+
+    Smoothed by Gumbel's distribution of maxima, whose two moments few sets determine better than
+    they determine their own largest values.
+    """
+    if len(null) < 10:
+        raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
+    columns = np.array([[n.effect_nats, n.expression_nats, n.whiteness] for n in null])  # (S, 3)
+    least = np.array([_LEAST.effect_nats, _LEAST.expression_nats, _LEAST.whiteness])
+    limits = least
+    for share in np.linspace(0.90, 0.999, 200):
+        limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
+        if (columns > limits).any(axis=1).mean() <= FALSE_ALARMS:
+            break
+    return Thresholds(*(float(limit) for limit in limits))
+
+
+def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
+    """A truth that the rig file describes to within its spreads, drawn at random."""
+    values, spreads = constants_of(rig), spreads_of(rig)
+    drawn = {n: values[n] + s * float(rng.standard_normal()) for n, s in spreads.items()}
+    for name in drawn:
+        if name.startswith(("rail.", "spool.", "wake.")):
+            drawn[name] = max(drawn[name], 0.1 * values[name])
+    drawn["rail.stiction_n"] = max(values["rail.stiction_n"], drawn.get("rail.coulomb_n", 0.0))
+    truth = with_constants(rig, drawn)
+    hidden = [
+        _entry("range-bias", bias_m=drawn.get("range.bias_m", 0.0)),
+        _entry("range-delay", delay_s=max(drawn.get("range.delay_s", 0.0), 0.0)),
+        _entry("command-latency", latency_s=max(drawn.get("command.delay_s", 0.0), 0.0)),
+    ]
+    taken = {entry.name for entry in rig.effect}
+    added = tuple(entry for entry in hidden if entry.name not in taken)
+    return truth.model_copy(update={"effect": (*truth.effect, *added)})
+
+
+def _entry(name: str, **values: float) -> Effect:
+    units = {p.name: p.unit for p in LIBRARY[name].parameters}
+    return Effect(
+        name=name,
+        parameters={k: EffectParameter(value=v, unit=units[k]) for k, v in values.items()},
+    )
+
+
+def _null_set(job: tuple[str, int]) -> NullSet:
+    from wakedeploy.rig import parse_rig
+
+    text, seed = job
+    rig = parse_rig(text)
+    truth = miscalibrated(rig, np.random.default_rng([seed, 7]))
+    logs = [
+        record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig) for i in range(FLIGHTS)
+    ]
+    flights = [
+        flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
+    ]
+    model, base = fitted_base(with_terms(GantryModel(rig, flights)))
+    names = [n for n in LIBRARY if n not in {e.name for e in rig.effect}]
+    best = rank(model, base, names, least_nats=1.0)[0]
+    # Every expression counts here, also one that the workflow would not have looked at twice.
+    found = search(model, base, setting=vars(setting_of(rig)), least_nats=0.5, most_terms=2)
+    return NullSet(
+        effect_nats=best.gain_nats,
+        effect=best.name,
+        expression_nats=found.gain_nats if found is not None else 0.0,
+        whiteness=whiteness(base).statistic,
+    )
+
+
+def _gumbel(values: np.typing.NDArray[np.float64], share: float) -> float:
+    """The quantile of Gumbel's distribution with these values' mean and deviation."""
+    scale = float(values.std(ddof=1)) * 6.0**0.5 / np.pi
+    return float(values.mean() - 0.5772156649 * scale - scale * np.log(-np.log(share)))
+
+
+def _shipped() -> dict[str, dict[str, float]]:
+    source = files("wakedeploy.gap").joinpath("thresholds.json")
+    if not source.is_file():
+        return {}
+    shipped: dict[str, dict[str, float]] = json.loads(source.read_text("utf-8"))["rigs"]
+    return {sha: {k: v[k] for k in asdict(_LEAST)} for sha, v in shipped.items()}
+
+
+def _cached(rig: Rig) -> dict[str, float] | None:
+    try:
+        known = json.loads(_cache_path(rig).read_text("utf-8"))
+        return {name: float(known[name]) for name in asdict(_LEAST)}
+    except (OSError, ValueError, KeyError, TypeError):
+        return None  # never simulated, or unreadable: it is simulated again
+
+
+def _cache_path(rig: Rig) -> Path:
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(home) / "wakedeploy" / f"gap-threshold-{_VERSION}-{rig.sha256[:24]}.json"
