@@ -32,12 +32,16 @@ Vector = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """One flight: states of source and sufferer (n, 26) and the label (n, 3) [N] in world axes."""
+    """One flight: states of source and sufferer (n, 26) and the label (n, 3) [N] in world axes.
+
+    `stated_n` is the file's own label of the z axis (n,), where it has one.
+    """
 
     name: str
     source: Vector
     sufferer: Vector
     label: Vector
+    stated_n: Vector | None = None
 
     @property
     def offset_m(self) -> Vector:
@@ -109,6 +113,7 @@ def _flights(file: Path) -> list[Flight]:
     try:
         with np.load(file, allow_pickle=False) as archive:
             source, sufferer = (_states(file, archive, k) for k in (1, 2))
+            stated = archive.get("dw_forces")
     except (OSError, ValueError, EOFError) as error:
         raise UnusableInput(
             f"{file}: cannot be read ({one_line(error)}); copy it again."
@@ -122,7 +127,8 @@ def _flights(file: Path) -> list[Flight]:
         one, two = source[start:end], sufferer[start:end]
         crashed = max(np.abs(s[:, 10:12]).max() for s in (one, two)) > _CRASH_RAD
         if end - start >= _SHORTEST and not crashed:
-            found.append(Flight(f"{name}@{start}", one, two, force_label(two)))
+            given = None if stated is None else np.asarray(stated[start:end, 2], float)
+            found.append(Flight(f"{name}@{start}", one, two, force_label(two), given))
     return found
 
 

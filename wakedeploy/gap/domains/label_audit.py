@@ -61,6 +61,10 @@ def _numbers(flights: Sequence[Flight]) -> dict[str, Any]:
         "outside_thrust_fit_share": float(np.concatenate(outside).mean()),
         "constant_n": MASS_KG * (LABEL_GRAVITY_MPS2 - GRAVITY_MPS2),
         "acceleration_less_derivative": _explained(missing, turning),
+        "label_rms_n": float(np.sqrt(np.mean(np.concatenate(raw)[:, 2] ** 2))),
+        "corrected_rms_n": float(np.sqrt(np.mean(np.concatenate(mended)[:, 2] ** 2))),
+        "stated_label": _stated(flights),
+        "angular_acceleration_correlation": _turning_up(flights),
         "far_seconds": float(beyond.sum()) / 200.0,
         "far_label_n": _spread(np.concatenate(raw), beyond),
         "far_corrected_n": _spread(np.concatenate(mended), beyond),
@@ -79,6 +83,29 @@ def _explained(missing: list[FloatArray], turning: list[FloatArray]) -> dict[str
         "rms_left_mps2": float(np.sqrt(np.mean(left[:, 2] ** 2))),
         "p_value": _p_value([m[:, 2] * t[:, 2] for m, t in zip(missing, turning, strict=True)]),
     }
+
+
+def _stated(flights: list[Flight]) -> dict[str, float] | None:
+    """Largest difference [N] of the file's label from ours, inside flights and near their cuts."""
+    pairs = [(f.stated_n, f.label[:, 2]) for f in flights if f.stated_n is not None]
+    if not pairs:
+        return None
+    apart = [np.abs(theirs - ours) for theirs, ours in pairs]
+    return {
+        "inside": max(float(a[_MARGIN:-_MARGIN].max()) for a in apart),
+        "near_cuts": max(float(max(a[:_MARGIN].max(), a[-_MARGIN:].max())) for a in apart),
+    }
+
+
+def _turning_up(flights: list[Flight]) -> list[float]:
+    """Columns 15 to 17, undocumented, against the derivative of the body rates."""
+    rates, columns = [], []
+    for flight in flights:
+        inner = slice(_MARGIN, len(flight.label) - _MARGIN)
+        rates.append(smoothed(np.gradient(flight.sufferer[:, 12:15], 0.005, axis=0))[inner])
+        columns.append(smoothed(flight.sufferer[:, 15:18])[inner])
+    x, y = np.concatenate(rates), np.concatenate(columns)
+    return [float(np.corrcoef(x[:, k], y[:, k])[0, 1]) for k in range(3)]
 
 
 def _p_value(products: list[FloatArray]) -> float:
