@@ -198,3 +198,17 @@ def test_a_flight_repeats_by_seed() -> None:
     flights = [fly(lambda s=s: SecondPlant(Constants(), seed=s), 2, 6.0) for s in (2, 2, 3)]
     assert np.array_equal(flights[0]["range_m"], flights[1]["range_m"], equal_nan=True)
     assert not np.array_equal(flights[0]["range_m"], flights[2]["range_m"], equal_nan=True)
+
+
+def test_a_stronger_jet_that_moves_faster_thins_out() -> None:
+    """In steady state, air that goes (u / u₀)^e times as fast lies that much less dense."""
+    inputs = Inputs(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 2000, 1 / 256)
+    strong = np.full(1024, math.sqrt(7.0 / 4.41))
+    for exponent in (0.2, -0.2):
+        wake = RIG.changed(wake={"speed_exponent": exponent}).wake
+        field = VerticalJet(wake, 2.0, 1 / 256)
+        for _ in range(600):
+            field.inject(7.0)
+        jet = calibrated_jet(Wake(speed_exponent=exponent))
+        ours = air_speed(2000.5 / 256, 1.4, 0.1, jet, inputs, strong)
+        assert ours == pytest.approx(field.velocity(0.1, 0.6), rel=0.02)

@@ -48,7 +48,7 @@ def air_speed(
     source, speed = _arrived(t_s, dead, lag, jet.speed_exponent, i, history)
     width = max(jet.width_m + jet.spread * d / speed, 0.01)  # slower air has longer to spread
     shape = math.exp(-jet.loss_per_m * d - 0.5 * (lateral_m / width) ** 2) / width
-    return -jet.speed_m2ps * shape * source / speed
+    return -jet.speed_m2ps * shape * source
 
 
 @compiled
@@ -58,7 +58,8 @@ def _arrived(
     """The source's root of thrust as it arrives, after a dead time and two equal lags; its speed.
 
     The speed is relative: with an exponent, air of a stronger jet moves (u / u_reference)^exponent
-    times as fast, so its age counts that much more.
+    times as fast, so its age counts that much more; it thins out as it runs ahead, and piles up
+    where it catches up with weaker air.
     """
     if exponent != 0.0:
         return _arrived_unevenly(t_s, dead_s, lag_s, exponent, i, history)
@@ -79,7 +80,7 @@ def _arrived(
 def _arrived_unevenly(
     t_s: float, dead_s: float, lag_s: float, exponent: float, i: Inputs, history: FloatArray
 ) -> tuple[float, float]:
-    total = weights = speeds = 0.0
+    total = speeds = 0.0
     slowest = 0.2 ** abs(exponent)
     for k in range(i.newest, max(i.newest - len(history) + 1, -1), -1):
         age = t_s - k * i.dt_s
@@ -89,11 +90,10 @@ def _arrived_unevenly(
         speed = max(root * root, 0.05) ** exponent
         waited = (age * speed - dead_s) / lag_s
         if 0.0 < waited < 14.0:
-            weight = waited * math.exp(-waited) * speed
-            total += weight * root
-            weights += weight
-            speeds += weight * speed
-    return (total / weights, speeds / weights) if weights > 0.0 else (0.0, 1.0)
+            arriving = waited * math.exp(-waited) * root * i.dt_s / lag_s
+            total += arriving
+            speeds += arriving * speed
+    return total, (speeds / total if total > 1e-9 else 1.0)
 
 
 @compiled

@@ -1,0 +1,33 @@
+"""`wakedeploy gap benchmark` at its edge: what it refuses, and tables from lines that are there."""
+
+import json
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from wakedeploy.cli.gap_benchmark import benchmark
+from wakedeploy.errors import UnusableInput
+from wakedeploy.gap.benchmark.cases import all_cases
+from wakedeploy.gap.benchmark.run import LINES
+
+
+def test_tables_are_made_from_the_lines_that_are_there(tmp_path: Path) -> None:
+    case = next(c for c in all_cases() if c.kind == "none")
+    line = {"name": case.name, "kind": "none", "plant": case.plant, "seconds": 20.0, "commit": "c"}
+    line |= {"verdict": "none", "named": [], "class": [], "hidden": [], "right": True}
+    line |= {"partial": False, "named_intervals": [], "closed": None}
+    (tmp_path / LINES).write_text(json.dumps(line) + "\n")
+    page = tmp_path / "docs" / "gap-benchmark.md"
+    given = ["--table-only", "--out", str(tmp_path), "--page", str(page)]
+    told = CliRunner().invoke(benchmark, given, catch_exceptions=False)
+    assert told.exit_code == 0
+    assert "0 % [0, 79]" in told.output
+    assert page.read_text().startswith("# The gap workflow")
+    assert page.with_suffix(".png").stat().st_size > 1000
+    assert json.loads((tmp_path / "summary.json").read_text())["cases"] == {"none": 1}
+
+
+def test_impossible_wishes_are_refused(tmp_path: Path) -> None:
+    for given in (["--short", "--full"], ["--only", "nonsense"], ["--table-only"]):
+        told = CliRunner().invoke(benchmark, [*given, "--out", str(tmp_path)])
+        assert isinstance(told.exception, UnusableInput)
