@@ -79,7 +79,7 @@ def close(
     places = find_places(model, base)
     tell("simulating the baseline for the threshold")
     threshold = threshold_nats(model, base, simulations, seed)
-    rounds, found, rivals = _name(model, base, threshold, tell)
+    rounds, found, rivals = _name(model, base, sealed, threshold, tell)
     found = _still_needed(model, found, threshold)
     verdict = _verdict(model, base, found, rivals)
     document = _document(model, base, found, sealed, rounds, threshold)
@@ -113,7 +113,7 @@ def threshold_nats(model: ResponseModel, base: Fit, simulations: int, seed: int)
 
 
 def _name(
-    model: ResponseModel, base: Fit, threshold: float, tell: Progress
+    model: ResponseModel, base: Fit, sealed: tuple[int, ...], threshold: float, tell: Progress
 ) -> tuple[list[dict[str, Any]], Fit, tuple[str, ...]]:
     """Effects one after another; those that cannot be told apart from the last one named."""
     rounds: list[dict[str, Any]] = []
@@ -134,6 +134,7 @@ def _name(
             rivals = tuple(near) if len(near) > 1 else ()
         found = settled(model, best.fit.hypothesis, found.episodes, best.fit)
         rounds[-1]["accepted"] = parameters(found, (best.name,), _plain(model, found))
+        rounds[-1]["sealed_error"] = errors(model, found, sealed)
     return rounds, found, rivals
 
 

@@ -85,7 +85,7 @@ def _explained(missing: list[FloatArray], turning: list[FloatArray]) -> dict[str
     }
 
 
-def _stated(flights: list[Flight]) -> dict[str, float] | None:
+def _stated(flights: Sequence[Flight]) -> dict[str, float] | None:
     """Largest difference [N] of the file's label from ours, inside flights and near their cuts."""
     pairs = [(f.stated_n, f.label[:, 2]) for f in flights if f.stated_n is not None]
     if not pairs:
@@ -97,7 +97,7 @@ def _stated(flights: list[Flight]) -> dict[str, float] | None:
     }
 
 
-def _turning_up(flights: list[Flight]) -> list[float]:
+def _turning_up(flights: Sequence[Flight]) -> list[float]:
     """Columns 15 to 17, undocumented, against the derivative of the body rates."""
     rates, columns = [], []
     for flight in flights:
