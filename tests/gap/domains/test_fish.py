@@ -39,3 +39,9 @@ def test_the_recorded_delay_is_a_third_of_a_second_and_not_its_alias(recordings)
     profile = delay_profile(model, delays_s)
     assert delays_s[profile.argmax()] in (0.333, 0.35)
     assert profile[3] > profile[[0, 1, 2, 5]].max() + 100
+
+
+def test_the_phase_delay_of_a_pure_delay_is_that_delay_at_every_frequency():
+    told = made(0.25, seconds=240.0).phase_delay(near_s=0.25)
+    assert len(told["delay_s"]) > 5
+    assert told["delay_s"] == pytest.approx([0.25] * len(told["delay_s"]), abs=0.02)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import coherence, csd, lfilter
 
 from wakedeploy.domains.fish import RATE_HZ, import_set
 from wakedeploy.errors import UnusableInput
@@ -54,6 +54,7 @@ class FishModel(ResponseModel):
         self._rate = np.gradient(self._angle) * RATE_HZ
         self._flow = self._flow - self._flow.mean()
         tip_mm = (tip_m - tip_m.mean()).astype(float) * 1e3
+        self._tip_mm = tip_mm
         length, first = round(PIECE_S * RATE_HZ), round(HISTORY_S * RATE_HZ)
         self._starts = list(range(first, len(tip_mm) - length + 1, length))
         self.records = [
@@ -66,6 +67,20 @@ class FishModel(ResponseModel):
         part = copy.copy(self)
         part.records = self.records[:pieces]
         return part
+
+    def phase_delay(self, *, near_s: float = 1.0 / 3.0) -> dict[str, list[float]]:
+        """Phase delay [s] from foil to tip over the frequency [Hz], by Welch's cross-spectrum.
+
+        Of the delays that a phase allows, the one nearest to `near_s`; where the coherence is 0.8.
+        """
+        spectra = {"fs": RATE_HZ, "nperseg": 512}
+        frequency, cross = csd(self._angle, self._tip_mm, **spectra)
+        _, coherent = coherence(self._angle, self._tip_mm, **spectra)
+        kept = (coherent > 0.8) & (frequency > 0.2)
+        turns = -np.angle(cross[kept]) / (2.0 * np.pi)
+        turns += np.round(near_s * frequency[kept] - turns)
+        delay_s = turns / frequency[kept]
+        return {"frequency_hz": frequency[kept].tolist(), "delay_s": delay_s.tolist()}
 
     def nuisances(self) -> tuple[Free, ...]:
         """Gains of the two inputs, in millimetres per unit."""
@@ -126,7 +141,8 @@ def further(
     delays_s = np.arange(0, 37) / 60.0
     profile = delay_profile(model, delays_s, progress)
     return {
-        "delay_profile": {"delay_s": delays_s.tolist(), "nats": (profile - profile.max()).tolist()}
+        "delay_profile": {"delay_s": delays_s.tolist(), "nats": (profile - profile.max()).tolist()},
+        "phase_delay": model.phase_delay(),
     }
 
 
