@@ -27,9 +27,9 @@ from wakedeploy.gap.inference import (
     held_out,
     rank,
 )
+from wakedeploy.gap.naming import CLASS_NATS, MOST_IN_CLASS
 
 SEALED_EVERY = 4
-WITHIN_NATS = 3.0  # of the best: those cannot be told apart
 MOST_EFFECTS = 6
 SIMULATIONS = 19  # the largest of 19 is exceeded by one further draw in twenty
 _FEWEST_EPISODES = 4
@@ -130,7 +130,7 @@ def _name(
         if best.gain_nats <= threshold or best.gain_interval()[0] <= 0.0:
             break
         if not rounds[1:]:
-            near = [c.name for c in ranking if c.gain_nats > best.gain_nats - WITHIN_NATS]
+            near = [c.name for c in ranking if c.gain_nats > best.gain_nats - CLASS_NATS]
             rivals = tuple(near) if len(near) > 1 else ()
         found = settled(model, best.fit.hypothesis, found.episodes, best.fit)
         rounds[-1]["accepted"] = parameters(found, (best.name,), _plain(model, found))
@@ -150,7 +150,7 @@ def _still_needed(model: ResponseModel, found: Fit, threshold: float) -> Fit:
 
 def _verdict(model: ResponseModel, base: Fit, found: Fit, rivals: tuple[str, ...]) -> str:
     if rivals:
-        return "class" if len(rivals) <= 3 else "unknown"
+        return "class" if len(rivals) <= MOST_IN_CLASS else "unknown"
     if found.hypothesis:
         return "named"
     return "none" if whiteness(model, base)["passes"] else "unknown"

@@ -65,6 +65,7 @@ def _numbers(flights: Sequence[Flight]) -> dict[str, Any]:
         "corrected_rms_n": float(np.sqrt(np.mean(np.concatenate(mended)[:, 2] ** 2))),
         "stated_label": _stated(flights),
         "angular_acceleration_correlation": _turning_up(flights),
+        "source_acceleration_less_derivative": _of_the_source(flights),
         "far_seconds": float(beyond.sum()) / 200.0,
         "far_label_n": _spread(np.concatenate(raw), beyond),
         "far_corrected_n": _spread(np.concatenate(mended), beyond),
@@ -83,6 +84,14 @@ def _explained(missing: list[FloatArray], turning: list[FloatArray]) -> dict[str
         "rms_left_mps2": float(np.sqrt(np.mean(left[:, 2] ** 2))),
         "p_value": _p_value([m[:, 2] * t[:, 2] for m, t in zip(missing, turning, strict=True)]),
     }
+
+
+def _of_the_source(flights: Sequence[Flight]) -> dict[str, Any]:
+    """The same for the upper vehicle, whose log no label rests on."""
+    inner = slice(_MARGIN, -_MARGIN)
+    states = [f.source for f in flights]
+    missing = [(smoothed(s[:, 6:9]) - differentiated(s))[inner] for s in states]
+    return _explained(missing, [transport_term(s)[inner] for s in states])
 
 
 def _stated(flights: Sequence[Flight]) -> dict[str, float] | None:
