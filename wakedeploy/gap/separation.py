@@ -19,6 +19,7 @@ from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Slopes, exten
 ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
 _TINY = 1e-10
 _MOST_DEVIATIONS = 2.0
+_CLAIMED_SHARE = 0.2
 _SMALLEST_SHARE = 1e-4
 _SWEEPS = 20
 
@@ -115,14 +116,18 @@ def gather(
     """
     columns: list[Column] = []
     directions: list[list[FloatArray]] = []  # per column, per episode (2n,)
+    nuisances = whitened(base.slopes)
     for name in names:
-        moved = _directions(model, base, name, None if sizes is None else sizes.get(name))
+        target = _Target.of(model, base, name, None if sizes is None else sizes.get(name))
+        if len(target.claimed) == len(target.own):
+            moved = _of_nuisances(model, base, target, nuisances)
+        else:
+            moved = _directions(model, base, target)
         for column, direction in moved:
             columns.append(column)
             directions.append(direction)
         if progress is not None:
             progress()
-    nuisances = whitened(base.slopes)
     grams = []
     for i, nuisance in enumerate(nuisances):
         own = np.stack([d[i] for d in directions], axis=1)
@@ -138,24 +143,80 @@ def _share(column: Column, name: str) -> float:
     return 1.0 if column.effect == name and column.parameter == "" else 0.0
 
 
-def _directions(
-    model: Model, base: Fit, name: str, size: Sequence[float] | None
+@dataclass(frozen=True, eq=False)
+class _Target:
+    """An effect to be evaluated: its hypothesis with the parameters without it and with it.
+
+    `own` are the places of its parameters. `claimed` are the base's nuisances that it replaces:
+    calibrated constants that it moves further than calibration allows.
+    """
+
+    name: str
+    hypothesis: tuple[str, ...]
+    free: tuple[Free, ...]
+    own: tuple[int, ...]
+    neutral: FloatArray
+    there: FloatArray
+    claimed: tuple[int, ...]
+
+    @classmethod
+    def of(cls, model: Model, base: Fit, name: str, size: Sequence[float] | None) -> "_Target":
+        hypothesis = (*base.hypothesis, name)
+        free = model.free(hypothesis)
+        own = tuple(i for i, f in enumerate(free) if f.name.startswith(f"{name}."))
+        kept = {f.name for f in free}
+        claimed = tuple(i for i, f in enumerate(base.free) if f.name not in kept)
+        neutral = extended(base, hypothesis, free)
+        for i in own:
+            neutral[i] = free[i].neutral
+        there = neutral.copy()
+        for k, i in enumerate(own):
+            start = free[i].starts[min(1, len(free[i].starts) - 1)] if size is None else size[k]
+            there[i] = np.clip(start, free[i].low, free[i].high)
+        return cls(name, hypothesis, free, own, neutral, there, claimed)
+
+
+def _of_nuisances(
+    model: Model, base: Fit, target: _Target, nuisances: Sequence[FloatArray]
 ) -> list[tuple[Column, list[FloatArray]]]:
+    """An effect on constants that are nuisances of the base: the same directions, without priors.
+
+    Exactly the same, or the least curvature would pass for a difference, so well do flights know
+    these constants. Taken over the effect's size, not over a step: a delay of a millisecond only
+    moves the few servo frames beside a change of command. `nuisances` are changed in place.
+    """
+    hypothesis, neutral = target.hypothesis, target.neutral
+    origin = changes(model, base, hypothesis, neutral)
+    whole = [np.zeros(len(o)) for o in origin]
+    found = []
+    for i, place in zip(target.own, target.claimed, strict=True):
+        there, free = neutral.copy(), target.free[i]
+        there[i] = target.there[i]
+        amount = float(there[i] - neutral[i]) or 1.0
+        share, near = _response(model, base, hypothesis, (neutral, there), origin)
+        at = neutral + share * (there - neutral)
+        for e, (n, o) in enumerate(zip(near, origin, strict=True)):
+            nuisances[e][:, place] = (n - o) / (share * amount)
+            whole[e] += nuisances[e][:, place] * amount
+        low, high = sorted((b - target.there[i]) / amount for b in (free.low, free.high))
+        column = Column(
+            target.name, free.name, free.unit, amount, low, high, hypothesis, at, neutral, share
+        )
+        found.append((column, [n[:, place] * amount for n in nuisances]))
+    near_all = neutral + _CLAIMED_SHARE * (target.there - neutral)
+    first = replace(_whole_column(target), near=near_all, share=_CLAIMED_SHARE)
+    return [(first, whole), *found[1:]]
+
+
+def _directions(model: Model, base: Fit, target: _Target) -> list[tuple[Column, list[FloatArray]]]:
     """The effect as a whole first, then its parameters one by one where it has several."""
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    neutral = extended(base, hypothesis, free)
-    there = neutral.copy()
-    for k, i in enumerate(own):
-        start = free[i].starts[min(1, len(free[i].starts) - 1)] if size is None else size[k]
-        there[i] = np.clip(start, free[i].low, free[i].high)
+    name, hypothesis, free, own = target.name, target.hypothesis, target.free, target.own
+    neutral, there = target.neutral, target.there
     origin = changes(model, base, hypothesis, neutral)
     share, near = _response(model, base, hypothesis, (neutral, there), origin)
     whole = [(n - o) / share for n, o in zip(near, origin, strict=True)]
     at = neutral + share * (there - neutral)
-    column = _whole_column(name, free[own[0]], neutral[own[0]], there[own[0]])
-    found = [(replace(column, hypothesis=hypothesis, near=at, origin=neutral, share=share), whole)]
+    found = [(replace(_whole_column(target), near=at, share=share), whole)]
     for i in own[1:]:
         step = -free[i].step if at[i] - free[i].step >= free[i].low else free[i].step
         aside, alone = at.copy(), neutral.copy()
@@ -208,11 +269,22 @@ def _response(
         share *= max(0.1, min(0.5, 0.7 * _MOST_DEVIATIONS / furthest))
 
 
-def _whole_column(name: str, free: Free, neutral: float, there: float) -> Column:
-    amount = float(there - neutral) or 1.0
-    bounds = sorted(((free.low - neutral) / amount, (free.high - neutral) / amount))
-    nowhere = np.zeros(0)
-    return Column(name, "", free.unit, amount, bounds[0], bounds[1], (), nowhere, nowhere)
+def _whole_column(target: _Target) -> Column:
+    first = target.own[0]
+    free, neutral = target.free[first], target.neutral
+    amount = float(target.there[first] - neutral[first]) or 1.0
+    bounds = sorted((b - neutral[first]) / amount for b in (free.low, free.high))
+    return Column(
+        effect=target.name,
+        parameter="",
+        unit=free.unit,
+        amount=amount,
+        low=bounds[0],
+        high=bounds[1],
+        hypothesis=target.hypothesis,
+        near=target.there,
+        origin=neutral,
+    )
 
 
 def changes(
