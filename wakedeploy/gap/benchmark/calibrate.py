@@ -24,6 +24,7 @@ from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.benchmark.worlds import flight
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.inference import extended
+from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import Rig
 
@@ -34,18 +35,40 @@ _PILOT_SEED = 990_000
 _HALVINGS = 9
 _CORRECTIONS = (0.4, 2.5)
 _LINEAR_SD = 0.6
-# What changes in jumps is not linear in its size: from pilots in which the effect was flown.
+# What is not linear in its size: from pilots in which the effect was flown.
 _BY_HAND = {
-    "command-latency": {"5": 0.6, "15": 0.95, "50": 1.5, "150": 2.2},
+    "command-latency": {"5": 0.8, "15": 1.35, "50": 2.0, "150": 2.5},
     "esc-frame": {"5": 0.43, "15": 0.67, "50": 1.1, "150": 1.73},
     "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.1, "150": 3.6},
     "pwm-quantisation": {"5": 1.2, "15": 2.0, "50": 3.4, "150": 5.5},
+    "spool-lag-sufferer": {"5": 0.4, "15": 0.5, "50": 0.62, "150": 0.8},
     "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
 }
 _LINEAR_SD = 0.6
 # A resting sufferer is not flying: what stiction changes is not linear in anything.
-_BY_HAND = {"stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0}}
+_BY_HAND = {
+    "command-latency": {"5": 0.8, "15": 1.35, "50": 2.0, "150": 2.5},
+    "esc-frame": {"5": 0.43, "15": 0.67, "50": 1.05, "150": 1.7},
+    "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.0, "150": 3.5},
+    "pwm-quantisation": {"5": 1.0, "15": 1.5, "50": 2.3, "150": 3.8},
+    "sample-and-hold": {"5": 0.25, "15": 0.35, "50": 0.5, "150": 0.7},
+    "spool-lag-sufferer": {"5": 0.4, "15": 0.5, "50": 0.62, "150": 0.8},
+    "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
+}
 _STEPPED = (*_BY_HAND, "sample-and-hold")
+# Effects on a calibrated constant: the base follows them until calibration forbids it, five
+# standard deviations away, and then has nothing; sizes in calibration's standard deviations.
+_OF_SPREAD = {"5": 3.0, "15": 4.5, "50": 5.3, "150": 6.0}
+_CALIBRATED = (
+    "thrust-coefficient",
+    "thrust-exponent",
+    "source-thrust-exponent",
+    "range-bias",
+    "transport-speed",
+    "wake-strength",
+    "wake-width",
+    "wake-spreading",
+)
 _SMALLEST, _LARGEST = 0.01, 40.0  # in prior scales, or units of an outside effect
 
 
@@ -61,8 +84,17 @@ def main() -> None:
             key = f"{name}@instant" if instant else name
             known[key] = {str(n): pilot.size(name, float(n)) for n in STRENGTHS}
             known[key] = _BY_HAND.get(name, known[key])
+            if name in _CALIBRATED:
+                known[key] = of_spread(name, pilot.rig)
             write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
             print(key, known[key], flush=True)  # noqa: T201
+
+
+def of_spread(name: str, rig: Rig) -> dict[str, float]:
+    """Sizes of an effect on one calibrated constant, in its prior's scale."""
+    (p,) = LIBRARY[name].parameters
+    spread = spreads_of(rig)[p.constant or ""]
+    return {n: float(f"{sd * spread / p.scale:.4g}") for n, sd in _OF_SPREAD.items()}
 
 
 def refine() -> None:
@@ -71,7 +103,7 @@ def refine() -> None:
     for key, sizes in known.items():
         gain = flown_nats(key, sizes["50"])
         share = float(np.clip(np.sqrt(50.0 / max(gain, 1.0)), *_CORRECTIONS))
-        if key not in _BY_HAND:
+        if key not in _BY_HAND and key not in _CALIBRATED:
             known[key] = {n: float(f"{share * size:.4g}") for n, size in sizes.items()}
         write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
         print(f"{key} at {sizes['50']}: {gain:.1f} nats, times {share:.2f}", flush=True)  # noqa: T201

@@ -20,7 +20,11 @@ Values = Mapping[str, Mapping[str, float]]
 
 @dataclass(frozen=True, eq=False)
 class Strength:
-    """What the truth gains over the rig file as it is, [nats], and its fit."""
+    """What the truth gains over the rig file as it is, [nats], and its fit.
+
+    `nats` is the gain on flights left out and what the calibration's priors gain besides: an effect
+    on a calibrated constant shows in nothing but a constant far from its prior.
+    """
 
     nats: float
     per_flight: tuple[float, ...]
@@ -49,7 +53,8 @@ class Measured:
             start[i] = known.get(one.name, start[i])
         fitted = fit(self.model, names, self._episodes, start)
         gains = held_out(self.model, fitted) - self._reference
-        return Strength(float(gains.sum()), tuple(float(g) for g in gains), fitted)
+        unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
+        return Strength(float(gains.sum()) + unbent, tuple(float(g) for g in gains), fitted)
 
     def gains(self, candidates: Sequence[str], given: Fit | None = None) -> dict[str, float]:
         """What each effect alone gains on top of a fit (of the base, if none is given), [nats]."""
