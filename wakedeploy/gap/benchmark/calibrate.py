@@ -42,6 +42,7 @@ _BY_HAND = {
     "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.1, "150": 3.6},
     "pwm-quantisation": {"5": 1.2, "15": 2.0, "50": 3.4, "150": 5.5},
     "spool-lag-sufferer": {"5": 0.4, "15": 0.5, "50": 0.62, "150": 0.8},
+    "wake-inflow-loss": {"5": 0.12, "15": 0.2, "50": 0.37, "150": 0.65},
     "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
 }
 _LINEAR_SD = 0.6
@@ -51,11 +52,13 @@ _BY_HAND = {
     "esc-frame": {"5": 0.43, "15": 0.67, "50": 1.05, "150": 1.7},
     "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.0, "150": 3.5},
     "pwm-quantisation": {"5": 1.0, "15": 1.5, "50": 2.3, "150": 3.8},
+    "range-drift": {"5": 2.0, "15": 3.5, "50": 6.4, "150": 11.0},
     "sample-and-hold": {"5": 0.25, "15": 0.35, "50": 0.5, "150": 0.7},
     "spool-lag-sufferer": {"5": 0.4, "15": 0.5, "50": 0.62, "150": 0.8},
+    "wake-inflow-loss": {"5": 0.12, "15": 0.2, "50": 0.37, "150": 0.65},
     "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
 }
-_STEPPED = (*_BY_HAND, "sample-and-hold")
+_STEPPED = tuple(_BY_HAND)
 # Effects on a calibrated constant: the base follows them until calibration forbids it, five
 # standard deviations away, and then has nothing; sizes in calibration's standard deviations.
 _OF_SPREAD = {"5": 3.0, "15": 4.5, "50": 5.3, "150": 6.0}
