@@ -6,7 +6,7 @@ flight, so that a map's p value holds for coloured residuals; false discoveries 
 all maps (Benjamini and Hochberg 1995).
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,8 +26,15 @@ _CLEAR_SE = 2.0
 _MOST_PLACES = 12
 
 
-def find_places(model: GantryModel, base: Fit, limit: float) -> dict[str, Any]:
-    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay."""
+def find_places(
+    model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay.
+
+    A place counts from the size `least` of its channel on: so much the model's own approximations
+    leave on this rig when nothing is missing (see `threshold`).
+    """
+    floor = dict.fromkeys(CHANNELS, 0.0) | dict(least or {})
     maps = []
     for channel in CHANNELS:
         series = [residuals(model, base, channel, i) for i in range(model.episodes)]
@@ -37,7 +44,10 @@ def find_places(model: GantryModel, base: Fit, limit: float) -> dict[str, Any]:
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
     maps.sort(key=lambda m: (m["q_value"], -m["strength"]))
-    places = [place for m in maps if m["q_value"] <= FALSE_DISCOVERIES for place in _places(m)]
+    significant = [m for m in maps if m["q_value"] <= FALSE_DISCOVERIES]
+    places = [p for m in significant for p in _places(m)]
+    places = [p for p in places if abs(p["residual"]) > floor[p["channel"]]]
+    places.sort(key=lambda p: (p["q_value"], -abs(p["residual"]) / max(floor[p["channel"]], 1e-9)))
     white = [samples(score) for score in base.slopes.scores]
     return {
         "white": whiteness(base).as_json(limit),
@@ -45,7 +55,7 @@ def find_places(model: GantryModel, base: Fit, limit: float) -> dict[str, Any]:
         "maps": maps,
         "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
         "replay": [_replay(model, base, h) for h in HORIZONS_S],
-        "noise_floor": _floors(model, base),
+        "noise_floor": {c: {"value": floor[c], "unit": unit} for c, unit in CHANNELS.items()},
         "sentence": _sentence(places),
     }
 
@@ -236,18 +246,6 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]
         "rmse_m": float(np.sqrt((error[known][typical] ** 2).mean())),
         "expected_m": float(np.sqrt(variance[known].mean())),
     }
-
-
-def _floors(model: GantryModel, base: Fit) -> dict[str, dict[str, Any]]:
-    """How small each channel's mean over one place could be and still be seen: 2 se of a map."""
-    floors = {}
-    for channel, unit in CHANNELS.items():
-        series = [residuals(model, base, channel, i) for i in range(model.episodes)]
-        value = np.concatenate([s.value for s in series])
-        sums = np.array([value[b].sum() for b in _blocks(series)])
-        error = float(np.sqrt((sums**2).sum()) / max(len(value), 1))
-        floors[channel] = {"value": _CLEAR_SE * error * _BINS**0.5, "unit": unit}
-    return floors
 
 
 def _sentence(places: Sequence[dict[str, Any]]) -> str:

@@ -226,12 +226,23 @@ def _free_motion(grid_s: FloatArray, sample_s: FloatArray, reading_m: FloatArray
     expected = np.stack([nominal[0, step_of], np.ones(len(step_of))])
     noise = np.full(len(step_of), 0.005**2)
     _, _, states, covariances = filtered(
-        DT_S, *whole, nominal, still, none, 0.9, _FREE_WHITE, step_of, into_s, reading_m, expected,
-        noise, OUTLIER, np.zeros(0, np.int64), True,
+        DT_S,
+        *whole,
+        nominal,
+        still,
+        none,
+        0.9,
+        _FREE_WHITE,
+        step_of,
+        into_s,
+        reading_m,
+        expected,
+        noise,
+        OUTLIER,
+        np.zeros(0, np.int64),
+        True,
     )
-    path = smoothed(
-        DT_S, *whole, states, covariances, nominal, still, none, 0.9, _FREE_WHITE
-    )
+    path = smoothed(DT_S, *whole, states, covariances, nominal, still, none, 0.9, _FREE_WHITE)
     return np.asarray(path[:2])
 
 

@@ -30,7 +30,6 @@ _DV_MPS = 0.01  # how far slopes by speed are looked at
 _SLIDING_MPS = 0.007
 _KEPT = 3
 _PULSES_AVERAGED = 5
-_ARRIVAL_S = 0.004  # within this the time is known at which a command reaches the ESC's frame
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +103,7 @@ class Physics:
 
     def _motor(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
         """Thrust [N] on the grid, spool lag included."""
-        names = ("command.delay_s", "disturbance.esc_frame_s")
+        names = ("command.delay_s", "command.window_s", "disturbance.esc_frame_s")
         own = [f"thrust.{motor}.{c}" for c in ("scale", "exponent")]
         lags = [f"spool.{motor}.{c}" for c in ("up_s", "down_s")]
         pulses = tuple(_overriding(effects, "pulse_us"))
@@ -113,16 +112,14 @@ class Physics:
         def compute() -> FloatArray:
             pulse_us = self._remembered(
                 f"pulses.{motor}",
-                (*key[:2], _key(pulses)),
+                (*key[:3], _key(pulses)),
                 lambda: self._pulses(motor, constants, pulses),
             )
             curve = getattr(self._rig.thrust, motor)
             table = np.array(curve.thrust_n)
             moved = moved_thrust(table, constants[own[0]], constants[own[1]], self._weight_n)
             target = np.sqrt(np.interp(pulse_us, curve.pulse_us, moved))
-            return np.asarray(
-                spooled_thrust(target, constants[lags[0]], constants[lags[1]], DT_S)
-            )
+            return np.asarray(spooled_thrust(target, constants[lags[0]], constants[lags[1]], DT_S))
 
         return self._remembered(f"motor.{motor}", key, compute)
 
@@ -132,7 +129,7 @@ class Physics:
         frame_s = self._flight.frame_s
         longer_s = constants["disturbance.esc_frame_s"] - self._rig.disturbance.esc_frame_s
         share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
-        back_s = _ARRIVAL_S * (share - 0.5) + longer_s * share
+        back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
         asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
         pulse = line.at(asked_s).mean(axis=1)
         if effects:
@@ -216,7 +213,9 @@ class Physics:
         )
         rail = (constants["rail.coulomb_n"], constants["rail.viscous_n_per_mps"])
         acting = tuple(
-            e for e in effects if _overrides(e[0], "sufferer_n", "wake_mps", "force_n", "added_mass_kg")
+            e
+            for e in effects
+            if _overrides(e[0], "sufferer_n", "wake_mps", "force_n", "added_mass_kg")
         )
         key = (id(source_n), id(sufferer_n), id(wake[0]), rail, constants["rail.stiction_n"])
 

@@ -261,9 +261,18 @@ def _noise(rig: Rig) -> tuple[Free, ...]:
 
 def _nuisance(constant: str, value: float, spread: float) -> Free:
     low = value - _WIDEST_SD * spread
-    if constant.startswith(("rail.", "spool.", "wake.")):
+    if constant.startswith(("rail.", "spool.", "wake.", "command.window")):
         low = max(low, 0.05 * value)
-    return Free(constant, "", value, spread, low, value + _WIDEST_SD * spread, 0.2 * spread, quantity=constant)
+    return Free(
+        constant,
+        "",
+        value,
+        spread,
+        low,
+        value + _WIDEST_SD * spread,
+        0.2 * spread,
+        quantity=constant,
+    )
 
 
 def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
@@ -287,7 +296,12 @@ def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
             if stated.low is not None and stated.high is not None:
                 spread = max((stated.high - stated.low) / 3.29, 1e-6 * p.scale)
             known[p.name] = Free(
-                f"{effect.name}.{p.name}", p.unit, stated.value, spread, p.low, p.high,
+                f"{effect.name}.{p.name}",
+                p.unit,
+                stated.value,
+                spread,
+                p.low,
+                p.high,
                 0.2 * spread,
             )
         own.append((effect, known))

@@ -34,11 +34,27 @@ _CLEAR_NATS = 60.0  # effects that explain more have no better expression that l
 
 @dataclass(frozen=True)
 class Thresholds:
-    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`."""
+    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
+
+    Gains of the best effect and of the best expression [nats], the whiteness statistic of the
+    innovations, and the largest residual at any one place by channel.
+    """
 
     effect_nats: float
     expression_nats: float
     whiteness: float
+    force_n: float
+    effort_n: float
+    ahead_m: float
+
+    @property
+    def places(self) -> dict[str, float]:
+        """The residuals by channel."""
+        return {
+            "force": self.force_n,
+            "control effort": self.effort_n,
+            "height 0.25 s ahead": self.ahead_m,
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,9 +127,7 @@ def name_effects(
         left = [n for n in names if n not in current.hypothesis]
         progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
         least = 0.5 * thresholds.effect_nats
-        searched = Round(
-            current.hypothesis, tuple(rank(model, current, left, least_nats=least))
-        )
+        searched = Round(current.hypothesis, tuple(rank(model, current, left, least_nats=least)))
         rounds.append(searched)
         if searched.ranking[0].gain_nats < thresholds.effect_nats:
             break
@@ -221,5 +235,3 @@ def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
 
 def _on_top(found: Sequence[str]) -> str:
     return f" on top of {', '.join(found)}" if found else ""
-
-

@@ -8,17 +8,19 @@ threshold therefore belongs to a rig and cannot be chosen.
 
 import json
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import write_text_whole
+from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import rank
@@ -35,7 +37,7 @@ SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _VERSION = 1  # of what is simulated; another one starts the cache anew
-_LEAST = Thresholds(effect_nats=3.0, expression_nats=4.0, whiteness=28.0)
+_LEAST = Thresholds(3.0, 4.0, 28.0, 0.005, 0.005, 0.001)
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,7 @@ class NullSet:
     effect: str
     expression_nats: float
     whiteness: float
+    places: dict[str, float]  # the largest residual at a place, by channel
 
 
 def thresholds_for(
@@ -105,7 +108,12 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
         if (columns > limits).any(axis=1).mean() <= FALSE_ALARMS:
             break
-    return Thresholds(*(float(limit) for limit in limits))
+    residuals = {
+        channel: _gumbel(np.array([n.places[channel] for n in null]), 1.0 - FALSE_ALARMS / 3.0)
+        for channel in _LEAST.places
+    }
+    floors = [max(residuals[channel], least) for channel, least in _LEAST.places.items()]
+    return Thresholds(*(float(limit) for limit in limits), *floors)
 
 
 def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
@@ -141,9 +149,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     text, seed = job
     rig = parse_rig(text)
     truth = miscalibrated(rig, np.random.default_rng([seed, 7]))
-    logs = [
-        record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig) for i in range(FLIGHTS)
-    ]
+    logs = [record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig) for i in range(FLIGHTS)]
     flights = [
         flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
     ]
@@ -157,7 +163,15 @@ def _null_set(job: tuple[str, int]) -> NullSet:
         effect=best.name,
         expression_nats=found.gain_nats if found is not None else 0.0,
         whiteness=whiteness(base).statistic,
+        places=_largest(find_places(model, base, 0.0)["places"]),
     )
+
+
+def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+    sizes = dict.fromkeys(_LEAST.places, 0.0)
+    for place in places:
+        sizes[place["channel"]] = max(sizes[place["channel"]], abs(place["residual"]))
+    return sizes
 
 
 def _gumbel(values: np.typing.NDArray[np.float64], share: float) -> float:

@@ -39,6 +39,7 @@ NEUTRAL: Constants = {
     "thrust.sufferer.scale": 1.0,
     "thrust.sufferer.exponent": 1.0,
     "command.delay_s": 0.0,
+    "command.window_s": 0.004,  # within which it is uncertain when a command meets a servo frame
     "range.bias_m": 0.0,
     "range.scale": 1.0,
     "range.delay_s": 0.0,
@@ -64,6 +65,7 @@ DEFAULT_SPREAD: Mapping[str, Spread] = {
     "thrust.sufferer.exponent": Spread(absolute=0.05),
     "thrust.source.exponent": Spread(absolute=0.05),
     "command.delay_s": Spread(absolute=0.002),
+    "command.window_s": Spread(absolute=0.002),
     "range.bias_m": Spread(absolute=0.005),
     "range.delay_s": Spread(absolute=0.003),
     "spool.source.up_s": Spread(relative=0.1),

@@ -1,0 +1,404 @@
+"""The four steps over files: find, name, add, show, each with an artefact of its own.
+
+In: a rig file and run logs. Out: a folder with `find.json`, `name.json`, `add.json` and the new
+`rig.toml`, `show.json`, `result.json` and the report. A step reads what the one before it wrote, so
+that a person can stop, look, and go on.
+"""
+
+import datetime
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.gap.finding import find_places
+from wakedeploy.gap.flight import Flight, read_flights
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit, confusion, fit
+from wakedeploy.gap.naming import (
+    Answer,
+    Round,
+    Thresholds,
+    detectable,
+    fitted_base,
+    name_effects,
+    with_terms,
+)
+from wakedeploy.gap.showing import show
+from wakedeploy.gap.steps import read_steps
+from wakedeploy.gap.symbolic import to_effect
+from wakedeploy.gap.threshold import thresholds_for
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.symbolic import symbolic_effect
+from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
+
+Progress = Callable[[str], None]
+SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1, 6: 2}
+MOST_SEALED = 2
+_CONFUSED = 14  # effects in the picture of what can be told apart
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """A rig file and its flights, some of them sealed: nothing is fitted to those."""
+
+    rig: Rig
+    flights: tuple[Flight, ...]
+    sealed: tuple[Flight, ...]
+    thresholds: Thresholds
+
+    @property
+    def cross_validated(self) -> bool:
+        """Too few flights to seal any: what is shown was also fitted."""
+        return not self.sealed
+
+
+def open_case(
+    rig_path: Path,
+    measured: Sequence[Path],
+    *,
+    workers: int = 2,
+    progress: Progress = lambda _: None,
+    thresholds: Thresholds | None = None,
+) -> Case:
+    """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once."""
+    rig = read_rig(rig_path)
+    flights = read_flights(measured, rig)
+    count = SEALED.get(len(flights), MOST_SEALED)
+    split = len(flights) - count
+
+    def told(done: int, sets: int) -> None:
+        progress(f"simulating this rig's thresholds, once: {done} of {sets}")
+
+    known = thresholds or thresholds_for(rig, workers=workers, progress=told)
+    return Case(rig, tuple(flights[:split]), tuple(flights[split:]), known)
+
+
+def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """Where they disagree; writes `find.json`."""
+    progress("fitting the rig file as it is")
+    model, base = fitted_base(GantryModel(case.rig, case.flights))
+    progress("mapping what it leaves")
+    found = find_places(model, base, case.thresholds.whiteness, case.thresholds.places)
+    header = {
+        "rig_sha256": case.rig.sha256,
+        "logs": [
+            {
+                "path": f.name,
+                "sha256": f.sha256,
+                "seconds": f.airborne_s,
+                "samples": int(f.counted.sum()),
+                "notes": list(f.notes),
+            }
+            for f in (*case.flights, *case.sealed)
+        ],
+        "split": {
+            "fit": [f.name for f in case.flights],
+            "sealed": [f.name for f in case.sealed],
+        },
+    }
+    return _written(out, "find", header | found)
+
+
+def name(
+    case: Case, out: Path, progress: Progress = lambda _: None
+) -> tuple[dict[str, Any], Answer]:
+    """Which effect explains it; writes `name.json`."""
+    started = time.monotonic()
+    model = GantryModel(case.rig, case.flights)
+    answer = name_effects(case.rig, model, case.thresholds, progress)
+    progress("comparing what could be told apart")
+    told = {
+        "verdict": answer.verdict,
+        "effects": [_effect(answer, n) for n in answer.effects],
+        "class": list(answer.members),
+        "split_by": _split_by(answer),
+        "sentence": _sentence(answer),
+        "rounds": [_round(r, answer.thresholds) for r in answer.rounds],
+        "confusion": _confusion(answer),
+        "detectable": detectable(answer),
+        "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
+        "white": answer.white.as_json(answer.thresholds.whiteness),
+        "noise": _noise(answer.fit),
+        "seconds": time.monotonic() - started,
+    }
+    return _written(out, "name", told), answer
+
+
+def add(
+    case: Case, out: Path, *, from_symbolic: bool = False, only: str | None = None
+) -> dict[str, Any]:
+    """Write the new rig file from `name.json`; the old one stays. Writes `add.json`, `rig.toml`.
+
+    `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect.
+    Raises UnusableInput where there is nothing to add.
+    """
+    named = read_steps(out).name
+    if not named:
+        raise UnusableInput(f"{out}: there is no name.json to add from; run `gap name` first.")
+    digest = sha256_of("".join(f.sha256 for f in case.flights).encode())
+    date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    if from_symbolic:
+        if not named.get("unknown"):
+            raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
+        added = [to_effect(named["unknown"], digest, date)]
+    else:
+        added = [_entry(e, digest, date) for e in _to_add(named, only)]
+    if not added:
+        raise UnusableInput(f"{out / 'name.json'}: nothing was named, so there is nothing to add.")
+    kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
+    corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
+    corrected.write(out / "rig.toml")
+    told = {
+        "rig": "rig.toml",
+        "old_sha256": case.rig.sha256,
+        "new_sha256": corrected.sha256,
+        "effects": [e.model_dump(exclude_none=True) for e in added],
+    }
+    return _written(out, "add", told)
+
+
+def show_gap(
+    case: Case, out: Path, answer: Answer | None = None, progress: Progress = lambda _: None
+) -> dict[str, Any]:
+    """The gap on flights that nothing was fitted to; writes `show.json`.
+
+    Without an `answer`, the corrected rig file's effects are fitted again to the same flights.
+    """
+    progress("showing the gap on sealed flights")
+    added = [e["name"] for e in read_steps(out).add.get("effects", ())]
+    answer = answer or _refitted(case)
+    model, corrected = _corrected(case, answer, added, out)
+    answer = Answer(**(vars(answer) | {"model": model}))
+    sealed = case.sealed or case.flights
+    places = read_steps(out).find.get("places", ())
+    told = show(answer, corrected, sealed, places)
+    told["cross_validated"] = case.cross_validated
+    return _written(out, "show", told)
+
+
+def result(case: Case, out: Path) -> dict[str, Any]:
+    """`result.json` from the steps that have run."""
+    steps = read_steps(out)
+    named, shown = steps.name, steps.show
+    gap = {
+        channel: {k: g[k] for k in ("before", "after", "noise_floor", "unit", "closed") if k in g}
+        for channel, g in shown.get("gap", {}).items()
+    }
+    told = {
+        "verdict": named.get("verdict"),
+        "effects": named.get("effects", []),
+        "class": named.get("class", []),
+        "where": [
+            {k: p[k] for k in _WHERE} | {"words": p["words"]} for p in steps.find.get("places", ())
+        ],
+        "gap": gap,
+        "placebo": shown.get("placebo", {}),
+        "plan": {"sentence": named.get("split_by", "")} if named.get("class") else {},
+        "unknown": named.get("unknown"),
+        "detectable": named.get("detectable", {}),
+        "flights": len(case.flights) + len(case.sealed),
+    }
+    return _written(out, "result", told)
+
+
+def close(
+    rig_path: Path,
+    measured: Sequence[Path],
+    out: Path,
+    *,
+    workers: int = 2,
+    report: bool = True,
+    progress: Progress = lambda _: None,
+    thresholds: Thresholds | None = None,
+    retrain: Callable[[Rig, Rig, Path], Mapping[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """All steps; returns `result.json`'s content. An interruption leaves finished steps usable.
+
+    `retrain(old, corrected, out)` gives the predictors' errors for `show.json`.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    for stale in ("find", "name", "add", "show", "result"):
+        (out / f"{stale}.json").unlink(missing_ok=True)
+    case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
+    find(case, out, progress)
+    named, answer = name(case, out, progress)
+    if named["effects"]:
+        add(case, out)
+    shown = show_gap(case, out, answer, progress)
+    if retrain is not None and named["effects"]:
+        progress("training predictors on the old and the corrected rig")
+        shown["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), out))
+        _written(out, "show", shown)
+    told = result(case, out)
+    if report:
+        from wakedeploy.gap.report import write_report  # draws; slow to import
+
+        progress("drawing the report")
+        write_report(out)
+    return told
+
+
+_WHERE = ("channel", "coordinate", "low", "high", "residual", "unit", "q_value")
+
+
+def _effect(answer: Answer, effect: str) -> dict[str, Any]:
+    best_in = [r for r in answer.rounds if r.ranking[0].name == effect]
+    searched = best_in[0] if best_in else answer.rounds[0]
+    found = next(c for c in searched.ranking if c.name == effect)
+    parameters = {}
+    for p in LIBRARY[effect].parameters:
+        value, low, high = answer.interval(effect, p.name)
+        parameters[p.name] = {"value": value, "low": low, "high": high, "unit": p.unit}
+    return {
+        "name": effect,
+        "confidence": searched.confidence(found),
+        "gain_nats": found.gain_nats,
+        "parameters": parameters,
+    }
+
+
+def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
+    ranking = []
+    for c in searched.ranking:
+        parameters = {}
+        for p in LIBRARY[c.name].parameters:
+            full = f"{c.name}.{p.name}"
+            low, high = c.fit.interval(full)
+            parameters[p.name] = {
+                "value": c.fit.value(full),
+                "low": low,
+                "high": high,
+                "unit": p.unit,
+            }
+        low, high = c.gain_interval()
+        ranking.append(
+            {
+                "name": c.name,
+                "gain_nats": c.gain_nats,
+                "interval": [
+                    low if np.isfinite(low) else None,
+                    high if np.isfinite(high) else None,
+                ],
+                "confidence": searched.confidence(c),
+                "parameters": parameters,
+            }
+        )
+    return {
+        "given": list(searched.given),
+        "threshold_nats": thresholds.effect_nats,
+        "ranking": ranking,
+    }
+
+
+def _confusion(answer: Answer) -> dict[str, Any]:
+    """How well each leading effect could be imitated by each other one, at the size found."""
+    first = answer.rounds[0]
+    leading = list(first.ranking[:_CONFUSED])
+    sizes = {
+        c.name: np.array([c.fit.value(f"{c.name}.{p.name}") for p in LIBRARY[c.name].parameters])
+        for c in leading
+        if c.gain_nats > answer.thresholds.effect_nats
+    }
+    names = [c.name for c in leading]
+    loss = confusion(answer.model, answer.base, names, sizes)
+    return {"names": names, "loss_nats": loss.tolist()}
+
+
+def _noise(fitted: Fit) -> dict[str, Any]:
+    told = {}
+    for i, f in enumerate(fitted.free):
+        if f.name.startswith("noise.log_"):
+            told[f.name.removeprefix("noise.log_")] = {
+                "value": float(np.exp(fitted.theta[i])),
+                "unit": _NOISE_UNITS[f.name.removeprefix("noise.log_")],
+            }
+    return told
+
+
+_NOISE_UNITS = {
+    "acceleration": "m/s^2 sqrt(s)",
+    "turbulence": "of the wake's force",
+    "turbulence_time": "s",
+    "range": "m",
+}
+
+
+def _split_by(answer: Answer) -> str:
+    known = [LIBRARY[m].split_by for m in answer.members if LIBRARY[m].split_by]
+    return "; or ".join(dict.fromkeys(known))
+
+
+def _sentence(answer: Answer) -> str:
+    if answer.verdict == "none":
+        return "Nothing is missing beyond noise."
+    if answer.verdict == "unknown":
+        if answer.unknown is None:
+            return "Something is missing that is none of the known effects."
+        return f"None of the known effects: what is missing looks like {answer.unknown.text}."
+    if answer.verdict == "class":
+        return f"One of {', '.join(answer.members)}; these flights cannot tell which."
+    return f"Missing: {' and '.join(answer.effects)}."
+
+
+def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any]]:
+    if only is None:
+        return list(named.get("effects", ()))
+    for searched in named.get("rounds", ()):
+        for entry in searched["ranking"]:
+            if entry["name"] == only:
+                return [entry]
+    raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
+
+
+def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
+    parameters = {name: EffectParameter(**p) for name, p in told["parameters"].items()}
+    return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
+
+
+def _refitted(case: Case) -> Answer:
+    """What `show` needs of an answer when it runs as a command of its own."""
+    return name_effects(case.rig, GantryModel(case.rig, case.flights), case.thresholds)
+
+
+def _corrected(
+    case: Case, answer: Answer, added: Sequence[str], out: Path
+) -> tuple[GantryModel, Fit | None]:
+    """The fit whose effects the corrected rig file has, an expression's included."""
+    if not added:
+        return answer.model, None
+    if set(added) == set(answer.fit.hypothesis):
+        return answer.model, answer.fit
+    extra = {e.name: symbolic_effect(e) for e in read_rig(out / "rig.toml").effect if e.expression}
+    model = GantryModel(case.rig, answer.model.flights, extra or with_terms(answer.model).extra)
+    hypothesis = tuple(added)
+    known = dict(zip(answer.base.names, answer.base.theta, strict=True))
+    start = np.array([known.get(f.name, f.starts[-1]) for f in model.free(hypothesis)])
+    corrected = fit(model, hypothesis, range(model.episodes), start)
+    return model, corrected
+
+
+def _written(out: Path, step: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Write an artefact whole; numbers that are none become null."""
+    out.mkdir(parents=True, exist_ok=True)
+    plain = _plain(content)
+    write_text_whole(out / f"{step}.json", json.dumps(plain, indent=1, allow_nan=False) + "\n")
+    return dict(plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,212 @@
+"""The gap before and after, on flights that nothing was fitted to.
+
+In: an answer and sealed flights. Out: `show.json`: errors per channel with intervals and the noise
+floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many parameters,
+which must not help.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.finding import HORIZONS_S
+from wakedeploy.gap.flight import Flight, FloatArray
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit, Hypothesis, fit
+from wakedeploy.gap.naming import Answer, with_terms
+from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.whiteness import samples, spectrum, whiteness
+from wakedeploy.physics.effects import LIBRARY
+
+_BLOCK_S = 2.0
+_BINS = 8
+_TRACE_S = 10.0
+_HELPS_NATS = 3.0
+_STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """Sealed flights under one fit, around the motion that this fit explains."""
+
+    model: GantryModel
+    fit: Fit
+
+
+def show(
+    answer: Answer, corrected: Fit | None, sealed: Sequence[Flight], places: Sequence[Any]
+) -> dict[str, Any]:
+    """`show.json`, without the predictors of `retrain`.
+
+    `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
+    """
+    after_fit = corrected if corrected is not None else answer.base
+    model = with_terms(GantryModel(answer.model.rig, sealed))
+    before, after = _shown(model, answer.base), _shown(model, after_fit)
+    result: dict[str, Any] = {
+        "sealed": [flight.name for flight in sealed],
+        "cross_validated": False,
+        "gap": gaps(before, after),
+        "places": [_by_place(before, after, p["channel"], p["coordinate"]) for p in places[:4]],
+        "placebo": _placebo(answer, after_fit.hypothesis, model, before),
+        "white": {"before": _white(before, answer), "after": _white(after, answer)},
+        "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
+        "traces": _traces(before, after),
+        "log_density_gain_nats": _log_density(after) - _log_density(before),
+        "retrain": None,
+    }
+    return result
+
+
+def gaps(before: Shown, after: Shown) -> dict[str, Any]:
+    """Root mean square errors ahead, before and after, with 90 % intervals and the noise floor.
+
+    The floor is the error that the corrected model expects of itself: range noise and turbulence.
+    """
+    table = {}
+    for horizon_s in HORIZONS_S:
+        old, new = _errors(before, horizon_s), _errors(after, horizon_s)
+        floor = _expected(after, horizon_s)
+        b, a = _rms(old), _rms(new)
+        excess = b**2 - floor**2
+        table[f"height {horizon_s:g} s ahead"] = {
+            "before": b,
+            "after": a,
+            "noise_floor": floor,
+            "unit": "m",
+            "before_interval": _rms_interval(old),
+            "after_interval": _rms_interval(new),
+            "closed": (b**2 - a**2) / excess if excess > 0.02 * floor**2 else None,
+        }
+    return table
+
+
+def _shown(model: GantryModel, fitted: Fit) -> Shown:
+    """The sealed flights scored under a fit's parameters; none of them is fitted to these."""
+    near = model.relinearised(_applied(model, fitted))
+    return Shown(near, _applied(near, fitted))
+
+
+def _applied(model: GantryModel, fitted: Fit) -> Fit:
+    """A fit's hypothesis and parameters on other flights."""
+    flights = tuple(range(model.episodes))
+    scores = tuple(model.score(fitted.hypothesis, fitted.theta, i) for i in flights)
+    slopes = type(fitted.slopes)(scores, (), ())
+    density = np.array([s.log_density.sum() for s in scores])
+    return Fit(fitted.hypothesis, fitted.free, flights, fitted.theta, slopes, density)
+
+
+def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
+    """Errors per block of two seconds, over all sealed flights."""
+    blocks = []
+    for episode in range(shown.model.episodes):
+        ahead = shown.model.forecasts(shown.fit, episode, (horizon_s,))
+        error = ahead.measured_m[0] - ahead.forecast_m[0]
+        number = np.floor((ahead.at_s - ahead.at_s[0]) / _BLOCK_S)
+        known = np.isfinite(error)
+        usual = float(np.median(np.abs(error[known]))) if known.any() else 0.0
+        known &= np.abs(np.nan_to_num(error)) < _STRAY * 1.4826 * usual
+        blocks += [error[known & (number == n)] for n in np.unique(number)]
+    return [b for b in blocks if len(b)]
+
+
+def _rms(blocks: Sequence[FloatArray]) -> float:
+    return float(np.sqrt(np.mean(np.concatenate(list(blocks)) ** 2)))
+
+
+def _rms_interval(blocks: Sequence[FloatArray]) -> list[float]:
+    """Student's 90 % interval of the mean square, from blocks."""
+    squares = np.array([float((b**2).mean()) for b in blocks])
+    if len(squares) < 2:
+        return [0.0, float("inf")]
+    reach = student_t.ppf(0.95, len(squares) - 1) * squares.std(ddof=1) / len(squares) ** 0.5
+    low, high = squares.mean() - reach, squares.mean() + reach
+    return [float(np.sqrt(max(low, 0.0))), float(np.sqrt(high))]
+
+
+def _expected(shown: Shown, horizon_s: float) -> float:
+    variance = [
+        shown.model.forecasts(shown.fit, i, (horizon_s,)).variance_m2[0]
+        for i in range(shown.model.episodes)
+    ]
+    return float(np.sqrt(np.nanmean(np.concatenate(variance))))
+
+
+def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dict[str, Any]:
+    """Mean residual in bins of one coordinate, before and after."""
+    name = coordinate if coordinate in COORDINATES else "height"
+    old = [residuals(before.model, before.fit, channel, i) for i in range(before.model.episodes)]
+    new = [residuals(after.model, after.fit, channel, i) for i in range(after.model.episodes)]
+    where = np.concatenate([s.coordinates[name] for s in old])
+    edges = np.unique(np.quantile(where[np.isfinite(where)], np.linspace(0.0, 1.0, _BINS + 1)))
+    return {
+        "channel": channel,
+        "coordinate": name,
+        "coordinate_unit": COORDINATES[name][0],
+        "edges": edges.tolist(),
+        "before": _binned(old, name, edges),
+        "after": _binned(new, name, edges),
+        "unit": CHANNELS[channel],
+    }
+
+
+def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
+    where = np.concatenate([s.coordinates[name] for s in series])
+    value = np.concatenate([s.value for s in series])
+    bins = np.clip(np.digitize(where, edges[1:-1]), 0, max(len(edges) - 2, 0))
+    count = np.bincount(bins, minlength=len(edges) - 1)
+    total = np.bincount(bins, value, len(edges) - 1)
+    return [float(v) for v in total / np.maximum(count, 1)]
+
+
+def _placebo(
+    answer: Answer, hypothesis: Hypothesis, sealed: GantryModel, before: Shown
+) -> dict[str, Any]:
+    """The effect that ranked last of those with as many parameters, fitted and shown likewise."""
+    wanted = sum(len(LIBRARY[n].parameters) for n in hypothesis if n in LIBRARY) or 1
+    related = {r for n in hypothesis if n in LIBRARY for r in LIBRARY[n].confused_with}
+    ranking = [c for c in answer.rounds[0].ranking if c.name not in {*hypothesis, *related}]
+    alike = [c for c in ranking if len(LIBRARY[c.name].parameters) == min(wanted, 2)] or ranking
+    name = alike[-1].name
+    near = answer.model
+    fitted = fit(near, (name,), range(near.episodes), alike[-1].fit.theta)
+    wrong = _shown(sealed, fitted)
+    gain = _log_density(wrong) - _log_density(before)
+    return {
+        "name": name,
+        "before": _rms(_errors(before, AHEAD_S)),
+        "after": _rms(_errors(wrong, AHEAD_S)),
+        "unit": "m",
+        "gain_nats": gain,
+        "helps": bool(gain > _HELPS_NATS),
+    }
+
+
+def _log_density(shown: Shown) -> float:
+    return float(shown.fit.per_episode.sum())
+
+
+def _white(shown: Shown, answer: Answer) -> dict[str, Any]:
+    return whiteness(shown.fit).as_json(answer.thresholds.whiteness)
+
+
+def _spectrum(shown: Shown) -> dict[str, Any]:
+    rate_hz = 1.0 / shown.model.flights[0].spacing_s
+    return spectrum([samples(s) for s in shown.fit.slopes.scores], rate_hz)
+
+
+def _traces(before: Shown, after: Shown) -> dict[str, Any]:
+    """Forecasts a quarter of a second ahead along part of the first sealed flight."""
+    old = before.model.forecasts(before.fit, 0, (AHEAD_S,))
+    new = after.model.forecasts(after.fit, 0, (AHEAD_S,))
+    chosen = old.at_s < old.at_s[0] + _TRACE_S
+    chosen &= np.isfinite(old.forecast_m[0]) & np.isfinite(new.forecast_m[0])
+    return {
+        "t_s": (old.at_s[chosen] + AHEAD_S - old.at_s[0]).tolist(),
+        "measured_m": old.measured_m[0][chosen].tolist(),
+        "before_m": old.forecast_m[0][chosen].tolist(),
+        "after_m": new.forecast_m[0][chosen].tolist(),
+    }
