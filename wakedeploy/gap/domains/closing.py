@@ -288,7 +288,7 @@ def _placebo(
     others = [c["name"] for c in rounds[0]["ranking"] if c["name"] not in found.hypothesis]
     if not found.hypothesis or not others:
         return None
-    wrong = settled(model, (others[-1],), base.episodes, base)
+    wrong = rank(model, base, others[-1:])[0].fit
     after = errors(model, wrong, sealed)
     before = errors(model, base, sealed)
     gain = _sealed_gain(model, base, wrong, sealed)
