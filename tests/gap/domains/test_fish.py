@@ -8,7 +8,7 @@ from wakedeploy.gap.domains.fish import FishModel, delay_profile, open_model
 from wakedeploy.gap.inference import rank
 
 
-def made(delay_s: float, seconds: float = 62.0) -> FishModel:
+def made(delay_s: float, seconds: float = 42.0) -> FishModel:
     """A foil that flaps at 3.27 Hz and startles now and then; the tip follows late."""
     rng = np.random.default_rng(0)
     time_s = np.arange(0.0, seconds, 1.0 / 30.0)
@@ -34,11 +34,10 @@ def test_a_delay_that_was_put_in_is_named():
 
 def test_the_recorded_delay_is_a_third_of_a_second_and_not_its_alias(recordings):
     whole = open_model(recordings("fish"))
-    model = whole.first(8)
-    delays_s = np.array([0.0, 0.15, 0.183, 0.333, 0.35, 0.483])
+    model = whole.first(6)
+    delays_s = np.array([0.15, 0.183, 0.333, 0.483])
     profile = delay_profile(model, delays_s)
-    assert delays_s[profile.argmax()] in (0.333, 0.35)
-    assert profile[3] > profile[[0, 1, 2, 5]].max() + 100
+    assert profile[2] > np.delete(profile, 2).max() + 100
 
 
 def test_the_phase_delay_of_a_pure_delay_is_that_delay_at_every_frequency():

@@ -79,7 +79,7 @@ def _explained(missing: list[FloatArray], turning: list[FloatArray]) -> dict[str
     left = np.concatenate(missing) + np.concatenate(turning)
     return {
         "slope": slope,
-        "correlation": float(np.corrcoef(x, y)[0, 1]),
+        "correlation": _correlation(x, y),
         "rms_mps2": float(np.sqrt(np.mean(y**2))),
         "rms_left_mps2": float(np.sqrt(np.mean(left[:, 2] ** 2))),
         "p_value": _p_value([m[:, 2] * t[:, 2] for m, t in zip(missing, turning, strict=True)]),
@@ -114,7 +114,13 @@ def _turning_up(flights: Sequence[Flight]) -> list[float]:
         rates.append(smoothed(np.gradient(flight.sufferer[:, 12:15], 0.005, axis=0))[inner])
         columns.append(smoothed(flight.sufferer[:, 15:18])[inner])
     x, y = np.concatenate(rates), np.concatenate(columns)
-    return [float(np.corrcoef(x[:, k], y[:, k])[0, 1]) for k in range(3)]
+    return [_correlation(x[:, k], y[:, k]) for k in range(3)]
+
+
+def _correlation(x: FloatArray, y: FloatArray) -> float:
+    """Of two series; NaN where one of them does not vary."""
+    spread = float(x.std() * y.std())
+    return float(np.mean((x - x.mean()) * (y - y.mean()))) / spread if spread else float("nan")
 
 
 def _p_value(products: list[FloatArray]) -> float:
