@@ -24,6 +24,7 @@ from wakedeploy.gap.rates import SURE, Draws, flights_needed, null_quantile, sma
 from wakedeploy.gap.sensors import SENSORS, Sensor, with_sensor
 from wakedeploy.gap.separation import Evidence, gain_nats, gather, loss_nats
 from wakedeploy.gap.tracking import tracking_rmse_m, with_effect
+from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import Rig
 
@@ -43,7 +44,8 @@ class EffectPower:
 
     `size` is one prior scale; the fields after it hold at that size. `named` and `detected` are
     shares of data sets, `rivals` the effects that would stay within the margin, `flights` and
-    `minutes` what naming takes (None: no number of flights), `sensor` the cheapest one with which
+    `minutes` what naming takes (None: no number of flights), `calibrate_to` the spread that the
+    rig file would have to state where only calibration helps, `sensor` the cheapest one with which
     it is named from these flights (None: none of the menu, or none needed), `cost_mm` what
     ignoring it adds to the tracking error (None: the flight ends in a failsafe).
     """
@@ -61,6 +63,7 @@ class EffectPower:
     rivals: tuple[str, ...]
     flights: float | None
     minutes: float | None
+    calibrate_to: float | None
     sensor: str | None
     cost_mm: float | None
     split_by: str
@@ -277,10 +280,22 @@ class _Told:
             rivals=tuple(near) if is_seen else (),
             flights=_finite(np.ceil(needed)),
             minutes=_finite(np.ceil(needed) * self._flight_s / 60.0),
+            calibrate_to=None if np.isfinite(needed) else self._calibration(name, nameable),
             sensor=_cheapest(named_with),
             cost_mm=cost_mm,
             split_by=effect.split_by,
         )
+
+    def _calibration(self, name: str, nameable: float) -> float | None:
+        """The spread with which a calibrated constant's plausible change would be named.
+
+        What flights cannot name for want of calibration grows with the spread that is stated.
+        """
+        constant = LIBRARY[name].parameters[0].constant
+        spread = None if constant is None else spreads_of(self._rig).get(constant)
+        if spread is None or not np.isfinite(nameable) or nameable <= 1.0:
+            return None
+        return spread / nameable
 
 
 def _chosen(rig: Rig, names: Sequence[str] | None) -> tuple[str, ...]:

@@ -123,15 +123,19 @@ COLUMNS = (
     "named from",
     "from these flights",
     "minutes to name",
-    "cheapest sensor",
+    "what would help",
     "costs mm",
 )
 
 
 def _advice(e: EffectPower) -> str:
     if e.verdict == "named":
-        return "none needed"
-    return e.sensor or "none of the menu"
+        return "nothing needed"
+    if e.sensor is not None:
+        return e.sensor
+    if e.calibrate_to is not None:
+        return f"calibrate to ± {_amount(e.calibrate_to, e.unit)}"
+    return "more flights" if e.minutes is not None else "no sensor of the menu"
 
 
 def _amount(value: float | None, unit: str) -> str:
@@ -312,7 +316,8 @@ def _method(power: Power) -> Markup:
         f"{ENOUGH_NATS:g} nats behind; both must happen in {100 * SURE:.0f} % of the data sets, "
         f"which takes about {MARGIN_NATS:g} nats on average.",
         "Effects that only move a constant of the rig file count from where calibration leaves "
-        "that constant: within its stated spread, no number of flights names them.",
+        "that constant: within about three of its stated spreads no number of flights names them, "
+        "but a better calibration does; to what spread is said in the table.",
         "Sensors are emulated: how their reading changes with every effect comes from the forces "
         "along the simulated flights; noise, gain and price are assumptions, listed above. Their "
         "zero is taken as unknown in every flight.",
