@@ -64,7 +64,7 @@ def domain(
 
 
 def _print(title: str, document: dict[str, Any]) -> None:
-    found = ", ".join(document["effects"]) or "nothing"
+    found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
     click.echo(f"{title}: {document['verdict']}: {found}")
     print_table(
         "parameters",

@@ -64,6 +64,9 @@ def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes():
     assert account.effects == ("bend",)
     entry = account.document["parameters"]["bend.size"]
     assert entry["low"] < 0.4 < entry["high"]
+    (effect,) = account.document["effects"]
+    assert effect["parameters"]["size"] == entry
+    assert effect["confidence"] > 0.99
     assert {p.coordinate for p in account.places} == {"time"}
     gap = account.document["gap"]["height"]
     assert gap["after"] < 0.8 * gap["before"]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.closing import settled
-from wakedeploy.gap.domains.downwash import HIDDEN, fly, wake_force_n
+from wakedeploy.gap.domains.downwash import HIDDEN, fly, open_model, wake_force_n
 from wakedeploy.gap.inference import rank
 
 
@@ -26,6 +27,11 @@ def test_a_step_of_the_source_arrives_after_separation_over_speed():
     before, after = force_n[120], force_n[-1]
     halfway = np.flatnonzero(force_n < 0.5 * (before + after))[0]
     assert (halfway - 125) * 0.04 == pytest.approx(1.8 / 6.0, abs=0.05)
+
+
+def test_a_path_is_refused(tmp_path):
+    with pytest.raises(UnusableInput, match="leave the path out"):
+        open_model(tmp_path)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import datetime
 import itertools
+import json
 from pathlib import Path
 
 import numpy as np
@@ -75,7 +76,9 @@ def test_the_command_names_and_writes(tmp_path):
     arguments = ["motor", str(logs), "--out", str(tmp_path / "out"), "--simulations", "1"]
     result = CliRunner().invoke(domain, arguments, catch_exceptions=False)
     assert "named: spool-lag" in result.output
-    assert (tmp_path / "out" / "domain.json").is_file()
+    told = json.loads((tmp_path / "out" / "domain.json").read_text())
+    assert [e["name"] for e in told["effects"]] == ["spool-lag"]
+    assert told["single_steps"]["down"]["median_s"] == pytest.approx(0.08, abs=0.008)
 
 
 def test_recorded_motors_spool_as_single_steps_say(recordings):

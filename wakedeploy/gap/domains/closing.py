@@ -84,7 +84,7 @@ def close(
     verdict = _verdict(model, base, found, rivals)
     document = _document(model, base, found, sealed, rounds, threshold)
     document |= {"domain": model.name, "verdict": verdict, "class": list(rivals)}
-    document["places"] = [vars(p) for p in places]
+    document["where"] = [vars(p) for p in places]
     return Account(verdict, found.hypothesis, rivals, tuple(places), document)
 
 
@@ -209,6 +209,20 @@ def _between_episodes(fitted: Fit, i: int) -> tuple[float, float]:
     return float(fitted.theta[i]) - reach, float(fitted.theta[i]) + reach
 
 
+def _effect(
+    name: str, own: dict[str, dict[str, Any]], rounds: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """A named effect, its parameters without its name, its share of the belief when accepted.
+
+    All effects and "nothing" are equally likely before.
+    """
+    ranking = next(r["ranking"] for r in rounds if r["ranking"][0]["name"] == name)
+    gains = np.array([0.0, *(c["gain_nats"] for c in ranking)])
+    confidence = float(1.0 / np.exp(gains - ranking[0]["gain_nats"]).sum())
+    mine = {k.split(".", 1)[1]: v for k, v in own.items() if k.startswith(f"{name}.")}
+    return {"name": name, "confidence": confidence, "parameters": mine}
+
+
 def _over_rounds(name: str, entry: dict[str, Any], rounds: list[dict[str, Any]]) -> dict[str, Any]:
     """An interval that also holds what was said when the effect was accepted.
 
@@ -246,7 +260,7 @@ def _document(
         "episodes": [r.name for r in model.records],
         "sealed": [model.records[e].name for e in sealed],
         "threshold_nats": threshold,
-        "effects": list(found.hypothesis),
+        "effects": [_effect(name, own, rounds) for name in found.hypothesis],
         "parameters": own,
         "rounds": rounds,
         "gap": {

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values, covariance
 from wakedeploy.gap.inference import FloatArray, Free
 from wakedeploy.physics.body import PlanarBody
@@ -99,7 +100,9 @@ class DownwashModel(ResponseModel):
 
 
 def open_model(path: Path | None) -> DownwashModel:
-    """Six flights with a hidden spool lag; there is no recording to read."""
+    """Six flights with a hidden spool lag; UnusableInput for a path: there is nothing to read."""
+    if path is not None:
+        raise UnusableInput(f"{path}: downwash flies its own simulation; leave the path out.")
     return fly(HIDDEN)
 
 
