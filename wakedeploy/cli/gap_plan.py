@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 if TYPE_CHECKING:
     from wakedeploy.gap.flight import Flight
@@ -57,6 +57,8 @@ def plan(
     for path in (json_path, out / "plan.json" if out else None):
         if path is not None:
             write_json(path, made.as_json())
+    if reference is not None and made.best is None:
+        raise CheckFailed(f"{reference}: not written, for no manoeuvre splits this class.")
     if reference is not None and made.best is not None:
         write_plan_reference(reference, rig, made.best)
         click.echo(f"Written: {reference}. Fly it with `wakedeploy run-gantry --reference`.")
