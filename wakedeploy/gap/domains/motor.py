@@ -95,7 +95,9 @@ class MotorModel(ResponseModel):
         since_s = step.time_s - step.step_s
         low = np.median(step.rpm[since_s < 0])
         high = np.median(step.rpm[since_s > 0.5 * since_s[-1]])
-        return np.asarray(step.rpm - low - (high - low) * self.course(values, episode))[None]
+        drift = self._drift(values, episode)
+        predicted = (low + (high - low) * self.course(values, episode)) * drift / drift.mean()
+        return np.asarray(step.rpm - predicted)[None]
 
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
         """Time since the step, the step's size, and the duty before it."""
