@@ -24,6 +24,7 @@ COMMANDS = (
     "bench",
     "run-gantry",
     "log",
+    "gap",
     "rig",
     "doctor",
 )

@@ -39,6 +39,7 @@ from wakedeploy.physics.effects.symbolic import symbolic_effect
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
 Progress = Callable[[str], None]
+Retrain = Callable[[Rig, Rig, Path], Mapping[str, Any]]
 SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1, 6: 2}
 MOST_SEALED = 2
 _CONFUSED = 14  # effects in the picture of what can be told apart
@@ -165,11 +166,16 @@ def add(
 
 
 def show_gap(
-    case: Case, out: Path, answer: Answer | None = None, progress: Progress = lambda _: None
+    case: Case,
+    out: Path,
+    answer: Answer | None = None,
+    progress: Progress = lambda _: None,
+    retrain: Retrain | None = None,
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
     Without an `answer`, the corrected rig file's effects are fitted again to the same flights.
+    `retrain(old, corrected, out)` gives the predictors' errors.
     """
     progress("showing the gap on sealed flights")
     added = [e["name"] for e in read_steps(out).add.get("effects", ())]
@@ -180,6 +186,9 @@ def show_gap(
     places = read_steps(out).find.get("places", ())
     told = show(answer, corrected, sealed, places)
     told["cross_validated"] = case.cross_validated
+    if retrain is not None and added:
+        progress("training predictors on the old and the corrected rig")
+        told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), out))
     return _written(out, "show", told)
 
 
@@ -217,12 +226,9 @@ def close(
     report: bool = True,
     progress: Progress = lambda _: None,
     thresholds: Thresholds | None = None,
-    retrain: Callable[[Rig, Rig, Path], Mapping[str, Any]] | None = None,
+    retrain: Retrain | None = None,
 ) -> dict[str, Any]:
-    """All steps; returns `result.json`'s content. An interruption leaves finished steps usable.
-
-    `retrain(old, corrected, out)` gives the predictors' errors for `show.json`.
-    """
+    """All steps; returns `result.json`'s content. An interruption leaves finished steps usable."""
     out.mkdir(parents=True, exist_ok=True)
     for stale in ("find", "name", "add", "show", "result"):
         (out / f"{stale}.json").unlink(missing_ok=True)
@@ -231,11 +237,7 @@ def close(
     named, answer = name(case, out, progress)
     if named["effects"]:
         add(case, out)
-    shown = show_gap(case, out, answer, progress)
-    if retrain is not None and named["effects"]:
-        progress("training predictors on the old and the corrected rig")
-        shown["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), out))
-        _written(out, "show", shown)
+    show_gap(case, out, answer, progress, retrain)
     told = result(case, out)
     if report:
         from wakedeploy.gap.report import write_report  # draws; slow to import

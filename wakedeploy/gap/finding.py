@@ -35,12 +35,11 @@ def find_places(
     leave on this rig when nothing is missing (see `threshold`).
     """
     floor = dict.fromkeys(CHANNELS, 0.0) | dict(least or {})
-    maps = []
+    maps: list[dict[str, Any]] = []
     for channel in CHANNELS:
         series = [residuals(model, base, channel, i) for i in range(model.episodes)]
-        maps += [_map(series, name, k) for k, name in enumerate(COORDINATES)]
-        maps.append(_everywhere(series))
-    maps = [m for m in maps if m is not None]
+        each = (_map(series, name, k) for k, name in enumerate(COORDINATES))
+        maps += [*(m for m in each if m is not None), _everywhere(series)]
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
     maps.sort(key=lambda m: (m["q_value"], -m["strength"]))

@@ -56,8 +56,8 @@ class Flight:
 
     `grid_s` (N,) are the steps' starts. `frame_s` (F,) are the times at which the ESCs take a new
     pulse. `start`, `stop` (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the
-    height [m] and speed [m/s] smoothed from the readings. `rest` (r, 2) are the readings at rest on
-    the stop, each period as mean and variance.
+    height [m] and speed [m/s] smoothed from the readings. `rest` (r, 3) are the readings at rest on
+    the stop, each period as mean, variance and time.
     """
 
     name: str
@@ -209,7 +209,7 @@ def _samples(log: RunLog, name: str) -> tuple[FloatArray, FloatArray, npt.NDArra
     fresh = fresh & rising
     if fresh.sum() < 100:
         raise UnusableInput(
-            f"{name}: only {int(fresh.sum())} fresh range samples; there is nothing to compare with."
+            f"{name}: only {int(fresh.sum())} fresh range samples; too few to compare with."
         )
     return taken_s[fresh], np.asarray(range_m[fresh], float), fresh
 
@@ -321,13 +321,15 @@ def _rests(
     sample_s: FloatArray,
     reading_m: FloatArray,
 ) -> FloatArray:
-    """Mean and variance (r, 2) of the readings at rest before and after the flight."""
+    """Mean, variance and mean time (r, 3) of the readings at rest before and after the flight."""
     first, last = t_s[flying][0], t_s[flying][-1]
     rests = []
     for chosen in (sample_s < first - 0.05, sample_s > last + 0.5):
         if chosen.sum() >= 20:
-            rests.append(_censored_mean(reading_m[chosen]))
-    return np.array([r for r in rests if r is not None]).reshape(-1, 2)
+            read = _censored_mean(reading_m[chosen])
+            if read is not None:
+                rests.append((*read, float(sample_s[chosen].mean())))
+    return np.array(rests).reshape(-1, 3)
 
 
 def _censored_mean(reading_m: FloatArray) -> tuple[float, float] | None:

@@ -9,7 +9,7 @@ import math
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -28,6 +28,7 @@ _JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
 _DZ_M = 0.005  # how far slopes are looked at; smaller than anything that varies with height
 _DV_MPS = 0.01  # how far slopes by speed are looked at
 _SLIDING_MPS = 0.007
+_RESTING_MPS = 0.006  # slower than this, smoothed, the sufferer stands as often as not
 _KEPT = 3
 _PULSES_AVERAGED = 5
 
@@ -211,28 +212,35 @@ class Physics:
             sufferer_n=sufferer_n,
             charge_s=charge_s,
         )
-        rail = (constants["rail.coulomb_n"], constants["rail.viscous_n_per_mps"])
+        rail = tuple(
+            constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
+        )
         acting = tuple(
             e
             for e in effects
             if _overrides(e[0], "sufferer_n", "wake_mps", "force_n", "added_mass_kg")
         )
-        key = (id(source_n), id(sufferer_n), id(wake[0]), rail, constants["rail.stiction_n"])
+        key = (id(source_n), id(sufferer_n), id(wake[0]), rail)
 
-        def compute() -> tuple[object, ...]:
+        def compute() -> _Sum:
             at = _Motions(self._setting, motion, wake, self._rig.wake.drag_area_m2)
             middle = at.acceleration(constants, acting, 0.0, 0.0)
             higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
             faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
             slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
             slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
-            return np.stack([middle[0], *slopes]), *middle[1:], (source_n, sufferer_n, wake)
+            return _Sum(np.stack([middle[0], *slopes]), *middle[1:], (source_n, sufferer_n, wake))
 
-        acceleration, thrust_n, wake_mps, wake_n, inertia, _ = self._remembered(
-            "sum", (*key, _key(acting)), compute
+        found = self._remembered("sum", (*key, _key(acting)), compute)
+        return Forces(
+            source_n,
+            found.sufferer_n,
+            found.wake_mps,
+            found.wake_n,
+            found.inertia_kg,
+            found.acceleration,
+            *self._reading(constants, effects, motion),
         )
-        reading = self._reading(constants, effects, motion)
-        return Forces(source_n, thrust_n, wake_mps, wake_n, inertia, acceleration, *reading)
 
     def _reading(
         self, constants: Constants, effects: Active, motion: Motion
@@ -254,6 +262,15 @@ class Physics:
         held = max(0.0, 1.0 - flight.spacing_s / hold_s) if hold_s > 0.0 else 0.0
         return taken_s, np.stack([expected[0], (expected[1] - expected[0]) / _DZ_M]), held
 
+    def at_rest(self, constants: Constants, effects: Active) -> FloatArray:
+        """The readings (r,) expected at rest on the stop, before and after the flight."""
+        time_s = np.maximum(self._flight.rest[:, 2] - self._flight.take_off_s, 0.0)
+        value = np.full(len(time_s), constants["range.bias_m"])
+        still = Motion(time_s=time_s)
+        for effect, values in _overriding(effects, "range_m"):
+            value = np.asarray(effect.range_m(values, value, still, self._setting))
+        return value
+
     def _remembered(self, stage: str, key: Hashable, compute: Callable[[], Result]) -> Result:
         kept = self._kept.setdefault(stage, OrderedDict())
         if key in kept:
@@ -266,9 +283,15 @@ class Physics:
         return result
 
 
-def forces_along(rig: Rig, flight: Flight, constants: Constants, effects: Active) -> Forces:
-    """Every force along a flight, once."""
-    return Physics(rig, flight).forces(constants, effects)
+class _Sum(NamedTuple):
+    """Everything that acts on the sufferer, and what it was made of: ids of that are the key."""
+
+    acceleration: FloatArray
+    sufferer_n: FloatArray
+    wake_mps: FloatArray
+    wake_n: FloatArray
+    inertia_kg: FloatArray
+    made_of: object
 
 
 @dataclass(frozen=True, eq=False)
@@ -303,17 +326,20 @@ class _Motions:
         inertia = np.full(len(wake_n), self.setting.mass_kg)
         for effect, values in _overriding(effects, "added_mass_kg"):
             inertia = inertia + effect.added_mass_kg(values, m, self.setting)
-        driving = m.sufferer_n + wake_n + extra - self.setting.weight_n
-        total = driving - _friction(constants, m.vz_mps)
+        driving = np.asarray(m.sufferer_n + wake_n + extra - self.setting.weight_n)
+        total = driving - _friction(constants, np.asarray(m.vz_mps), driving)
         return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
 
 
-def _friction(constants: Constants, vz_mps: FloatArray) -> FloatArray:
-    """Friction [N] against the motion, averaged over what is not known of its speed."""
-    sliding = np.tanh(vz_mps / _SLIDING_MPS)
-    return np.asarray(
-        constants["rail.coulomb_n"] * sliding + constants["rail.viscous_n_per_mps"] * vz_mps
-    )
+def _friction(constants: Constants, vz_mps: FloatArray, driving_n: FloatArray) -> FloatArray:
+    """Friction [N] against the motion; near rest, what holds against the driving force."""
+    coulomb_n = constants["rail.coulomb_n"]
+    sliding = coulomb_n * np.tanh(vz_mps / _SLIDING_MPS)
+    sliding += constants["rail.viscous_n_per_mps"] * vz_mps
+    most_n = max(constants["rail.stiction_n"], coulomb_n, 1e-6)
+    holding = most_n * np.tanh(driving_n / most_n)
+    resting = np.exp(-((vz_mps / _RESTING_MPS) ** 2))
+    return np.asarray(sliding + resting * (holding - sliding))
 
 
 def _accepted(pulse: FloatArray, motor: str, effects: Active, idle_us: float) -> FloatArray:
@@ -351,5 +377,5 @@ def _key(effects: Active) -> Hashable:
     return tuple((effect.name, *values.values()) for effect, values in effects)
 
 
-def _with(motion: Motion, **changed: object) -> Motion:
-    return Motion(**(vars(motion) | changed))  # type: ignore[arg-type]
+def _with(motion: Motion, **changed: Any) -> Motion:
+    return Motion(**(vars(motion) | changed))

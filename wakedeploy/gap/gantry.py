@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
-from wakedeploy.gap.forces import Forces, Physics, forces_along
+from wakedeploy.gap.forces import Forces, Physics
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
@@ -94,7 +94,8 @@ class GantryModel:
         samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
         e, v, density, weight = samples[:, flight.counted]
         density = _with_repeats(density, flight, forces.held_share)
-        rest_e, rest_v = _rest(flight, constants)
+        rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
+        rest_v = flight.rest[:, 1]
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
         repeat_e, repeat_v = _repeats(flight, forces.held_share)
         return Score(
@@ -311,7 +312,7 @@ def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
 def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, float]:
     """Acceleration per unit of the coloured disturbance (N,), its persistence, white intensity."""
     turbulence = math.exp(theta[1]) * np.abs(forces.wake_n) / forces.inertia_kg
-    gain = np.hypot(turbulence, _FAINTEST)
+    gain = np.asarray(np.hypot(turbulence, _FAINTEST))
     return gain, math.exp(-DT_S / math.exp(theta[2])), math.exp(2.0 * theta[0])
 
 
@@ -322,7 +323,8 @@ def _reading_noise(
     deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
     variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
     fresh = (1.0 - held_share) * _CHANCE
-    return np.where(flight.repeated, variance * (held_share + fresh) / fresh, variance)
+    held = variance * (held_share + fresh) / fresh
+    return np.asarray(np.where(flight.repeated, held, variance))
 
 
 def _with_repeats(density: FloatArray, flight: Flight, held_share: float) -> FloatArray:
@@ -343,11 +345,6 @@ def _repeats(flight: Flight, held_share: float) -> tuple[FloatArray, FloatArray]
     expected = held_share + (1.0 - held_share) * _CHANCE
     excess = float(flight.repeated.mean()) - expected
     return np.array([excess]), np.array([expected * (1.0 - expected) / count])
-
-
-def _rest(flight: Flight, constants: Constants) -> tuple[FloatArray, FloatArray]:
-    """What the readings at rest on the stop say about the range's bias."""
-    return flight.rest[:, 0] - constants["range.bias_m"], flight.rest[:, 1]
 
 
 def _compared(
@@ -374,7 +371,7 @@ def _compared(
         forecast.append((slope * ahead[2 * h] + offset)[counted])
         variance.append((slope**2 * ahead[2 * h + 1] + noise)[counted])
     return Forecasts(
-        steps * DT_S,
+        np.asarray(steps * DT_S, float),
         flight.sample_s[counted],
         np.array(measured),
         np.array(forecast),

@@ -24,7 +24,7 @@ _ENOUGH_NATS = 0.02  # a step that promises less ends a fit
 _SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 5
-_ABSURD_NATS = 25.0  # a start that is worse than no effect by more is not worth climbing from
+_ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
 @dataclass(frozen=True)
@@ -94,13 +94,19 @@ class Slopes:
     def gradient(self) -> FloatArray:
         """Of the log likelihood, per episode, (E, p)."""
         return np.array(
-            [_gradient(*each) for each in zip(self.scores, self.innovation, self.variance)]
+            [
+                _gradient(*each)
+                for each in zip(self.scores, self.innovation, self.variance, strict=True)
+            ]
         )
 
     def fisher(self) -> FloatArray:
         """Expected information per episode, (E, p, p)."""
         return np.array(
-            [_fisher(*each) for each in zip(self.scores, self.innovation, self.variance)]
+            [
+                _fisher(*each)
+                for each in zip(self.scores, self.innovation, self.variance, strict=True)
+            ]
         )
 
 
@@ -316,7 +322,7 @@ def information(model: Model, base: Fit, name: str) -> FloatArray:
     At the neutral point, by its starts: half of it times a size squared is what an effect of that
     size gains [nats].
     """
-    one, span = _signature(model, base, name, None)
+    _, span = _signature(model, base, name, None)
     hypothesis = (*base.hypothesis, name)
     free = [f for f in model.free(hypothesis) if f.name.startswith(f"{name}.")]
     sizes = np.array([f.starts[-1] - f.neutral or f.step for f in free])

@@ -117,7 +117,7 @@ def name_effects(
     progress: Progress = lambda _: None,
     candidates: Sequence[str] | None = None,
 ) -> Answer:
-    """Find, refit, drop, and decide; see the module. One flight alone is never enough for a name."""
+    """Find, refit, drop, and decide. One flight alone is never enough for a name."""
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]

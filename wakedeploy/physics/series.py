@@ -16,6 +16,9 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
+_PERSISTENT = 3
+_LOST_M, _LOST_MPS = 0.05, 0.5
+
 
 def _compiled(function: Callable[..., Any]) -> Any:
     """Compile on first use and keep the machine code on disk, where there is a place to keep it."""
@@ -122,12 +125,16 @@ def filtered(
     n = 0
     for s in range(len(start)):
         z, v, d = nominal[0, start[s]], nominal[1, start[s]], 0.0
+        strays = 0
         p = np.zeros((3, 3))
         p[0, 0], p[1, 1], p[2, 2] = 0.03**2, 0.3**2, 1.0
         while n < len(reading) and step_of[n] < start[s]:
             n += 1
         for k in range(start[s], stop[s]):
             while n < len(reading) and step_of[n] == k:
+                if strays >= _PERSISTENT:  # so many strays in a row are no strays: look again
+                    p[0, 0] += _LOST_M * _LOST_M
+                    p[1, 1] += _LOST_MPS * _LOST_MPS
                 z, v, d = _update(
                     samples[:, n],
                     p,
@@ -143,6 +150,7 @@ def filtered(
                     noise[n],
                     outlier,
                 )
+                strays = strays + 1 if samples[3, n] < 0.5 else 0
                 for h in range(len(horizons)):
                     if k + horizons[h] < stop[s]:
                         _forecast(

@@ -1,0 +1,264 @@
+"""`wakedeploy gap`: find where simulation and measurement disagree, name the effect, add it, show.
+
+In: a rig file and run logs. Out: a folder with one artefact per step, figures and a report.
+"""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.close import Case
+
+_OTHERS = {
+    "plan": "gap_plan",
+    "power": "gap_plan",
+    "demo": "gap_demo",
+    "benchmark": "gap_benchmark",
+    "export": "gap_export",
+    "domain": "gap_domain",
+}
+_STEPS = ("close", "find", "name", "add", "show")
+_FILE = click.Path(path_type=Path, dir_okay=False)
+
+
+class _Steps(click.Group):
+    """The four steps here, the other commands in files of their own, loaded when asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """In the order of a person's work."""
+        return [*_STEPS, *_OTHERS]
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """A step, or the command object of `wakedeploy/cli/gap_<file>.py`."""
+        if cmd_name in _OTHERS:
+            module = importlib.import_module(f"wakedeploy.cli.{_OTHERS[cmd_name]}")
+            command: click.Command = getattr(module, cmd_name)
+            return command
+        return super().get_command(ctx, cmd_name)
+
+
+@click.group("gap", cls=_Steps)
+def command() -> None:
+    """Find where simulation and measurement disagree, name the missing effect, add it, show.
+
+    \b
+    Everything at once, on flights that one rig flew with one rig file:
+        wakedeploy gap close --rig rig.toml --measured flight*.mcap --out gap
+    The same in steps, to stop and look in between:
+        wakedeploy gap find … ; wakedeploy gap name … ; wakedeploy gap add … ; wakedeploy gap show …
+    The whole story on the virtual gantry:
+        wakedeploy gap demo
+    """
+
+
+class _Many(click.Command):
+    """Lets `--measured` be followed by several files, as a shell's wildcard gives them."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Repeat `--measured` before each of the files that follow it."""
+        spread: list[str] = []
+        inside = False
+        for arg in args:
+            if arg.startswith("-") and arg != "-":
+                inside = arg == "--measured"
+                if inside:
+                    continue
+                spread.append(arg)
+            elif inside:
+                spread += ["--measured", arg]
+            else:
+                spread.append(arg)
+        return super().parse_args(ctx, spread)
+
+
+def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The options that every step takes."""
+    for option in (
+        click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON here."),
+        click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True,
+                     help="Processes for the rig's thresholds, simulated once."),
+        click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
+                     help="Folder for artefacts, figures and report."),
+        click.option("--measured", type=_FILE, multiple=True, required=True,
+                     help="Run logs, MCAP or CSV; the last ones are sealed and only shown."),
+        click.option("--rig", "rig_path", type=_FILE, required=True,
+                     help="The rig file that the flights were flown with."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
+@command.command("close", cls=_Many)
+@_inputs
+@click.option("--retrain", is_flag=True, help="Also train a predictor on each rig and compare.")
+@click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
+              help="Simulated flight per predictor, with --retrain.")  # fmt: skip
+def close_gap(
+    rig_path: Path,
+    measured: tuple[Path, ...],
+    out: Path,
+    workers: int,
+    json_path: Path | None,
+    retrain: bool,
+    minutes: float,
+) -> None:
+    """Find, name, add and show, and write the report.
+
+    \b
+    Example:
+        wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
+    """
+    from wakedeploy.cli.output import write_json
+    from wakedeploy.gap.account import account
+    from wakedeploy.gap.close import close
+    from wakedeploy.gap.steps import read_steps
+
+    train = _trainer(measured, minutes) if retrain else None
+    told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
+    click.echo(account(read_steps(out).summary))
+    click.echo(f"\nReport: {out / 'report.html'}")
+    if json_path is not None:
+        write_json(json_path, told)
+
+
+@command.command("find", cls=_Many)
+@_inputs
+def find_gap(
+    rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int, json_path: Path | None
+) -> None:
+    """Where do they disagree? Writes find.json and the maps.
+
+    \b
+    Example:
+        wakedeploy gap find --rig rig.toml --measured flights/*.mcap --out gap
+    """
+    from wakedeploy.gap.close import find
+
+    case = _case(rig_path, measured, workers)
+    found = find(case, out, _progress)
+    click.echo(found["sentence"])
+    for place in found["places"]:
+        click.echo(f"  {place['words']}")
+    _finish(case, out, json_path)
+
+
+@command.command("name", cls=_Many)
+@_inputs
+def name_gap(
+    rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int, json_path: Path | None
+) -> None:
+    """Which effect explains it? Writes name.json.
+
+    \b
+    Example:
+        wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
+    """
+    from wakedeploy.gap.close import name
+
+    case = _case(rig_path, measured, workers)
+    told, _ = name(case, out, _progress)
+    click.echo(told["sentence"])
+    for searched in told["rounds"]:
+        given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
+        click.echo(f"Gain on held-out flights{given} (threshold {searched['threshold_nats']:.1f}):")
+        for entry in searched["ranking"][:5]:
+            click.echo(f"  {entry['name']:<26} {entry['gain_nats']:8.1f} nats")
+    _finish(case, out, json_path)
+
+
+@command.command("add", cls=_Many)
+@_inputs
+@click.option("--effect", "only", help="Add this effect of the ranking, as one member of a class.")
+@click.option("--from-symbolic", is_flag=True, help="Add the expression of an unknown effect.")
+def add_effect(
+    rig_path: Path,
+    measured: tuple[Path, ...],
+    out: Path,
+    workers: int,
+    json_path: Path | None,
+    only: str | None,
+    from_symbolic: bool,
+) -> None:
+    """Write the corrected rig file, OUT/rig.toml; the old one stays.
+
+    \b
+    Examples:
+        wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap
+        wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
+    """
+    from wakedeploy.gap.close import add
+
+    case = _case(rig_path, measured, workers)
+    told = add(case, out, from_symbolic=from_symbolic, only=only)
+    names = ", ".join(e["name"] for e in told["effects"])
+    click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
+    _finish(case, out, json_path)
+
+
+@command.command("show", cls=_Many)
+@_inputs
+@click.option("--retrain", is_flag=True, help="Also train a predictor on each rig and compare.")
+@click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
+              help="Simulated flight per predictor, with --retrain.")  # fmt: skip
+def show_gap(
+    rig_path: Path,
+    measured: tuple[Path, ...],
+    out: Path,
+    workers: int,
+    json_path: Path | None,
+    retrain: bool,
+    minutes: float,
+) -> None:
+    """The gap before and after on sealed flights. Writes show.json and the report.
+
+    \b
+    Example:
+        wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
+    """
+    from wakedeploy.gap.close import show_gap as show
+
+    case = _case(rig_path, measured, workers)
+    train = _trainer(measured, minutes) if retrain else None
+    told = show(case, out, progress=_progress, retrain=train)
+    for channel, gap in told["gap"].items():
+        before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
+        click.echo(f"{channel}: {before:.1f} mm → {after:.1f} mm (noise {floor:.1f} mm)")
+    _finish(case, out, json_path)
+
+
+def _case(rig_path: Path, measured: tuple[Path, ...], workers: int) -> "Case":
+    from wakedeploy.gap.close import open_case
+
+    return open_case(rig_path, measured, workers=workers, progress=_progress)
+
+
+def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
+    """Bring result and report up to date with the step."""
+    from wakedeploy.cli.output import write_json
+    from wakedeploy.gap.close import result
+    from wakedeploy.gap.report import write_report
+
+    told = result(case, out)
+    write_report(out)
+    click.echo(f"Report: {out / 'report.html'}")
+    if json_path is not None:
+        write_json(json_path, told)
+
+
+def _trainer(measured: tuple[Path, ...], minutes: float) -> Any:
+    """What trains and scores predictors on both rigs, for the flights that were measured."""
+    from wakedeploy.gap.retrain import retrain
+
+    def train(old: Any, corrected: Any, out: Path) -> Any:
+        return retrain(old, corrected, measured, out, minutes=minutes)
+
+    return train
+
+
+def _progress(text: str) -> None:
+    """One line per stage on stderr."""
+    click.echo(f"… {text}", err=True)
