@@ -1,0 +1,98 @@
+"""`wakedeploy gap demo`: find, name and add the effect that the paper left out, and fly again."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.errors import CheckFailed
+
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+
+
+@click.command()
+@click.option(
+    "--out",
+    type=_FOLDER,
+    default=Path("gap-demo"),
+    show_default=True,
+    help="Everything the demo makes lies here.",
+)
+@click.option("--quick", is_flag=True, help="Fewer and shorter flights, less training.")
+@click.option("--figures", type=_FOLDER, help="Copy the picture of the story here, too.")
+@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
+def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
+    """Find the missing effect of the paper: motors that take time to spool up and down.
+
+    The rig file says that motors follow at once; the virtual gantry has motors that lag. From
+    flights alone the workflow finds where they disagree, names the effect, writes the corrected rig
+    file and shows the gap shrink. A predictor is trained on either rig, and both are flown on the
+    gantry that still lags.
+
+    \b
+    Example:
+        wakedeploy gap demo --out gap-demo
+    """
+    import shutil
+
+    from wakedeploy.gap.demo import FULL, PICTURE, QUICK, run
+
+    click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
+    told = run(
+        out,
+        QUICK if quick else FULL,
+        workers=workers,
+        progress=lambda step: click.echo(f"  {step}"),
+    )
+    write_json(out / "demo.json", told)
+    _tell(out, told)
+    if figures is not None and told["picture"]:
+        figures.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(told["picture"], figures / PICTURE)
+    if not told["ok"]:
+        raise CheckFailed("The demo did not show what it should; its report says what it found.")
+
+
+def _tell(out: Path, told: dict[str, Any]) -> None:
+    """The account, the rig file's new lines, the tracking, and where to look."""
+    from wakedeploy.gap.account import account, place_words
+    from wakedeploy.gap.demo import effect_lines
+    from wakedeploy.gap.steps import read_steps
+
+    steps = read_steps(out / "gap")
+    click.secho("\nWhere they disagree", bold=True)
+    for place in steps.find["places"][:4]:
+        click.echo(f"  {place_words(place)}")
+    click.secho("\nWhat is missing", bold=True)
+    click.echo(account(steps.summary))
+    if steps.add:
+        click.secho(f"\nNew in {out / 'gap' / 'rig.toml'}", bold=True)
+        click.echo(effect_lines(out / "gap" / "rig.toml"))
+    click.echo()
+    if told["tracking"]:
+        _tell_tracking(told["tracking"])
+        click.echo(f"Picture: {told['picture']}.")
+    click.echo(
+        f"Report: {out / 'gap' / 'report.html'}. The whole demo took {told['seconds']:.0f} s."
+    )
+
+
+def _tell_tracking(tracking: dict[str, Any]) -> None:
+    rows = []
+    for label, key in (("PID alone", "pid"), ("PID and predicted wake force", "feedforward")):
+        cells = [_millimetres(tracking[key][when]) for when in ("before", "after")]
+        rows.append([label, *cells])
+    print_table(
+        f"Altitude error on the gantry that lags, {len(tracking['seeds'])} flights that nothing was"
+        " fitted to",
+        ["", "rig file as it was", "corrected rig file"],
+        rows,
+    )
+
+
+def _millimetres(row: dict[str, Any]) -> str:
+    if row["rmse"] is None:
+        return "ended by a failsafe"
+    spread = "" if row["low"] is None else f" ({row['low']:.1f} to {row['high']:.1f})"
+    return f"{row['rmse']:.1f} mm{spread}"
