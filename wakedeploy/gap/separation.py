@@ -164,9 +164,9 @@ class _Target:
         hypothesis = (*base.hypothesis, name)
         free = model.free(hypothesis)
         own = tuple(i for i, f in enumerate(free) if f.name.startswith(f"{name}."))
-        kept = {f.name for f in free}
-        claimed = tuple(i for i, f in enumerate(base.free) if f.name not in kept)
-        neutral = extended(base, hypothesis, free)
+        places = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
+        claimed = tuple(places[free[i].quantity] for i in own if free[i].quantity in places)
+        neutral = extended(base, free)
         for i in own:
             neutral[i] = free[i].neutral
         there = neutral.copy()
