@@ -96,6 +96,9 @@ def _sensitivities(
         )
     columns.append(here)  # a gain that is a little off
     for c in evidence.columns:
+        if c.nuisances:  # the same readings, or curvature would pass for a difference
+            columns.append(np.sum([amount * columns[i] for i, amount in c.nuisances], axis=0))
+            continue
         known = _is_seen(sensor, c.effect)
         near = reading(c.hypothesis, c.near) if known else here
         origin = reading(c.hypothesis, c.origin) if known else here

@@ -19,7 +19,6 @@ from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Slopes, exten
 ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
 _TINY = 1e-10
 _MOST_DEVIATIONS = 2.0
-_CLAIMED_SHARE = 0.2
 _SMALLEST_SHARE = 1e-4
 _SWEEPS = 20
 
@@ -45,6 +44,7 @@ class Column:
     origin: FloatArray
     share: float = 1.0
     is_shape: bool = False
+    nuisances: tuple[tuple[int, float], ...] = ()  # (place, amount) where it is a sum of those
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +200,12 @@ def _of_nuisances(
             whole[e] += nuisances[e][:, place] * amount
         low, high = sorted((b - target.there[i]) / amount for b in (free.low, free.high))
         column = Column(
-            target.name, free.name, free.unit, amount, low, high, hypothesis, at, neutral, share
-        )
+            target.name, free.name, free.unit, amount, low, high, hypothesis, at, neutral, share,
+            nuisances=((place, amount),),
+        )  # fmt: skip
         found.append((column, [n[:, place] * amount for n in nuisances]))
-    near_all = neutral + _CLAIMED_SHARE * (target.there - neutral)
-    first = replace(_whole_column(target), near=near_all, share=_CLAIMED_SHARE)
+    sums = tuple(pair for column, _ in found for pair in column.nuisances)
+    first = replace(_whole_column(target), nuisances=sums)
     return [(first, whole), *found[1:]]
 
 
