@@ -8,7 +8,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Free, Score, fit, rank
+from wakedeploy.gap.inference import Free, Score, fit
 from wakedeploy.gap.manoeuvres import manoeuvre
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import (
@@ -18,6 +18,7 @@ from wakedeploy.gap.plan import (
     stated_sizes,
     write_plan_reference,
 )
+from wakedeploy.gap.ranking import rank
 from wakedeploy.gap.rates import Draws, flights_needed, null_quantile, smallest_sizes
 from wakedeploy.gap.separation import gain_nats, gather, loss_nats
 from wakedeploy.gap.tracking import with_effect

@@ -20,7 +20,7 @@ from wakedeploy.files import sha256_of, write_text_whole
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, confusion, fit
+from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import (
     Answer,
     Round,
@@ -30,6 +30,7 @@ from wakedeploy.gap.naming import (
     name_effects,
     with_terms,
 )
+from wakedeploy.gap.ranking import confusion
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import read_steps
 from wakedeploy.gap.symbolic import to_effect

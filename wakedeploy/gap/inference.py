@@ -1,14 +1,14 @@
-"""Hypotheses fitted by maximum likelihood and compared on episodes that they were not fitted to.
+"""Hypotheses fitted by maximum likelihood, and judged on episodes that they were not fitted to.
 
 In: a `Model`, which scores one episode under a hypothesis, sample by sample. Out: fits with
-intervals, held-out log densities, a ranking of effects, and how well a rival can imitate each.
+intervals, and held-out log densities.
 
 The log density is Gaussian in innovations with outliers weighted down, so that first derivatives
 of innovation and variance give gradient and Fisher information (Gauss–Newton); leaving an episode
 out is then one more Newton step from the common optimum.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -22,9 +22,6 @@ Hypothesis = tuple[str, ...]
 _ITERATIONS = 12
 _ENOUGH_NATS = 0.02  # a step that promises less ends a fit
 _SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
-_CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
-_MOST_CONTENDERS = 5
-_ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
 @dataclass(frozen=True)
@@ -165,7 +162,7 @@ class Fit:
     @property
     def _covariance(self) -> FloatArray:
         gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
-        prior = np.diag(_prior_precision(self.free))
+        prior = np.diag(prior_precision(self.free))
         bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
         count = len(gradient)
         if count < 2:
@@ -179,34 +176,6 @@ class Fit:
             return self.names.index(name)
         except ValueError as error:
             raise KeyError(f"{name!r} is not free under {self.hypothesis}") from error
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """An effect on top of a base, and what it gains on episodes that it was not fitted to."""
-
-    name: str
-    fit: Fit
-    gains: FloatArray  # (E,) nats, held out
-    prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
-
-    @property
-    def gain_nats(self) -> float:
-        """The sum over the episodes, and what the priors say.
-
-        A calibration is a measurement, too: a base that only explains the flights with constants
-        far from their calibrated values pays for it.
-        """
-        return float(self.gains.sum()) + self.prior_gain
-
-    def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
-        """Student's interval of the sum, from the spread between episodes."""
-        count = len(self.gains)
-        if count < 2:
-            return -np.inf, np.inf
-        reach = float(student_t.ppf(0.5 + 0.5 * level, count - 1))
-        reach *= float(self.gains.std(ddof=1)) * count**0.5
-        return self.gain_nats - reach, self.gain_nats + reach
 
 
 def fit(
@@ -236,8 +205,8 @@ def held_out(model: Model, fitted: Fit) -> FloatArray:
     One Newton step away from the common optimum; with a single episode, the prior's own.
     """
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
-    prior = np.diag(_prior_precision(fitted.free))
-    pull = -_prior_precision(fitted.free) * (fitted.theta - neutral(fitted.free))
+    prior = np.diag(prior_precision(fitted.free))
+    pull = -prior_precision(fitted.free) * (fitted.theta - neutral(fitted.free))
     total_gradient, total_fisher = gradient.sum(0), fisher.sum(0)
     densities = []
     for i, episode in enumerate(fitted.episodes):
@@ -247,91 +216,23 @@ def held_out(model: Model, fitted: Fit) -> FloatArray:
     return np.array(densities)
 
 
-def rank(
+def slopes_at(
     model: Model,
-    base: Fit,
-    candidates: Sequence[str],
-    *,
-    least_nats: float = 0.0,
-    progress: Callable[[str], None] | None = None,
-) -> list[Candidate]:
-    """Each candidate on top of `base`, best held-out gain first.
-
-    All are fitted with the base's slopes for what they share; those near the best are then fitted
-    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
-    """
-    reference = held_out(model, base)
-    rough = []
-    for name in candidates:
-        rough.append(_rough(model, base, name))
-        if progress is not None:
-            progress(name)
-    best = max((f.objective for f in rough), default=0.0)
-    least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
-    order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
-    near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
-    for i in near:
-        rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
-    ranked = [
-        Candidate(
-            name, fitted, held_out(model, fitted) - reference, fitted.log_prior - base.log_prior
-        )
-        for name, fitted in zip(candidates, rough, strict=True)
-    ]
-    return sorted(ranked, key=lambda c: -c.gain_nats)
+    hypothesis: Hypothesis,
+    episodes: Sequence[int],
+    theta: FloatArray,
+    known: tuple[Slopes, Sequence[int]] | None = None,
+) -> Slopes:
+    """Scores and derivatives at some parameters; of `known` ones only some columns are renewed."""
+    free = model.free(hypothesis)
+    return _Ascent(model, hypothesis, free, tuple(episodes), None).slopes(theta, known)
 
 
-def extended(base: Fit, hypothesis: Hypothesis, free: Sequence[Free]) -> FloatArray:
+def extended(base: Fit, free: Sequence[Free]) -> FloatArray:
     """Parameters (p,) for a larger hypothesis: the base's where they are shared, else neutral."""
     known = dict(zip(base.names, base.theta, strict=True))
     same = {f.quantity: v for f, v in zip(base.free, base.theta, strict=True) if f.quantity}
     return np.array([known.get(f.name, same.get(f.quantity, f.neutral)) for f in free])
-
-
-def confusion(
-    model: Model, base: Fit, candidates: Sequence[str], at: dict[str, FloatArray] | None = None
-) -> FloatArray:
-    """Nats that the best version of rival j loses when effect i is the truth, (C, C).
-
-    Linear around the base: the change that effect i makes to the whitened innovations, at the
-    values of `at` (its starts otherwise), less what nuisances and rival j can explain of it.
-    """
-    signatures, spans = [], []
-    for name in candidates:
-        one, span = _signature(model, base, name, None if at is None else at.get(name))
-        signatures.append(one)
-        spans.append(span)
-    nuisance = _whitened(base.slopes)
-    prior = np.sqrt(_prior_precision(base.free))
-    columns = np.vstack([nuisance, np.diag(prior)])
-    padding = np.zeros(len(prior))
-    loss = np.zeros((len(candidates), len(candidates)))
-    for j, span in enumerate(spans):
-        rival = np.hstack([columns, np.vstack([span, np.zeros((len(prior), span.shape[1]))])])
-        q, _ = np.linalg.qr(rival)
-        for i, one in enumerate(signatures):
-            padded = np.concatenate([one, padding])
-            rest = padded - q @ (q.T @ padded)
-            loss[i, j] = 0.5 * float(rest @ rest) if i != j else 0.0
-    return loss
-
-
-def information(model: Model, base: Fit, name: str) -> FloatArray:
-    """Fisher information of an effect's own parameters (k, k), nuisances readjusted.
-
-    At the neutral point, by its starts: half of it times a size squared is what an effect of that
-    size gains [nats].
-    """
-    _, span = _signature(model, base, name, None)
-    hypothesis = (*base.hypothesis, name)
-    free = [f for f in model.free(hypothesis) if f.name.startswith(f"{name}.")]
-    sizes = np.array([f.starts[-1] - f.neutral or f.step for f in free])
-    prior = np.sqrt(_prior_precision(base.free))
-    columns = np.vstack([_whitened(base.slopes), np.diag(prior)])
-    q, _ = np.linalg.qr(columns)
-    padded = np.vstack([span / sizes, np.zeros((len(prior), len(sizes)))])
-    rest = padded - q @ (q.T @ padded)
-    return np.asarray(rest.T @ rest)
 
 
 def neutral(free: Sequence[Free]) -> FloatArray:
@@ -352,11 +253,11 @@ class _Ascent:
     ) -> None:
         self._model, self._hypothesis, self._free = model, hypothesis, free
         self._episodes, self._moving = episodes, moving
-        self._precision = _prior_precision(free)
+        self._precision = prior_precision(free)
         self._centre = neutral(free)
 
     def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
-        slopes = slopes if slopes is not None else self._slopes(theta, None)
+        slopes = slopes if slopes is not None else self.slopes(theta, None)
         value = self._objective(slopes.scores, theta)
         damping = 1e-3
         for _ in range(_ITERATIONS):
@@ -384,8 +285,8 @@ class _Ascent:
         if renew is None and gained < _SETTLED_NATS:
             renew = ()  # hardly moved: the slopes still hold
         if renew is None:
-            return self._slopes(theta, None, scores)
-        return self._slopes(theta, (slopes, renew), scores)
+            return self.slopes(theta, None, scores)
+        return self.slopes(theta, (slopes, renew), scores)
 
     def _step(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
         gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)
@@ -405,12 +306,13 @@ class _Ascent:
     def _scores(self, theta: FloatArray) -> tuple[Score, ...]:
         return tuple(self._model.score(self._hypothesis, theta, e) for e in self._episodes)
 
-    def _slopes(
+    def slopes(
         self,
         theta: FloatArray,
         known: tuple[Slopes, Sequence[int]] | None,
         scores: tuple[Score, ...] | None = None,
     ) -> Slopes:
+        """Fresh, or `known` ones with some columns renewed."""
         here = scores if scores is not None else self._scores(theta)
         columns = range(len(theta)) if known is None else known[1]
         innovation = _columns(here, len(theta), None if known is None else known[0].innovation)
@@ -421,105 +323,6 @@ class _Ascent:
                 innovation[i][:, column] = (there.innovation - s.innovation) / size
                 variance[i][:, column] = (there.variance - s.variance) / size
         return Slopes(here, tuple(innovation), tuple(variance))
-
-
-def _rough(model: Model, base: Fit, name: str) -> Fit:
-    """The candidate fitted from each of its starts with the base's slopes for the rest."""
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    best: Fit | None = None
-    for theta in _starts(model, base, hypothesis, free, own):
-        slopes = _carried_over(model, base, hypothesis, free, theta, own)
-        fitted = fit(model, hypothesis, base.episodes, theta, slopes, own)
-        if best is None or fitted.objective > best.objective:
-            best = fitted
-    if best is None:
-        raise ValueError(f"{name!r} has no parameters")
-    return best
-
-
-def _starts(
-    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
-) -> list[FloatArray]:
-    """The neutral point, and those of the effect's starts that are not absurd."""
-    neutral_point = extended(base, hypothesis, free)
-    starts = [neutral_point]
-    for k in range(max(len(free[i].starts) for i in own)):
-        theta = neutral_point.copy()
-        for i in own:
-            theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
-        here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
-        if here > base.log_likelihood - _ABSURD_NATS:
-            starts.append(theta)
-    return starts
-
-
-def _carried_over(
-    model: Model,
-    base: Fit,
-    hypothesis: Hypothesis,
-    free: tuple[Free, ...],
-    theta: FloatArray,
-    own: Sequence[int],
-) -> Slopes:
-    """Slopes of the larger hypothesis: the base's for shared parameters, fresh for its own."""
-    place = {name: i for i, name in enumerate(base.names)}
-    shared = [place.get(f.name, -1) for f in free]
-
-    def widened(of_base: FloatArray) -> FloatArray:
-        with_zero = np.hstack([of_base, np.zeros((len(of_base), 1))])
-        return np.asarray(with_zero[:, shared])
-
-    old = Slopes(
-        base.slopes.scores,
-        tuple(widened(d) for d in base.slopes.innovation),
-        tuple(widened(d) for d in base.slopes.variance),
-    )
-    ascent = _Ascent(model, hypothesis, free, base.episodes, own)
-    missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
-    return ascent._slopes(theta, (old, missing))
-
-
-def _signature(
-    model: Model, base: Fit, name: str, at: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Whitened change that an effect makes (n,), and the directions its parameters span (n, k)."""
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    theta = extended(base, hypothesis, free)
-    changed = theta.copy()
-    for k, i in enumerate(own):
-        changed[i] = free[i].starts[-1] if at is None else at[k]
-    directions = []
-    for i in own:
-        single = theta.copy()
-        single[i] = changed[i]
-        directions.append(_change(model, base, hypothesis, single))
-    whole = directions[0] if len(own) == 1 else _change(model, base, hypothesis, changed)
-    return whole, np.stack(directions, axis=1)
-
-
-def _change(model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray) -> FloatArray:
-    """Innovations minus the base's, and variances likewise, whitened, one after another (2n,)."""
-    parts = []
-    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
-        there = model.score(hypothesis, theta, episode)
-        root = np.sqrt(score.weight)
-        parts.append(root * (there.innovation - score.innovation) / np.sqrt(score.variance))
-        parts.append(root * (there.variance - score.variance) / (score.variance * 2.0**0.5))
-    return np.concatenate(parts)
-
-
-def _whitened(slopes: Slopes) -> FloatArray:
-    """Derivatives in the units of `_change`, (2n, p)."""
-    parts = []
-    for s, de, dv in zip(slopes.scores, slopes.innovation, slopes.variance, strict=True):
-        root = np.sqrt(s.weight)[:, None]
-        parts.append(root * de / np.sqrt(s.variance)[:, None])
-        parts.append(root * dv / (s.variance[:, None] * 2.0**0.5))
-    return np.concatenate(parts)
 
 
 def _gradient(score: Score, de: FloatArray, dv: FloatArray) -> FloatArray:
@@ -552,12 +355,13 @@ def _bounds(free: Sequence[Free]) -> tuple[FloatArray, FloatArray]:
     return np.array([f.low for f in free]), np.array([f.high for f in free])
 
 
-def _prior_precision(free: Sequence[Free]) -> FloatArray:
+def prior_precision(free: Sequence[Free]) -> FloatArray:
+    """One over the prior's variance, (p,)."""
     return np.array([1.0 / f.prior_sd**2 for f in free])
 
 
 def _log_prior(free: Sequence[Free], theta: FloatArray) -> float:
-    return -0.5 * float(_prior_precision(free) @ (theta - neutral(free)) ** 2)
+    return -0.5 * float(prior_precision(free) @ (theta - neutral(free)) ** 2)
 
 
 def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:

@@ -13,7 +13,8 @@ from typing import Any, Literal
 import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Candidate, Fit, fit, held_out, information, rank
+from wakedeploy.gap.inference import Fit, fit, held_out
+from wakedeploy.gap.ranking import Candidate, information, rank
 from wakedeploy.gap.symbolic import Symbolic, search
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness

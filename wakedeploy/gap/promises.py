@@ -29,7 +29,7 @@ def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatAr
     """Half the squared length of the rest along the term's own directions."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
-    theta = extended(base, hypothesis, free)
+    theta = extended(base, free)
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     columns = [_direction(model, base, hypothesis, theta, free, i) for i in own]
     span = np.stack(columns, axis=1)

@@ -17,18 +17,9 @@ from typing import Any
 
 from wakedeploy import rig
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.gap.inference import (
-    Candidate,
-    Fit,
-    FloatArray,
-    Hypothesis,
-    Model,
-    extended,
-    fit,
-    held_out,
-    rank,
-)
+from wakedeploy.gap.inference import Fit, FloatArray, Hypothesis, Model, extended, fit, held_out
 from wakedeploy.gap.promises import promises
+from wakedeploy.gap.ranking import Candidate, rank
 from wakedeploy.gap.terms import TERMS, neighbours, wave_in_time
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, ExpressionForce
 from wakedeploy.physics.expression import (

@@ -23,8 +23,8 @@ from wakedeploy.files import write_text_whole
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import rank
 from wakedeploy.gap.naming import Thresholds, fitted_base, with_terms
+from wakedeploy.gap.ranking import rank
 from wakedeploy.gap.symbolic import search
 from wakedeploy.gap.whiteness import whiteness
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants

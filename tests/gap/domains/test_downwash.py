@@ -6,7 +6,7 @@ import pytest
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.closing import settled
 from wakedeploy.gap.domains.downwash import HIDDEN, fly, open_model, wake_force_n
-from wakedeploy.gap.inference import rank
+from wakedeploy.gap.ranking import rank
 
 
 def test_the_measured_force_is_the_hidden_worlds_with_noise():

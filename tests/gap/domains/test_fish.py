@@ -5,7 +5,7 @@ import pytest
 
 from wakedeploy.gap.domains.closing import settled
 from wakedeploy.gap.domains.fish import FishModel, delay_profile, open_model
-from wakedeploy.gap.inference import rank
+from wakedeploy.gap.ranking import rank
 
 
 def made(delay_s: float, seconds: float = 42.0) -> FishModel:

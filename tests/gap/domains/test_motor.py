@@ -14,7 +14,7 @@ from wakedeploy.domains.motor import read_steps
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.closing import settled
 from wakedeploy.gap.domains.motor import MotorModel, step_response
-from wakedeploy.gap.inference import rank
+from wakedeploy.gap.ranking import rank
 
 DUTIES = (20, 30, 40, 50, 60, 40, 20, 45, 25)
 

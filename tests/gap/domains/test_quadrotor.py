@@ -8,7 +8,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.closing import settled
 from wakedeploy.gap.domains.label_audit import audit, corrected_label
 from wakedeploy.gap.domains.quadrotor import QuadrotorModel
-from wakedeploy.gap.inference import rank
+from wakedeploy.gap.ranking import rank
 
 HOVER_RADPS = 379.0
 

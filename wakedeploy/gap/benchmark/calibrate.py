@@ -184,7 +184,7 @@ class Pilot:
         """
         model, base = self._measured.model, self._measured.base
         free = model.free((name,))
-        theta = extended(base, (name,), free)
+        theta = extended(base, free)
         fitted = dict(zip(base.names, base.theta, strict=True))
         constant = {p.name: p.constant for p in model.effect(name).parameters}
         for i, one in enumerate(free):

@@ -12,7 +12,8 @@ import numpy as np
 from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.flight import Flight
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, extended, fit, held_out, rank
+from wakedeploy.gap.inference import Fit, extended, fit, held_out
+from wakedeploy.gap.ranking import rank
 from wakedeploy.rig import Rig
 
 Values = Mapping[str, Mapping[str, float]]
@@ -48,7 +49,7 @@ class Measured:
         names = (*truth, *(outside or {}))
         free = self.model.free(names)
         known = {f"{name}.{k}": v for name, values in truth.items() for k, v in values.items()}
-        start = extended(self.base, names, free)
+        start = extended(self.base, free)
         for i, one in enumerate(free):
             start[i] = known.get(one.name, start[i])
         fitted = fit(self.model, names, self._episodes, start)

@@ -18,16 +18,9 @@ from scipy.stats import t as student_t
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.coloured import ResponseModel
 from wakedeploy.gap.domains.places import Place, find_places, whiteness
-from wakedeploy.gap.inference import (
-    Candidate,
-    Fit,
-    Hypothesis,
-    extended,
-    fit,
-    held_out,
-    rank,
-)
+from wakedeploy.gap.inference import Fit, Hypothesis, extended, fit, held_out
 from wakedeploy.gap.naming import CLASS_NATS, MOST_IN_CLASS
+from wakedeploy.gap.ranking import Candidate, rank
 
 SEALED_EVERY = 4
 MOST_EFFECTS = 6
@@ -92,7 +85,7 @@ def settled(
     model: ResponseModel, hypothesis: Hypothesis, episodes: Sequence[int], start: Fit | None = None
 ) -> Fit:
     """A fit that is repeated from where it ended until it no longer rises."""
-    theta = None if start is None else extended(start, hypothesis, model.free(hypothesis))
+    theta = None if start is None else extended(start, model.free(hypothesis))
     fitted = fit(model, hypothesis, episodes, theta)
     for _ in range(6):
         again = fit(model, hypothesis, episodes, fitted.theta)
