@@ -1,0 +1,235 @@
+"""Effects compared: what each gains on episodes it was not fitted to, and what imitates it.
+
+In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain, how many nats
+the best version of a rival loses, and the information about an effect's size.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.inference import (
+    Fit,
+    FloatArray,
+    Free,
+    Hypothesis,
+    Model,
+    Slopes,
+    extended,
+    fit,
+    held_out,
+    prior_precision,
+    slopes_at,
+)
+
+_CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
+_MOST_CONTENDERS = 5
+_ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect on top of a base, and what it gains on episodes that it was not fitted to."""
+
+    name: str
+    fit: Fit
+    gains: FloatArray  # (E,) nats, held out
+    prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
+
+    @property
+    def gain_nats(self) -> float:
+        """The sum over the episodes, and what the priors say.
+
+        A calibration is a measurement, too: a base that only explains the flights with constants
+        far from their calibrated values pays for it.
+        """
+        return float(self.gains.sum()) + self.prior_gain
+
+    def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
+        """Student's interval of the sum, from the spread between episodes."""
+        count = len(self.gains)
+        if count < 2:
+            return -np.inf, np.inf
+        reach = float(student_t.ppf(0.5 + 0.5 * level, count - 1))
+        reach *= float(self.gains.std(ddof=1)) * count**0.5
+        return self.gain_nats - reach, self.gain_nats + reach
+
+
+def rank(
+    model: Model,
+    base: Fit,
+    candidates: Sequence[str],
+    *,
+    least_nats: float = 0.0,
+    progress: Callable[[str], None] | None = None,
+) -> list[Candidate]:
+    """Each candidate on top of `base`, best held-out gain first.
+
+    All are fitted with the base's slopes for what they share; those near the best are then fitted
+    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
+    """
+    reference = held_out(model, base)
+    rough = []
+    for name in candidates:
+        rough.append(_rough(model, base, name))
+        if progress is not None:
+            progress(name)
+    best = max((f.objective for f in rough), default=0.0)
+    least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
+    order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
+    near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
+    for i in near:
+        rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
+    ranked = [
+        Candidate(
+            name, fitted, held_out(model, fitted) - reference, fitted.log_prior - base.log_prior
+        )
+        for name, fitted in zip(candidates, rough, strict=True)
+    ]
+    return sorted(ranked, key=lambda c: -c.gain_nats)
+
+
+def confusion(
+    model: Model, base: Fit, candidates: Sequence[str], at: Mapping[str, FloatArray] | None = None
+) -> FloatArray:
+    """Nats that the best version of rival j loses when effect i is the truth, (C, C).
+
+    Linear around the base: the change that effect i makes to the whitened innovations, at the
+    values of `at` (its starts otherwise), less what nuisances and rival j can explain of it.
+    """
+    signatures, spans = [], []
+    for name in candidates:
+        one, span = _signature(model, base, name, None if at is None else at.get(name))
+        signatures.append(one)
+        spans.append(span)
+    nuisance = _whitened(base.slopes)
+    prior = np.sqrt(prior_precision(base.free))
+    columns = np.vstack([nuisance, np.diag(prior)])
+    padding = np.zeros(len(prior))
+    loss = np.zeros((len(candidates), len(candidates)))
+    for j, span in enumerate(spans):
+        rival = np.hstack([columns, np.vstack([span, np.zeros((len(prior), span.shape[1]))])])
+        q, _ = np.linalg.qr(rival)
+        for i, one in enumerate(signatures):
+            padded = np.concatenate([one, padding])
+            rest = padded - q @ (q.T @ padded)
+            loss[i, j] = 0.5 * float(rest @ rest) if i != j else 0.0
+    return loss
+
+
+def information(model: Model, base: Fit, name: str) -> FloatArray:
+    """Fisher information of an effect's own parameters (k, k), nuisances readjusted.
+
+    At the neutral point, by its starts: half of it times a size squared is what an effect of that
+    size gains [nats].
+    """
+    _, span = _signature(model, base, name, None)
+    hypothesis = (*base.hypothesis, name)
+    free = [f for f in model.free(hypothesis) if f.name.startswith(f"{name}.")]
+    sizes = np.array([f.starts[-1] - f.neutral or f.step for f in free])
+    prior = np.sqrt(prior_precision(base.free))
+    columns = np.vstack([_whitened(base.slopes), np.diag(prior)])
+    q, _ = np.linalg.qr(columns)
+    padded = np.vstack([span / sizes, np.zeros((len(prior), len(sizes)))])
+    rest = padded - q @ (q.T @ padded)
+    return np.asarray(rest.T @ rest)
+
+
+def _rough(model: Model, base: Fit, name: str) -> Fit:
+    """The candidate fitted from each of its starts with the base's slopes for the rest."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    best: Fit | None = None
+    for theta in _starts(model, base, hypothesis, free, own):
+        slopes = _carried_over(model, base, hypothesis, free, theta, own)
+        fitted = fit(model, hypothesis, base.episodes, theta, slopes, own)
+        if best is None or fitted.objective > best.objective:
+            best = fitted
+    if best is None:
+        raise ValueError(f"{name!r} has no parameters")
+    return best
+
+
+def _starts(
+    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
+) -> list[FloatArray]:
+    """The neutral point, and those of the effect's starts that are not absurd."""
+    neutral_point = extended(base, free)
+    starts = [neutral_point]
+    for k in range(max(len(free[i].starts) for i in own)):
+        theta = neutral_point.copy()
+        for i in own:
+            theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
+        here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
+        if here > base.log_likelihood - _ABSURD_NATS:
+            starts.append(theta)
+    return starts
+
+
+def _carried_over(
+    model: Model,
+    base: Fit,
+    hypothesis: Hypothesis,
+    free: tuple[Free, ...],
+    theta: FloatArray,
+    own: Sequence[int],
+) -> Slopes:
+    """Slopes of the larger hypothesis: the base's for shared parameters, fresh for its own."""
+    place = {name: i for i, name in enumerate(base.names)}
+    shared = [place.get(f.name, -1) for f in free]
+
+    def widened(of_base: FloatArray) -> FloatArray:
+        with_zero = np.hstack([of_base, np.zeros((len(of_base), 1))])
+        return np.asarray(with_zero[:, shared])
+
+    old = Slopes(
+        base.slopes.scores,
+        tuple(widened(d) for d in base.slopes.innovation),
+        tuple(widened(d) for d in base.slopes.variance),
+    )
+    missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
+    return slopes_at(model, hypothesis, base.episodes, theta, (old, missing))
+
+
+def _signature(
+    model: Model, base: Fit, name: str, at: FloatArray | None
+) -> tuple[FloatArray, FloatArray]:
+    """Whitened change that an effect makes (n,), and the directions its parameters span (n, k)."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    theta = extended(base, free)
+    changed = theta.copy()
+    for k, i in enumerate(own):
+        changed[i] = free[i].starts[-1] if at is None else at[k]
+    directions = []
+    for i in own:
+        single = theta.copy()
+        single[i] = changed[i]
+        directions.append(_change(model, base, hypothesis, single))
+    whole = directions[0] if len(own) == 1 else _change(model, base, hypothesis, changed)
+    return whole, np.stack(directions, axis=1)
+
+
+def _change(model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray) -> FloatArray:
+    """Innovations minus the base's, and variances likewise, whitened, one after another (2n,)."""
+    parts = []
+    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
+        there = model.score(hypothesis, theta, episode)
+        root = np.sqrt(score.weight)
+        parts.append(root * (there.innovation - score.innovation) / np.sqrt(score.variance))
+        parts.append(root * (there.variance - score.variance) / (score.variance * 2.0**0.5))
+    return np.concatenate(parts)
+
+
+def _whitened(slopes: Slopes) -> FloatArray:
+    """Derivatives in the units of `_change`, (2n, p)."""
+    parts = []
+    for s, de, dv in zip(slopes.scores, slopes.innovation, slopes.variance, strict=True):
+        root = np.sqrt(s.weight)[:, None]
+        parts.append(root * de / np.sqrt(s.variance)[:, None])
+        parts.append(root * dv / (s.variance[:, None] * 2.0**0.5))
+    return np.concatenate(parts)
