@@ -249,7 +249,7 @@ class _Search:
     def _without(self, name: str) -> Fit:
         hypothesis: Hypothesis = tuple(n for n in self.current.hypothesis if n != name)
         if hypothesis not in self._fits:
-            start = extended(self.current, hypothesis, self._model.free(hypothesis))
+            start = extended(self.current, self._model.free(hypothesis))
             self._fits[hypothesis] = fit(self._model, hypothesis, self.current.episodes, start)
         return self._fits[hypothesis]
 
