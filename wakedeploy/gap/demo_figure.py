@@ -110,12 +110,12 @@ def _name(axes: "Axes", name: Mapping[str, Any]) -> None:
 
 def _add(axes: "Axes", name: Mapping[str, Any], truth: Mapping[str, float]) -> None:
     """The values that the corrected rig file states, beside those that were hidden."""
-    rows = []
-    for effect in name["effects"]:
-        for parameter, value in effect["parameters"].items():
-            key = f"{effect['name']}.{parameter}"
-            motor = str(effect["name"]).rsplit("-", 1)[-1]
-            rows.append((f"{motor} {parameter.removesuffix('_s')}", value, truth.get(key)))
+    rows = [
+        (_motor(str(effect["name"]), parameter), value, truth.get(f"{effect['name']}.{parameter}"))
+        for effect in name["effects"]
+        for parameter, value in effect["parameters"].items()
+        if value["unit"] == "s"
+    ]
     for row, (_, value, hidden) in enumerate(rows):
         low, high = 1e3 * number(value["low"]), 1e3 * number(value["high"])
         axes.hlines(row, low, high, color=AFTER, lw=5.0, alpha=0.4)
@@ -131,6 +131,12 @@ def _add(axes: "Axes", name: Mapping[str, Any], truth: Mapping[str, float]) -> N
     axes.set_xlabel("rotor time constant [ms]")
     axes.legend(loc="lower left", handlelength=1.0)
     _titled(axes, "3  Add", "spool lags found")
+
+
+def _motor(effect: str, parameter: str) -> str:
+    """`source up` for the source's lag when it spools up; other effects by their name."""
+    end = parameter.removesuffix("_s")
+    return f"{effect.removeprefix('spool-lag-')} {end}" if "spool-lag" in effect else effect
 
 
 def _show(axes: "Axes", show: Mapping[str, Any]) -> None:

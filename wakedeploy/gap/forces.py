@@ -18,7 +18,7 @@ from wakedeploy.physics.constants import Constants, moved_thrust
 from wakedeploy.physics.effects import Effect, Motion, Setting
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.physics.series import jet_along, spooled_thrust
+from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
 from wakedeploy.rig import Rig
 
 Active = tuple[tuple[Effect, Mapping[str, float]], ...]
@@ -93,8 +93,11 @@ class Physics:
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         source = self._motor("source", constants, effects)
         sufferer = self._motor("sufferer", constants, effects)
-        charge_s = self._remembered(
-            "charge", id(sufferer), lambda: np.cumsum(sufferer) * (DT_S / self._weight_n)
+        # An array is kept beside what was made of it, so that its id cannot come twice.
+        charge_s, _ = self._remembered(
+            "charge",
+            id(sufferer),
+            lambda: (np.cumsum(sufferer) * (DT_S / self._weight_n), sufferer),
         )
         motion = self._still
         for effect, values in _overriding(effects, "source_n"):
@@ -157,7 +160,6 @@ class Physics:
                 offset = offset + effect.wake_offset_m(values, motion, self._setting)
             return self._jet(constants, source_n, self._flight.x_m - offset)
 
-        # The arrays are kept alive beside their identity, so that an id cannot come twice.
         kept = self._remembered("wake", key, lambda: (compute(), source_n))
         return kept[0]
 
@@ -327,19 +329,16 @@ class _Motions:
         for effect, values in _overriding(effects, "added_mass_kg"):
             inertia = inertia + effect.added_mass_kg(values, m, self.setting)
         driving = np.asarray(m.sufferer_n + wake_n + extra - self.setting.weight_n)
-        total = driving - _friction(constants, np.asarray(m.vz_mps), driving)
+        total = driving - rail_friction(
+            np.asarray(m.vz_mps),
+            driving,
+            constants["rail.coulomb_n"],
+            constants["rail.viscous_n_per_mps"],
+            constants["rail.stiction_n"],
+            _SLIDING_MPS,
+            _RESTING_MPS,
+        )
         return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
-
-
-def _friction(constants: Constants, vz_mps: FloatArray, driving_n: FloatArray) -> FloatArray:
-    """Friction [N] against the motion; near rest, what holds against the driving force."""
-    coulomb_n = constants["rail.coulomb_n"]
-    sliding = coulomb_n * np.tanh(vz_mps / _SLIDING_MPS)
-    sliding += constants["rail.viscous_n_per_mps"] * vz_mps
-    most_n = max(constants["rail.stiction_n"], coulomb_n, 1e-6)
-    holding = most_n * np.tanh(driving_n / most_n)
-    resting = np.exp(-((vz_mps / _RESTING_MPS) ** 2))
-    return np.asarray(sliding + resting * (holding - sliding))
 
 
 def _accepted(pulse: FloatArray, motor: str, effects: Active, idle_us: float) -> FloatArray:

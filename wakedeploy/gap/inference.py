@@ -20,6 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 Hypothesis = tuple[str, ...]
 
 _ITERATIONS = 12
+_FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
 _ENOUGH_NATS = 0.02  # a step that promises less ends a fit
 _SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
 
@@ -131,7 +132,7 @@ class Fit:
     @property
     def log_prior(self) -> float:
         """How well the parameters agree with their priors, 0 at best [nats]."""
-        return _log_prior(self.free, self.theta)
+        return log_prior(self.free, self.theta)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -202,7 +203,8 @@ def fit(
 def held_out(model: Model, fitted: Fit) -> FloatArray:
     """Log density of each episode under the parameters that the other episodes prefer, (E,) nats.
 
-    One Newton step away from the common optimum; with a single episode, the prior's own.
+    One Newton step away from the common optimum, no longer than `_FARTHEST` in its own metric: one
+    episode among several moves the others' optimum little, and a longer step is not to be trusted.
     """
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
     prior = np.diag(prior_precision(fitted.free))
@@ -210,7 +212,9 @@ def held_out(model: Model, fitted: Fit) -> FloatArray:
     total_gradient, total_fisher = gradient.sum(0), fisher.sum(0)
     densities = []
     for i, episode in enumerate(fitted.episodes):
-        step = _solve(total_fisher - fisher[i] + prior, total_gradient - gradient[i] + pull)
+        curvature = total_fisher - fisher[i] + prior
+        step = _solve(curvature, total_gradient - gradient[i] + pull)
+        step *= min(1.0, (_FARTHEST / max(float(step @ curvature @ step), 1e-12)) ** 0.5)
         theta = np.clip(fitted.theta + step, *_bounds(fitted.free))
         densities.append(model.score(fitted.hypothesis, theta, episode).log_density.sum())
     return np.array(densities)
@@ -301,7 +305,7 @@ class _Ascent:
         return step, float(gradient @ step - 0.5 * step @ curvature @ step)
 
     def _objective(self, scores: Sequence[Score], theta: FloatArray) -> float:
-        return sum(float(s.log_density.sum()) for s in scores) + _log_prior(self._free, theta)
+        return sum(float(s.log_density.sum()) for s in scores) + log_prior(self._free, theta)
 
     def _scores(self, theta: FloatArray) -> tuple[Score, ...]:
         return tuple(self._model.score(self._hypothesis, theta, e) for e in self._episodes)
@@ -360,7 +364,8 @@ def prior_precision(free: Sequence[Free]) -> FloatArray:
     return np.array([1.0 / f.prior_sd**2 for f in free])
 
 
-def _log_prior(free: Sequence[Free], theta: FloatArray) -> float:
+def log_prior(free: Sequence[Free], theta: FloatArray) -> float:
+    """How far parameters (p,) are from their priors' centres, as nats; 0 at best."""
     return -0.5 * float(prior_precision(free) @ (theta - neutral(free)) ** 2)
 
 

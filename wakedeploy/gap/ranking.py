@@ -20,12 +20,16 @@ from wakedeploy.gap.inference import (
     extended,
     fit,
     held_out,
+    log_prior,
     prior_precision,
     slopes_at,
 )
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 5
+_BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
+_FAR_NATS = 60.0  # below the base, and still worth climbing from
+_ROW = (-1.0, -0.6, -0.3, -0.15, 0.15, 0.3, 0.6, 1.0, 1.6)  # sizes tried, in widths of the prior
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -138,19 +142,46 @@ def information(model: Model, base: Fit, name: str) -> FloatArray:
 
 
 def _rough(model: Model, base: Fit, name: str) -> Fit:
-    """The candidate fitted from each of its starts with the base's slopes for the rest."""
+    """The candidate fitted from several starts, mostly with the base's slopes for the rest."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    best: Fit | None = None
+    if not own:
+        raise ValueError(f"{name!r} has no parameters")
+    fits = []
     for theta in _starts(model, base, hypothesis, free, own):
         slopes = _carried_over(model, base, hypothesis, free, theta, own)
-        fitted = fit(model, hypothesis, base.episodes, theta, slopes, own)
-        if best is None or fitted.objective > best.objective:
-            best = fitted
-    if best is None:
-        raise ValueError(f"{name!r} has no parameters")
-    return best
+        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own))
+    if base.log_prior < _BENT_NATS:
+        theta, objective = _unbent(model, base, hypothesis, free, own)
+        if objective > base.objective - _FAR_NATS:
+            fits.append(fit(model, hypothesis, base.episodes, theta))
+    return max(fits, key=lambda f: f.objective)
+
+
+def _unbent(
+    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
+) -> tuple[FloatArray, float]:
+    """The best of a row of sizes with every calibrated constant back at its calibration.
+
+    A base that has bent its constants to explain a missing effect is a valley of its own, and a
+    climb from there may never leave it.
+    """
+    plain = extended(base, free)
+    for i, f in enumerate(free):
+        if f.quantity:
+            plain[i] = f.neutral
+    best, reached = plain, -np.inf
+    for share in _ROW:
+        theta = plain.copy()
+        for i in own:
+            size = free[i].neutral + share * free[i].prior_sd
+            theta[i] = np.clip(size, free[i].low, free[i].high)
+        density = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
+        objective = float(density) + log_prior(free, theta)
+        if objective > reached:
+            best, reached = theta, objective
+    return best, reached
 
 
 def _starts(

@@ -56,6 +56,37 @@ def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) 
 
 
 @_compiled
+def rail_friction(
+    vz_mps: FloatArray,  # (N,)
+    driving_n: FloatArray,  # (N,) everything else that pushes, weight included
+    coulomb_n: float,
+    viscous_n_per_mps: float,
+    stiction_n: float,
+    sliding_mps: float,
+    resting_mps: float,
+) -> FloatArray:
+    """Friction [N] against the motion (N,), without jumps in speed.
+
+    Coulomb's force grows within `sliding_mps`; below `resting_mps` the rail holds against the
+    driving force, up to stiction.
+    """
+    result = np.empty_like(vz_mps)
+    most_n = max(stiction_n, coulomb_n, 1e-6)
+    for k in range(len(vz_mps)):
+        v = vz_mps[k]
+        if abs(v) > 8.0 * sliding_mps:
+            sliding = math.copysign(coulomb_n, v) + viscous_n_per_mps * v
+        else:
+            sliding = coulomb_n * math.tanh(v / sliding_mps) + viscous_n_per_mps * v
+        result[k] = sliding
+        if abs(v) < 4.0 * resting_mps:
+            resting = math.exp(-(v / resting_mps) * (v / resting_mps))
+            holding = most_n * math.tanh(driving_n[k] / most_n)
+            result[k] += resting * (holding - sliding)
+    return result
+
+
+@_compiled
 def jet_along(
     root: FloatArray,  # (N,) √(u/u_reference), mean over each step
     x_m: FloatArray,  # (N,) at the steps' ends
