@@ -23,8 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _SIZE_IN = (9.6, 6.4)
 _RANKED = 7
-_SHOWN_S = 12.0  # of the example flights, once the source has started
-_FROM_S = 3.0
+_SHOWN_S = 16.0  # of the example flights, once the source has started
+_FROM_S = 2.0
 _STRAY = 6.0
 _FORECAST = "height 0.25 s ahead"
 _HEADLINE = "The rig file said that motors follow their command at once. In flight they do not."
@@ -77,6 +77,7 @@ def _find(axes: "Axes", steps: Steps) -> None:
         ends = numbers(rest["edges"])
         axes.hlines(values, ends[:-1], ends[1:], color=AFTER, lw=2.2, label="after")
     axes.axhline(0.0, color=figures.REFERENCE, lw=0.7)
+    axes.use_sticky_edges = False
     axes.set_xlabel(f"{found['coordinate']} [{signs(found['coordinate_unit'])}]")
     axes.set_ylabel(f"measured − simulated [{unit}]")
     _titled(axes, "1  Find", f"{found['channel']}")

@@ -28,6 +28,16 @@ def spooled(speed: float, target: float, up_s: float, down_s: float, dt_s: float
     return target + (speed - target) * np.exp(-dt_s / lag_s)
 
 
+def mean_thrust(before: float, after: float, up_s: float, down_s: float) -> Any:
+    """Mean thrust [N] of a step from one rotor speed to another; without lag, the latter's."""
+    lag_s = down_s
+    if after > before:
+        lag_s = up_s
+    if lag_s <= 0.0:
+        return after**2
+    return (before**2 + before * after + after**2) / 3.0
+
+
 def delayed(values: Any, k: int, delay_s: float, dt_s: float, initial: float) -> Any:
     """The value of delay_s before step k, linear between the steps."""
     whole = int(np.floor(delay_s / dt_s + 1e-9))
@@ -98,8 +108,10 @@ def started(c: Any, z0_m: float, frame_phase_s: float, range_phase_s: float, puf
     s.height_m = z0_m
     s.speed_mps = 0.0
     s.source_speed = 0.0
+    s.source_n = 0.0
     s.source_target = 0.0
     s.sufferer_speed = 0.0
+    s.sufferer_n = 0.0
     s.sufferer_target = 0.0
     s.source_us = c.idle_us
     s.sufferer_us = c.idle_us
@@ -149,18 +161,22 @@ def driven(c: Any, s: Any, source_us: Any, sufferer_us: Any, k: int, dt_s: float
         s.sufferer_us = accepted_us(c, late_us, s.sufferer_us, "sufferer")
         s.source_target = np.sqrt(thrust_at(s.source_us, c.source_us, c.source_n))
         s.sufferer_target = np.sqrt(thrust_at(s.sufferer_us, c.sufferer_us, c.sufferer_n))
-    s.source_speed = spooled(s.source_speed, s.source_target, c.source_up_s, c.source_down_s, dt_s)
+    before = s.source_speed
+    s.source_speed = spooled(before, s.source_target, c.source_up_s, c.source_down_s, dt_s)
+    s.source_n = mean_thrust(before, s.source_speed, c.source_up_s, c.source_down_s)
+    before = s.sufferer_speed
     s.sufferer_speed = spooled(
-        s.sufferer_speed, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s
+        before, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s
     )
+    s.sufferer_n = mean_thrust(before, s.sufferer_speed, c.sufferer_up_s, c.sufferer_down_s)
     return s
 
 
 def powered(c: Any, m: Any, s: Any, now_s: float, dt_s: float) -> Any:
     """Both thrusts [N] after spool, the source's after its effects, too."""
     before_n = m.source_n
-    m.source_n = s.source_speed**2
-    m.sufferer_n = s.sufferer_speed**2
+    m.source_n = s.source_n
+    m.sufferer_n = s.sufferer_n
     if m.sufferer_n >= c.taken_off_share * c.weight_n and now_s < s.taken_off_s:
         s.taken_off_s = now_s
     m.charge_s = m.charge_s + m.sufferer_n / c.weight_n * dt_s

@@ -17,28 +17,37 @@ def spooled(speed: float, target: float, lag: SpoolLag, dt_s: float) -> float:
     return target + (speed - target) * math.exp(-dt_s / time_constant_s)
 
 
+def mean_thrust(before: float, after: float, lag: SpoolLag) -> float:
+    """Mean thrust [N] of a step from one rotor speed [√N] to another; without lag, the latter's.
+
+    The thrust at the step's end would act half a step too early.
+    """
+    lag_s = lag.up_s if after > before else lag.down_s
+    if lag_s <= 0.0:
+        return after * after
+    return (before * before + before * after + after * after) / 3.0
+
+
 @dataclass
 class Motor:
-    """One motor with its ESC; `speed` is the rotor's, in √N."""
+    """One motor with its ESC; `speed` is the rotor's, in √N, `thrust_n` the last step's mean."""
 
     curve: ThrustCurve
     lag: SpoolLag
     speed: float = 0.0
     target: float = 0.0
+    thrust_n: float = 0.0
 
     def set_pulse(self, pulse_us: float) -> None:
         """The ESC takes over a new pulse width [us]."""
         self.target = math.sqrt(self.curve.thrust(pulse_us))
 
     def step(self, dt_s: float) -> float:
-        """Thrust [N] after `dt_s`."""
-        self.speed = spooled(self.speed, self.target, self.lag, dt_s)
+        """Mean thrust [N] over the next `dt_s`."""
+        before = self.speed
+        self.speed = spooled(before, self.target, self.lag, dt_s)
+        self.thrust_n = mean_thrust(before, self.speed, self.lag)
         return self.thrust_n
-
-    @property
-    def thrust_n(self) -> float:
-        """Present thrust [N]."""
-        return self.speed * self.speed
 
 
 class EscFrame:
