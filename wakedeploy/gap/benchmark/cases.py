@@ -133,14 +133,17 @@ def sizes() -> dict[str, dict[str, float]]:
 
 
 def all_cases(*, repeats: int = 1) -> list[Case]:
-    """The full list; `repeats` multiplies seeds, and from 2 on the strengths, too."""
+    """The full list; `repeats` multiplies seeds, and from 2 on the strengths, too.
+
+    In an order as random as the seeds, so that what an interrupted run has done is a fair sample.
+    """
     made: list[Case] = []
     for repeat in range(repeats):
         made += _effect_cases(repeat, NATS if repeats == 1 else (10, 15, 30, 50, 100))
         made += _pair_cases(repeat)
         made += _outside_cases(repeat)
         made += _no_effect_cases(repeat)
-    return made
+    return sorted(made, key=lambda case: (case.seed, case.name))
 
 
 def short_cases() -> list[Case]:
