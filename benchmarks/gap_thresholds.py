@@ -1,0 +1,36 @@
+"""Simulate the thresholds that ship with the package, for the default rig with and without spool.
+
+Writes `wakedeploy/gap/thresholds.json`: by the rig's hash, what 44 and 30 sets of five flights
+without any missing effect, miscalibrated as the rig file allows, exceed together once in twenty.
+Takes about half an hour on two cores: `python benchmarks/gap_thresholds.py`.
+"""
+
+import json
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap import threshold
+from wakedeploy.rig import default_rig
+
+SETS = {"default": 44, "without spool": 30}
+
+
+def main() -> None:
+    """Simulate, and write the file."""
+    rigs = {"default": default_rig(), "without spool": default_rig().without("spool")}
+    told = {}
+    for name, rig in rigs.items():
+        null = threshold.simulate(rig, sets=SETS[name], progress=_tell(name))
+        told[rig.sha256] = {"rig": name, "sets": len(null), **asdict(threshold.quantiles(null))}
+    path = Path(threshold.__file__).with_name("thresholds.json")
+    write_text_whole(path, json.dumps({"rigs": told}, indent=1) + "\n")
+
+
+def _tell(name: str):
+    return lambda done, sets: print(f"{name}: {done} of {sets}", file=sys.stderr)
+
+
+if __name__ == "__main__":
+    main()
