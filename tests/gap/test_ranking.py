@@ -1,0 +1,153 @@
+"""Effects compared on made-up linear data, where every gain and every loss has a closed form."""
+
+import numpy as np
+import pytest
+from linear_model import EFFECTS, EPISODES, Linear
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.inference import Free, Score, fit
+from wakedeploy.gap.ranking import confusion, information, rank
+
+EVERY = range(EPISODES)
+
+
+def exact_gain(model: Linear, name: str) -> float:
+    """Held-out gain over the base, and what the priors no longer pay."""
+    held_out = model.left_out_density((name,)) - model.left_out_density(())
+    return held_out.sum() + model.prior_nats((name,)) - model.prior_nats(())
+
+
+def whitening(model: Linear) -> np.ndarray:
+    """Inverse covariance (n, n) of the readings before the calibration is known."""
+    x, _, weight = model.stacked((), list(EVERY))
+    spread = np.array([sd for _, sd in model.priors.values()])
+    return np.linalg.inv(np.diag(1.0 / weight) + (x * spread**2) @ x.T)
+
+
+@pytest.mark.parametrize("truth", [{"a": 0.5}, {"c": 0.4}, {}])
+def test_gains_are_exact_and_in_order(truth) -> None:
+    model = Linear({"gain": 0.5, **truth}, seed=2)
+    ranked = rank(model, fit(model, (), EVERY), EFFECTS)
+    assert {c.name for c in ranked} == set(EFFECTS)
+    gains = [c.gain_nats for c in ranked]
+    assert gains == sorted(gains, reverse=True)
+    for candidate in ranked:
+        assert candidate.gain_nats == pytest.approx(exact_gain(model, candidate.name), abs=0.1)
+
+
+def test_the_effect_that_is_there_comes_first() -> None:
+    """With its size; one that looks alike comes second, and an unrelated one gains nothing."""
+    model = Linear({"a": 0.8}, seed=5)
+    best, second, last = rank(model, fit(model, (), EVERY), EFFECTS)
+    assert (best.name, second.name, last.name) == ("a", "b", "c")
+    low, high = best.fit.interval("a.size")
+    assert low < 0.8 < high
+    assert last.gain_nats < 1.0
+
+
+def test_nothing_gains_much_where_nothing_is_missing() -> None:
+    best = []
+    for seed in range(40):
+        model = Linear({"gain": 0.5}, seed=100 + seed)
+        best.append(rank(model, fit(model, (), EVERY), EFFECTS)[0].gain_nats)
+    # One parameter gains half a chi-squared of one on its own data and loses as much on others.
+    assert np.mean(best) < 1.0
+    assert np.quantile(best, 0.9) < 3.0
+
+
+def test_effects_are_ranked_on_top_of_those_found() -> None:
+    model = Linear({"a": 0.8, "c": 0.6}, seed=5)
+    on_a = fit(model, ("a",), EVERY)
+    best, second = rank(model, on_a, ("b", "c"))
+    assert best.name == "c"
+    assert best.fit.hypothesis == ("a", "c")
+    expected = model.left_out_density(("a", "c")) - model.left_out_density(("a",))
+    assert best.gains == pytest.approx(expected, abs=1e-4)
+    assert second.gain_nats < best.gain_nats - 10.0
+
+
+def test_a_base_that_has_bent_its_calibration_pays_for_it() -> None:
+    """An effect that only spares a bent constant gains what the prior says against bending it."""
+    model = Linear({"gain": 1.1, "a": 0.0}, priors={"gain": (0.0, 0.05)}, seed=3)
+    model.columns["c"] = model.columns["gain"]  # the same thing under another name
+    ranked = rank(model, fit(model, (), EVERY), ("c",))
+    assert ranked[0].prior_gain > 20.0
+    assert ranked[0].gain_nats == pytest.approx(exact_gain(model, "c"), abs=0.2)
+
+
+def test_a_gains_interval_is_students() -> None:
+    model = Linear({"a": 0.5}, seed=2)
+    candidate = rank(model, fit(model, (), EVERY), ("a",))[0]
+    error = candidate.gains.std(ddof=1) * np.sqrt(EPISODES)
+    low, high = candidate.gain_interval(0.9)
+    assert 0.5 * (high - low) == pytest.approx(student_t.ppf(0.95, EPISODES - 1) * error)
+    assert 0.5 * (high + low) == pytest.approx(candidate.gain_nats)
+
+
+def test_one_episode_knows_no_interval_of_its_gain() -> None:
+    model = Linear({"a": 0.5})
+    candidate = rank(model, fit(model, (), [0]), ("a",))[0]
+    assert candidate.gain_interval() == (-np.inf, np.inf)
+
+
+def test_losses_are_those_of_generalised_least_squares() -> None:
+    model = Linear({"gain": 0.5})
+    sizes = {"a": 0.3, "b": 0.5, "c": 0.2}
+    base = fit(model, (), EVERY)
+    loss = confusion(model, base, EFFECTS, {n: np.array([s]) for n, s in sizes.items()})
+    inverse = whitening(model)
+    for i, truth in enumerate(EFFECTS):
+        signature = sizes[truth] * model.columns[truth].ravel()
+        for j, rival in enumerate(EFFECTS):
+            column = model.columns[rival].ravel()
+            share = (column @ inverse @ signature) / (column @ inverse @ column)
+            rest = signature - share * column
+            expected = 0.0 if i == j else 0.5 * rest @ inverse @ rest
+            assert loss[i, j] == pytest.approx(expected, rel=1e-6, abs=1e-9)
+
+
+def test_information_is_what_is_left_after_the_calibration() -> None:
+    model = Linear({"gain": 0.5})
+    base, inverse = fit(model, (), EVERY), whitening(model)
+    for name in EFFECTS:
+        column = model.columns[name].ravel()
+        known = information(model, base, name)
+        assert known == pytest.approx(np.array([[column @ inverse @ column]]), rel=1e-6)
+
+
+class Valleys:
+    """An effect that a bent calibration imitates so well that no climb leads from there to it.
+
+    Readings are a bump at an unknown place; a calibrated shift moves a bump that is always there.
+    """
+
+    episodes = 4
+
+    def __init__(self) -> None:
+        self.t = np.linspace(0.0, 1.0, 120)
+        rng = np.random.default_rng(11)
+        self.y = self._bump(0.5) + self._bump(0.72) + 0.2 * rng.standard_normal((4, 120))
+
+    def free(self, hypothesis):
+        shift = Free("shift", "s", 0.5, 0.03, 0.1, 0.9, 1e-3, quantity="shift")
+        size = Free("echo.size", "1", 0.0, 1.0, -3.0, 3.0, 0.01, (0.5,))
+        return (shift, size) if hypothesis else (shift,)
+
+    def score(self, hypothesis, theta, episode):
+        echo = theta[1] * self._bump(0.72) if hypothesis else 0.0
+        e = self.y[episode] - self._bump(theta[0]) - echo
+        variance = np.full(120, 0.04)
+        density = -0.5 * e * e / variance - 0.5 * np.log(2 * np.pi * variance)
+        return Score(density, e, variance, np.ones(120))
+
+    def _bump(self, at):
+        return np.exp(-0.5 * ((self.t - at) / 0.04) ** 2)
+
+
+def test_a_candidate_is_also_tried_with_the_calibration_put_straight() -> None:
+    model = Valleys()
+    bent = fit(model, (), range(4), np.array([0.7]))
+    assert bent.value("shift") > 0.6  # it has taken the echo for the bump
+    found = rank(model, bent, ("echo",))[0]
+    assert found.fit.value("shift") == pytest.approx(0.5, abs=0.01)
+    assert found.fit.value("echo.size") == pytest.approx(1.0, abs=0.1)
