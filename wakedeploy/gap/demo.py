@@ -23,7 +23,7 @@ Progress = Callable[[str], None]
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")
 PICTURE = "gap-demo-story.png"
-_FIRST_SEED = 20_260  # of the measured flights; training episodes count from a million
+_FIRST_SEED = 2026  # of the measured flights; training episodes count from a million
 _FIRST_TEST_SEED = 910_000_000
 
 
