@@ -71,13 +71,13 @@ def _find(axes: "Axes", steps: Steps) -> None:
     axes.bar(edges[:-1], factor * (high - low), np.diff(edges), factor * low, align="edge",
              color=BEFORE, alpha=0.35, linewidth=0)  # fmt: skip
     axes.hlines(factor * mean, edges[:-1], edges[1:], color=BEFORE, lw=2.2, label="before")
-    shown = (p for p in steps.show["places"] if (p.get("channel"), p["coordinate"]) == here)
-    for rest in shown:
-        values = factor * numbers(rest["after"])
-        ends = numbers(rest["edges"])
+    shown = [p for p in steps.show["places"] if (p.get("channel"), p["coordinate"]) == here]
+    for rest in shown[:1]:  # two places of one map are the same picture
+        ends, values = numbers(rest["edges"]), factor * numbers(rest["after"])
         axes.hlines(values, ends[:-1], ends[1:], color=AFTER, lw=2.2, label="after")
     axes.axhline(0.0, color=figures.REFERENCE, lw=0.7)
-    axes.use_sticky_edges = False
+    reach = factor * float(np.ptp(np.concatenate([low, high])))
+    axes.set_ylim(factor * low.min() - 0.08 * reach, factor * high.max() + 0.08 * reach)
     axes.set_xlabel(f"{found['coordinate']} [{signs(found['coordinate_unit'])}]")
     axes.set_ylabel(f"measured − simulated [{unit}]")
     _titled(axes, "1  Find", f"{found['channel']}")
