@@ -118,7 +118,11 @@ def close_gap(
     from wakedeploy.gap.steps import read_steps
 
     train = _trainer(measured, minutes) if retrain else None
-    told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
+    try:
+        told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
+    except KeyboardInterrupt:
+        _say_what_is_left(out)
+        raise
     click.echo(account(read_steps(out).summary))
     click.echo(f"\nReport: {out / 'report.html'}")
     if json_path is not None:
@@ -138,7 +142,7 @@ def find_gap(
     """
     from wakedeploy.gap.close import find
 
-    case = _case(rig_path, measured, workers)
+    case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
     click.echo(found["sentence"])
     for place in found["places"]:
@@ -159,7 +163,7 @@ def name_gap(
     """
     from wakedeploy.gap.close import name
 
-    case = _case(rig_path, measured, workers)
+    case = _case(rig_path, measured, out, workers)
     told, _ = name(case, out, _progress)
     click.echo(told["sentence"])
     for searched in told["rounds"]:
@@ -188,11 +192,14 @@ def add_effect(
     \b
     Examples:
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap
+        wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --effect stiction
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
     from wakedeploy.gap.close import add
 
-    case = _case(rig_path, measured, workers)
+    if from_symbolic and only is not None:
+        raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
+    case = _case(rig_path, measured, out, workers)
     told = add(case, out, from_symbolic=from_symbolic, only=only)
     names = ", ".join(e["name"] for e in told["effects"])
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
@@ -221,7 +228,7 @@ def show_gap(
     """
     from wakedeploy.gap.close import show_gap as show
 
-    case = _case(rig_path, measured, workers)
+    case = _case(rig_path, measured, out, workers)
     train = _trainer(measured, minutes) if retrain else None
     told = show(case, out, progress=_progress, retrain=train)
     for channel, gap in told["gap"].items():
@@ -230,9 +237,11 @@ def show_gap(
     _finish(case, out, json_path)
 
 
-def _case(rig_path: Path, measured: tuple[Path, ...], workers: int) -> "Case":
+def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
     from wakedeploy.gap.close import open_case
+    from wakedeploy.gap.steps import prepare
 
+    prepare(out, rig_path)
     return open_case(rig_path, measured, workers=workers, progress=_progress)
 
 
@@ -241,12 +250,29 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     from wakedeploy.cli.output import write_json
     from wakedeploy.gap.close import result
     from wakedeploy.gap.report import write_report
+    from wakedeploy.gap.steps import read_steps
 
     told = result(case, out)
     write_report(out)
+    steps = read_steps(out)
+    if steps.missing is not None:
+        click.echo(f"Next: wakedeploy gap {steps.missing}{steps.option}")
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
         write_json(json_path, told)
+
+
+def _say_what_is_left(out: Path) -> None:
+    """After Ctrl-C: which step to go on with."""
+    from wakedeploy.gap.steps import read_steps
+
+    steps = read_steps(out)
+    if steps.find and steps.missing is not None:
+        click.echo(
+            f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"
+            f"{steps.option}`.",
+            err=True,
+        )
 
 
 def _trainer(measured: tuple[Path, ...], minutes: float) -> Any:

@@ -32,7 +32,7 @@ from wakedeploy.gap.naming import (
 )
 from wakedeploy.gap.ranking import confusion
 from wakedeploy.gap.showing import show
-from wakedeploy.gap.steps import read_steps
+from wakedeploy.gap.steps import forget, prepare, read_steps, require
 from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.threshold import thresholds_for
 from wakedeploy.physics.effects import LIBRARY
@@ -59,6 +59,11 @@ class Case:
     def cross_validated(self) -> bool:
         """Too few flights to seal any: what is shown was also fitted."""
         return not self.sealed
+
+    @property
+    def recordings(self) -> list[str]:
+        """SHA-256 of every log, in the order given."""
+        return [flight.sha256 for flight in (*self.flights, *self.sealed)]
 
 
 def open_case(
@@ -105,13 +110,15 @@ def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
             "sealed": [f.name for f in case.sealed],
         },
     }
+    forget(out, "find")
     return _written(out, "find", header | found)
 
 
 def name(
     case: Case, out: Path, progress: Progress = lambda _: None
 ) -> tuple[dict[str, Any], Answer]:
-    """Which effect explains it; writes `name.json`."""
+    """Which effect explains it; writes `name.json`. UnusableInput where `find` has not run."""
+    require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
     model = GantryModel(case.rig, case.flights)
     answer = name_effects(case.rig, model, case.thresholds, progress)
@@ -130,6 +137,7 @@ def name(
         "noise": _noise(answer.fit),
         "seconds": time.monotonic() - started,
     }
+    forget(out, "name")
     return _written(out, "name", told), answer
 
 
@@ -141,9 +149,8 @@ def add(
     `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect.
     Raises UnusableInput where there is nothing to add.
     """
+    require(out, "name", case.rig.sha256, case.recordings)
     named = read_steps(out).name
-    if not named:
-        raise UnusableInput(f"{out}: there is no name.json to add from; run `gap name` first.")
     digest = sha256_of("".join(f.sha256 for f in case.flights).encode())
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     if from_symbolic:
@@ -153,9 +160,11 @@ def add(
     else:
         added = [_entry(e, digest, date) for e in _to_add(named, only)]
     if not added:
-        raise UnusableInput(f"{out / 'name.json'}: nothing was named, so there is nothing to add.")
+        hint = "; its expression can be added --from-symbolic" if named.get("unknown") else ""
+        raise UnusableInput(f"{out / 'name.json'}: no effect was named, none to add{hint}.")
     kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
     corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
+    forget(out, "add")
     corrected.write(out / "rig.toml")
     told = {
         "rig": "rig.toml",
@@ -175,9 +184,10 @@ def show_gap(
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
-    Without an `answer`, the corrected rig file's effects are fitted again to the same flights.
+    UnusableInput where `name` has not run. Without an `answer`, the corrected rig file's effects are fitted again to the same flights.
     `retrain(old, corrected, out)` gives the predictors' errors.
     """
+    require(out, "name", case.rig.sha256, case.recordings)
     progress("showing the gap on sealed flights")
     added = [e["name"] for e in read_steps(out).add.get("effects", ())]
     answer = answer or _refitted(case)
@@ -230,9 +240,7 @@ def close(
     retrain: Retrain | None = None,
 ) -> dict[str, Any]:
     """All steps; returns `result.json`'s content. An interruption leaves finished steps usable."""
-    out.mkdir(parents=True, exist_ok=True)
-    for stale in ("find", "name", "add", "show", "result"):
-        (out / f"{stale}.json").unlink(missing_ok=True)
+    prepare(out, rig_path)
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
     named, answer = name(case, out, progress)

@@ -222,13 +222,18 @@ def _words(
     if m["coordinate"] == "everywhere" or (first and last):
         where = "everywhere"
     elif first:
-        where = f"{m['coordinate']} below {high:.3g}{unit}"
+        where = f"{m['coordinate']} below {_short(high)}{unit}"
     elif last:
-        where = f"{m['coordinate']} above {low:.3g}{unit}"
+        where = f"{m['coordinate']} above {_short(low)}{unit}"
     else:
-        where = f"{m['coordinate']} {low:.3g} to {high:.3g}{unit}"
+        where = f"{m['coordinate']} {_short(low)} to {_short(high)}{unit}"
     size = f"{1e3 * residual:+.1f} mm" if m["unit"] == "m" else f"{residual:+.2g} {m['unit']}"
     return f"{where}: {size} ({m['channel']}), q = {m['q_value']:.3f}"
+
+
+def _short(value: float) -> str:
+    """Three digits, and never a power of ten: 0.0941, 1714."""
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
 def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:

@@ -199,8 +199,7 @@ def _next(steps: Steps) -> Markup:
     step = steps.missing
     if step is None:
         return Markup()
-    option = " --from-symbolic" if step == "add" and steps.name.get("verdict") == "unknown" else ""
-    command = element("code", f"wakedeploy gap {step}{option}")
+    command = element("code", f"wakedeploy gap {step}{steps.option}")
     return element("p", "Next step: ", command, f", {_NEXT[step]}.", class_="next")
 
 

@@ -44,7 +44,8 @@ def show(
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
     """
     after_fit = corrected if corrected is not None else answer.base
-    model = with_terms(GantryModel(answer.model.rig, sealed))
+    extra = {**with_terms(answer.model).extra, **answer.model.extra}
+    model = GantryModel(answer.model.rig, sealed, extra)
     before, after = _shown(model, answer.base), _shown(model, after_fit)
     result: dict[str, Any] = {
         "sealed": [flight.name for flight in sealed],

@@ -5,15 +5,19 @@ contents as mappings, empty where a step has not run yet.
 """
 
 import json
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.gap.telling import mapping, texts
+from wakedeploy.files import sha256_of
+from wakedeploy.gap.telling import entries, mapping, texts
 
 Artefact = Mapping[str, Any]
+
+STEPS = ("find", "name", "add", "show", "result")
 
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
@@ -43,6 +47,12 @@ class Steps:
         return None if self.show or not self.add else "show"
 
     @property
+    def option(self) -> str:
+        """What the step that comes next needs beside its name, or ""."""
+        unnamed = self.missing == "add" and not self.name.get("effects")
+        return " --from-symbolic" if unnamed else ""
+
+    @property
     def summary(self) -> dict[str, Any]:
         """`result.json`, with what it leaves out taken from the steps' own artefacts."""
         told: dict[str, Any] = {}
@@ -67,8 +77,61 @@ class Steps:
 
 def read_steps(folder: Path) -> Steps:
     """Read the artefacts of a folder; UnusableInput where a file is there and cannot be read."""
-    names = ("find", "name", "add", "show", "result")
-    return Steps(**{name: _read(folder / f"{name}.json") for name in names})
+    return Steps(**{name: _read(folder / f"{name}.json") for name in STEPS})
+
+
+def prepare(folder: Path, rig_path: Path) -> None:
+    """Make the folder. UnusableInput where nothing can be written, or the rig file would be lost.
+
+    A step calls it first: minutes of fitting should not end at a full or foreign disk.
+    """
+    if rig_path.resolve() == (folder / "rig.toml").resolve():
+        raise UnusableInput(
+            f"{folder}: the corrected rig.toml would overwrite the rig file given; "
+            "choose another --out."
+        )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        reason = error.strerror or one_line(error)
+        raise UnusableInput(
+            f"{folder}: cannot be written to ({reason}); choose another --out."
+        ) from error
+
+
+def forget(folder: Path, first: str) -> None:
+    """Remove what `first` and the steps after it left in an earlier run, their rig file included.
+
+    A `rig.toml` that another hand has written or changed stays.
+    """
+    stale = STEPS[STEPS.index(first) :]
+    if "add" in stale:
+        rig = folder / "rig.toml"
+        written = _read(folder / "add.json").get("new_sha256")
+        if written is not None and rig.is_file() and sha256_of(rig.read_bytes()) == written:
+            rig.unlink()
+    for step in stale:
+        (folder / f"{step}.json").unlink(missing_ok=True)
+
+
+def require(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> None:
+    """UnusableInput unless step `before` has run in the folder, on this rig file and these logs.
+
+    `logs` are the SHA-256 of the recordings, in order.
+    """
+    steps = read_steps(folder)
+    if not getattr(steps, before):
+        raise UnusableInput(
+            f"{folder}: there is no {before}.json yet; run `wakedeploy gap {before}` first."
+        )
+    found = [str(log.get("sha256")) for log in entries(steps.find.get("logs"))]
+    if found != list(logs) or steps.find.get("rig_sha256") != rig_sha256:
+        raise UnusableInput(
+            f"{folder / 'find.json'}: of another rig file or other logs; give the same --rig and "
+            "--measured, or run `wakedeploy gap find` again."
+        )
 
 
 def _read(path: Path) -> Artefact:
