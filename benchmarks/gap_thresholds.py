@@ -1,8 +1,8 @@
 """Simulate the thresholds that ship with the package, for the default rig with and without spool.
 
-Writes `wakedeploy/gap/thresholds.json`: by the rig's hash, what 44 and 30 sets of five flights
+Writes `wakedeploy/gap/thresholds.json`: by the rig's hash, what 28 and 12 sets of five flights
 without any missing effect, miscalibrated as the rig file allows, exceed together once in twenty.
-Takes about half an hour on two cores: `python benchmarks/gap_thresholds.py`.
+Takes about ten minutes on two cores: `python benchmarks/gap_thresholds.py`.
 """
 
 import json
@@ -14,7 +14,7 @@ from wakedeploy.files import write_text_whole
 from wakedeploy.gap import threshold
 from wakedeploy.rig import default_rig
 
-SETS = {"default": 44, "without spool": 30}
+SETS = {"default": 28, "without spool": 12}
 
 
 def main() -> None:

@@ -39,16 +39,18 @@ def probed(rig: Rig = QUIET, seed: int = 31) -> tuple[RunLog, Probe]:
     return record(rig, seconds=SECONDS, seed=seed, force_hook=probe), probe
 
 
-@functools.cache
+_FLOWN: dict[tuple, Flight] = {}
+
+
 def flown(
-    seed: int,
-    truth: Rig = RIG,
-    hook: Callable | None = None,
-    seconds: float = SECONDS,
+    seed: int, truth: Rig = RIG, hook: Callable | None = None, seconds: float = SECONDS
 ) -> Flight:
     """A flight of some truth as the workflow sees it, with the default rig file."""
-    log = record(truth, seconds=seconds, seed=seed, force_hook=hook, model_rig=RIG)
-    return flight_from_log(log.without_truth(), RIG, f"flight {seed}")
+    key = seed, truth.sha256, hook, seconds
+    if key not in _FLOWN:
+        log = record(truth, seconds=seconds, seed=seed, force_hook=hook, model_rig=RIG)
+        _FLOWN[key] = flight_from_log(log.without_truth(), RIG, f"flight {seed}")
+    return _FLOWN[key]
 
 
 def with_effects(**effects: dict[str, tuple[float, str]]) -> Rig:

@@ -280,7 +280,7 @@ def _trainer(measured: tuple[Path, ...], minutes: float) -> Any:
     from wakedeploy.gap.retrain import retrain
 
     def train(old: Any, corrected: Any, out: Path) -> Any:
-        return retrain(old, corrected, measured, out, minutes=minutes)
+        return retrain(old, corrected, measured, out / "retrain", minutes=minutes)
 
     return train
 

@@ -4,6 +4,7 @@ In: `result.json`, or more (see `steps.Steps.summary`). Out: sentences.
 """
 
 import math
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -27,6 +28,8 @@ from wakedeploy.gap.telling import (
 from wakedeploy.physics.effects import LIBRARY
 
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
+_STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
+_NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
@@ -48,6 +51,8 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
         )
     if verdict == "class":
         return _class_sentence(texts(result.get("class")), names)
+    if verdict == "unknown" and _flights(result) == 1:
+        return "Something is missing from the model; one flight cannot tell what."
     if verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
     if verdict == "none":
@@ -97,11 +102,11 @@ def _values(result: Mapping[str, Any]) -> list[str]:
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
     planned = mapping(result.get("plan")).get("sentence")
-    if planned:
-        return [str(planned)]
-    told = ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
-    split_by = str(result.get("split_by") or "").rstrip(".")
-    return [f"What would tell them apart: {split_by}.", *told] if split_by else told
+    split_by = str(planned or result.get("split_by") or "").rstrip(".")
+    told = ["`wakedeploy gap plan` looks for the manoeuvre that does it fastest."]
+    if not split_by:
+        return ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
+    return [f"What would tell them apart: {split_by}.", *told]
 
 
 def _rest(unknown: Mapping[str, Any]) -> list[str]:
@@ -109,7 +114,7 @@ def _rest(unknown: Mapping[str, Any]) -> list[str]:
     told = []
     coordinates = texts(unknown.get("coordinates"))
     if coordinates:
-        told.append(f"What is left depends on {listed(coordinates)}.")
+        told.append(f"What is left depends on the {listed([coordinate(c) for c in coordinates])}.")
     expression = unknown.get("text") or unknown.get("expression")
     if expression:
         gain = number(unknown.get("gain_nats"))
@@ -124,13 +129,15 @@ def _place(result: Mapping[str, Any]) -> list[str]:
     places = [place for place in places if number(place.get("q_value")) <= 0.05]
     if not places:
         return []
-    return [f"It shows most {place_words(places[0])} ({_q(places[0])})."]
+    words = place_words(places[0])
+    at = "" if words.startswith(_NEEDS_NO_AT) else "at "
+    return [f"It shows most ({_q(places[0])}) {at}{words}."]
 
 
 def place_words(place: Mapping[str, Any]) -> str:
-    """A place in words: those it came with, or made of its bounds."""
+    """A place in words: those it came with, without the q value, or made of its bounds."""
     if place.get("words"):
-        return str(place["words"]).rstrip(".")
+        return _STATED_Q.sub("", str(place["words"]).rstrip("."))
     where = span(place.get("low"), place.get("high"), str(place.get("coordinate_unit", "")))
     residual = quantity(place.get("residual"), str(place.get("unit", "")), signed=True)
     return f"at {place.get('coordinate')} {where}: {place.get('channel')} {residual}"
@@ -157,15 +164,31 @@ def closed_share(channel: Mapping[str, Any]) -> float:
     return (before**2 - after**2) / possible if possible > 0.0 else math.nan
 
 
+def closed_words(channel: Mapping[str, Any]) -> str:
+    """The share closed as a percentage, no more than 100 and no less than 0; "" if unknown.
+
+    The floor is an estimate, too: an error below it closes the gap, not more than the gap.
+    """
+    share = closed_share(channel)
+    return "" if math.isnan(share) else percent(min(max(share, 0.0), 1.0))
+
+
+def unchanged(channel: Mapping[str, Any]) -> bool:
+    """Nothing was added, so that before and after are one model."""
+    return number(channel.get("before")) == number(channel.get("after"))
+
+
 def _gap(result: Mapping[str, Any]) -> list[str]:
     name, channel = gap_channel(result)
     if not channel:
         return []
     before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
-    if math.isnan(number(channel.get("after"))):
+    if math.isnan(number(channel.get("after"))) or unchanged(channel):
         return [f"{_judged_on(result)}, the error of the {name} is {before}; noise alone: {floor}."]
     share = closed_share(channel)
-    closed = "" if math.isnan(share) else f": {percent(share)} of the gap closed"
+    closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
+    if number(channel.get("after")) > number(channel.get("before")):
+        closed = ": the gap did not shrink"
     return [
         f"{_judged_on(result)}, the error of the {name} goes from {before} to {after}, "
         f"where noise alone gives {floor}{closed}."
@@ -184,16 +207,16 @@ def unit_of(channel: Mapping[str, Any]) -> str:
 
 def _judged_on(result: Mapping[str, Any]) -> str:
     sealed = texts(result.get("sealed"))
-    if result.get("cross_validated") or not sealed:
-        return (
-            "On flights left out in turn" if result.get("cross_validated") else "In these flights"
-        )
+    if result.get("cross_validated"):
+        return "On the flights that it was fitted to, too few to keep one apart"
+    if not sealed:
+        return "In these flights"
     return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
 
 
 def _placebo(result: Mapping[str, Any]) -> list[str]:
     placebo = mapping(result.get("placebo"))
-    if not placebo.get("name"):
+    if not placebo.get("name") or unchanged(gap_channel(result)[1]):
         return []
     unit = unit_of(placebo)
     change = f"{quantity(placebo.get('before'), unit)} to {quantity(placebo.get('after'), unit)}"
@@ -202,7 +225,7 @@ def _placebo(result: Mapping[str, Any]) -> list[str]:
             f"Careful: a placebo, {placebo['name']}, helps as well ({change}); "
             "what was found may be no more than a better fit."
         ]
-    return [f"A placebo with as many parameters, {placebo['name']}, does not help ({change})."]
+    return [f"A placebo, the wrong effect {placebo['name']}, does not help ({change})."]
 
 
 def _retraining(result: Mapping[str, Any]) -> list[str]:
@@ -253,10 +276,8 @@ def undetectable(result: Mapping[str, Any]) -> list[str]:
 
 def _caveats(result: Mapping[str, Any]) -> list[str]:
     told = []
-    if entries(result.get("effects")) or gap_channel(result)[0]:
+    if entries(result.get("effects")) or gap_channel(result)[1].get("before_interval"):
         told.append("In brackets: 90 % intervals.")
-    if result.get("cross_validated"):
-        told.append("There were too few flights to seal any, so the gap is cross-validated.")
     if _flights(result) == 1:
         told.append(
             "With a single flight nothing can be held out: a hint, not a finding. Fly more."
@@ -278,4 +299,27 @@ def whiteness_words(white: Mapping[str, Any]) -> str:
 
 
 def _flights(result: Mapping[str, Any]) -> int:
-    return len(entries(result.get("logs")))
+    stated = number(result.get("flights"))
+    return len(entries(result.get("logs"))) if math.isnan(stated) else round(stated)
+
+
+def coordinate(symbol: str) -> str:
+    """A variable of an expression in words: `carriage position (x_m)`."""
+    return f"{_SPOKEN[symbol]} ({symbol})" if symbol in _SPOKEN else symbol
+
+
+_SPOKEN = {
+    "time_s": "time in flight",
+    "x_m": "carriage position",
+    "vx_mps": "carriage speed",
+    "z_m": "height",
+    "vz_mps": "vertical speed",
+    "source_n": "source's thrust",
+    "source_rate_nps": "slope of the source's thrust",
+    "sufferer_n": "sufferer's thrust",
+    "wake_mps": "wake's speed at the sufferer",
+    "wake_n": "wake's force",
+    "charge_s": "charge drawn",
+    "travelled_m": "carriage's way",
+    "direction": "carriage's direction",
+}

@@ -184,7 +184,8 @@ def show_gap(
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
-    UnusableInput where `name` has not run. Without an `answer`, the corrected rig file's effects are fitted again to the same flights.
+    UnusableInput where `name` has not run. Without an `answer`, the corrected rig file's effects
+    are fitted again to the same flights.
     `retrain(old, corrected, out)` gives the predictors' errors.
     """
     require(out, "name", case.rig.sha256, case.recordings)

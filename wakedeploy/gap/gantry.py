@@ -36,6 +36,10 @@ _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is alway
 _WIDEST_SD = 5.0
 _LOUD = {NOISE[0]: 0.0, NOISE[1]: -1.0}
 _CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
+# An effect's delay comes on top of what is uncertain about the delay that was calibrated.
+_ADDED = {"command.delay_s", "range.delay_s"}
+# Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
+_STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s": 0.002}
 _NO_HORIZON = np.zeros(0, np.int64)
 
 
@@ -205,9 +209,8 @@ class _Layout:
         spreads = spreads_of(rig)
         names = {effect.name for effect in named}
         own = [entry for entry in own if entry[0].name not in names]
-        claimed = {
-            p.constant for effect in (*named, *(e for e, _ in own)) for p in effect.parameters
-        }
+        acting = (*named, *(e for e, _ in own))
+        claimed = {p.constant for effect in acting for p in effect.parameters} - _ADDED
         free = list(_noise(rig))
         self._constants: list[tuple[int, str]] = []
         self._values: list[tuple[Effect, list[tuple[int, Parameter]]]] = []
@@ -234,7 +237,9 @@ class _Layout:
         for effect, places in self._values:
             values = {p.name: float(theta[i]) for i, p in places}
             for _, p in places:
-                if p.constant is not None:
+                if p.constant in _ADDED:
+                    constants[p.constant] += values[p.name]
+                elif p.constant is not None:
                     constants[p.constant] = values[p.name]
             effects.append((effect, values))
         return constants, tuple(effects)
@@ -271,7 +276,7 @@ def _nuisance(constant: str, value: float, spread: float) -> Free:
         spread,
         low,
         value + _WIDEST_SD * spread,
-        0.2 * spread,
+        _STEPS_S.get(constant, 0.2 * spread),
         quantity=constant,
     )
 
@@ -280,8 +285,8 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
     neutral = base[p.constant] if p.constant is not None else p.neutral
     starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
     name = f"{effect.name}.{p.name}"
-    step = 0.05 * p.scale
-    quantity = p.constant or ""
+    step = _STEPS_S.get(p.constant or "", 0.05 * p.scale)
+    quantity = "" if p.constant in _ADDED else p.constant or ""
     return Free(name, p.unit, neutral, 3.0 * p.scale, p.low, p.high, step, starts, quantity)
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit, held_out
+from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, information, rank
 from wakedeploy.gap.symbolic import Symbolic, search
 from wakedeploy.gap.terms import TERMS
@@ -30,6 +31,7 @@ MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _DROPPED_NATS = 1.0
+_HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
 
 
@@ -126,6 +128,10 @@ def name_effects(
     current = base
     while len(current.hypothesis) < MOST_EFFECTS:
         left = [n for n in names if n not in current.hypothesis]
+        if current.hypothesis:  # the first round ranks all, for the record
+            left = worth_trying(model, current, left, _HOPE_SHARE * thresholds.effect_nats)
+        if not left:
+            break
         progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
         least = 0.5 * thresholds.effect_nats
         searched = Round(current.hypothesis, tuple(rank(model, current, left, least_nats=least)))

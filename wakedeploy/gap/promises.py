@@ -11,6 +11,9 @@ import numpy as np
 
 from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Score, extended
 
+_BENT_SD = 1.5
+_NO_SLOPE_NATS = 1e-9
+
 
 def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
     """How many nats each term would gain on the episodes of the fit, by its slopes at zero (T,)."""
@@ -23,6 +26,26 @@ def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
     rest = np.concatenate([_white_rest(score) for score in slopes.scores])
     rest = rest - held @ (held.T @ rest)
     return np.array([_promise(model, base, name, held, rest) for name in names])
+
+
+def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: float) -> list[str]:
+    """Names without those whose slopes at the neutral point promise less than `least_nats`.
+
+    Kept in any case: effects without a slope there, and those that move a calibrated constant
+    which the fit has bent.
+    """
+    bent = {
+        f.quantity
+        for f, value in zip(base.free, base.theta, strict=True)
+        if f.quantity and abs(value - f.neutral) > _BENT_SD * f.prior_sd
+    }
+    kept = []
+    for name, promised in zip(names, promises(model, base, names), strict=True):
+        free = model.free((*base.hypothesis, name))
+        moves = {f.quantity for f in free if f.name.startswith(f"{name}.")}
+        if promised > least_nats or promised < _NO_SLOPE_NATS or moves & bent:
+            kept.append(name)
+    return kept
 
 
 def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatArray) -> float:

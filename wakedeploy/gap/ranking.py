@@ -28,7 +28,7 @@ from wakedeploy.gap.inference import (
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 5
 _BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
-_FAR_NATS = 60.0  # below the base, and still worth climbing from
+_MOST_UNBENT = 4  # candidates that are also fitted from unbent constants
 _ROW = (-1.0, -0.6, -0.3, -0.15, 0.15, 0.3, 0.6, 1.0, 1.6)  # sizes tried, in widths of the prior
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
@@ -80,6 +80,8 @@ def rank(
         rough.append(_rough(model, base, name))
         if progress is not None:
             progress(name)
+    if base.log_prior < _BENT_NATS:
+        rough = _from_calibration(model, base, candidates, rough)
     best = max((f.objective for f in rough), default=0.0)
     least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
     order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
@@ -152,21 +154,30 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
     for theta in _starts(model, base, hypothesis, free, own):
         slopes = _carried_over(model, base, hypothesis, free, theta, own)
         fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own))
-    if base.log_prior < _BENT_NATS:
-        theta, objective = _unbent(model, base, hypothesis, free, own)
-        if objective > base.objective - _FAR_NATS:
-            fits.append(fit(model, hypothesis, base.episodes, theta))
     return max(fits, key=lambda f: f.objective)
 
 
-def _unbent(
-    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
-) -> tuple[FloatArray, float]:
-    """The best of a row of sizes with every calibrated constant back at its calibration.
+def _from_calibration(
+    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit]
+) -> list[Fit]:
+    """The fits, and for the most hopeful candidates better ones from unbent constants.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
     climb from there may never leave it.
     """
+    starts = [_unbent(model, base, name) for name in candidates]
+    hopeful = sorted(range(len(starts)), key=lambda i: -starts[i][1])[:_MOST_UNBENT]
+    fits = list(rough)
+    for i in hopeful:
+        again = fit(model, fits[i].hypothesis, base.episodes, starts[i][0])
+        fits[i] = max(fits[i], again, key=lambda f: f.objective)
+    return fits
+
+
+def _unbent(model: Model, base: Fit, name: str) -> tuple[FloatArray, float]:
+    """The best of a row of sizes with every calibrated constant back at its calibration."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
     plain = extended(base, free)
     for i, f in enumerate(free):
         if f.quantity:
@@ -174,9 +185,9 @@ def _unbent(
     best, reached = plain, -np.inf
     for share in _ROW:
         theta = plain.copy()
-        for i in own:
-            size = free[i].neutral + share * free[i].prior_sd
-            theta[i] = np.clip(size, free[i].low, free[i].high)
+        for i, f in enumerate(free):
+            if f.name.startswith(f"{name}."):
+                theta[i] = np.clip(f.neutral + share * f.prior_sd, f.low, f.high)
         density = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
         objective = float(density) + log_prior(free, theta)
         if objective > reached:

@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Any
 from wakedeploy import figures
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap import report_figures, report_maps
-from wakedeploy.gap.account import closed_share, evidence, gap_channel, gap_value, verdict_sentence
+from wakedeploy.gap.account import (
+    closed_words,
+    evidence,
+    gap_channel,
+    gap_value,
+    unchanged,
+    verdict_sentence,
+)
 from wakedeploy.gap.markup import Markup, element, page, picture, together
 from wakedeploy.gap.report_tables import (
     added_effects,
@@ -26,13 +33,13 @@ from wakedeploy.gap.report_tables import (
 )
 from wakedeploy.gap.steps import Steps, read_steps
 from wakedeploy.gap.telling import (
+    UNKNOWN,
     counted,
     entries,
     listed,
     mapping,
     number,
     parameters_of,
-    percent,
     quantity,
     spoken,
     texts,
@@ -67,7 +74,8 @@ PICTURES = (
     Picture(
         "replay",
         "Open-loop replay from filtered states: the error in height after each horizon, and the "
-        "error that noise alone would leave.",
+        "error that the model expects of itself. Its noise is fitted to the same flights, so that a "
+        "missing effect raises both.",
         lambda steps: report_figures.draw_replay(steps.find),
     ),
     Picture(
@@ -86,13 +94,14 @@ PICTURES = (
     Picture(
         "confusion",
         "If the effect of a row is the truth, how much the best version of the effect of a column "
-        "loses on these flights. Below 3 nats (×) they cannot be told apart.",
+        "loses on these flights, at the size found or else at its usual size. Below 3 nats (×) they "
+        "cannot be told apart; in a row full of × that effect would hardly show at all.",
         lambda steps: report_figures.draw_confusion(steps.name),
     ),
     Picture(
         "before_after",
-        "The gap per channel on flights held out, with 90 % intervals; dashed, what noise alone "
-        "leaves. Closed: (before² − after²) / (before² − floor²).",
+        "The gap per channel on the flights shown, with 90 % intervals; dashed, what noise alone "
+        "leaves. Closed: (before² − after²) / (before² − floor²), no more than 100 %.",
         lambda steps: report_figures.draw_gaps(steps.show),
     ),
     Picture(
@@ -102,12 +111,13 @@ PICTURES = (
     ),
     Picture(
         "forecasts",
-        "One flight held out: height 0.25 s ahead as forecast by the model before and after.",
+        "One flight: height 0.25 s ahead as forecast by the model before and after. The rms leaves "
+        "out readings that strayed.",
         lambda steps: report_figures.draw_traces(steps.show),
     ),
     Picture(
         "placebo",
-        "The placebo, a wrong effect with as many parameters, must not help.",
+        "The placebo, a wrong effect fitted likewise, must not help.",
         lambda steps: report_figures.draw_placebo(steps.summary),
     ),
     Picture(
@@ -187,7 +197,9 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
         tiles.append((f"{name}, before", gap_value(channel, "before")))
         tiles.append(("after", gap_value(channel, "after")))
         tiles.append(("noise alone", gap_value(channel, "noise_floor")))
-        tiles.append(("of the gap closed", percent(closed_share(channel))))
+        tiles.append(("of the gap closed", closed_words(channel) or UNKNOWN))
+        if unchanged(channel):
+            tiles[-4:] = [(f"error of the {name}", gap_value(channel, "before")), tiles[-2]]
     boxes = [
         element("div", element("b", value), element("span", label, class_="soft"), class_="tile")
         for label, value in tiles
@@ -277,7 +289,7 @@ def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
 def _judging(show: Mapping[str, Any]) -> str:
     sealed = texts(show.get("sealed"))
     if show.get("cross_validated") or not sealed:
-        return "Judged by cross-validation: every flight by a model fitted to the others."
+        return "Judged on the flights that it was fitted to: there were too few to keep one apart."
     verb = "was" if len(sealed) == 1 else "were"
     return f"Judged on {listed(sealed)}, which {verb} not looked at before."
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.gap.account import closed_share, gap_channel
+from wakedeploy.gap.account import closed_words, gap_channel, unchanged
 from wakedeploy.gap.report_maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report_tables import ranked
 from wakedeploy.gap.telling import (
@@ -20,7 +20,6 @@ from wakedeploy.gap.telling import (
     mapping,
     number,
     numbers,
-    percent,
     quantity,
     scale_of,
     texts,
@@ -32,6 +31,8 @@ if TYPE_CHECKING:
 
 INDISTINCT_NATS = 3.0  # two effects closer than this cannot be told apart
 _WIDTH_IN = 7.5
+_STRAY = 6.0 * 1.4826  # medians of the error's size beyond which a reading strayed, as in `showing`
+_ON_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
 _FIRST_ROUND, _LATER_ROUNDS = 30, 10  # effects shown per panel of the ranking
 _DARK_BELOW_NATS = 60.0  # where the heat map's shades are dark
 _MOST_NUMBERED = 12  # names in a confusion matrix whose cells still have room for numbers
@@ -47,7 +48,7 @@ def draw_spectrum(find: Artefact, show: Artefact) -> "Figure | None":
         return None
     drawn, (left, right) = figures.figure(1, 2, size=(_WIDTH_IN, 2.9), width_ratios=(1.25, 1.0))
     _spectrum(left, spectra, mapping(find.get("spectrum")))
-    _autocorrelation(right, whites, _samples(find))
+    _autocorrelation(right, whites, _samples(find, "sealed" if show.get("white") else "fit"))
     return drawn
 
 
@@ -63,7 +64,7 @@ def draw_replay(find: Artefact) -> "Figure | None":
     drawn, axes = figures.figure(size=(0.6 * _WIDTH_IN, 2.6))
     factor, unit = scale_of(np.concatenate([rmse, expected]), "m")
     axes.plot(horizon, factor * rmse, "o-", color=figures.MEASURED, label="replayed")
-    axes.plot(horizon, factor * expected, "s--", color=BEFORE, label="expected of noise alone")
+    axes.plot(horizon, factor * expected, "s--", color=BEFORE, label="expected by the model")
     axes.set(xlabel="horizon [s]", ylabel=f"height error, rms [{unit}]", ylim=(0, None))
     axes.set_xlim(0, None)
     figures.legend(axes)
@@ -116,11 +117,11 @@ def draw_gaps(show: Artefact) -> "Figure | None":
         len(channels), size=(_WIDTH_IN, 1.3 * len(channels)), squeeze=False
     )
     for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
-        closed = f"{percent(closed_share(channel))} closed"
-        levels = [
-            _level(channel, "before", "before", BEFORE),
-            _level(channel, "after", "after", AFTER) | {"note": closed},
-        ]
+        levels = [_level(channel, "before", "before", BEFORE)]
+        if not unchanged(channel):
+            closed = closed_words(channel)
+            note = {"note": f"{closed} closed" if closed else ""}
+            levels.append(_level(channel, "after", "after", AFTER) | note)
         _levels(axes, levels, channel, f"rms error, {name}")
     drawn.align_ylabels(grid)
     return drawn
@@ -130,7 +131,7 @@ def draw_placebo(summary: Artefact) -> "Figure | None":
     """The gap without anything, with a wrong effect, and with the one that was found."""
     placebo = mapping(summary.get("placebo"))
     name, channel = gap_channel(summary)
-    if math.isnan(number(placebo.get("after"))):
+    if math.isnan(number(placebo.get("after"))) or unchanged(channel):
         return None
     names = [str(e.get("name")) for e in entries(summary.get("effects"))]
     levels = [
@@ -154,14 +155,18 @@ def draw_traces(show: Artefact) -> "Figure | None":
         2, size=(_WIDTH_IN, 4.2), sharex=True, height_ratios=(1.3, 1.0)
     )
     height.plot(time_s, measured_m, color=figures.REFERENCE, linewidth=1.4, label="measured")
+    reach = 1.0
     for forecast_m, colour, label in ((before_m, BEFORE, "before"), (after_m, AFTER, "after")):
         height.plot(time_s, forecast_m, color=colour, label=f"forecast {label}")
         error_mm = 1e3 * (forecast_m - measured_m)
-        rms = math.sqrt(float(np.nanmean(error_mm**2)))
+        usual = np.abs(error_mm) < _STRAY * float(np.nanmedian(np.abs(error_mm)))
+        rms = math.sqrt(float(np.mean(error_mm[usual] ** 2))) if usual.any() else math.nan
+        reach = max(reach, float(np.max(np.abs(error_mm[usual]), initial=0.0)))
         error.plot(time_s, error_mm, color=colour, label=f"{label}: {rms:.1f} mm rms")
     error.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     height.set(ylabel="height [m]")
     error.set(ylabel="forecast − measured [mm]", xlabel="time [s]")
+    error.set_ylim(-1.1 * reach, 1.1 * reach)
     error.set_xlim(float(np.nanmin(time_s)), float(np.nanmax(time_s)))
     figures.legend(height)
     figures.legend(error)
@@ -236,10 +241,15 @@ def _autocorrelation(
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     axes.set(xlabel="lag [samples]", ylabel="autocorrelation of innovations")
+    axes.xaxis.get_major_locator().set_params(integer=True)
 
 
-def _samples(find: Artefact) -> float:
-    counts = [number(log.get("samples")) for log in entries(find.get("logs"))]
+def _samples(find: Artefact, use: str) -> float:
+    """Of the flights fitted or sealed, of all where the split does not say."""
+    logs = entries(find.get("logs"))
+    names = texts(mapping(find.get("split")).get(use))
+    counts = [number(log.get("samples")) for log in logs if str(log.get("path")) in names]
+    counts = counts or [number(log.get("samples")) for log in logs]
     return float(np.nansum(counts)) if counts else 0.0
 
 
@@ -276,7 +286,7 @@ def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> N
     if not math.isnan(threshold):
         axes.axvline(threshold, color=figures.REFERENCE, linestyle="--", linewidth=1.0,
                      label=f"threshold, {threshold:.1f} nats")  # fmt: skip
-        figures.legend(axes)
+        figures.legend(axes, bbox_to_anchor=(1.0, 0.0), frameon=True, edgecolor="none")
 
 
 def _round_title(round_: Artefact, shown: int) -> str:
@@ -338,7 +348,7 @@ def _levels(
         end = np.nanmax([factor * level["value"], high])
         text = "  ".join([quantity(factor * level["value"], ""), level["note"]])
         axes.annotate(text, (end, row), (5, 0), textcoords="offset points", va="center",
-                      fontsize=8)  # fmt: skip
+                      fontsize=8, zorder=4, bbox=_ON_PAPER)  # fmt: skip
     if not math.isnan(floor):
         axes.axvline(factor * floor, color=figures.REFERENCE, linestyle="--", linewidth=1.0)
         axes.text(factor * floor, 1.0, "noise floor", transform=axes.get_xaxis_transform(),

@@ -11,7 +11,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.gap.telling import FloatArray, entries, number, numbers, probability, scale_of
+from wakedeploy.gap.telling import (
+    FloatArray,
+    entries,
+    number,
+    numbers,
+    probability,
+    scale_of,
+    signs,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -53,7 +61,8 @@ def draw_maps(maps: Sequence[Map]) -> "Figure | None":
 def draw_places(show: Map, find: Map) -> "Figure | None":
     """The error per bin of each coordinate, before and after; the six that change most."""
     places = [p for p in entries(show.get("places")) if _change(p) > -math.inf]
-    places = sorted(places, key=_change, reverse=True)[:6]
+    once = {(str(p.get("channel")), str(p.get("coordinate"))): p for p in reversed(places)}
+    places = sorted(once.values(), key=_change, reverse=True)[:6]
     if not places:
         return None
     units = {m.get("coordinate"): m.get("coordinate_unit") for m in entries(find.get("maps"))}
@@ -69,7 +78,7 @@ def draw_places(show: Map, find: Map) -> "Figure | None":
 def labelled(name: object, unit: str) -> str:
     """An axis label: `force [N]`; without brackets where there is no unit."""
     text = str(name if name is not None else "").replace("$", r"\$")
-    return f"{text} [{unit}]" if unit not in ("", "1", "-") else text
+    return f"{text} [{signs(unit)}]" if unit not in ("", "1", "-") else text
 
 
 def _panels(count: int, height_in: float) -> "tuple[Figure, list[Axes]]":
@@ -111,7 +120,7 @@ def _place(axes: "Axes", place: Map, coordinate_unit: str) -> None:
     factor, unit = scale_of(np.concatenate([before, after]), str(place.get("unit", "")))
     for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         axes.stairs(factor * values, edges, baseline=None, color=colour, linewidth=1.8, label=label)
-    axes.set_ylim(bottom=min(0.0, factor * float(np.nanmin([before, after]))))
+    axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     axes.set_xlabel(labelled(place.get("coordinate"), coordinate_unit))
     axes.set_ylabel(_folded(labelled(place.get("channel", "error"), unit)))
     _calm(axes)

@@ -8,10 +8,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from wakedeploy.gap.account import (
-    closed_share,
+    closed_words,
+    coordinate,
     detectable_sizes,
     gap_value,
     place_words,
+    unchanged,
     undetectable,
     unit_of,
     whiteness_words,
@@ -27,7 +29,6 @@ from wakedeploy.gap.telling import (
     measured,
     number,
     parameters_of,
-    percent,
     probability,
     quantity,
     texts,
@@ -105,7 +106,11 @@ def unknown_effect(unknown: Artefact) -> Markup:
     parts = []
     coordinates = texts(unknown.get("coordinates"))
     if coordinates:
-        parts.append(element("p", f"What is left depends on {listed(coordinates)}."))
+        parts.append(
+            element(
+                "p", f"What is left depends on the {listed([coordinate(c) for c in coordinates])}."
+            )
+        )
     lines = [str(unknown[key]) for key in ("text", "expression") if unknown.get(key)]
     if lines:
         parts.append(element("pre", element("code", "\n".join(lines))))
@@ -130,7 +135,7 @@ def gap_table(gap: Artefact) -> Markup:
         [
             name,
             *(gap_value(channel, key) for key in ("before", "after", "noise_floor")),
-            percent(closed_share(channel)),
+            UNKNOWN if unchanged(channel) else closed_words(channel) or UNKNOWN,
         ]
         for name, channel in channels
     ]

@@ -54,13 +54,13 @@ class Steps:
 
     @property
     def summary(self) -> dict[str, Any]:
-        """`result.json`, with what it leaves out taken from the steps' own artefacts."""
+        """`result.json`, and the steps' own artefacts, which say more."""
         told: dict[str, Any] = {}
         for artefact, keys in (
+            (self.result, tuple(self.result)),
             (self.find, _OF_FIND),
             (self.name, _OF_NAME),
             (self.show, _OF_SHOW),
-            (self.result, tuple(self.result)),
         ):
             told |= {key: artefact[key] for key in keys if artefact.get(key) is not None}
         return told
