@@ -1,0 +1,176 @@
+"""Forces along a logged flight against what the plant truly did, without turbulence or noise."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from recorded import QUIET, probed
+
+from wakedeploy.gap.flight import DT_S, flight_from_log
+from wakedeploy.gap.forces import Physics
+from wakedeploy.physics.constants import constants_of, with_constants
+from wakedeploy.physics.effects import LIBRARY
+
+CONSTANTS = constants_of(QUIET) | {"command.window_s": 0.0}
+
+
+@pytest.fixture(scope="module")
+def flown():
+    """Flight, forces, a function of true columns at the steps' middles, and which steps count."""
+    log, probe = probed()
+    flight = flight_from_log(log.without_truth(), QUIET, "quiet")
+    middle_s = flight.grid_s + 0.5 * DT_S
+    # The true motion takes the place of the smoothed one, so that only the forces are compared.
+    truth = np.stack([np.interp(middle_s, probe["t_s"], probe[n]) for n in ("z_m", "vz_mps")])
+    flight = dataclasses.replace(flight, nominal=truth)
+    at = np.concatenate([np.arange(a, b) for a, b in zip(flight.start, flight.stop, strict=True)])
+    return flight, Physics(QUIET, flight), log, probe, at
+
+
+def active(name: str, **values: float):
+    """One effect of the library at work."""
+    return ((LIBRARY[name], values),)
+
+
+def rms(values) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+@pytest.mark.parametrize("motor", ["source", "sufferer"])
+def test_thrusts_are_the_plants(flown, motor: str) -> None:
+    flight, physics, _, probe, at = flown
+    found = getattr(physics.forces(CONSTANTS, ()), f"{motor}_n")
+    true_n = np.interp(flight.grid_s + 0.5 * DT_S, probe["t_s"], probe[f"{motor}_thrust_n"])
+    assert np.ptp(true_n[at]) > 1.0
+    assert rms((found - true_n)[at]) < 0.02 * true_n[at].mean()
+    assert abs((found - true_n)[at].mean()) < 0.003 * true_n[at].mean()
+
+
+def test_the_wakes_force_is_the_plants(flown) -> None:
+    flight, physics, log, _, at = flown
+    found = physics.forces(CONSTANTS, ())
+    inside = (log["t_s"] > flight.grid_s[at[0]]) & (log["t_s"] < flight.grid_s[at[-1]])
+    true_n = log["true_wake_force_n"][inside]
+    modelled_n = np.interp(log["t_s"][inside], flight.grid_s + 0.5 * DT_S, found.wake_n)
+    assert np.abs(true_n).max() > 0.5
+    assert rms(modelled_n - true_n) < 0.03 * rms(true_n)
+    assert modelled_n.mean() == pytest.approx(true_n.mean(), rel=0.01)
+
+
+def test_accelerations_sum_up_to_the_speed_that_was_gained(flown) -> None:
+    flight, physics, _, _, at = flown
+    summed = np.cumsum(physics.forces(CONSTANTS, ()).acceleration[0]) * DT_S
+    window = round(0.5 / DT_S)
+    first, last = at[: -window : window // 2], at[window :: window // 2]
+    count = min(len(first), len(last))
+    first, last = first[:count], last[:count]
+    gained = flight.nominal[1, last] - flight.nominal[1, first]
+    modelled = summed[last] - summed[first]
+    assert rms(gained) > 0.05
+    # Friction is smooth in the model, and 0.05 N of it would be 0.11 m/s².
+    assert rms(gained - modelled) / 0.5 < 0.05
+
+
+@pytest.mark.parametrize(
+    ("effect", "moved_m", "moved_mps"),
+    [((), 0.01, 0.0), ((), 0.0, 0.05), (("ground-effect",), 0.01, 0.0)],
+)
+def test_slopes_are_those_of_a_moved_flight(
+    flown, effect, moved_m: float, moved_mps: float
+) -> None:
+    flight, physics, _, _, at = flown
+    effects = active("ground-effect", gain=0.2, height_m=0.2) if effect else ()
+    here = physics.forces(CONSTANTS, effects).acceleration
+    moved = flight.nominal + np.array([[moved_m], [moved_mps]])
+    there = Physics(QUIET, dataclasses.replace(flight, nominal=moved)).forces(CONSTANTS, effects)
+    # Where it moves: near standstill friction is curved.
+    fast = at[np.abs(flight.nominal[1, at]) > 0.15]
+    expected = here[1] * moved_m + here[2] * moved_mps
+    change = there.acceleration[0] - here[0]
+    assert len(fast) > 100
+    assert rms((change - expected)[fast]) < 0.1 * rms(change[fast])
+
+
+def test_a_moved_constant_is_the_rig_that_has_it(flown) -> None:
+    """Constants moved by a fit give the same forces as a rig file with those constants."""
+    flight, physics, *_ = flown
+    moved = CONSTANTS | {
+        "thrust.sufferer.scale": 1.04,
+        "thrust.source.exponent": 1.1,
+        "spool.source.up_s": 0.09,
+        "wake.speed_mps": 5.0,
+        "wake.width_m": 0.11,
+        "rail.coulomb_n": 0.08,
+    }
+    rig = with_constants(QUIET, moved)
+    same = Physics(rig, flight).forces(constants_of(rig) | {"command.window_s": 0.0}, ())
+    found = physics.forces(moved, ())
+    assert found.acceleration == pytest.approx(same.acceleration, abs=1e-6)
+    assert found.source_n == pytest.approx(same.source_n, abs=1e-9)
+
+
+def test_what_was_kept_is_what_would_be_computed_again(flown) -> None:
+    """A fit moves one parameter at a time, and stages that it does not touch are remembered."""
+    flight, physics, *_ = flown
+    rng = np.random.default_rng(0)
+    names = ["wake.speed_mps", "spool.source.up_s", "thrust.sufferer.scale", "command.delay_s"]
+    effects = [(), active("tether-spring", stiffness_n_per_m=1.0, slack_m=0.4)]
+    for _ in range(8):
+        constants = dict(CONSTANTS)
+        name = names[rng.integers(len(names))]
+        constants[name] += 0.01 * rng.integers(0, 3)
+        chosen = effects[rng.integers(2)]
+        kept = physics.forces(constants, chosen)
+        fresh = Physics(QUIET, flight).forces(constants, chosen)
+        for field in ("source_n", "sufferer_n", "wake_n", "acceleration", "expected"):
+            assert getattr(kept, field).tobytes() == getattr(fresh, field).tobytes()
+
+
+@pytest.mark.parametrize("name", LIBRARY)
+def test_a_neutral_effect_changes_nothing(flown, name: str) -> None:
+    _, physics, *_ = flown
+    values = {
+        p.name: CONSTANTS[p.constant] if p.constant is not None else p.neutral
+        for p in LIBRARY[name].parameters
+    }
+    with_it, without = (physics.forces(CONSTANTS, e) for e in (active(name, **values), ()))
+    for field in ("acceleration", "expected", "wake_n", "taken_s"):
+        assert getattr(with_it, field) == pytest.approx(getattr(without, field), abs=1e-9)
+
+
+def test_latency_is_a_later_thrust(flown) -> None:
+    _, physics, _, _, at = flown
+    shift = 5
+    now = physics.forces(CONSTANTS, ()).sufferer_n
+    late = physics.forces(CONSTANTS | {"command.delay_s": shift * DT_S}, ()).sufferer_n
+    # The frames stay where they are, so single pulses may come up to a frame apart.
+    assert rms(late[at] - now[at - shift]) < 0.4 * rms(late[at] - now[at])
+
+
+def test_the_expected_reading_is_the_height_as_the_sensor_sees_it(flown) -> None:
+    flight, physics, *_ = flown
+    constants = CONSTANTS | {"range.bias_m": 0.01, "range.scale": 1.02, "range.delay_s": 0.02}
+    found = physics.forces(constants, ())
+    assert found.taken_s == pytest.approx(flight.sample_s - 0.02)
+    z_m = np.interp(flight.sample_s - 0.02, flight.grid_s, flight.nominal[0])
+    assert found.expected[0] == pytest.approx(0.01 + 1.02 * z_m)
+    assert found.expected[1] == pytest.approx(np.full(len(z_m), 1.02))
+    rested = dataclasses.replace(flight, rest=np.array([[0.0, 1e-6, 1.0], [0.0, 1e-6, 14.0]]))
+    assert Physics(QUIET, rested).at_rest(constants, ()) == pytest.approx([0.01, 0.01])
+
+
+def test_a_held_reading_is_older_and_repeats(flown) -> None:
+    flight, physics, *_ = flown
+    hold_s = 3 * flight.spacing_s
+    found = physics.forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
+    assert found.held_share == pytest.approx(2 / 3)
+    assert found.taken_s == pytest.approx(flight.sample_s - 0.5 * flight.spacing_s)
+
+
+def test_added_mass_makes_everything_slower(flown) -> None:
+    _, physics, *_ = flown
+    mass_kg = QUIET.sufferer.mass_kg
+    light, heavy = (physics.forces(CONSTANTS, e) for e in ((), active("added-mass", mass_kg=0.1)))
+    assert heavy.inertia_kg == pytest.approx(np.full(len(heavy.inertia_kg), mass_kg + 0.1))
+    ratio = mass_kg / (mass_kg + 0.1)
+    assert heavy.acceleration[0] == pytest.approx(ratio * light.acceleration[0], abs=1e-9)

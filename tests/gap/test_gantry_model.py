@@ -1,0 +1,164 @@
+"""The likelihood of flights: calibrated where the rig file is true, and it finds what is not."""
+
+import numpy as np
+import pytest
+from recorded import RIG, flown, with_effects
+
+from wakedeploy.gap.flight import DT_S
+from wakedeploy.gap.gantry import NOISE, GantryModel
+from wakedeploy.gap.inference import Fit, fit
+from wakedeploy.gap.naming import fitted_base
+from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.rig import parse_rig
+
+SEEDS = (40, 41, 42)
+
+
+@pytest.fixture(scope="module")
+def base() -> tuple[GantryModel, Fit]:
+    """Three flights of the rig as its file describes it."""
+    return fitted_base(GantryModel(RIG, [flown(seed) for seed in SEEDS]))
+
+
+def test_innovations_have_the_variance_that_is_claimed(base) -> None:
+    _, fitted = base
+    for score in fitted.slopes.scores:
+        white = score.white[:-3]
+        assert len(white) > 200
+        assert np.mean(white**2) == pytest.approx(1.0, abs=4 * np.sqrt(2.0 / len(white)))
+        assert abs(np.mean(white)) < 4 / np.sqrt(len(white))
+
+
+def test_forecasts_err_by_as_much_as_they_say(base) -> None:
+    model, fitted = base
+    for episode in range(model.episodes):
+        ahead = model.forecasts(fitted, episode, (0.125, 0.25, 0.5))
+        assert ahead.measured_m.shape == (3, len(ahead.at_s))
+        assert ahead.horizon_s == pytest.approx([0.125, 0.25, 0.5])
+        for measured, forecast, variance in zip(
+            ahead.measured_m, ahead.forecast_m, ahead.variance_m2, strict=True
+        ):
+            error = measured - forecast
+            known = np.isfinite(error) & (np.abs(error) < 5 * np.sqrt(variance))
+            assert 0.8 * len(error) < known.sum() < len(error)  # none beyond the flight's end
+            assert np.mean(error[known] ** 2 / variance[known]) == pytest.approx(1.0, abs=0.35)
+
+
+def test_noise_and_calibration_are_found_within_their_intervals(base) -> None:
+    _, fitted = base
+    flight = flown(SEEDS[0])
+    deviation = np.exp(fitted.value(NOISE[3])) + fitted.value(NOISE[4]) * flight.reading_m.mean()
+    assert deviation == pytest.approx(RIG.range_sensor.noise_m, rel=0.15)
+    low, high = fitted.interval(NOISE[1], 0.99)
+    assert low < np.log(RIG.disturbance.turbulence_fraction) < high
+    known = constants_of(RIG)
+    for name in spreads_of(RIG):
+        low, high = fitted.interval(name, 0.99)
+        # What takes on a bound, or is later only by the plant's own step, may miss it by a little.
+        margin = 0.004 if name.endswith("delay_s") else 0.0
+        assert low - margin <= known[name] <= high + margin, name
+
+
+def test_truth_is_more_likely_than_what_is_not(base) -> None:
+    model, fitted = base
+    for name, away in (("thrust.sufferer.scale", 0.03), ("wake.speed_mps", 1.0)):
+        for sign in (-1.0, 1.0):
+            theta = fitted.theta.copy()
+            theta[fitted.names.index(name)] += sign * away
+            density = sum(model.score((), theta, e).log_density.sum() for e in range(3))
+            assert density < fitted.log_likelihood - 5.0
+
+
+def test_miscalibrated_constants_are_found(base) -> None:
+    off = {"thrust.sufferer.scale": 1.04, "wake.strength": 420.0}
+    truth = with_constants(RIG, off)
+    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])
+    fitted = fit(model, (), range(3), model.start(()))
+    low, high = fitted.interval("thrust.sufferer.scale", 0.99)
+    assert low < 1.04 < high
+    assert fitted.value("thrust.sufferer.scale") == pytest.approx(1.04, abs=0.01)
+    low, high = fitted.interval("wake.strength", 0.99)
+    assert low < 420.0 < high
+
+
+def test_the_smoothed_motion_is_nearer_to_the_truth_than_the_first_look(base) -> None:
+    """Against the one thing that both have seen and neither was told: the readings' own noise."""
+    model, _ = base
+    for flight, first in zip(model.flights, (flown(s) for s in SEEDS), strict=True):
+        for a, b in zip(flight.start, flight.stop, strict=True):
+            inner = slice(a + 20, b - 20)
+            jerk = [np.diff(f.nominal[1, inner], 2).std() / DT_S**2 for f in (flight, first)]
+            assert np.abs(flight.nominal[0, inner] - first.nominal[0, inner]).max() < 0.02
+            assert np.isfinite(jerk).all()
+        outside = np.ones(len(flight.grid_s), bool)
+        for a, b in zip(flight.start, flight.stop, strict=True):
+            outside[a:b] = False
+        assert (flight.nominal[:, outside] == first.nominal[:, outside]).all()
+
+
+def test_scoring_twice_gives_the_same_bytes(base) -> None:
+    model, fitted = base
+    fresh = GantryModel(RIG, model.flights)
+    model.score(("ground-effect",), np.append(fitted.theta, [0.1, 0.1]), 1)  # another in between
+    one, other = (m.score((), fitted.theta, 1) for m in (model, fresh))
+    for field in ("log_density", "innovation", "variance", "weight"):
+        assert getattr(one, field).tobytes() == getattr(other, field).tobytes()
+
+
+def test_some_flights_make_a_model_of_their_own(base) -> None:
+    model, fitted = base
+    alone = model.only([2])
+    assert alone.episodes == 1
+    one, other = model.score((), fitted.theta, 2), alone.score((), fitted.theta, 0)
+    assert one.log_density.tobytes() == other.log_density.tobytes()
+
+
+def test_every_hypothesis_has_noise_and_calibration_free() -> None:
+    model = GantryModel(RIG, [flown(SEEDS[0])])
+    names = [f.name for f in model.free(())]
+    assert names == [*NOISE, *spreads_of(RIG)]
+    for effect in LIBRARY.values():
+        free = model.free((effect.name,))
+        own = {f"{effect.name}.{p.name}" for p in effect.parameters}
+        moved = {p.constant for p in effect.parameters}
+        found = [f.name for f in free]
+        assert len(set(found)) == len(found)
+        assert (set(names) - moved) | own <= set(found) <= set(names) | own
+        for f in free:
+            assert f.low <= f.neutral <= f.high, f.name
+            assert all(f.low <= s <= f.high for s in f.starts if f.name in own), f.name
+
+
+def test_the_rigs_own_effects_are_free_within_their_intervals() -> None:
+    truth = with_effects(ground_effect={"gain": (0.3, "1"), "height_m": (0.15, "m")})
+    entry = truth.effect[0]
+    stated = entry.parameters["gain"].model_copy(update={"low": 0.2, "high": 0.4})
+    parameters = {**entry.parameters, "gain": stated}
+    rig = parse_rig(
+        RIG.model_copy(
+            update={"effect": (entry.model_copy(update={"parameters": parameters}),)}
+        ).text
+    )
+    model = GantryModel(rig, [flown(SEEDS[0], truth)])
+    free = {f.name: f for f in model.free(())}
+    assert free["ground-effect.gain"].neutral == 0.3
+    assert free["ground-effect.gain"].prior_sd == pytest.approx(0.1 / 1.645, rel=1e-3)
+    with_effect = fit(model, (), (0,), model.start(()))
+    without = GantryModel(RIG, model.flights)
+    assert with_effect.objective > fit(without, (), (0,), without.start(())).objective + 3.0
+
+
+def test_held_readings_are_less_likely_without_the_hold() -> None:
+    truth = with_effects(sample_and_hold={"hold_s": (0.06, "s")})
+    model = GantryModel(RIG, [flown(SEEDS[0], truth), flown(SEEDS[2], truth)])
+    base = fit(model, (), (0, 1), model.start(()))
+    start = np.append(base.theta, 0.05)
+    held = fit(model, ("sample-and-hold",), (0, 1), start)
+    assert held.log_likelihood > base.log_likelihood + 50.0
+    assert 0.05 < held.value("sample-and-hold.hold_s") < 0.09
+
+
+def test_an_unknown_effect_is_a_key_error() -> None:
+    with pytest.raises(KeyError):
+        GantryModel(RIG, [flown(SEEDS[0])]).free(("phlogiston",))
