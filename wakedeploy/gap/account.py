@@ -208,7 +208,7 @@ def unit_of(channel: Mapping[str, Any]) -> str:
 def _judged_on(result: Mapping[str, Any]) -> str:
     sealed = texts(result.get("sealed"))
     if result.get("cross_validated"):
-        return "On the flights that it was fitted to, too few to keep one apart"
+        return "On the very flights that it was fitted to"
     if not sealed:
         return "In these flights"
     return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
@@ -278,6 +278,8 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
     told = []
     if entries(result.get("effects")) or gap_channel(result)[1].get("before_interval"):
         told.append("In brackets: 90 % intervals.")
+    if result.get("cross_validated"):
+        told.append("There were too few flights to seal any: the gap may look smaller than it is.")
     if _flights(result) == 1:
         told.append(
             "With a single flight nothing can be held out: a hint, not a finding. Fly more."

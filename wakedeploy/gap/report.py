@@ -62,7 +62,8 @@ PICTURES = (
     Picture(
         "maps_exogenous",
         "Where they disagree, against what was known beforehand: mean residual (line) and its 90 % "
-        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not.",
+        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A place "
+        "is listed above only if it exceeds what the model's approximations leave on this rig.",
         lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
     ),
     Picture(
@@ -74,7 +75,7 @@ PICTURES = (
     Picture(
         "replay",
         "Open-loop replay from filtered states: the error in height after each horizon, and the "
-        "error that the model expects of itself. Its noise is fitted to the same flights, so that a "
+        "error that the model expects of itself. Its noise is fitted to the same flights, so a "
         "missing effect raises both.",
         lambda steps: report_figures.draw_replay(steps.find),
     ),
@@ -94,8 +95,8 @@ PICTURES = (
     Picture(
         "confusion",
         "If the effect of a row is the truth, how much the best version of the effect of a column "
-        "loses on these flights, at the size found or else at its usual size. Below 3 nats (×) they "
-        "cannot be told apart; in a row full of × that effect would hardly show at all.",
+        "loses on these flights, at the size found or else at its usual size. Below 3 nats (×) "
+        "they cannot be told apart; in a row full of × that effect would hardly show at all.",
         lambda steps: report_figures.draw_confusion(steps.name),
     ),
     Picture(

@@ -81,11 +81,11 @@ def draw_ranking(name: Artefact) -> "Figure | None":
     drawn, grid = figures.figure(
         len(rounds), size=(_WIDTH_IN, sum(heights) + 0.3), squeeze=False, height_ratios=heights
     )
-    found = {str(e.get("name")) for e in entries(name.get("effects"))} | set(
-        texts(name.get("class"))
-    )
+    found = {str(e.get("name")) for e in entries(name.get("effects"))}
+    rivals = set(texts(name.get("class")))
     for axes, round_, ranking in zip(grid[:, 0], rounds, rankings, strict=True):
-        _round(axes, round_, ranking, found)
+        _round(axes, round_, ranking, found, rivals)
+    _threshold_legend(grid[0, 0])
     grid[-1, 0].set_xlabel("gain in held-out log density over the model so far [nats]")
     return drawn
 
@@ -117,8 +117,9 @@ def draw_gaps(show: Artefact) -> "Figure | None":
         len(channels), size=(_WIDTH_IN, 1.3 * len(channels)), squeeze=False
     )
     for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
-        levels = [_level(channel, "before", "before", BEFORE)]
-        if not unchanged(channel):
+        same = unchanged(channel)
+        levels = [_level(channel, "before", "as it is" if same else "before", BEFORE)]
+        if not same:
             closed = closed_words(channel)
             note = {"note": f"{closed} closed" if closed else ""}
             levels.append(_level(channel, "after", "after", AFTER) | note)
@@ -232,6 +233,8 @@ def _spread(value: Any, count: int) -> FloatArray:
 def _autocorrelation(
     axes: "Axes", whites: Sequence[tuple[Artefact, str, str]], samples: float
 ) -> None:
+    from matplotlib.ticker import MaxNLocator
+
     for white, colour, label in whites:
         lags, values = numbers(white.get("lags")), numbers(white.get("autocorrelation"))
         if len(lags) == len(values) > 0:
@@ -241,7 +244,7 @@ def _autocorrelation(
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     axes.set(xlabel="lag [samples]", ylabel="autocorrelation of innovations")
-    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
 
 
 def _samples(find: Artefact, use: str) -> float:
@@ -253,13 +256,31 @@ def _samples(find: Artefact, use: str) -> float:
     return float(np.nansum(counts)) if counts else 0.0
 
 
-def _round(axes: "Axes", round_: Artefact, ranking: Sequence[Artefact], found: set[str]) -> None:
-    """One round: a dot and an interval per effect, the best at the top."""
+def _threshold_legend(axes: "Axes") -> None:
+    if axes.get_legend_handles_labels()[0]:
+        figures.legend(axes, bbox_to_anchor=(1.0, 0.0), frameon=True, edgecolor="none")
+
+
+def _round(
+    axes: "Axes",
+    round_: Artefact,
+    ranking: Sequence[Artefact],
+    found: set[str],
+    rivals: set[str],
+) -> None:
+    """One round: a dot and an interval per effect, the best at the top.
+
+    A class's members count from the round in which the best one passed the threshold.
+    """
     threshold = number(round_.get("threshold_nats"))
     gains = np.array([number(each.get("gain_nats")) for each in ranking])
     ends = np.array([interval(each.get("interval")) for each in ranking])
     passes = gains >= threshold
-    chosen = [ok and str(c.get("name")) in found for ok, c in zip(passes, ranking, strict=True)]
+    any_passes = bool(passes.any())
+    chosen = [
+        (ok and str(c.get("name")) in found) or (any_passes and str(c.get("name")) in rivals)
+        for ok, c in zip(passes, ranking, strict=True)
+    ]
     colours = np.where(chosen, AFTER, np.where(passes, figures.MEASURED, figures.LIMIT))
     rows = np.arange(len(ranking))
     axes.hlines(rows, ends[:, 0], ends[:, 1], colors=list(colours), linewidth=2.2, alpha=0.45)
@@ -286,7 +307,6 @@ def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> N
     if not math.isnan(threshold):
         axes.axvline(threshold, color=figures.REFERENCE, linestyle="--", linewidth=1.0,
                      label=f"threshold, {threshold:.1f} nats")  # fmt: skip
-        figures.legend(axes, bbox_to_anchor=(1.0, 0.0), frameon=True, edgecolor="none")
 
 
 def _round_title(round_: Artefact, shown: int) -> str:

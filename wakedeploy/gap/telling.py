@@ -17,7 +17,7 @@ UNKNOWN = "–"
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
 _DIMENSIONLESS = ("", "1", "-", "–")
-_SIGNS = {"us": "µs", "^2": "²", "^3": "³"}
+_SIGNS = {r"\bus\b": "µs", r"\^2": "²", r"\^3": "³"}
 _UNIT_SUFFIX = re.compile(r"_(n_per_mps|n_per_m|s_per_m|per_s|per_m|m2ps|mps|us|s|m|n|kg|hz)$")
 
 
@@ -68,7 +68,7 @@ def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, st
 def signs(unit: str) -> str:
     """A unit as printed: `µs` for `us`, `m²/s` for `m^2/s`."""
     for plain, printed in _SIGNS.items():
-        unit = printed if unit == plain else unit.replace(plain, printed) if "^" in plain else unit
+        unit = re.sub(plain, printed, unit)
     return unit
 
 
