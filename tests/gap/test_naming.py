@@ -1,0 +1,240 @@
+"""What the workflow answers about effects that are hidden in the virtual gantry."""
+
+import json
+
+import numpy as np
+import pytest
+from recorded import RIG, SECONDS, changed, flown, with_effects
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.gap.close import Case, find, name
+from wakedeploy.gap.finding import find_places
+from wakedeploy.gap.flight import read_flights
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import fit
+from wakedeploy.gap.naming import (
+    CLASS_NATS,
+    MOST_IN_CLASS,
+    Answer,
+    Round,
+    Thresholds,
+    _without_idle,
+    detectable,
+    fitted_base,
+    name_effects,
+)
+from wakedeploy.gap.ranking import Candidate
+
+# About what this rig's own simulations give; see `threshold`.
+LIMITS = Thresholds(6.0, 8.0, 36.0, 0.02, 0.02, 0.003)
+SEEDS = (51, 52, 53)
+TRIED = ("command-latency", "coulomb-friction", "ground-effect", "range-scale")
+STRONG = {
+    "ground-effect": {"gain": (0.3, "1"), "height_m": (0.15, "m")},
+    "command-latency": {"latency_s": (0.03, "s")},
+    "coulomb-friction": {"coulomb_n": (0.3, "N")},
+}
+
+
+def answered(*names: str, hook=None, seeds=SEEDS) -> Answer:
+    """The answer about flights in which these effects, or a force, are hidden."""
+    truth = with_effects(**{n.replace("-", "_"): STRONG[n] for n in names}) if names else RIG
+    model = GantryModel(RIG, [flown(seed, truth, hook) for seed in seeds])
+    return name_effects(RIG, model, LIMITS, candidates=TRIED)
+
+
+@pytest.fixture(scope="module")
+def ground() -> Answer:
+    return answered("ground-effect")
+
+
+@pytest.fixture(scope="module")
+def nothing() -> Answer:
+    return answered()
+
+
+def test_nothing_is_missing_where_nothing_is_hidden(nothing) -> None:
+    assert nothing.verdict == "none"
+    assert nothing.effects == nothing.members == ()
+    assert nothing.unknown is None
+    assert nothing.rounds[0].given == ()
+    assert nothing.rounds[0].ranking[0].gain_nats < LIMITS.effect_nats
+    assert nothing.white.statistic < LIMITS.whiteness
+
+
+def holds_truth(answer: Answer, effect: str) -> None:
+    """The truth lies in the 99 % interval of each parameter, and the 90 % one is inside that."""
+    for parameter, (truth, _) in STRONG[effect].items():
+        value, low, high = answer.interval(effect, parameter)
+        widest = answer.fit.interval(f"{effect}.{parameter}", 0.99)
+        assert widest[0] <= low <= value <= high <= widest[1]
+        assert widest[0] <= truth <= widest[1], (effect, parameter, value)
+
+
+@pytest.mark.parametrize(
+    "effect", ["command-latency", pytest.param("coulomb-friction", marks=pytest.mark.slow)]
+)
+def test_a_strong_effect_is_named_with_its_size(effect: str) -> None:
+    answer = answered(effect)
+    assert answer.verdict == "named"
+    assert answer.effects == (effect,)
+    holds_truth(answer, effect)
+
+
+@pytest.mark.slow
+def test_an_effect_of_two_parameters_is_named_with_both(ground) -> None:
+    assert ground.verdict == "named"
+    assert ground.effects == ("ground-effect",)
+    holds_truth(ground, "ground-effect")
+    assert all(set(searched.given) <= {"ground-effect"} for searched in ground.rounds)
+
+
+@pytest.mark.slow
+def test_two_effects_are_found_together() -> None:
+    answer = answered("command-latency", "ground-effect")
+    assert answer.verdict == "named"
+    assert set(answer.effects) == {"command-latency", "ground-effect"}
+    holds_truth(answer, "command-latency")
+    holds_truth(answer, "ground-effect")
+
+
+def beyond_the_library(t_s, state) -> float:
+    """A force [N] that depends on the source and the carriage together."""
+    return 0.15 * state["source_thrust_n"] * state["x_m"]
+
+
+def test_a_force_that_is_no_known_effect_is_unknown_with_its_coordinates() -> None:
+    answer = answered(hook=beyond_the_library)
+    assert answer.verdict == "unknown"
+    assert answer.effects == ()
+    assert answer.unknown is not None
+    assert "x_m" in answer.unknown.coordinates
+    assert set(answer.unknown.coordinates) <= {"x_m", "source_n"}
+    assert answer.unknown.gain_nats > LIMITS.expression_nats
+
+
+def test_one_flight_alone_never_names() -> None:
+    answer = answered("command-latency", seeds=SEEDS[:1])
+    assert answer.verdict != "named"
+    assert len(answer.members) <= MOST_IN_CLASS
+
+
+@pytest.mark.slow
+def test_an_effect_that_the_others_make_superfluous_is_dropped(ground) -> None:
+    model = ground.model
+    both = ("range-scale", "ground-effect")
+    needless = fit(model, both, range(3), model.start(both))
+    kept = _without_idle(model, needless)
+    assert kept.hypothesis == ("ground-effect",)
+    assert kept.value("ground-effect.gain") == pytest.approx(
+        ground.fit.value("ground-effect.gain"), rel=0.1
+    )
+
+
+@pytest.mark.slow
+def test_effects_that_are_needed_are_kept() -> None:
+    model = GantryModel(
+        RIG,
+        [
+            flown(
+                s,
+                with_effects(
+                    command_latency=STRONG["command-latency"], ground_effect=STRONG["ground-effect"]
+                ),
+            )
+            for s in SEEDS
+        ],
+    )
+    both = ("command-latency", "ground-effect")
+    near, base = fitted_base(model)
+    start = np.array(
+        [
+            dict(zip(base.names, base.theta, strict=True)).get(f.name, f.starts[-1])
+            for f in near.free(both)
+        ]
+    )
+    needed = fit(near, both, range(3), start)
+    assert _without_idle(near, needed).hypothesis == both
+
+
+def candidates(**gains: float) -> tuple[Candidate, ...]:
+    """Candidates with these gains, best first."""
+    made = [Candidate(n, None, np.array([g])) for n, g in gains.items()]  # type: ignore[arg-type]
+    return tuple(sorted(made, key=lambda c: -c.gain_nats))
+
+
+def test_a_class_holds_what_is_within_three_nats_of_the_best() -> None:
+    searched = Round((), candidates(a=30.0, b=30.1 - CLASS_NATS, c=29.9 - CLASS_NATS))
+    assert [c.name for c in searched.rivals] == ["a", "b"]
+    many = Round((), candidates(a=30.0, b=29.9, c=29.8, d=29.7))
+    assert [c.name for c in many.rivals] == ["a", "b", "c"]
+
+
+def test_confidence_is_shared_with_nothing_and_the_rivals() -> None:
+    searched = Round((), candidates(a=2.0, b=1.0))
+    total = 1.0 + np.exp(2.0) + np.exp(1.0)
+    shares = [searched.confidence(c) for c in searched.ranking]
+    assert shares == pytest.approx([np.exp(2.0) / total, np.exp(1.0) / total])
+    assert Round((), candidates(a=2000.0)).confidence(candidates(a=2000.0)[0]) == 1.0
+
+
+def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -> None:
+    sizes = detectable(nothing)
+    for effect, parameter in (("command-latency", "latency_s"), ("coulomb-friction", "coulomb_n")):
+        told = sizes[effect]
+        assert told["parameter"] == parameter
+        assert 0.0 < told["size"] < STRONG[effect][parameter][0]
+
+
+def written(tmp_path, variant: str):
+    """Flights with a hidden effect, read from files whose truth is there, gone, or nonsense."""
+    truth = with_effects(command_latency=STRONG["command-latency"])
+    paths = []
+    for seed in SEEDS[:2]:
+        log = record(truth, seconds=SECONDS, seed=seed, model_rig=RIG)
+        if variant == "without":
+            log = log.without_truth()
+        if variant == "nonsense":
+            columns = {n: -v for n, v in log.columns.items() if n.startswith("true_")}
+            log = changed(log, **columns)
+        (tmp_path / variant).mkdir(exist_ok=True)
+        paths.append(tmp_path / variant / f"{seed}.mcap")
+        log.write_mcap(paths[-1])
+    return read_flights(paths, RIG)
+
+
+def told(flights) -> str:
+    """Everything that find and name say about flights, as text."""
+    model, base = fitted_base(GantryModel(RIG, flights))
+    answer = name_effects(RIG, GantryModel(RIG, flights), LIMITS, candidates=TRIED[:2])
+    named = {
+        "verdict": answer.verdict,
+        "effects": answer.effects,
+        "gains": [[(c.name, c.gain_nats) for c in r.ranking] for r in answer.rounds],
+        "theta": answer.fit.theta.tolist(),
+        "intervals": [answer.fit.interval(n) for n in answer.fit.names],
+        "white": answer.white.as_json(LIMITS.whiteness),
+    }
+    return json.dumps([find_places(model, base, LIMITS.whiteness, LIMITS.places), named])
+
+
+def test_truth_in_the_logs_makes_no_difference_in_any_byte(tmp_path) -> None:
+    with_truth, nonsense = (told(written(tmp_path, v)) for v in ("with", "nonsense"))
+    assert "command-latency" in with_truth
+    assert nonsense == with_truth
+
+
+@pytest.mark.slow
+def test_the_artefacts_are_the_same_without_the_truth(tmp_path) -> None:
+    """The whole library, through the files; only file hashes and times taken may differ."""
+    texts = []
+    for variant in ("with", "without"):
+        flights = written(tmp_path, variant)
+        case, out = Case(RIG, tuple(flights), (), LIMITS), tmp_path / f"{variant}.out"
+        found = find(case, out)
+        named, _ = name(case, out)
+        named.pop("seconds")
+        found.pop("logs")
+        found.pop("split")
+        texts.append(json.dumps([found, named]))
+    assert texts[0] == texts[1]
