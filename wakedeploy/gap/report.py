@@ -62,8 +62,8 @@ PICTURES = (
     Picture(
         "maps_exogenous",
         "Where they disagree, against what was known beforehand: mean residual (line) and its 90 % "
-        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A place "
-        "is listed above only if it exceeds what the model's approximations leave on this rig.",
+        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A "
+        "place is listed only if it exceeds what the model's approximations leave on this rig.",
         lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
     ),
     Picture(

@@ -1,0 +1,143 @@
+"""The four steps over files: artefacts agree; foreign and stale ones are refused."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import sha256_of
+from wakedeploy.gap.close import Case, add, close, find, name, open_case, result, show_gap
+from wakedeploy.gap.naming import Thresholds
+from wakedeploy.gap.steps import forget, prepare, read_steps, require
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.rig import default_rig, read_rig
+from wakedeploy.runlog_mcap import write_mcap
+
+THRESHOLDS = Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003)
+GAP_KEYS = {"before", "after", "noise_floor", "unit", "closed"}
+
+
+@pytest.fixture(scope="module")
+def world(tmp_path_factory):
+    """Three short flights of motors that lag, and a rig file that says they do not."""
+    folder = tmp_path_factory.mktemp("world")
+    truth = default_rig()
+    rig = truth.without("spool")
+    rig.write(folder / "rig.toml")
+    logs = [folder / f"flight{i}.mcap" for i in range(3)]
+    for i, log in enumerate(logs):
+        write_mcap(record(truth, seconds=12, seed=40 + i, model_rig=rig), log)
+    return folder / "rig.toml", logs
+
+
+@pytest.fixture(scope="module")
+def closed(world, tmp_path_factory):
+    out = tmp_path_factory.mktemp("closed")
+    rig_path, logs = world
+    return out, close(rig_path, logs, out, report=False, thresholds=THRESHOLDS)
+
+
+def content(out: Path, step: str):
+    return json.loads((out / f"{step}.json").read_text("utf-8"))
+
+
+def test_the_result_has_the_promised_shape_and_the_librarys_names(closed):
+    out, told = closed
+    assert told == content(out, "result")
+    assert told["verdict"] in ("named", "class")
+    assert {"where", "gap", "placebo", "plan"} <= set(told)
+    for effect in told["effects"]:
+        units = {p.name: p.unit for p in LIBRARY[effect["name"]].parameters}
+        assert {n: p["unit"] for n, p in effect["parameters"].items()} == units
+        assert 0.0 <= effect["confidence"] <= 1.0
+        for p in effect["parameters"].values():
+            assert p["low"] <= p["value"] <= p["high"]
+    for place in told["where"]:
+        assert {"channel", "coordinate", "low", "high", "residual", "unit", "q_value"} <= set(place)
+    for gap in told["gap"].values():
+        assert set(gap) == GAP_KEYS
+        assert gap["after"] < gap["before"]
+
+
+def test_the_last_flight_is_sealed_and_the_rig_file_is_new(world, closed):
+    (rig_path, logs), (out, told) = world, closed
+    assert content(out, "find")["split"] == {
+        "fit": [str(log) for log in logs[:2]], "sealed": [str(logs[2])]
+    }  # fmt: skip
+    corrected = read_rig(out / "rig.toml")
+    assert [e.name for e in corrected.effect] == [e["name"] for e in told["effects"]]
+    assert corrected.sha256 == content(out, "add")["new_sha256"]
+    assert read_rig(rig_path).effect == ()
+
+
+@pytest.mark.slow
+def test_the_steps_one_by_one_show_what_close_shows(world, closed, tmp_path):
+    rig_path, logs = world
+    case = open_case(rig_path, logs, thresholds=THRESHOLDS)
+    find(case, tmp_path)
+    name(case, tmp_path)
+    add(case, tmp_path)
+    show_gap(case, tmp_path)
+    told = result(case, tmp_path)
+    for channel, gap in closed[1]["gap"].items():
+        for key in ("before", "after", "noise_floor"):
+            assert told["gap"][channel][key] == pytest.approx(gap[key], rel=0.01)
+
+
+def test_no_step_goes_on_from_other_logs_or_before_its_turn(world, closed, tmp_path):
+    rig_path, logs = world
+    case = open_case(rig_path, logs, thresholds=THRESHOLDS)
+    with pytest.raises(UnusableInput, match="run `wakedeploy gap find`"):
+        name(case, tmp_path)
+    for step in (add, show_gap):
+        with pytest.raises(UnusableInput, match="run `wakedeploy gap name`"):
+            step(case, tmp_path)
+    other = Case(case.rig, case.flights, (), THRESHOLDS)
+    for step in (name, add, show_gap):
+        with pytest.raises(UnusableInput, match="other logs"):
+            step(other, closed[0])
+    with pytest.raises(UnusableInput, match="other logs"):
+        require(closed[0], "find", "another rig", case.recordings)
+
+
+def test_an_unusable_log_leaves_an_earlier_run_as_it_was(world, closed, tmp_path):
+    out = closed[0]
+    before = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
+    (tmp_path / "empty.csv").write_text("", encoding="utf-8")
+    with pytest.raises(UnusableInput):
+        close(world[0], [tmp_path / "empty.csv"], out, thresholds=THRESHOLDS)
+    assert {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()} == before
+
+
+def test_the_rig_file_given_is_never_written_over(world, tmp_path):
+    rig_path, logs = world
+    with pytest.raises(UnusableInput, match="would overwrite"):
+        close(rig_path, logs, rig_path.parent, thresholds=THRESHOLDS)
+    (tmp_path / "file").write_text("x", encoding="utf-8")
+    with pytest.raises(UnusableInput, match="cannot be written"):
+        prepare(tmp_path / "file" / "below", rig_path)
+
+
+def test_forgetting_takes_the_workflows_own_rig_file_and_no_other(tmp_path):
+    rig = tmp_path / "rig.toml"
+    for written, stays in ((b"by add", False), (b"by hand", True)):
+        rig.write_bytes(written)
+        for step in ("find", "name", "show"):
+            (tmp_path / f"{step}.json").write_text("{}", encoding="utf-8")
+        told = {"new_sha256": sha256_of(b"by add")}
+        (tmp_path / "add.json").write_text(json.dumps(told), encoding="utf-8")
+        forget(tmp_path, "name")
+        assert rig.exists() is stays
+        assert sorted(p.name for p in tmp_path.glob("*.json")) == ["find.json"]
+
+
+def test_what_can_come_next_follows_from_what_is_there(tmp_path):
+    (tmp_path / "find.json").write_text('{"sentence": "x"}', encoding="utf-8")
+    assert (read_steps(tmp_path).missing, read_steps(tmp_path).option) == ("name", "")
+    unknown = {"verdict": "unknown", "unknown": {"expression": "c1*x_m"}}
+    (tmp_path / "name.json").write_text(json.dumps(unknown), encoding="utf-8")
+    assert (read_steps(tmp_path).missing, read_steps(tmp_path).option) == (
+        "add", " --from-symbolic"
+    )  # fmt: skip
