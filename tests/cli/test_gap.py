@@ -1,0 +1,133 @@
+"""`wakedeploy gap` as a person meets it: wrong input in one sentence, Ctrl-C without loss."""
+
+import csv
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+
+from wakedeploy.cli import main
+from wakedeploy.domains.gantry import record
+from wakedeploy.gap.naming import Thresholds
+from wakedeploy.gap.threshold import _cache_path
+from wakedeploy.rig import default_rig
+from wakedeploy.runlog import RunLog
+from wakedeploy.runlog_csv import write_csv
+
+STEPS = ("close", "find", "name", "add", "show")
+
+
+@pytest.fixture(scope="module")
+def log() -> RunLog:
+    return record(default_rig(), seconds=12, seed=7)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, log: RunLog, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A rig file with its thresholds known, one flight, and nothing else."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    rig = default_rig()
+    rig.write(tmp_path / "rig.toml")
+    cached = _cache_path(rig)
+    cached.parent.mkdir(parents=True)
+    cached.write_text(json.dumps(asdict(Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003))))
+    write_csv(log, tmp_path / "flight.csv")
+    return tmp_path
+
+
+def gap(
+    folder: Path, step: str, *logs: str, out: str = "out", more: tuple[str, ...] = ()
+) -> Result:
+    measured = [str(folder / name) for name in logs]
+    given = ["--rig", str(folder / "rig.toml"), "--measured", *measured, "--out", str(folder / out)]
+    return CliRunner().invoke(main, ["gap", step, *given, *more])
+
+
+def refused(told: Result, words: str) -> None:
+    """Exit 2 and one sentence that says it, no traceback."""
+    assert told.exit_code == 2, told.output
+    assert words in told.stderr
+    assert "Traceback" not in told.output
+    assert "unexpected" not in told.stderr
+
+
+def test_every_command_explains_itself() -> None:
+    listed = CliRunner().invoke(main, ["gap", "--help"]).output
+    for step in (*STEPS, "plan", "power", "demo", "benchmark", "export", "domain"):
+        assert f"  {step} " in listed
+        told = CliRunner().invoke(main, ["gap", step, "--help"])
+        assert told.exit_code == 0
+        assert f"wakedeploy gap {step} " in told.output  # an example to copy
+
+
+def without(log: RunLog, folder: Path, column: str) -> None:
+    write_csv(log, folder / "bad.csv")
+    rows = list(csv.reader((folder / "bad.csv").read_text("utf-8").splitlines()))
+    at = rows[0].index(column)
+    lines = [",".join(row[:at] + row[at + 1 :]) for row in rows]
+    (folder / "bad.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def changed(log: RunLog, folder: Path, column: str, values: object) -> None:
+    write_csv(RunLog({**log.columns, column: values}, dict(log.metadata)), folder / "bad.csv")
+
+
+@pytest.mark.parametrize("column", ["t_s", "mode", "range_m", "steps"])
+def test_a_log_that_lacks_a_column_is_refused_by_its_name(
+    folder: Path, log: RunLog, column: str
+) -> None:
+    without(log, folder, column)
+    refused(gap(folder, "find", "bad.csv"), f"lacks the column(s) {column}")
+
+
+def test_broken_flights_are_refused_with_the_reason(folder: Path, log: RunLog) -> None:
+    count = len(log["t_s"])
+    later = log["t_s"] + 2.0 * (np.arange(count) > count // 2)
+    for column, values, words in (
+        ("t_s", later, "the clock jumps by 2.03 s"),
+        ("t_s", 2 * log["t_s"][count // 2] - later, "does not rise"),
+        ("range_m", np.full(count, 0.3), "range_m is constant"),
+        ("range_m", np.full(count, np.nan), "only 0 fresh range samples"),
+        ("sufferer_cmd_us", np.full(count, 1500.0), "sufferer_cmd_us is constant"),
+    ):
+        changed(log, folder, column, values)
+        refused(gap(folder, "find", "bad.csv"), words)
+    for ticks, words in ((20, "only 20 ticks"), (90, "never flew"), (200, "s in the air")):
+        write_csv(log.select(slice(0, ticks)), folder / "bad.csv")
+        refused(gap(folder, "find", "bad.csv"), words)
+
+
+def test_wrong_files_and_arguments_are_refused(folder: Path) -> None:
+    (folder / "empty.csv").write_text("", encoding="utf-8")
+    refused(gap(folder, "close", "empty.csv"), "is empty")
+    refused(gap(folder, "close", "missing.mcap"), "there is no such run log")
+    refused(gap(folder, "close", "flight.csv", "flight.csv"), "the same recording more than once")
+    refused(gap(folder, "close"), "Missing option '--measured'")
+    refused(gap(folder, "close", "flight.csv", out="."), "would overwrite the rig file")
+    refused(gap(folder, "close", "flight.csv", out="rig.toml/below"), "cannot be written to")
+    both = ("--effect", "stiction", "--from-symbolic")
+    refused(gap(folder, "add", "flight.csv", more=both), "exclude each other")
+    default_rig().changed(limits={"slew_us_per_s": 900.0}).write(folder / "rig.toml")
+    refused(gap(folder, "find", "flight.csv", out="o"), "[limits] in its metadata differs")
+
+
+def test_steps_out_of_order_say_which_one_comes_first(folder: Path) -> None:
+    refused(gap(folder, "name", "flight.csv"), "run `wakedeploy gap find` first")
+    refused(gap(folder, "add", "flight.csv"), "run `wakedeploy gap name` first")
+    refused(gap(folder, "show", "flight.csv"), "run `wakedeploy gap name` first")
+
+
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wakedeploy.gap.close.name", interrupted)
+    told = gap(folder, "close", "flight.csv")
+    assert told.exit_code == 130
+    assert "go on with `wakedeploy gap name`" in told.stderr
+    assert json.loads((folder / "out" / "find.json").read_text("utf-8"))["maps"]
