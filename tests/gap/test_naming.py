@@ -91,10 +91,10 @@ def test_an_effect_of_two_parameters_is_named_with_both(ground) -> None:
 
 @pytest.mark.slow
 def test_two_effects_are_found_together() -> None:
-    answer = answered("command-latency", "ground-effect")
+    answer = answered("coulomb-friction", "ground-effect")
     assert answer.verdict == "named"
-    assert set(answer.effects) == {"command-latency", "ground-effect"}
-    holds_truth(answer, "command-latency")
+    assert set(answer.effects) == {"coulomb-friction", "ground-effect"}
+    holds_truth(answer, "coulomb-friction")
     holds_truth(answer, "ground-effect")
 
 
@@ -139,13 +139,14 @@ def test_effects_that_are_needed_are_kept() -> None:
             flown(
                 s,
                 with_effects(
-                    command_latency=STRONG["command-latency"], ground_effect=STRONG["ground-effect"]
+                    coulomb_friction=STRONG["coulomb-friction"],
+                    ground_effect=STRONG["ground-effect"],
                 ),
             )
             for s in SEEDS
         ],
     )
-    both = ("command-latency", "ground-effect")
+    both = ("coulomb-friction", "ground-effect")
     near, base = fitted_base(model)
     start = np.array(
         [
