@@ -165,9 +165,7 @@ def driven(c: Any, s: Any, source_us: Any, sufferer_us: Any, k: int, dt_s: float
     s.source_speed = spooled(before, s.source_target, c.source_up_s, c.source_down_s, dt_s)
     s.source_n = mean_thrust(before, s.source_speed, c.source_up_s, c.source_down_s)
     before = s.sufferer_speed
-    s.sufferer_speed = spooled(
-        before, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s
-    )
+    s.sufferer_speed = spooled(before, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s)
     s.sufferer_n = mean_thrust(before, s.sufferer_speed, c.sufferer_up_s, c.sufferer_down_s)
     return s
 

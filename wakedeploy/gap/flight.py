@@ -32,9 +32,11 @@ SETTLING_S = 0.3  # of each stretch: the filter finds its speed
 SHORTEST_S = 4.0  # of airborne time, to say anything
 _SHORTEST_STRETCH_S = 1.5
 _LONGEST_GAP_S = 0.5
+_GAP_S = 0.1  # between samples
 _JUMP_S = 0.25  # a clock that jumps by more between ticks is not one run
 _FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
+_AT_REST = ("ARMED", "DISARMED")
 OUTLIER = np.array([0.01, 0.1**2])  # probability, and variance [m²] of what strays
 
 
@@ -94,8 +96,9 @@ class Flight:
 
     @functools.cached_property
     def spacing_s(self) -> float:
-        """Time between fresh samples [s], the usual one."""
-        return float(np.median(np.diff(self.sample_s)))
+        """Mean time between fresh samples [s], gaps apart."""
+        between = np.diff(self.sample_s)
+        return float(between[between < _GAP_S].mean())
 
     @property
     def airborne_s(self) -> float:
@@ -127,6 +130,9 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     flying = np.isin(log["mode"], FLYING)
     if flying.sum() < 2:
         raise UnusableInput(f"{name}: it never flew (no tick is RUNNING or DEGRADED).")
+    for column in ("steps", "source_cmd_us", "sufferer_cmd_us"):
+        if not np.isfinite(log[column][flying]).any():
+            raise UnusableInput(f"{name}: {column} is empty; nothing can be simulated without it.")
     begin_s, end_s = t_s[0], t_s[-1]
     grid_s = begin_s + DT_S * np.arange(int((end_s - begin_s) * GRID_HZ))
     sample_s, reading_m, fresh = _samples(log, name)
@@ -324,7 +330,10 @@ def _rests(
     """Mean, variance and mean time (r, 3) of the readings at rest before and after the flight."""
     first, last = t_s[flying][0], t_s[flying][-1]
     rests = []
-    for chosen in (sample_s < first - 0.05, sample_s > last + 0.5):
+    # A failsafe may end in the air: only rests that the board confirms are rests.
+    landed = np.isin(log["mode"][t_s > last], _AT_REST).all()
+    after = sample_s > (last + 0.5 if landed else np.inf)
+    for chosen in (sample_s < first - 0.05, after):
         if chosen.sum() >= 20:
             read = _censored_mean(reading_m[chosen])
             if read is not None:
@@ -375,7 +384,7 @@ def _require_content(flight: Flight, log: RunLog, flying: npt.NDArray[np.bool_])
             "are needed, 20 s are good."
         )
     commands = log["sufferer_cmd_us"][flying]
-    if np.nanstd(flight.reading_m) == 0.0:
+    if np.ptp(flight.reading_m) == 0.0:
         raise UnusableInput(f"{flight.name}: range_m is constant; the sensor was not working.")
     if np.nanstd(commands) == 0.0:
         raise UnusableInput(f"{flight.name}: sufferer_cmd_us is constant; nothing was controlled.")

@@ -149,7 +149,8 @@ class Physics:
         self, constants: Constants, effects: Active, source_n: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Vertical air speed [m/s] at the nominal height and its slope [1/s], (N,) each."""
-        names = [n for n in constants if n.startswith("wake.")]
+        # The air's speed is linear in the strength, which therefore needs no new sum over puffs.
+        names = [n for n in constants if n.startswith("wake.") and n != "wake.strength"]
         moving = tuple(_overriding(effects, "wake_offset_m"))
         key = (id(source_n), *(constants[n] for n in names), _key(moving))
 
@@ -160,8 +161,12 @@ class Physics:
                 offset = offset + effect.wake_offset_m(values, motion, self._setting)
             return self._jet(constants, source_n, self._flight.x_m - offset)
 
-        kept = self._remembered("wake", key, lambda: (compute(), source_n))
-        return kept[0]
+        air, _ = self._remembered("air", key, lambda: (compute(), source_n))
+        strength = constants["wake.strength"]
+        wake, _ = self._remembered(
+            "wake", (id(air), strength), lambda: ((strength * air[0], strength * air[1]), air)
+        )
+        return wake
 
     def _jet(
         self, constants: Constants, source_n: FloatArray, x_m: FloatArray
@@ -187,7 +192,7 @@ class Physics:
             constants["wake.speed_exponent"],
             constants["wake.diffusivity_m2ps"],
             constants["wake.decay_per_s"],
-            constants["wake.strength"],
+            1.0,
             constants["wake.width_m"],
             min(puffs, count),
         )

@@ -21,8 +21,8 @@ Hypothesis = tuple[str, ...]
 
 _ITERATIONS = 12
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
-_ENOUGH_NATS = 0.02  # a step that promises less ends a fit
-_SETTLED_NATS = 0.5  # below this a step keeps the slopes of the parameters that hardly moved
+_ENOUGH_NATS = 0.05  # a step that promises less ends a fit
+_SETTLED_NATS = 2.0  # below this a step keeps the slopes of the parameters that hardly moved
 
 
 @dataclass(frozen=True)

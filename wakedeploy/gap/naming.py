@@ -29,6 +29,7 @@ Progress = Callable[[str], None]
 CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
 MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
+FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
@@ -120,7 +121,7 @@ def name_effects(
     progress: Progress = lambda _: None,
     candidates: Sequence[str] | None = None,
 ) -> Answer:
-    """Find, refit, drop, and decide. One flight alone is never enough for a name."""
+    """Find, refit, drop, and decide. One or two flights are never enough for a name."""
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
@@ -220,7 +221,7 @@ def _verdict(
         rivals = searched.rivals
         if len(rivals) > 1:
             return "class", tuple(c.name for c in rivals)
-    if flights == 1:
+    if flights < FEWEST_FLIGHTS:
         return "class", tuple(c.name for c in rounds[0].ranking[:MOST_IN_CLASS])
     return "named", ()
 

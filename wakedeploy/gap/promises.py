@@ -10,6 +10,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Score, extended
+from wakedeploy.gap.ranking import BENT_NATS
 
 _BENT_SD = 1.5
 _NO_SLOPE_NATS = 1e-9
@@ -32,8 +33,10 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     """Names without those whose slopes at the neutral point promise less than `least_nats`.
 
     Kept in any case: effects without a slope there, and those that move a calibrated constant
-    which the fit has bent.
+    which the fit has bent; all of them where it has bent its calibration on the whole.
     """
+    if base.log_prior < BENT_NATS:
+        return list(names)
     bent = {
         f.quantity
         for f, value in zip(base.free, base.theta, strict=True)

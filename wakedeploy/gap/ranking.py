@@ -26,10 +26,11 @@ from wakedeploy.gap.inference import (
 )
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
-_MOST_CONTENDERS = 5
-_BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
-_MOST_UNBENT = 4  # candidates that are also fitted from unbent constants
-_ROW = (-1.0, -0.6, -0.3, -0.15, 0.15, 0.3, 0.6, 1.0, 1.6)  # sizes tried, in widths of the prior
+_MOST_CONTENDERS = 4
+BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
+_MOST_UNBENT = 3  # candidates that are also fitted from unbent constants
+_GLANCED_AT = 2  # flights are enough to choose a start
+_ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -72,15 +73,18 @@ def rank(
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
-    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
+    to the end, if they gain at least `least_nats` on the episodes that they are fitted to. With a
+    single episode nothing can be held out; a gain is then one of likelihood less one nat a
+    parameter (Akaike 1974).
     """
-    reference = held_out(model, base)
+    if len(base.episodes) > 1:
+        reference = held_out(model, base)
     rough = []
     for name in candidates:
         rough.append(_rough(model, base, name))
         if progress is not None:
             progress(name)
-    if base.log_prior < _BENT_NATS:
+    if base.log_prior < BENT_NATS:
         rough = _from_calibration(model, base, candidates, rough)
     best = max((f.objective for f in rough), default=0.0)
     least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
@@ -88,13 +92,19 @@ def rank(
     near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
     for i in near:
         rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
-    ranked = [
-        Candidate(
-            name, fitted, held_out(model, fitted) - reference, fitted.log_prior - base.log_prior
-        )
-        for name, fitted in zip(candidates, rough, strict=True)
-    ]
+    ranked = []
+    for name, fitted in zip(candidates, rough, strict=True):
+        if len(base.episodes) > 1:
+            gains = held_out(model, fitted) - reference
+        else:
+            gains = fitted.per_episode - base.per_episode - _own_count(fitted, name)
+        ranked.append(Candidate(name, fitted, gains, fitted.log_prior - base.log_prior))
     return sorted(ranked, key=lambda c: -c.gain_nats)
+
+
+def _own_count(fitted: Fit, name: str) -> int:
+    """How many parameters an effect has: what it gains by being fitted to one flight alone."""
+    return sum(n.startswith(f"{name}.") for n in fitted.names)
 
 
 def confusion(
@@ -126,19 +136,30 @@ def confusion(
 
 
 def information(model: Model, base: Fit, name: str) -> FloatArray:
-    """Fisher information of an effect's own parameters (k, k), nuisances readjusted.
+    """Fisher information of an effect's own parameters (k, k), everything free readjusted.
 
-    At the neutral point, by its starts: half of it times a size squared is what an effect of that
-    size gains [nats].
+    At the point where the effect is not there: half of it times a size squared is what an effect of
+    that size gains [nats]. An effect that moves a calibrated constant is seen against its prior.
     """
-    _, span = _signature(model, base, name, None)
     hypothesis = (*base.hypothesis, name)
-    free = [f for f in model.free(hypothesis) if f.name.startswith(f"{name}.")]
-    sizes = np.array([f.starts[-1] - f.neutral or f.step for f in free])
+    free = model.free(hypothesis)
+    theta = extended(base, free)
+    whitened = _whitened(base.slopes)
+    calibrated = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
+    columns = []
+    for i, f in enumerate(free):
+        if not f.name.startswith(f"{name}."):
+            continue
+        if f.quantity in calibrated:
+            columns.append(whitened[:, calibrated[f.quantity]])
+            continue
+        moved = theta.copy()
+        moved[i] += f.step
+        columns.append(_change(model, base, hypothesis, moved) / f.step)
+    span = np.stack(columns, axis=1)
     prior = np.sqrt(prior_precision(base.free))
-    columns = np.vstack([_whitened(base.slopes), np.diag(prior)])
-    q, _ = np.linalg.qr(columns)
-    padded = np.vstack([span / sizes, np.zeros((len(prior), len(sizes)))])
+    q, _ = np.linalg.qr(np.vstack([whitened, np.diag(prior)]))
+    padded = np.vstack([span, np.zeros((len(prior), span.shape[1]))])
     rest = padded - q @ (q.T @ padded)
     return np.asarray(rest.T @ rest)
 
@@ -183,13 +204,18 @@ def _unbent(model: Model, base: Fit, name: str) -> tuple[FloatArray, float]:
         if f.quantity:
             plain[i] = f.neutral
     best, reached = plain, -np.inf
-    for share in _ROW:
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
         theta = plain.copy()
-        for i, f in enumerate(free):
-            if f.name.startswith(f"{name}."):
-                theta[i] = np.clip(f.neutral + share * f.prior_sd, f.low, f.high)
-        density = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
-        objective = float(density) + log_prior(free, theta)
+        for i in own:
+            sizes = (
+                *free[i].starts,
+                *(free[i].neutral + share * free[i].prior_sd for share in _ROW),
+            )
+            theta[i] = np.clip(sizes[min(k, len(sizes) - 1)], free[i].low, free[i].high)
+        some = base.episodes[:_GLANCED_AT]
+        density = sum(float(model.score(hypothesis, theta, e).log_density.sum()) for e in some)
+        objective = density * len(base.episodes) / len(some) + log_prior(free, theta)
         if objective > reached:
             best, reached = theta, objective
     return best, reached

@@ -8,6 +8,7 @@ threshold therefore belongs to a rig and cannot be chosen.
 
 import json
 import os
+import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass
@@ -85,7 +86,9 @@ def simulate(
     """Fly and search `sets` times; deterministic by seed."""
     jobs = [(rig.text, first_seed + 1000 * i) for i in range(sets)]
     results = []
-    with ProcessPoolExecutor(max_workers=workers) as pool:
+    # Workers end at once when interrupted; the parent says so.
+    defaults = (signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
         for result in pool.map(_null_set, jobs):
             results.append(result)
             if progress is not None:

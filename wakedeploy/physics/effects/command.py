@@ -10,7 +10,16 @@ class CommandLatency(Effect):
     physics = "A command reaches the ESCs later than the link's round trip tells."
     stage = "command"
     parameters = (
-        Parameter("latency_s", "s", scale=0.02, low=0.0, high=0.15, constant="command.delay_s"),
+        Parameter(
+            "latency_s",
+            "s",
+            scale=0.02,
+            low=0.0,
+            high=0.15,
+            constant="command.delay_s",
+            # Servo frames against the loop's ticks give the likelihood several peaks.
+            starts=(0.5, 1.25, 2.25, 3.5),
+        ),
     )
     confused_with = ("spool-lag-sufferer", "esc-frame", "range-delay")
     split_by = "thrust steps up and down: a dead time shifts the response, a lag bends it"
