@@ -30,6 +30,7 @@ from wakedeploy.gap.naming import (
     name_effects,
     with_terms,
 )
+from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.ranking import confusion
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require
@@ -221,7 +222,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         ],
         "gap": gap,
         "placebo": shown.get("placebo", {}),
-        "plan": {"sentence": named.get("split_by", "")} if named.get("class") else {},
+        "plan": _plan(named, out),
         "unknown": named.get("unknown"),
         "detectable": named.get("detectable", {}),
         "flights": len(case.flights) + len(case.sealed),
@@ -239,8 +240,12 @@ def close(
     progress: Progress = lambda _: None,
     thresholds: Thresholds | None = None,
     retrain: Retrain | None = None,
+    plan: bool = True,
 ) -> dict[str, Any]:
-    """All steps; returns `result.json`'s content. An interruption leaves finished steps usable."""
+    """All steps; returns `result.json`'s content. An interruption leaves finished steps usable.
+
+    Where a class is left and `plan` is wanted, a search for the manoeuvre that splits it follows.
+    """
     prepare(out, rig_path)
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
@@ -248,6 +253,11 @@ def close(
     if named["effects"]:
         add(case, out)
     show_gap(case, out, answer, progress, retrain)
+    if plan and len(named["class"]) > 1:
+        progress("looking for the manoeuvre that would split the class")
+        sizes = stated_sizes(named, named["class"])
+        made = make_plan(case.rig, named["class"], sizes=sizes, flown=case.flights)
+        _written(out, "plan", made.as_json())
     told = result(case, out)
     if report:
         from wakedeploy.gap.report import write_report  # draws; slow to import
@@ -255,6 +265,17 @@ def close(
         progress("drawing the report")
         write_report(out)
     return told
+
+
+def _plan(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
+    """What would split a class: the manoeuvre found for it, or what the library says."""
+    if not named.get("class"):
+        return {}
+    path = out / "plan.json"
+    planned = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    if planned.get("class") == named["class"]:
+        return {k: planned[k] for k in ("sentence", "manoeuvre", "flights", "seconds", "split_by")}
+    return {"sentence": named.get("split_by", "")}
 
 
 _WHERE = ("channel", "coordinate", "low", "high", "residual", "unit", "q_value")

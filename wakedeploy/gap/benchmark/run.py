@@ -152,4 +152,4 @@ def _append(path: Path, line: Mapping[str, Any]) -> None:
 def _workflow() -> Close:
     from wakedeploy.gap.close import close
 
-    return functools.partial(close, report=False)  # nobody looks at three hundred reports
+    return functools.partial(close, report=False, plan=False)  # nobody looks at three hundred
