@@ -287,7 +287,18 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
     name = f"{effect.name}.{p.name}"
     step = _STEPS_S.get(p.constant or "", 0.05 * p.scale)
     quantity = "" if p.constant in _ADDED else p.constant or ""
-    return Free(name, p.unit, neutral, 3.0 * p.scale, p.low, p.high, step, starts, quantity)
+    return Free(
+        name,
+        p.unit,
+        neutral,
+        3.0 * p.scale,
+        p.low,
+        p.high,
+        step,
+        starts,
+        quantity,
+        p.constant or "",
+    )
 
 
 def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:

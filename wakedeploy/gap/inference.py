@@ -31,7 +31,8 @@ class Free:
 
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
-    and the effect that moves it; a larger hypothesis then starts from the smaller one's value.
+    and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
+    `constant` is what a parameter adds to, where it does not replace it.
     """
 
     name: str
@@ -43,6 +44,12 @@ class Free:
     step: float
     starts: tuple[float, ...] = (0.0,)
     quantity: str = ""
+    constant: str = ""
+
+    @property
+    def moves(self) -> str:
+        """The constant that this parameter is, replaces or adds to; "" for none."""
+        return self.quantity or self.constant
 
 
 @dataclass(frozen=True)

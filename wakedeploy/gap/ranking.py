@@ -20,7 +20,6 @@ from wakedeploy.gap.inference import (
     extended,
     fit,
     held_out,
-    log_prior,
     prior_precision,
     slopes_at,
 )
@@ -28,7 +27,9 @@ from wakedeploy.gap.inference import (
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
 BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
-_MOST_UNBENT = 3  # candidates that are also fitted from unbent constants
+_BENT_SD = 1.5
+_MOST_RELEASED = 2  # climbs from unbent constants, for each effect that may need one
+_MOST_OTHERS = 2
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
@@ -42,15 +43,17 @@ class Candidate:
     fit: Fit
     gains: FloatArray  # (E,) nats, held out
     prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
+    fitted_gain: float = np.inf  # nats on the episodes of the fit, priors included
 
     @property
     def gain_nats(self) -> float:
         """The sum over the episodes, and what the priors say.
 
         A calibration is a measurement, too: a base that only explains the flights with constants
-        far from their calibrated values pays for it.
+        far from their calibrated values pays for it. What a candidate does not gain where it was
+        fitted it has not gained: a parameter at its bound can only have shortened a step.
         """
-        return float(self.gains.sum()) + self.prior_gain
+        return min(float(self.gains.sum()) + self.prior_gain, self.fitted_gain)
 
     def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
         """Student's interval of the sum, from the spread between episodes."""
@@ -98,7 +101,8 @@ def rank(
             gains = held_out(model, fitted) - reference
         else:
             gains = fitted.per_episode - base.per_episode - _own_count(fitted, name)
-        ranked.append(Candidate(name, fitted, gains, fitted.log_prior - base.log_prior))
+        unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
+        ranked.append(Candidate(name, fitted, gains, unbent, gained))
     return sorted(ranked, key=lambda c: -c.gain_nats)
 
 
@@ -181,44 +185,60 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
 def _from_calibration(
     model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit]
 ) -> list[Fit]:
-    """The fits, and for the most hopeful candidates better ones from unbent constants.
+    """The fits, and better ones of candidates that move a constant which the base has bent.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
-    climb from there may never leave it.
+    climb from there may never leave it. These climbs start with the bent constants back at their
+    calibration, from the most likely of the effect's sizes; so do a few effects that move none of
+    them, and that they may have imitated.
     """
-    starts = [_unbent(model, base, name) for name in candidates]
-    hopeful = sorted(range(len(starts)), key=lambda i: -starts[i][1])[:_MOST_UNBENT]
+    bent = {
+        f.moves
+        for f, value in zip(base.free, base.theta, strict=True)
+        if f.quantity and abs(value - f.neutral) > _BENT_SD * f.prior_sd
+    }
+    starts = {
+        i: _released(model, base, rough[i].hypothesis, n, bent) for i, n in enumerate(candidates)
+    }
+    owners = [i for i, n in enumerate(candidates) if bent & _moves(rough[i], n)]
+    others = sorted(set(starts) - set(owners), key=lambda i: -starts[i][0][0])[:_MOST_OTHERS]
     fits = list(rough)
-    for i in hopeful:
-        again = fit(model, fits[i].hypothesis, base.episodes, starts[i][0])
-        fits[i] = max(fits[i], again, key=lambda f: f.objective)
+    for i in (*owners, *others):
+        for _, theta in starts[i][: _MOST_RELEASED if i in owners else 1]:
+            again = fit(model, fits[i].hypothesis, base.episodes, theta)
+            fits[i] = max(fits[i], again, key=lambda f: f.objective)
     return fits
 
 
-def _unbent(model: Model, base: Fit, name: str) -> tuple[FloatArray, float]:
-    """The best of a row of sizes with every calibrated constant back at its calibration."""
-    hypothesis = (*base.hypothesis, name)
+def _moves(fitted: Fit, name: str) -> set[str]:
+    """The constants that an effect's parameters move."""
+    return {f.moves for f in fitted.free if f.name.startswith(f"{name}.") and f.moves}
+
+
+def _released(
+    model: Model,
+    base: Fit,
+    hypothesis: Hypothesis,
+    name: str,
+    bent: set[str],
+) -> list[tuple[float, FloatArray]]:
+    """Sizes of an effect, likeliest first, with the bent constants back at their calibration."""
     free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     plain = extended(base, free)
     for i, f in enumerate(free):
-        if f.quantity:
+        if f.quantity in bent:
             plain[i] = f.neutral
-    best, reached = plain, -np.inf
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    tried = []
     for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
         theta = plain.copy()
         for i in own:
-            sizes = (
-                *free[i].starts,
-                *(free[i].neutral + share * free[i].prior_sd for share in _ROW),
-            )
+            sizes = (*free[i].starts, *(free[i].neutral + r * free[i].prior_sd for r in _ROW))
             theta[i] = np.clip(sizes[min(k, len(sizes) - 1)], free[i].low, free[i].high)
         some = base.episodes[:_GLANCED_AT]
         density = sum(float(model.score(hypothesis, theta, e).log_density.sum()) for e in some)
-        objective = density * len(base.episodes) / len(some) + log_prior(free, theta)
-        if objective > reached:
-            best, reached = theta, objective
-    return best, reached
+        tried.append((density, theta))
+    return sorted(tried, key=lambda one: -one[0])
 
 
 def _starts(
