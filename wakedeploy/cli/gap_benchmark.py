@@ -25,7 +25,7 @@ _MULTIPLES = 3
     "--out", type=_FOLDER, default=Path("gap-benchmark"), show_default=True, help="The folder."
 )
 @click.option("--table-only", is_flag=True, help="Fly nothing: tables of what is there.")
-@click.option("--keep", is_flag=True, help="Keep each case's logs and report.")
+@click.option("--keep", is_flag=True, help="Keep each case's logs and answer.")
 @click.option("--page", type=_FILE, help="Also write the tables as a Markdown page with a figure.")
 def benchmark(
     short: bool,

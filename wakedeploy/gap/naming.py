@@ -222,7 +222,7 @@ def _verdict(
         if len(rivals) > 1:
             return "class", tuple(c.name for c in rivals)
     if flights < FEWEST_FLIGHTS:
-        return "class", tuple(c.name for c in rounds[0].ranking[:MOST_IN_CLASS])
+        return "class", tuple(c.name for c in rounds[0].rivals)
     return "named", ()
 
 

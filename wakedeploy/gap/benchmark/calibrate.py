@@ -35,17 +35,6 @@ _PILOT_SEED = 990_000
 _HALVINGS = 9
 _CORRECTIONS = (0.4, 2.5)
 _LINEAR_SD = 0.6
-# What is not linear in its size: from pilots in which the effect was flown.
-_BY_HAND = {
-    "command-latency": {"5": 0.8, "15": 1.35, "50": 2.0, "150": 2.5},
-    "esc-frame": {"5": 0.43, "15": 0.67, "50": 1.1, "150": 1.73},
-    "pwm-dead-band": {"5": 0.95, "15": 1.3, "50": 2.1, "150": 3.6},
-    "pwm-quantisation": {"5": 1.2, "15": 2.0, "50": 3.4, "150": 5.5},
-    "spool-lag-sufferer": {"5": 0.4, "15": 0.5, "50": 0.62, "150": 0.8},
-    "wake-inflow-loss": {"5": 0.12, "15": 0.2, "50": 0.37, "150": 0.65},
-    "stiction": {"5": 0.8, "15": 1.5, "50": 3.0, "150": 5.0},
-}
-_LINEAR_SD = 0.6
 # A resting sufferer is not flying: what stiction changes is not linear in anything.
 _BY_HAND = {
     "command-latency": {"5": 0.8, "15": 1.35, "50": 2.0, "150": 2.5},
