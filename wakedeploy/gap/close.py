@@ -37,7 +37,7 @@ from wakedeploy.gap.steps import forget, prepare, read_steps, require
 from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.threshold import thresholds_for
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.physics.effects.symbolic import symbolic_effect
+from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
 Progress = Callable[[str], None]
@@ -134,6 +134,7 @@ def name(
         "confusion": _confusion(answer),
         "detectable": detectable(answer),
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
+        "beside": [_effect(answer, n) for n in _beside(answer)],
         "white": answer.white.as_json(answer.thresholds.whiteness),
         "noise": _noise(answer.fit),
         "seconds": time.monotonic() - started,
@@ -147,7 +148,8 @@ def add(
 ) -> dict[str, Any]:
     """Write the new rig file from `name.json`; the old one stays. Writes `add.json`, `rig.toml`.
 
-    `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect.
+    `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect,
+    with the effects that it was found on top of.
     Raises UnusableInput where there is nothing to add.
     """
     require(out, "name", case.rig.sha256, case.recordings)
@@ -157,7 +159,9 @@ def add(
     if from_symbolic:
         if not named.get("unknown"):
             raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
-        added = [to_effect(named["unknown"], digest, date)]
+        known = next((e for e in case.rig.effect if e.name == SYMBOLIC), None)
+        beside = [_entry(e, digest, date) for e in named.get("beside", ())]
+        added = [*beside, to_effect(named["unknown"], digest, date, onto=known)]
     else:
         added = [_entry(e, digest, date) for e in _to_add(named, only)]
     if not added:
@@ -295,6 +299,13 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
         "gain_nats": found.gain_nats,
         "parameters": parameters,
     }
+
+
+def _beside(answer: Answer) -> list[str]:
+    """Effects that an expression was found on top of: without them it would not be true."""
+    if answer.unknown is None:
+        return []
+    return [n for n in answer.fit.hypothesis if n in answer.unknown.fit.hypothesis]
 
 
 def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
+from wakedeploy.gap.benchmark.cases import all_cases
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,7 +47,7 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         "second plant that imports nothing of this project. Strength is what the hidden effect "
         "gains on flights left out, in nats, measured by the judge. Brackets: Wilson's 95 % "
         "intervals.",
-        f"Cases: {counts}. Code frozen at: {commits}.",
+        f"Cases: {counts}{_left(told)}. Code frozen at: {commits}.",
         _headline(told),
         f"![Share of right answers against the strength of the hidden effect]({figure_name})"
         if figure_name
@@ -60,6 +61,12 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         _errors(told["errors"]),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _left(told: Summary) -> str:
+    """How much of the full list a run has not done yet."""
+    done, listed = sum(told["cases"].values()), len(all_cases())
+    return f" (a partial run: {done} of {listed})" if done < listed else ""
 
 
 def draw(told: Summary) -> "Figure":
