@@ -45,8 +45,10 @@ class _Steps(click.Group):
 def command() -> None:
     """Find where simulation and measurement disagree, name the missing effect, add it, show.
 
-    \b
     Everything at once, on flights that one rig flew with one rig file:
+
+    \b
+    Example:
         wakedeploy gap close --rig rig.toml --measured flight*.mcap --out gap
     The same in steps, to stop and look in between:
         wakedeploy gap find … ; wakedeploy gap name … ; wakedeploy gap add … ; wakedeploy gap show …
@@ -190,7 +192,7 @@ def add_effect(
     """Write the corrected rig file, OUT/rig.toml; the old one stays.
 
     \b
-    Examples:
+    Example:
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --effect stiction
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
