@@ -173,12 +173,12 @@ def test_hooks_of_the_current_folder_are_found_by_the_installed_command(rig_file
 
 
 def test_a_recording_is_closed_when_the_flight_cannot_even_begin(tmp_path, monkeypatch):
-    def no_plan(*_):
-        raise CheckFailed("no plan")
+    def no_loop(*_, **__):
+        raise CheckFailed("no loop")
 
-    monkeypatch.setattr("runtime.run.random_plan", no_plan)
+    monkeypatch.setattr("runtime.run.Loop", no_loop)
     log = tmp_path / "flight.mcap"
-    with pytest.raises(CheckFailed, match="no plan"):
+    with pytest.raises(CheckFailed, match="no loop"):
         fly(RunRequest(RIG, 6.0, log=log))
     assert "recorder" not in {thread.name for thread in threading.enumerate()}
     assert "unfinished" not in read_run_log(log).metadata
