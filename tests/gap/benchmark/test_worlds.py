@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from wakedeploy.gap.benchmark import worlds
 from wakedeploy.gap.benchmark.cases import Case, all_cases, values_at
 from wakedeploy.gap.benchmark.measure import Measured
 from wakedeploy.gap.benchmark.outside import OUTSIDE
@@ -99,14 +98,12 @@ def response(case: Case) -> np.ndarray:
 
 
 def test_the_truth_stays_outside_the_workflows_folder(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(worlds, "FLIGHTS", 1)
-    monkeypatch.setattr(worlds.flight, "__defaults__", (5.0,))
     case = next(c for c in all_cases() if c.name == "tether-spring/50/0")
     with pytest.raises(ValueError, match="could see it"):
         write_world(case, tmp_path / "world", tmp_path / "world" / "truth.json")
-    paths = write_world(case, tmp_path / "world", tmp_path / "truth.json")
+    paths = write_world(case, tmp_path / "world", tmp_path / "truth.json", flights=1, seconds=5.0)
     log = read_run_log(paths[0])
     assert not any(name.startswith("true_") for name in log.columns)
     assert read_rig(tmp_path / "world" / "rig.toml").effect == ()

@@ -10,7 +10,7 @@ from runtime.loop import Loop
 from runtime.reference import random_plan
 from runtime.run import metadata
 from runtime.simulated import SimulatedGantry
-from wakedeploy.domains.gantry import _NO_TIME, _Rows, record
+from wakedeploy.domains.gantry import _NO_TIME, _forecast, _Rows, record
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap.benchmark.cases import FLIGHT_S, FLIGHTS, Case
 from wakedeploy.gap.benchmark.outside import OUTSIDE
@@ -22,6 +22,7 @@ from wakedeploy.gap.benchmark.second_plant import (
     Sensing,
     Wake,
 )
+from wakedeploy.package import read_package
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -57,15 +58,17 @@ _SENSING = {
 _GROUND_M = (0.0, 0.03, 0.06, 0.1, 0.14, 0.18, 0.23, 0.28, 0.34, 0.4, 0.5, 0.6, 0.75, 0.9, 1.2)
 
 
-def write_world(case: Case, folder: Path, truth: Path) -> list[Path]:
+def write_world(
+    case: Case, folder: Path, truth: Path, *, flights: int = FLIGHTS, seconds: float = FLIGHT_S
+) -> list[Path]:
     """Fly the case: rig.toml and one log per flight in `folder`, the truth in `truth`."""
     if truth.resolve().is_relative_to(folder.resolve()):
         raise ValueError(f"{truth} lies in {folder}, where the workflow could see it")
     folder.mkdir(parents=True, exist_ok=True)
     case.model_rig.write(folder / "rig.toml")
     paths, modes = [], []
-    for number in range(FLIGHTS):
-        log = flight(case, number)
+    for number in range(flights):
+        log = flight(case, number, seconds)
         modes.append(sorted(set(map(str, log["mode"]))))
         path = folder / f"flight{number}.mcap"
         log.without_truth().write_mcap(path)
@@ -77,14 +80,31 @@ def write_world(case: Case, folder: Path, truth: Path) -> list[Path]:
 
 def flight(case: Case, number: int, seconds: float = FLIGHT_S) -> RunLog:
     """One flight of a case, truth columns included; deterministic."""
-    seed = 100 * case.seed + number
+    return fly(case, 100 * case.seed + number, seconds)
+
+
+def fly(
+    case: Case,
+    seed: int,
+    seconds: float = FLIGHT_S,
+    *,
+    believed: Rig | None = None,
+    package: Path | None = None,
+) -> RunLog:
+    """A flight of the case's plant under any pilot, truth columns included; deterministic by seed.
+
+    `believed` is what estimator and controller go by, the case's own rig file unless given;
+    `package` forecasts for the feedforward, PID flies alone without. Raises UnusableInput for a
+    package that does not fit the loop.
+    """
+    model = believed if believed is not None else case.model_rig
     if case.plant == "second":
-        return _second_flight(case, seed, seconds)
+        return _second_flight(case, seed, seconds, model, package)
     truth = true_rig(case)
     hooks: dict[str, Any] = {}
     for name, size in case.outside.items():
         hooks |= OUTSIDE[name].hooks(size, truth)
-    return record(truth, seconds=seconds, seed=seed, model_rig=case.model_rig, **hooks)
+    return record(truth, seconds=seconds, seed=seed, model_rig=model, package=package, **hooks)
 
 
 def true_rig(case: Case) -> Rig:
@@ -131,13 +151,16 @@ def second_constants(case: Case) -> Constants:
     )
 
 
-def _second_flight(case: Case, seed: int, seconds: float) -> RunLog:
-    model = case.model_rig
+def _second_flight(
+    case: Case, seed: int, seconds: float, model: Rig, package: Path | None
+) -> RunLog:
     plant: Any = SecondPlant(second_constants(case), seed=seed)
-    world = SimulatedGantry(plant, model=model, truth=model, seed=seed)
+    world = SimulatedGantry(plant, model=model, truth=case.model_rig, seed=seed)
+    opened = read_package(package) if package is not None else None
+    forecast = _forecast(plant, opened, None, model)
     rows = _Rows()
-    Loop(model, world, world, random_plan(model, seconds, seed), None, rows, world).run()
-    told = metadata(model, None, seed=seed, started=_NO_TIME, simulated=True)
+    Loop(model, world, world, random_plan(model, seconds, seed), forecast, rows, world).run()
+    told = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
     return RunLog.from_rows(rows.rows, told)
 
 
