@@ -6,9 +6,19 @@ from typing import Any
 
 import pytest
 
+from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.benchmark import run
 from wakedeploy.gap.benchmark.cases import PAIRS, Case, all_cases, short_cases
-from wakedeploy.gap.benchmark.judge import decided, named_intervals, share_closed
+from wakedeploy.gap.benchmark.flown import TRACKED
+from wakedeploy.gap.benchmark.judge import (
+    FAILED,
+    decided,
+    named_intervals,
+    sealed,
+    share_by_own_floor,
+    share_closed,
+)
+from wakedeploy.gap.benchmark.measure import Floor
 from wakedeploy.gap.benchmark.page import draw, markdown_of
 from wakedeploy.gap.benchmark.run import LINES, read_lines, run_cases
 from wakedeploy.gap.benchmark.table import coverage, summary, wilson
@@ -72,8 +82,31 @@ def test_named_intervals_are_held_against_the_truth() -> None:
 
 def test_the_share_closed_is_of_squares_above_the_floor() -> None:
     channel = {"before": 5.0, "after": 4.0, "noise_floor": 3.0}
-    assert share_closed({"gap": {"height 0.25 s ahead": channel}}) == pytest.approx(9.0 / 16.0)
-    assert share_closed({"gap": {}}) is None
+    given = answer("named", "a") | {"gap": {"height 0.25 s ahead": channel}}
+    assert share_by_own_floor(given) == pytest.approx(9.0 / 16.0)
+    assert share_closed(given, Floor(1.0, 24.0, 10.0)) == pytest.approx(9.0 / 24.0)
+    for nothing in ({"verdict": "none"}, answer("none") | {"gap": {}}):
+        assert share_by_own_floor(nothing) is None
+        assert share_closed(nothing, Floor(1.0, 24.0, 10.0)) is None
+
+
+def test_where_the_effect_does_not_show_there_is_no_share_to_close() -> None:
+    channel = {"before": 5.0, "after": 4.0, "noise_floor": 3.0}
+    given = answer("named", "a") | {"gap": {"height 0.25 s ahead": channel}}
+    assert share_closed(given, None) is None
+    assert share_closed(given, Floor(4.9, 1.0, 1.5)) is None
+    assert share_closed({"verdict": FAILED}, Floor(4.9, 1.0, 1.5)) is None
+    assert share_closed({"verdict": FAILED}, Floor(1.0, 24.0, 10.0)) == 0.0
+
+
+def test_the_sealed_flights_are_those_that_the_workflow_tells(tmp_path: Path) -> None:
+    flights = [f"flight{i}" for i in range(7)]
+    assert sealed(tmp_path, flights) == flights[5:]
+    assert sealed(tmp_path, flights[:3]) == flights[2:3]
+    assert sealed(tmp_path, flights[:2]) == flights[:2]  # none sealed: it shows what it fitted
+    (tmp_path / "answer").mkdir()
+    (tmp_path / "answer" / "show.json").write_text('{"sealed": ["flight3"]}')
+    assert sealed(tmp_path, flights) == ["flight3"]
 
 
 @pytest.mark.parametrize(
@@ -106,6 +139,12 @@ def test_the_list_has_what_was_promised() -> None:
         share = sum(c.plant == "second" for c in some) / len(some)
         assert 0.4 <= share <= 0.6, kind
     assert {c.kind for c in short_cases()} == {"effect", "outside", "none"}
+    tracked = [c for c in cases if c.name in TRACKED]
+    assert len(tracked) == len(TRACKED)
+    assert {c.kind for c in tracked} == {"effect", "pair"}
+    assert {c.plant for c in tracked} == {"first", "second"}
+    assert any(c.instant for c in tracked)
+    assert all(c.nats >= 50 for c in tracked)
 
 
 def test_hidden_values_lie_within_the_librarys_bounds() -> None:
@@ -127,7 +166,7 @@ def test_calibration_is_off_in_every_case_but_for_what_is_hidden() -> None:
 def fake(job: run.Job) -> dict[str, Any]:
     if (job.out / "stop").exists() and job.case.name == "none/0/2":
         raise KeyboardInterrupt
-    return line(job.case)
+    return line(job.case, commit=job.frozen_at)
 
 
 def line(case: Case, **more: Any) -> dict[str, Any]:
@@ -143,6 +182,7 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
     wanted = [f"none/0/{i}" for i in range(4)]
     cases = sorted((c for c in all_cases() if c.name in wanted), key=lambda c: c.name)
     monkeypatch.setattr(run, "do_case", fake)
+    monkeypatch.setattr(run, "frozen_at", lambda: "0123456789ab")
     (tmp_path / "stop").touch()
     with pytest.raises(KeyboardInterrupt):
         run_cases(cases, tmp_path, close=dict)
@@ -159,19 +199,92 @@ def test_an_interrupted_run_goes_on_where_it_stopped(
     assert (tmp_path / LINES).read_bytes() == before
 
 
-def test_a_case_that_fails_is_told_and_tried_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("made", "now"), [("0123", "4567"), ("0123", "0123-dirty"), ("01-dirty", "01-dirty"), ("", "0")]
+)
+def test_no_run_is_continued_by_other_code(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: str, now: str
+) -> None:
+    cases = [c for c in all_cases() if c.kind == "none"][:2]
+    monkeypatch.setattr(run, "do_case", fake)
+    monkeypatch.setattr(run, "frozen_at", lambda: made)
+    run_cases(cases[:1], tmp_path, close=dict)
+    monkeypatch.setattr(run, "frozen_at", lambda: now)
+    before = (tmp_path / LINES).read_bytes()
+    with pytest.raises(UnusableInput, match="another --out folder"):
+        run_cases(cases, tmp_path, close=dict)
+    assert (tmp_path / LINES).read_bytes() == before
+    assert len(run_cases(cases[:1], tmp_path, close=dict)) == 1  # nothing to add to them
+    assert len(run_cases(cases, tmp_path / "other", close=dict)) == 2
+
+
+def broken(*_: Any, **__: Any) -> dict[str, Any]:
+    raise ValueError("no\nway")
+
+
+def test_a_case_that_fails_is_told_and_tried_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     case = next(c for c in all_cases() if c.kind == "none")
+    monkeypatch.setattr(run, "frozen_at", lambda: "0123456789ab")
+    monkeypatch.setattr(run, "write_world", world_of(case))
+    for _ in range(2):
+        run_cases([case], tmp_path, close=broken)
+    first, second = read_lines(tmp_path)
+    assert first["error"] == second["error"] == "ValueError: no way"
+    assert len(list((tmp_path / "errors").iterdir())) == 1
 
-    def broken(*_: Any, **__: Any) -> dict[str, Any]:
-        raise ValueError("no")
 
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(run, "write_world", lambda *_: [])
-        (told,) = run.read_lines(tmp_path) or [
-            run.do_case(run.Job(case, tmp_path, broken, False, ""))
-        ]
-    assert told["error"] == "ValueError: no"
-    assert summary([told])["errors"] == {case.name: "ValueError: no"}
+def world_of(case: Case) -> Any:
+    """A world without flights, which the judge needs for no-effect cases only."""
+
+    def write(_: Case, folder: Path, truth_path: Path) -> list[Path]:
+        told = {"name": case.name, "kind": case.kind, "plant": case.plant, "nats": case.nats}
+        told |= {"effects": dict(case.effects), "outside": dict(case.outside)}
+        truth_path.parent.mkdir(parents=True, exist_ok=True)
+        truth_path.write_text(json.dumps(told))
+        return []
+
+    return write
+
+
+@pytest.mark.parametrize("name", ["none/0/2", "tether-spring/50/0", "gust/50/0"])
+def test_a_failure_counts_as_wrong_in_every_rate(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    (case,) = (c for c in all_cases() if c.name == name)
+    monkeypatch.setattr(run, "write_world", world_of(case))
+    told = summary([run.do_case(run.Job(case, tmp_path, broken, False, ""))])
+    assert list(told["errors"]) == [name]
+    rate = {
+        "none": told["false_alarms"],
+        "effect": told["right_from_50_nats"],
+        "outside": told["unknown_outside"],
+    }[case.kind]
+    assert (rate["count"], rate["of"]) == (int(case.kind == "none"), 1)
+    assert told["cases"] == {case.kind: 1}
+    assert told["confusion"] == {(case.truth_names or ("none",))[0]: {FAILED: 1}}
+    assert f"| {name} | ValueError: no way" in markdown_of(told)
+    draw(told)
+
+
+def test_the_page_tells_what_was_flown_and_what_was_not() -> None:
+    cases = [c for c in all_cases() if c.name in TRACKED][:4]
+    row = {"rmse": 8.0, "low": 6.0, "high": 10.0}
+    ratios = {"ratio_interval": [0.4, 0.6], "retrain": {"old_rmse": 0.2, "new_rmse": 0.1}}
+    flown = [
+        {"tracking": {"before": row, "after": row, "ratio": 0.5} | ratios},
+        {"tracking": {"before": row, "after": {"rmse": None}, "ratio": None} | ratios},
+        {"tracking": None},
+        {"tracking": None, "tracking_error": "UnusableInput: too short"},
+    ]
+    told = summary([line(c, **f) for c, f in zip(cases, flown, strict=True)])
+    page = markdown_of(told)
+    assert told["tracking"]["mean_ratio"] == pytest.approx(0.5)
+    assert "| 8.0 [6.0, 10.0] | 8.0 [6.0, 10.0] | 0.50 [0.40, 0.60] | 0.200 → 0.100 |" in page
+    for words in ("failsafe", "nothing was corrected", "UnusableInput: too short", "over 1 "):
+        assert words in page
+    assert "flown" not in markdown_of(summary([line(cases[0])]))
 
 
 def test_the_page_says_the_rates_and_draws_them(tmp_path: Path) -> None:

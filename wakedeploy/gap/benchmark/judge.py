@@ -6,7 +6,10 @@ after the workflow has ended. Out: one verdict with everything that the tables n
 Rules. A named effect must be the hidden one and alone. A class must hold the hidden effect, and
 each member, refitted here, must lie within 3 nats of it. Effects outside the library must be called
 unknown, no effect none. Of two hidden effects both must be found; one of them and an admitted rest
-is kept apart as found in part.
+is kept apart as found in part. A workflow that failed (`FAILED`) is wrong in every case.
+
+The share of the gap that is closed has a floor that the workflow has no say in: what the judge's
+own fit of the truth leaves on the sealed flights.
 """
 
 import json
@@ -14,11 +17,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.gap.benchmark.measure import Measured, Strength, finite
+from wakedeploy.gap.benchmark.measure import Floor, Measured, Strength, finite
+from wakedeploy.gap.close import MOST_SEALED, SEALED
 from wakedeploy.gap.flight import read_flights
 from wakedeploy.rig import read_rig
 
 CLASS_NATS = 3.0
+FAILED = "error"  # the verdict of a workflow that raised
 _CHANNEL = "height 0.25 s ahead"
 
 Result = Mapping[str, Any]
@@ -34,19 +39,23 @@ def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
     told |= {"target_nats": truth["nats"], "hidden": hidden_names(truth)}
     told |= {"verdict": result["verdict"], "named": named(result), "class": members(result)}
     gains: dict[str, float] = {}
+    floor = None
     if truth["kind"] != "none":
         rig = read_rig(folder / "rig.toml")
         flights = read_flights(sorted(folder.glob("flight*.mcap")), rig)
         measured = Measured(rig, flights)
         strength = measured.strength(truth["effects"], truth["outside"])
         told |= _strength(strength, truth)
+        floor = measured.floor(strength.fit, sealed(folder, [f.name for f in flights]))
+        told |= {"floor_m": floor.rms_m, "shows": floor.shows}
         gains = _class_gains(measured, truth, result)
         for name in set(told["hidden"]) & set(gains) if len(told["hidden"]) == 1 else ():
             gains[name] = max(gains[name], strength.nats)  # two fits of one thing: the better one
     told |= decided(truth, result, gains)
     told["class_gains"] = {name: finite(gain) for name, gain in gains.items()}
     told["named_intervals"] = named_intervals(truth, result)
-    told["closed"] = share_closed(result)
+    told["closed"] = share_closed(result, floor)
+    told["closed_by_own_floor"] = share_by_own_floor(result)
     told["placebo_helps"] = (result.get("placebo") or {}).get("helps")
     return told
 
@@ -110,13 +119,38 @@ def named_intervals(truth: Truth, result: Result) -> list[dict[str, Any]]:
     return rows
 
 
-def share_closed(result: Result) -> float | None:
-    """(G²before − G²after) / (G²before − G²floor), G the error 0.25 s ahead on sealed flights."""
-    gap = result.get("gap") or {}
-    channel = gap.get(_CHANNEL)
+def sealed(folder: Path, flights: Sequence[str]) -> list[str]:
+    """The flights that the workflow sealed; those that it would have, where it failed before."""
+    path = folder / "answer" / "show.json"
+    if path.exists():
+        return list(json.loads(path.read_text(encoding="utf-8"))["sealed"])
+    return list(flights[-(SEALED.get(len(flights), MOST_SEALED) or len(flights)) :])
+
+
+def share_closed(result: Result, floor: Floor | None) -> float | None:
+    """(G²before − G²after) / (G²before − G²floor), G the error 0.25 s ahead on sealed flights.
+
+    None where the hidden effect does not show in that error: there is nothing to close. A workflow
+    that failed has closed nothing of what does.
+    """
+    if floor is None or not floor.shows:
+        return None
+    if result["verdict"] == FAILED:
+        return 0.0
+    return _share(result, floor.rms_m)
+
+
+def share_by_own_floor(result: Result) -> float | None:
+    """The same with the floor that the workflow's corrected model expects of itself."""
+    return _share(result, None)
+
+
+def _share(result: Result, floor_m: float | None) -> float | None:
+    channel = (result.get("gap") or {}).get(_CHANNEL)
     if channel is None:
         return None
-    before, after, floor = (float(channel[k]) ** 2 for k in ("before", "after", "noise_floor"))
+    floor = (float(channel["noise_floor"]) if floor_m is None else floor_m) ** 2
+    before, after = (float(channel[k]) ** 2 for k in ("before", "after"))
     return finite((before - after) / (before - floor)) if before > floor else None
 
 

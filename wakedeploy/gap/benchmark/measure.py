@@ -1,22 +1,28 @@
-"""How strong a hidden effect is in the data that were flown: nats gained on flights left out.
+"""How strong a hidden effect is in the data that were flown, and how well it can be forecast.
 
 In: a case's flights and its truth. Out: fits of the base, of the truth, and of any other effect,
-all begun where the truth says, which the workflow cannot do.
+all begun where the truth says, which the workflow cannot do; the nats that they gain on flights
+left out, and the forecast error that even the truth's fit leaves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
+from scipy.stats import t as student
 
 from wakedeploy.gap.benchmark.outside import OUTSIDE
-from wakedeploy.gap.flight import Flight
+from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit, held_out
 from wakedeploy.gap.ranking import rank
+from wakedeploy.gap.residuals import AHEAD_S
 from wakedeploy.rig import Rig
 
 Values = Mapping[str, Mapping[str, float]]
+_BLOCK_S = 2.0  # as the workflow's own intervals: errors closer than that go together
+_STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,6 +36,25 @@ class Strength:
     nats: float
     per_flight: tuple[float, ...]
     fit: Fit
+
+
+@dataclass(frozen=True)
+class Floor:
+    """The forecast error 0.25 s ahead that is left on some flights when nothing is missing.
+
+    `rms_m` is the root mean square under the truth's fit. `excess_m2` is how much the mean square
+    is larger without the effect, in the same samples, and `reach_m2` half its 90 % interval, from
+    blocks of two seconds.
+    """
+
+    rms_m: float
+    excess_m2: float
+    reach_m2: float
+
+    @property
+    def shows(self) -> bool:
+        """Whether the hidden effect is in that error at all, beyond what sampling explains."""
+        return self.excess_m2 > self.reach_m2
 
 
 class Measured:
@@ -61,6 +86,37 @@ class Measured:
         """What each effect alone gains on top of a fit (of the base, if none is given), [nats]."""
         ranked = rank(self.model, given or self.base, list(candidates))
         return {c.name: c.gain_nats for c in ranked}
+
+    def floor(self, fitted: Fit, names: Collection[str]) -> Floor:
+        """What the truth's fit leaves on the flights whose files have these names."""
+        wanted = {Path(name).name for name in names}
+        flights = [i for i, f in enumerate(self.model.flights) if Path(f.name).name in wanted]
+        model = self.model.only(flights)
+        block, left = _squares(model, fitted)
+        _, before = _squares(model, self.base)
+        excess = before - left
+        means = [
+            np.nanmean(e) for n in np.unique(block) if np.isfinite(e := excess[block == n]).any()
+        ]
+        reach = float("inf")
+        if len(means) > 1:
+            quantile = float(student.ppf(0.95, len(means) - 1))
+            reach = quantile * float(np.std(means, ddof=1)) / len(means) ** 0.5
+        return Floor(float(np.sqrt(np.nanmean(left))), float(np.mean(means)), reach)
+
+
+def _squares(model: GantryModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
+    """Squared errors [m²] of all forecasts (n,), NaN where none is known, and their blocks (n,)."""
+    near = model.relinearised(fitted)
+    blocks, squares, first = [], [], 0.0
+    for episode in range(near.episodes):
+        ahead = near.forecasts(fitted, episode, (AHEAD_S,))
+        error = np.abs(ahead.measured_m[0] - ahead.forecast_m[0])
+        error[error > _STRAY * 1.4826 * np.nanmedian(error)] = np.nan
+        squares.append(error**2)
+        blocks.append(first + np.floor((ahead.at_s - ahead.at_s[0]) / _BLOCK_S))
+        first = float(blocks[-1][-1]) + 1.0
+    return np.concatenate(blocks), np.concatenate(squares)
 
 
 def finite(value: float) -> float | None:

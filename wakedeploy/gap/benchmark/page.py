@@ -46,9 +46,10 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         "calibration errors of the size that the rig file states; half of the cases come from a "
         "second plant that imports nothing of this project. Strength is what the hidden effect "
         "gains on flights left out, in nats, measured by the judge. Brackets: Wilson's 95 % "
-        "intervals.",
+        "intervals. A case on which the workflow failed counts as wrong.",
         f"Cases: {counts}{_left(told)}. Code frozen at: {commits}.",
         _headline(told),
+        _closed(told),
         f"![Share of right answers against the strength of the hidden effect]({figure_name})"
         if figure_name
         else "",
@@ -58,6 +59,7 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         + _coverage(told["coverage_fitted"], told["coverage_named"]),
         "## What was answered\n\nA class that holds the hidden effect counts as *class*.\n\n"
         + _confusion(told["confusion"]),
+        _tracking(told["tracking"]),
         _errors(told["errors"]),
     ]
     return "\n\n".join(part for part in parts if part) + "\n"
@@ -91,12 +93,34 @@ def _headline(told: Summary) -> str:
         one = told[key]
         if one is not None:
             rows.append([label, f"{one['mean'] * scale:.2f}", f"over {one['count']}", bar])
+    flown = told["tracking"]
+    if flown["mean_ratio"] is not None:
+        label = "tracking error, corrected rig and its predictor over uncorrected, mean"
+        rows.append([label, f"{flown['mean_ratio']:.2f}", f"over {flown['count']}", ""])
     for key, label in (("coverage_fitted", "all cases"), ("coverage_named", "named ones")):
         one = told[key]["all"]
         rows.append(
             [f"90 % intervals, {label}", _share(one), f"{one['count']} of {one['of']}", "85–95 %"]
         )
     return _table(["", "measured", "cases", "bar"], rows)
+
+
+def _closed(told: Summary) -> str:
+    """What the share of the gap closed is a share of, and in how many cases there is none."""
+    unseen, own = told["does_not_show"], told["closed_by_own_floor"]
+    text = (
+        "The share closed is (before² − after²) / (before² − floor²) of the error 0.25 s ahead on "
+        "sealed flights, for effects of 50 nats and above and for pairs. The floor is the error "
+        "that the judge's fit of the hidden effect leaves on the same flights. In "
+        f"{unseen['count']} of {unseen['of']} cases the hidden effect does not show in that error "
+        "beyond what its scatter explains, and no share is told."
+    )
+    if own is not None:
+        text += (
+            " By the floor that the corrected model expects of itself, the mean is "
+            f"{own['mean']:.2f}, over {own['count']}."
+        )
+    return text
 
 
 def _by_nats(bins: Sequence[Mapping[str, Any]]) -> str:
@@ -140,11 +164,53 @@ def _confusion(table: Mapping[str, Mapping[str, int]]) -> str:
     return _table(["hidden", "answered exactly so", "other answers"], rows)
 
 
+def _tracking(flown: Mapping[str, Any]) -> str:
+    if not flown["cases"]:
+        return ""
+    rows = [[name, one["plant"], *_flown(one)] for name, one in flown["cases"].items()]
+    head = ["case", "plant", "answer", "before [mm]", "after [mm]", "after / before", "force [N]"]
+    mean = flown["mean_ratio"]
+    text = (
+        "For a fixed few cases, a predictor is trained on the simulation of the uncorrected rig "
+        "file and one on that of the corrected; each flies with its own rig file on the plant that "
+        "still hides the effect, on the same references. Root mean square height errors over four "
+        "flights, with 90 % intervals; of the ratio, flights are paired. The last column has both "
+        "predictors' errors on the measured flights."
+    )
+    if mean is not None:
+        text += f" Geometric mean of the ratios: {mean:.2f}, over {flown['count']}."
+    return f"## Old and new predictor flown\n\n{text}\n\n{_table(head, rows)}"
+
+
+def _flown(one: Mapping[str, Any]) -> list[str]:
+    """Cells of one tracked case after its name and plant."""
+    word = "right" if one["right"] else f"{one['verdict']}, not right"
+    flown = one["flown"]
+    if flown is None:
+        why = (one["error"] or "nothing was corrected").replace("|", "/")
+        return [word, why, "–", "–", "–"]
+    before, after = (
+        "failsafe" if (row := flown[key])["rmse"] is None else _within(row["rmse"], row, 1)
+        for key in ("before", "after")
+    )
+    ratio = "–"
+    if flown["ratio"] is not None:
+        low, high = flown["ratio_interval"] or (math.nan, math.nan)
+        ratio = _within(flown["ratio"], {"low": low, "high": high}, 2)
+    force = f"{flown['retrain']['old_rmse']:.3f} → {flown['retrain']['new_rmse']:.3f}"
+    return [word, before, after, ratio, force]
+
+
+def _within(value: float, ends: Mapping[str, float | None], digits: int) -> str:
+    low, high = (math.nan if ends[k] is None else ends[k] for k in ("low", "high"))
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
 def _errors(errors: Mapping[str, str]) -> str:
     if not errors:
         return ""
     rows = [[name, error.replace("|", "/")] for name, error in sorted(errors.items())]
-    return "## Cases that failed\n\n" + _table(["case", "error"], rows)
+    return "## Cases that failed\n\nEach counts as wrong.\n\n" + _table(["case", "error"], rows)
 
 
 def _share(one: Mapping[str, float]) -> str:

@@ -2,7 +2,7 @@
 
 In: cases and a folder. Out: `cases.jsonl`, one line per finished case. Each line is appended in one
 write, so a killed run loses the cases under way and nothing else; the next run does what is
-missing.
+missing, if it is a run of the same code.
 """
 
 import functools
@@ -18,9 +18,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.errors import UnusableInput
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap.benchmark.cases import Case
-from wakedeploy.gap.benchmark.judge import judge
+from wakedeploy.gap.benchmark.flown import TRACKED, tracked
+from wakedeploy.gap.benchmark.judge import FAILED, judge
 from wakedeploy.gap.benchmark.worlds import write_world
 
 LINES = "cases.jsonl"
@@ -50,14 +52,18 @@ def run_cases(
     """Do the cases that `out` lacks and return the lines of all of `cases`, in their order.
 
     `close` is `wakedeploy.gap.close.close` unless given. `progress(done, total)` counts what is
-    done, earlier runs included. A case on which the workflow fails is a line with its error, and is
-    tried again by the next run.
+    done, earlier runs included. A case on which the workflow fails is a line with its error, judged
+    wrong, and is tried again by the next run.
+
+    Raises UnusableInput where cases are missing and the lines that are there came of other code.
     """
-    out.mkdir(parents=True, exist_ok=True)
-    done = {line["name"]: line for line in read_lines(out) if "error" not in line}
-    commit = frozen_at()
+    lines, commit = read_lines(out), frozen_at()
+    done = {line["name"]: line for line in lines if "error" not in line}
     workflow = close if close is not None else _workflow()
     jobs = [Job(c, out, workflow, keep, commit) for c in cases if c.name not in done]
+    if jobs:
+        _require_same_code(out, lines, commit)
+    out.mkdir(parents=True, exist_ok=True)
     for count, line in enumerate(_lines(jobs, workers), start=len(cases) - len(jobs) + 1):
         _append(out / LINES, line)
         done[line["name"]] = line
@@ -100,26 +106,66 @@ def frozen_at() -> str:
     return told.stdout.strip() if told.returncode == 0 else ""
 
 
+def _require_same_code(out: Path, lines: Sequence[Mapping[str, Any]], commit: str) -> None:
+    """UnusableInput where lines of a run would be joined by lines that other code makes."""
+    others = sorted({str(line.get("commit", "")) or "no commit" for line in lines})
+    if others and (others != [commit or "no commit"] or commit.endswith("-dirty")):
+        raise UnusableInput(
+            f"{out / LINES}: made at {', '.join(others)}, and this is {commit or 'no commit'}; a "
+            "run is continued only by the same committed code: give another --out folder."
+        )
+
+
 def do_case(job: Job) -> dict[str, Any]:
-    """Fly, close, judge; the line of one case."""
+    """Fly, close, judge; the line of one case. A failure anywhere is a wrong answer."""
     label = job.case.name.replace("/", "_").replace("+", "_")
     world, truth = job.out / "worlds" / label, job.out / "truth" / f"{label}.json"
     started = time.monotonic()
-    line: dict[str, Any] = {"name": job.case.name, "kind": job.case.kind, "commit": job.frozen_at}
+    line = unjudged(job.case) | {"commit": job.frozen_at}
+    result: dict[str, Any] = {"verdict": FAILED}
     try:
         logs = write_world(job.case, world, truth)
         flown = time.monotonic()
-        result = dict(job.close(world / "rig.toml", logs, world / "answer", workers=1))
+        try:
+            result = dict(job.close(world / "rig.toml", logs, world / "answer", workers=1))
+            line |= {"seconds": time.monotonic() - flown, "seconds_flying": flown - started}
+        except Exception as error:
+            line["error"] = _failure(error, job.out / "errors" / f"{label}.txt")
         closed = time.monotonic()
         line |= judge(world, result, truth)
-        line |= {"seconds": closed - flown, "seconds_flying": flown - started}
         line["seconds_judging"] = time.monotonic() - closed
-    except Exception as error:  # a failure is a result, too
-        line["error"] = f"{type(error).__name__}: {error}"
-        write_text_whole(job.out / "errors" / f"{label}.txt", traceback.format_exc())
+        if job.case.name in TRACKED:
+            line |= _tracked(job.case, world, job.out / "errors" / f"{label}-tracking.txt")
+    except Exception as error:  # a failure of the benchmark's own
+        told = _failure(error, job.out / "errors" / f"{label}-judge.txt")
+        line["error"] = "; ".join(filter(None, (line.get("error"), told)))
     if not job.keep and "error" not in line:
         shutil.rmtree(world, ignore_errors=True)
     return line
+
+
+def unjudged(case: Case) -> dict[str, Any]:
+    """The line of a case on which all failed: wrong, at the strength that it was meant to have."""
+    told = {"name": case.name, "kind": case.kind, "plant": case.plant, "seed": case.seed}
+    told |= {"target_nats": case.nats, "nats": float(case.nats), "hidden": [*case.truth_names]}
+    told |= {"verdict": FAILED, "right": False, "partial": False, "named": [], "class": []}
+    return told | {"named_intervals": [], "closed": None, "seconds": None}
+
+
+def _tracked(case: Case, world: Path, failures: Path) -> dict[str, Any]:
+    """What a tracked case's line has besides; a failure here makes the answer no less right."""
+    started = time.monotonic()
+    try:
+        told: dict[str, Any] = {"tracking": tracked(case, world)}
+    except Exception as error:
+        told = {"tracking": None, "tracking_error": _failure(error, failures)}
+    return told | {"seconds_tracking": time.monotonic() - started}
+
+
+def _failure(error: Exception, path: Path) -> str:
+    """One line about an exception; its traceback goes to a file."""
+    write_text_whole(path, traceback.format_exc())
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:

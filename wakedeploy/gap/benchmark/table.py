@@ -25,17 +25,20 @@ def wilson(successes: int, trials: int, z: float = _Z95) -> tuple[float, float]:
 
 
 def summary(lines: Sequence[Line]) -> dict[str, Any]:
-    """Everything that the page shows, ready for JSON."""
-    good = [line for line in lines if "error" not in line]
-    singles = [line for line in good if line["kind"] == "effect"]
-    pairs = [line for line in good if line["kind"] == "pair"]
+    """Everything that the page shows, ready for JSON.
+
+    A case on which the workflow failed counts as wrong, and as a false alarm where nothing was
+    hidden; its time and intervals are not known.
+    """
+    singles = [line for line in lines if line["kind"] == "effect"]
+    pairs = [line for line in lines if line["kind"] == "pair"]
     strong = [line for line in singles if (line.get("nats") or 0.0) >= 50.0]
     weak = [line for line in singles if 15.0 <= (line.get("nats") or 0.0) < 50.0]
-    none = [line for line in good if line["kind"] == "none"]
-    outside = [line for line in good if line["kind"] == "outside"]
+    none = [line for line in lines if line["kind"] == "none"]
+    outside = [line for line in lines if line["kind"] == "outside"]
     return {
-        "commits": sorted({line.get("commit", "") for line in good}),
-        "cases": dict(Counter(line["kind"] for line in good)),
+        "commits": sorted({line.get("commit", "") for line in lines}),
+        "cases": dict(Counter(line["kind"] for line in lines)),
         "errors": {line["name"]: line["error"] for line in lines if "error" in line},
         "right_from_50_nats": _rate(line["right"] for line in strong),
         "right_15_to_50_nats": _rate(line["right"] for line in weak),
@@ -55,12 +58,39 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
             plant: _rate(line["verdict"] != "none" for line in none if line["plant"] == plant)
             for plant in ("first", "second")
         },
-        "coverage_fitted": coverage(r for line in good for r in line.get("fitted_intervals", [])),
-        "coverage_named": coverage(row for line in good for row in line["named_intervals"]),
+        "coverage_fitted": coverage(r for line in lines for r in line.get("fitted_intervals", [])),
+        "coverage_named": coverage(row for line in lines for row in line["named_intervals"]),
         "closed_from_50_nats": spread(line["closed"] for line in (*strong, *pairs)),
-        "class_size": spread(len(line["class"]) for line in good if line["class"]),
-        "seconds": spread(line["seconds"] for line in good),
-        "confusion": confusion(good),
+        "closed_by_own_floor": spread(
+            line.get("closed_by_own_floor") for line in (*strong, *pairs)
+        ),
+        "does_not_show": _rate(
+            not line["shows"] for line in (*strong, *pairs) if line.get("shows") is not None
+        ),
+        "class_size": spread(len(line["class"]) for line in lines if line["class"]),
+        "seconds": spread(line["seconds"] for line in lines),
+        "tracking": tracking(lines),
+        "confusion": confusion(lines),
+    }
+
+
+def tracking(lines: Iterable[Line]) -> dict[str, Any]:
+    """Cases of which both predictors were flown, by name, and the geometric mean of the ratios."""
+    flown = [line for line in lines if "tracking" in line]
+    ratios = [t["ratio"] for line in flown if (t := line["tracking"]) and t["ratio"]]
+    return {
+        "cases": {
+            line["name"]: {
+                "plant": line["plant"],
+                "verdict": line["verdict"],
+                "right": line["right"],
+                "error": line.get("tracking_error"),
+                "flown": line["tracking"],
+            }
+            for line in sorted(flown, key=lambda line: str(line["name"]))
+        },
+        "mean_ratio": math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else None,
+        "count": len(ratios),
     }
 
 
@@ -85,7 +115,7 @@ def confusion(lines: Sequence[Line]) -> dict[str, dict[str, int]]:
 
 
 def answer(line: Line, hidden: str) -> str:
-    """One word for an answer: an effect, "class", "other class", "several", "unknown", "none"."""
+    """One word for an answer: an effect, "class", "other class", "several", or the verdict."""
     if line["verdict"] == "named":
         return str(line["named"][0]) if len(line["named"]) == 1 else "several"
     if line["verdict"] == "class":
