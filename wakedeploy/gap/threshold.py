@@ -165,7 +165,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
         effect_nats=best.gain_nats,
         effect=best.name,
         expression_nats=found.gain_nats if found is not None else 0.0,
-        whiteness=whiteness(base).statistic,
+        whiteness=whiteness(base).at_reference,
         places=_largest(find_places(model, base, 0.0)["places"]),
     )
 
@@ -173,7 +173,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
 def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
     sizes = dict.fromkeys(_LEAST.places, 0.0)
     for place in places:
-        sizes[place["channel"]] = max(sizes[place["channel"]], abs(place["residual"]))
+        sizes[place["channel"]] = max(sizes.get(place["channel"], 0.0), abs(place["residual"]))
     return sizes
 
 
