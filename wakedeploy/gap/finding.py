@@ -1,15 +1,17 @@
 """Where simulation and measurement disagree, beyond noise.
 
 In: a model and its fitted base. Out: maps of the residuals over each coordinate, and a ranked list
-of places in words. Residuals are permuted in blocks longer than their correlation, within each
-flight, so that a map's p value holds for coloured residuals; false discoveries are controlled over
-all maps (Benjamini and Hochberg 1995).
+of places in words. Residuals are permuted in blocks longer than their correlation and within each
+flight, so that a map's p value holds for coloured residuals and for flights that differ as a whole;
+false discoveries are controlled over all maps (Benjamini and Hochberg 1995).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.gap.flight import FloatArray
 from wakedeploy.gap.gantry import GantryModel
@@ -17,13 +19,24 @@ from wakedeploy.gap.inference import Fit
 from wakedeploy.gap.residuals import CHANNELS, COORDINATES, Residuals, mean_square, residuals
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 
+IntArray = npt.NDArray[np.int64]
+BoolArray = npt.NDArray[np.bool_]
+
 FALSE_DISCOVERIES = 0.05
 HORIZONS_S = (0.25, 0.5, 1.0)
-_BLOCK_S = 2.0
+# At least four times as long as the channel's own window correlates what it measures.
+_BLOCK_S = {
+    "force": 3.0,
+    "control effort": 4.0,
+    "height 0.25 s ahead": 3.0,
+    "innovation": 2.0,
+}
 _BINS = 8
-_PERMUTATIONS = 499
+_FEWEST = 80  # residuals, to make a map of
+_PERMUTATIONS = 999  # the fewest with which one map alone can be significant among all
 _CLEAR_SE = 2.0
 _MOST_PLACES = 12
+_MOST_OF_INNOVATIONS = 4
 
 
 def find_places(
@@ -31,32 +44,50 @@ def find_places(
 ) -> dict[str, Any]:
     """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay.
 
-    A place counts from the size `least` of its channel on: so much the model's own approximations
-    leave on this rig when nothing is missing (see `threshold`).
+    A place counts from the size `least` of its channel on, in its unit: so much the model's own
+    approximations leave on this rig when nothing is missing (see `threshold`). A channel without
+    one, as the innovations, counts by its q value alone. Places come by q value, those of channels
+    with a limit first, the farthest beyond it before the others.
     """
-    floor = dict.fromkeys(CHANNELS, 0.0) | dict(least or {})
+    limits = dict(least or {})
     maps: list[dict[str, Any]] = []
     for channel in CHANNELS:
         series = [residuals(model, base, channel, i) for i in range(model.episodes)]
-        each = (_map(series, name, k) for k, name in enumerate(COORDINATES))
-        maps += [*(m for m in each if m is not None), _everywhere(series)]
+        maps += _maps(series)
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
     maps.sort(key=lambda m: (m["q_value"], -m["strength"]))
-    significant = [m for m in maps if m["q_value"] <= FALSE_DISCOVERIES]
-    places = [p for m in significant for p in _places(m)]
-    places = [p for p in places if abs(p["residual"]) > floor[p["channel"]]]
-    places.sort(key=lambda p: (p["q_value"], -abs(p["residual"]) / max(floor[p["channel"]], 1e-9)))
+    places = _ranked(
+        [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)], limits
+    )
     white = [samples(score) for score in base.slopes.scores]
     return {
         "white": whiteness(base).as_json(limit),
-        "places": places[:_MOST_PLACES],
+        "places": places,
         "maps": maps,
         "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
         "replay": [_replay(model, base, h) for h in HORIZONS_S],
-        "noise_floor": {c: {"value": floor[c], "unit": unit} for c, unit in CHANNELS.items()},
+        "noise_floor": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
         "sentence": _sentence(places),
     }
+
+
+def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Places beyond their channel's limit, the most significant first; see `find_places`.
+
+    Innovations know of no force and no millimetre: they stand behind what does, and crowd out none.
+    """
+
+    def key(place: Mapping[str, Any]) -> tuple[float, bool, float]:
+        size, limit = abs(place["residual"]), limits.get(place["channel"], 0.0)
+        beyond = size / limit if limit > 0.0 else size
+        return place["q_value"], place["channel"] == "innovation", -beyond
+
+    beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
+    beyond.sort(key=key)
+    physical = [p for p in beyond if p["channel"] != "innovation"][:_MOST_PLACES]
+    white = [p for p in beyond if p["channel"] == "innovation"][:_MOST_OF_INNOVATIONS]
+    return sorted([*physical, *white], key=key)
 
 
 def q_values(p: Sequence[float]) -> list[float]:
@@ -70,27 +101,35 @@ def q_values(p: Sequence[float]) -> list[float]:
     return [float(v) for v in result]
 
 
-def _map(series: Sequence[Residuals], name: str, seed: int) -> dict[str, Any] | None:
+def _maps(series: Sequence[Residuals]) -> list[dict[str, Any]]:
+    """A channel's maps over every coordinate that varies, and its mean over all places."""
+    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
+    length = max(round(_BLOCK_S[series[0].channel] / float(spacing_s)), 1)
+    rng = np.random.default_rng([len(s.value) for s in series])
+    orders = _orders([len(s.value) for s in series], length, rng)
+    each = (_map(series, name, length, orders) for name in COORDINATES)
+    return [*(m for m in each if m is not None), _everywhere(series, length)]
+
+
+def _map(
+    series: Sequence[Residuals], name: str, length: int, orders: IntArray
+) -> dict[str, Any] | None:
     """Mean residual in bins of one coordinate, with a permutation test of "depends on it"."""
     unit, exogenous = COORDINATES[name]
     coordinate = np.concatenate([s.coordinates[name] for s in series])
     value = np.concatenate([s.value for s in series])
     known = np.isfinite(coordinate) & np.isfinite(value)
-    if known.sum() < 80:
+    if known.sum() < _FEWEST:
         return None
     edges = np.unique(np.quantile(coordinate[known], np.linspace(0.0, 1.0, _BINS + 1)))
     if len(edges) < 3:
         return None
     bins = np.where(known, np.clip(np.digitize(coordinate, edges[1:-1]), 0, len(edges) - 2), -1)
-    centred = np.where(known, value - value[known].mean(), 0.0)
-    blocks = _blocks(series)
-    rng = np.random.default_rng([seed, len(value)])
-    strength = _strength(centred, bins, len(edges) - 1)
-    beaten = sum(
-        _strength(centred[_shuffled(blocks, rng)], bins, len(edges) - 1) >= strength
-        for _ in range(_PERMUTATIONS)
-    )
-    means, errors, counts = _bin_means(value, bins, blocks, len(edges) - 1)
+    centred = _centred(value, known, [len(s.value) for s in series])
+    inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
+    strength = float(_strength(centred[None, :], inside)[0])
+    beaten = int((_strength(centred[orders], inside) >= strength * (1.0 - 1e-12)).sum())
+    means, errors, counts = _bin_means(value, bins, _blocks(series, length), len(edges) - 1)
     return {
         "channel": series[0].channel,
         "coordinate": name,
@@ -102,15 +141,19 @@ def _map(series: Sequence[Residuals], name: str, seed: int) -> dict[str, Any] | 
         "low": (means - 1.645 * errors).tolist(),
         "high": (means + 1.645 * errors).tolist(),
         "count": counts.tolist(),
-        "p_value": (beaten + 1) / (_PERMUTATIONS + 1),
-        "strength": strength / mean_square(centred) / len(value),
+        "p_value": (beaten + 1) / (len(orders) + 1),
+        "strength": strength / max(mean_square(centred) * len(value), 1e-300),
     }
 
 
-def _everywhere(series: Sequence[Residuals]) -> dict[str, Any]:
-    """The mean over all places, against the spread of its blocks (each block's sign flipped)."""
+def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
+    """The mean over all places, against the spread of its blocks (each block's sign flipped).
+
+    It asks whether these flights as a whole are off by more than noise, so a flight's own mean
+    counts here, where the maps leave it out.
+    """
     value = np.concatenate([s.value for s in series])
-    sums = np.array([value[b].sum() for b in _blocks(series)])
+    sums = np.array([value[b].sum() for b in _blocks(series, length)])
     rng = np.random.default_rng(len(value))
     flips = rng.choice([-1.0, 1.0], size=(_PERMUTATIONS, len(sums)))
     total = abs(float(sums.sum()))
@@ -132,39 +175,56 @@ def _everywhere(series: Sequence[Residuals]) -> dict[str, Any]:
     }
 
 
-def _blocks(series: Sequence[Residuals]) -> list[np.typing.NDArray[np.int64]]:
-    """Indices of blocks of two seconds, none across two flights."""
+def _blocks(series: Sequence[Residuals], length: int) -> list[IntArray]:
+    """Indices of blocks of so many samples, none across two flights."""
     blocks, offset = [], 0
     for s in series:
-        number = np.floor((s.at_s - s.at_s[0]) / _BLOCK_S).astype(int) if len(s.at_s) else []
-        for n in np.unique(number):
-            blocks.append(offset + np.flatnonzero(number == n))
-        offset += len(s.at_s)
+        count = len(s.value)
+        blocks += [
+            offset + np.arange(first, min(first + length, count))
+            for first in range(0, count, length)
+        ]
+        offset += count
     return blocks
 
 
-def _shuffled(
-    blocks: Sequence[np.typing.NDArray[np.int64]], rng: np.random.Generator
-) -> np.typing.NDArray[np.int64]:
-    """Blocks in another order, laid end to end.
+def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> IntArray:
+    """Indices (permutations, n) that shuffle blocks of so many samples within each flight.
 
-    Flights all come from one rig, so blocks may also change flights.
+    A flight has few blocks; where they are cut is therefore drawn, too, on the flight bent into a
+    ring, which breaks what belongs together only once more.
     """
-    return np.concatenate([blocks[i] for i in rng.permutation(len(blocks))])
+    orders = np.empty((_PERMUTATIONS, sum(counts)), np.int64)
+    offset = 0
+    for count in counts:
+        for row in orders:
+            ring = (rng.integers(max(count, 1)) + np.arange(count)) % max(count, 1)
+            firsts = length * rng.permutation(math.ceil(count / length))
+            blocks = [ring[first : first + length] for first in firsts]
+            row[offset : offset + count] = offset + np.concatenate([ring[:0], *blocks])
+        offset += count
+    return orders
 
 
-def _strength(value: FloatArray, bins: np.typing.NDArray[np.int64], count: int) -> float:
-    """Sum of squares between bins."""
-    inside = bins >= 0
-    total = np.bincount(bins[inside], value[inside], count)
-    number = np.maximum(np.bincount(bins[inside], minlength=count), 1)
-    return float((total**2 / number).sum())
+def _centred(value: FloatArray, known: BoolArray, counts: Sequence[int]) -> FloatArray:
+    """Values less their own flight's mean, 0 where they are not known: (n,)."""
+    result = np.zeros(len(value))
+    for stop, count in zip(np.cumsum(counts), counts, strict=True):
+        own = np.arange(stop - count, stop)[known[stop - count : stop]]
+        if len(own):
+            result[own] = value[own] - value[own].mean()
+    return result
+
+
+def _strength(values: FloatArray, inside: FloatArray) -> FloatArray:
+    """Sum of squares between bins of each row (r,); `inside` (n, bins) is 1 in a sample's bin."""
+    return np.asarray(((values @ inside) ** 2 / np.maximum(inside.sum(0), 1.0)).sum(1))
 
 
 def _bin_means(
     value: FloatArray,
-    bins: np.typing.NDArray[np.int64],
-    blocks: Sequence[np.typing.NDArray[np.int64]],
+    bins: IntArray,
+    blocks: Sequence[IntArray],
     count: int,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Mean, standard error clustered by block, and number per bin."""

@@ -1,9 +1,16 @@
 """What a fitted model leaves unexplained along a flight, and the coordinates it may depend on.
 
-In: a model and a fit. Out: residual series of three kinds. The *force* is the balance of momentum
-over a quarter of a second, the *control effort* the same over a second: under feedback a missing
-force hides in the command, and there the balance finds it. The *height 0.25 s ahead* is an
-open-loop replay from the filtered state.
+In: a model and a fit. Out: residual series of four kinds, all measured minus simulated.
+
+*Force*: the balance of momentum over a quarter of a second, that is mass times gain of speed less
+every force of the model, the commands' thrust included [N].
+*Control effort*: the same balance over a second. Feedback holds the height, so over a second hardly
+any speed is gained, and the command answers a force that the model lacks: the balance is then the
+thrust that the commands give beyond what the model needs for this motion, with the opposite sign,
+that of the missing force [N]. The mean command alone would not do: it also answers the wake and the
+reference, which the model knows.
+*Height 0.25 s ahead*: open-loop replay from the filtered state [m].
+*Innovation*: each reading less what the filter predicts of it, over its standard deviation.
 """
 
 from dataclasses import dataclass
@@ -15,10 +22,11 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
-CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m"}
+CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", "innovation": "sd"}
 AHEAD_S = 0.25
 _WINDOW_S = {"force": 0.25, "control effort": 1.0}
 _EVERY_S = 0.125
+_NEXT_S = 0.1  # a reading that comes later than this was hardly predicted
 
 # name: unit, and whether it is known whatever the sufferer does
 COORDINATES = {
@@ -38,7 +46,12 @@ COORDINATES = {
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """One flight's residuals of one channel at some times (n,), and the coordinates there."""
+    """One flight's residuals of one channel at some times (n,), and the coordinates there.
+
+    The coordinates of innovations are those known before the reading. The other channels look at
+    the middle of their window, where what the sufferer does (height, speed, its command) has
+    already answered a part of the disturbance within it.
+    """
 
     channel: str
     at_s: FloatArray
@@ -47,7 +60,11 @@ class Residuals:
 
 
 def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Residuals:
-    """A channel of `CHANNELS` along one flight; measured minus simulated."""
+    """A channel of `CHANNELS` along one flight, in its unit; KeyError for another channel."""
+    if channel not in CHANNELS:
+        raise KeyError(f"{channel!r} is none of {', '.join(CHANNELS)}")
+    if channel == "innovation":
+        return _innovations(model, fitted, episode)
     if channel in _WINDOW_S:
         at, value = _balance(model, fitted, episode, _WINDOW_S[channel])
         start_s = model.flights[episode].grid_s[at] + 0.5 * DT_S
@@ -62,6 +79,26 @@ def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Re
     limit = 5.0 * float(np.median(np.abs(error[known]))) if known.any() else 0.0
     clipped = np.clip(error[known], -limit, limit)  # readings that stray say nothing
     return Residuals(channel, grid_s[at], clipped, _coordinates(model, fitted, episode, at))
+
+
+def _innovations(model: GantryModel, fitted: Fit, episode: int) -> Residuals:
+    """Whitened, with the height and speed that the filter forecasts from the reading before.
+
+    The smoothed motion would not do as a coordinate: it has seen the reading itself.
+    """
+    flight = model.flights[episode]
+    sample_s = flight.sample_s[flight.counted]
+    white = model.score(fitted.hypothesis, fitted.theta, episode).white[: len(sample_s)]
+    steps = max(round(flight.spacing_s * GRID_HZ), 2)  # to the next reading
+    ahead = model.forecasts(fitted, episode, (DT_S, steps * DT_S))
+    follows = np.flatnonzero(np.diff(sample_s) < _NEXT_S)  # by the reading that it follows
+    at = ((sample_s[follows] - flight.grid_s[0]) * GRID_HZ).astype(np.int64)
+    near_m, height_m = ahead.forecast_m[:, follows]
+    coordinates = _coordinates(model, fitted, episode, at) | {
+        "height": height_m,
+        "vertical speed": (height_m - near_m) / ((steps - 1) * DT_S),
+    }
+    return Residuals("innovation", sample_s[follows + 1], white[follows + 1], coordinates)
 
 
 def _balance(
