@@ -21,12 +21,12 @@ GAP_KEYS = {"before", "after", "noise_floor", "unit", "closed"}
 
 @pytest.fixture(scope="module")
 def world(tmp_path_factory):
-    """Three short flights of motors that lag, and a rig file that says they do not."""
+    """Four short flights of motors that lag, and a rig file that says they do not."""
     folder = tmp_path_factory.mktemp("world")
     truth = default_rig()
     rig = truth.without("spool")
     rig.write(folder / "rig.toml")
-    logs = [folder / f"flight{i}.mcap" for i in range(3)]
+    logs = [folder / f"flight{i}.mcap" for i in range(4)]
     for i, log in enumerate(logs):
         write_mcap(record(truth, seconds=12, seed=40 + i, model_rig=rig), log)
     return folder / "rig.toml", logs
@@ -64,7 +64,7 @@ def test_the_result_has_the_promised_shape_and_the_librarys_names(closed):
 def test_the_last_flight_is_sealed_and_the_rig_file_is_new(world, closed):
     (rig_path, logs), (out, told) = world, closed
     assert content(out, "find")["split"] == {
-        "fit": [str(log) for log in logs[:2]], "sealed": [str(logs[2])]
+        "fit": [str(log) for log in logs[:3]], "sealed": [str(logs[3])]
     }  # fmt: skip
     corrected = read_rig(out / "rig.toml")
     assert [e.name for e in corrected.effect] == [e["name"] for e in told["effects"]]

@@ -7,7 +7,7 @@ import pytest
 from scipy.stats import chi2
 
 from wakedeploy.gap.inference import Fit, Score, Slopes
-from wakedeploy.gap.whiteness import LAGS, samples, spectrum, whiteness
+from wakedeploy.gap.whiteness import LAGS, REFERENCE_SAMPLES, samples, spectrum, whiteness
 
 TAIL = 3
 
@@ -78,11 +78,30 @@ def test_pseudo_samples_and_outliers_say_nothing() -> None:
 
 def test_the_artefact_says_what_was_tested() -> None:
     found = whiteness(fit_that_leaves(white_noise(0)))
-    told = json.loads(json.dumps(found.as_json(limit=30.0)))
-    assert told["passes"] is (found.statistic <= 30.0)
-    assert found.as_json(limit=0.1)["passes"] is False
+    told = json.loads(json.dumps(found.as_json(60.0)))
+    assert told["limit"] == found.limit(60.0)
+    assert told["passes"] is (found.statistic <= told["limit"])
     assert told["lags"] == list(range(1, LAGS + 1))
     assert len(told["autocorrelation"]) == LAGS
+
+
+def test_the_limit_grows_with_the_samples_as_a_little_colour_does() -> None:
+    """Pure noise keeps its statistic at any length, an AR(1) process has it in proportion."""
+    rng = np.random.default_rng(3)
+    for count in (REFERENCE_SAMPLES // 4, 4 * REFERENCE_SAMPLES):
+        noise = rng.standard_normal(count)
+        coloured = np.array(noise)
+        for k in range(1, count):
+            coloured[k] += 0.1 * coloured[k - 1]
+        white = whiteness(fit_that_leaves([noise]))
+        assert white.samples == count
+        assert white.passes(40.0)
+        grown = whiteness(fit_that_leaves([coloured]))
+        # ρ_k = 0.1^k: the reference's statistic is expected at 16 + n·Σρ².
+        expected = LAGS + REFERENCE_SAMPLES * 0.0101
+        assert grown.at_reference == pytest.approx(expected, rel=0.6)
+        assert grown.passes(expected + 40.0)
+        assert grown.statistic > white.statistic or count < REFERENCE_SAMPLES
 
 
 def test_the_spectrum_of_white_noise_is_flat_within_its_band() -> None:

@@ -41,7 +41,7 @@ from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
 Progress = Callable[[str], None]
-Retrain = Callable[[Rig, Rig, Path], Mapping[str, Any]]
+Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
 SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1, 6: 2}
 MOST_SEALED = 2
 _CONFUSED = 14  # effects in the picture of what can be told apart
@@ -57,7 +57,7 @@ class Case:
     thresholds: Thresholds
 
     @property
-    def cross_validated(self) -> bool:
+    def in_sample(self) -> bool:
         """Too few flights to seal any: what is shown was also fitted."""
         return not self.sealed
 
@@ -134,6 +134,7 @@ def name(
         "confusion": _confusion(answer),
         "detectable": detectable(answer),
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
+        "rest": answer.rest.as_json() if answer.rest is not None else None,
         "beside": [_effect(answer, n) for n in _beside(answer)],
         "white": answer.white.as_json(answer.thresholds.whiteness),
         "noise": _noise(answer.fit),
@@ -191,7 +192,7 @@ def show_gap(
 
     UnusableInput where `name` has not run. Without an `answer`, the corrected rig file's effects
     are fitted again to the same flights.
-    `retrain(old, corrected, out)` gives the predictors' errors.
+    `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown.
     """
     require(out, "name", case.rig.sha256, case.recordings)
     progress("showing the gap on sealed flights")
@@ -201,11 +202,11 @@ def show_gap(
     answer = Answer(**(vars(answer) | {"model": model}))
     sealed = case.sealed or case.flights
     places = read_steps(out).find.get("places", ())
-    told = show(answer, corrected, sealed, places)
-    told["cross_validated"] = case.cross_validated
+    told = show(answer, corrected, sealed, places, in_sample=case.in_sample)
     if retrain is not None and added:
         progress("training predictors on the old and the corrected rig")
-        told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), out))
+        scored = [Path(flight.name) for flight in sealed]
+        told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), scored, out))
     return _written(out, "show", told)
 
 
@@ -415,8 +416,8 @@ def _corrected(
     case: Case, answer: Answer, added: Sequence[str], out: Path
 ) -> tuple[GantryModel, Fit | None]:
     """The fit whose effects the corrected rig file has, an expression's included."""
-    if not added:
-        return answer.model, None
+    if not added:  # of a class, the best member stands for all
+        return answer.model, answer.fit if answer.members else None
     if set(added) == set(answer.fit.hypothesis):
         return answer.model, answer.fit
     extra = {e.name: symbolic_effect(e) for e in read_rig(out / "rig.toml").effect if e.expression}

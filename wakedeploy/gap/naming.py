@@ -33,6 +33,7 @@ FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
+_SURE_SD = 0.8416  # the normal quantile of four in five
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
 
 
@@ -98,6 +99,7 @@ class Answer:
     fit: Fit
     white: Whiteness
     unknown: Symbolic | None
+    rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
 
     def interval(self, effect: str, parameter: str) -> tuple[float, float, float]:
@@ -144,12 +146,21 @@ def name_effects(
     current = _without_idle(model, current)
     rounds = [r for r in rounds if set(r.given) <= set(current.hypothesis)]
     progress("looking for what no effect explains")
-    unknown = _rest(rig, model, base, current, thresholds)
+    unknown, rest = _rest(rig, model, base, current, thresholds)
     white = whiteness(current)
-    verdict, members = _verdict(rounds, current, unknown, white, thresholds, model.episodes)
-    effects = current.hypothesis if verdict in ("named", "class") else ()
+    verdict, members = _verdict(rounds, current, unknown, white, thresholds)
     return Answer(
-        verdict, effects, members, tuple(rounds), model, base, current, white, unknown, thresholds
+        verdict,
+        _claimed(verdict, rounds, current),
+        members,
+        tuple(rounds),
+        model,
+        base,
+        current,
+        white,
+        unknown,
+        rest,
+        thresholds,
     )
 
 
@@ -181,22 +192,26 @@ def _without_idle(model: GantryModel, current: Fit) -> Fit:
 
 def _rest(
     rig: Rig, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds
-) -> Symbolic | None:
-    """An expression that explains more than the effects do, or much beyond them."""
+) -> tuple[Symbolic | None, Symbolic | None]:
+    """An expression that explains more than the effects do, or much beyond them; or else a little.
+
+    The second is what is left beyond the effects where that is too little to doubt them: their own
+    form need not be exact.
+    """
     least = thresholds.expression_nats
     setting = vars(setting_of(rig))
     beyond = search(model, current, setting=setting, least_nats=least)
     if not current.hypothesis:
-        return beyond
+        return beyond, None
     explained = gain_over(model, base, current)
     if beyond is not None and beyond.gain_nats > _REST_SHARE * explained:
-        return beyond
+        return beyond, None
     if explained > _CLEAR_NATS:
-        return None
+        return None, beyond
     instead = search(model, base, setting=setting, least_nats=least, most_terms=2)
     if instead is not None and instead.gain_nats > explained + CLASS_NATS:
-        return instead
-    return None
+        return instead, None
+    return None, beyond
 
 
 def gain_over(model: GantryModel, base: Fit, current: Fit) -> float:
@@ -211,24 +226,39 @@ def _verdict(
     unknown: Symbolic | None,
     white: Whiteness,
     thresholds: Thresholds,
-    flights: int,
 ) -> tuple[Verdict, tuple[str, ...]]:
-    if unknown is not None or white.statistic > thresholds.whiteness:
+    if unknown is not None or not white.passes(thresholds.whiteness):
         return "unknown", ()
     if not current.hypothesis:
         return "none", ()
-    for searched in rounds[: len(current.hypothesis)]:
-        rivals = searched.rivals
-        if len(rivals) > 1:
-            return "class", tuple(c.name for c in rivals)
-    if flights < FEWEST_FLIGHTS:
-        return "class", tuple(c.name for c in rounds[0].rivals)
+    unsettled = _unsettled(rounds, current)
+    if unsettled:
+        return "class", tuple(c.name for c in unsettled[0].rivals)
     return "named", ()
 
 
+def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
+    """The rounds whose best effect cannot be told from others; with few flights, all of them."""
+    settling = rounds[: len(current.hypothesis)]
+    few = len(current.episodes) < FEWEST_FLIGHTS
+    return [searched for searched in settling if few or len(searched.rivals) > 1]
+
+
+def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[str, ...]:
+    """The effects that an answer commits itself to: of a class, none."""
+    if verdict not in ("named", "class"):
+        return ()
+    open_ones = {searched.ranking[0].name for searched in _unsettled(rounds, current)}
+    return tuple(name for name in current.hypothesis if name not in open_ones)
+
+
 def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
-    """For each effect the smallest size of its first parameter that would have been noticed."""
-    nats = answer.thresholds.effect_nats + 1.0
+    """For each effect the size of its first parameter that four data sets of five would show.
+
+    A gain of I nats on the average scatters by √(2 I).
+    """
+    least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
+    nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
     sizes = {}
     for name in LIBRARY:
         if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:

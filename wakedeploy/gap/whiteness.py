@@ -18,25 +18,49 @@ from wakedeploy.gap.inference import Fit, Score
 FloatArray = npt.NDArray[np.float64]
 
 LAGS = 16  # half a second of samples
+REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
+_OF_WHITE_NOISE = float(chi2.ppf(0.999, LAGS))
 _BANDS = 48
 _TAIL = 3  # pseudo-samples that a score may end with: two rests, repeats
 
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """Autocorrelation (LAGS,) at lags 1…, the statistic over them and its nominal p value."""
+    """Autocorrelation (LAGS,) at lags 1…, the statistic over them and its nominal p value.
+
+    `samples` is how many innovations they come from.
+    """
 
     autocorrelation: FloatArray
     statistic: float
     p_value: float
+    samples: int
 
-    def as_json(self, limit: float) -> dict[str, Any]:
-        """As the artefacts hold it; `limit` is what noise hardly ever exceeds."""
+    @property
+    def at_reference(self) -> float:
+        """The statistic that as many samples as the reference's would be expected to give."""
+        return LAGS + (self.statistic - LAGS) * REFERENCE_SAMPLES / self.samples
+
+    def limit(self, of_reference: float) -> float:
+        """What the statistic may be with so many samples, if it may be `of_reference` with others.
+
+        The statistic of white noise does not depend on their number; what a model leaves in any
+        case, friction's fine structure, say, grows in proportion to it.
+        """
+        left = (of_reference - LAGS) * self.samples / REFERENCE_SAMPLES
+        return max(LAGS + left, _OF_WHITE_NOISE)
+
+    def passes(self, of_reference: float) -> bool:
+        """Whether the innovations are as white as the reference's."""
+        return self.statistic <= self.limit(of_reference)
+
+    def as_json(self, of_reference: float) -> dict[str, Any]:
+        """As the artefacts hold it, with the limit for so many samples."""
         return {
             "p_value": self.p_value,
             "statistic": self.statistic,
-            "limit": limit,
-            "passes": bool(self.statistic <= limit),
+            "limit": self.limit(of_reference),
+            "passes": self.passes(of_reference),
             "lags": list(range(1, LAGS + 1)),
             "autocorrelation": self.autocorrelation.tolist(),
         }
@@ -50,7 +74,7 @@ def whiteness(fitted: Fit) -> Whiteness:
     correlation = total[1:] / total[0]
     count = sum(len(w) for w in white)
     statistic = count * float((correlation**2).sum())
-    return Whiteness(correlation, statistic, float(chi2.sf(statistic, LAGS)))
+    return Whiteness(correlation, statistic, float(chi2.sf(statistic, LAGS)), count)
 
 
 def samples(score: Score) -> FloatArray:
