@@ -135,7 +135,7 @@ def show_artefact(rng):
         "control effort": (0.22, 0.09, 0.08, "N"),
     }  # fmt: skip
     return {
-        "sealed": ["flight5", "flight6"], "cross_validated": False,
+        "sealed": ["flight5", "flight6"], "in_sample": False,
         "gap": {
             name: {"before": b, "after": a, "noise_floor": f, "unit": unit,
                    "before_interval": [0.9 * b, 1.1 * b], "after_interval": [0.93 * a, 1.07 * a],

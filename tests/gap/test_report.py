@@ -89,7 +89,7 @@ def test_the_page_tells_verdict_value_and_share_closed(full):
     assert "52 ms (47 to 59)" in text
     assert "21.3 mm" in text
     assert "96 % of the gap closed" in text
-    assert "range-drift, does not help" in text
+    assert "the wrong effect range-drift in its place, does not help" in text
     assert "below 0.25 m: force +0.41 N" in text
     assert "Next step" not in text
 
@@ -192,7 +192,7 @@ def test_the_account_needs_no_more_than_a_verdict():
 
 def test_the_account_says_how_little_it_rests_on():
     told = account({"verdict": "named", "effects": [{"name": "stiction"}], "logs": [{}],
-                    "cross_validated": True})  # fmt: skip
+                    "in_sample": True})  # fmt: skip
     assert "too few flights to seal" in told
     assert "a hint, not a finding" in told
 

@@ -96,7 +96,8 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @command.command("close", cls=_Many)
 @_inputs
-@click.option("--retrain", is_flag=True, help="Also train a predictor on each rig and compare.")
+@click.option("--retrain", is_flag=True,
+              help="Train a predictor on each rig; compare on sealed flights.")  # fmt: skip
 @click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
               help="Simulated flight per predictor, with --retrain.")  # fmt: skip
 def close_gap(
@@ -119,7 +120,7 @@ def close_gap(
     from wakedeploy.gap.close import close
     from wakedeploy.gap.steps import read_steps
 
-    train = _trainer(measured, minutes) if retrain else None
+    train = _trainer(minutes) if retrain else None
     try:
         told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
     except KeyboardInterrupt:
@@ -210,7 +211,8 @@ def add_effect(
 
 @command.command("show", cls=_Many)
 @_inputs
-@click.option("--retrain", is_flag=True, help="Also train a predictor on each rig and compare.")
+@click.option("--retrain", is_flag=True,
+              help="Train a predictor on each rig; compare on sealed flights.")  # fmt: skip
 @click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
               help="Simulated flight per predictor, with --retrain.")  # fmt: skip
 def show_gap(
@@ -231,7 +233,7 @@ def show_gap(
     from wakedeploy.gap.close import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
-    train = _trainer(measured, minutes) if retrain else None
+    train = _trainer(minutes) if retrain else None
     told = show(case, out, progress=_progress, retrain=train)
     for channel, gap in told["gap"].items():
         before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
@@ -277,12 +279,12 @@ def _say_what_is_left(out: Path) -> None:
         )
 
 
-def _trainer(measured: tuple[Path, ...], minutes: float) -> Any:
-    """What trains and scores predictors on both rigs, for the flights that were measured."""
+def _trainer(minutes: float) -> Any:
+    """What trains predictors on both rigs, and scores them on the flights that are shown."""
     from wakedeploy.gap.retrain import retrain
 
-    def train(old: Any, corrected: Any, out: Path) -> Any:
-        return retrain(old, corrected, measured, out / "retrain", minutes=minutes)
+    def train(old: Any, corrected: Any, logs: Any, out: Path) -> Any:
+        return retrain(old, corrected, logs, out / "retrain", minutes=minutes)
 
     return train
 

@@ -30,6 +30,7 @@ from wakedeploy.physics.effects import LIBRARY
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
 _NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
+_LITTLE = 0.2  # of the gain of what was found; a wrong effect may imitate so much
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
@@ -207,7 +208,7 @@ def unit_of(channel: Mapping[str, Any]) -> str:
 
 def _judged_on(result: Mapping[str, Any]) -> str:
     sealed = texts(result.get("sealed"))
-    if result.get("cross_validated"):
+    if result.get("in_sample"):
         return "On the very flights that it was fitted to"
     if not sealed:
         return "In these flights"
@@ -220,12 +221,18 @@ def _placebo(result: Mapping[str, Any]) -> list[str]:
         return []
     unit = unit_of(placebo)
     change = f"{quantity(placebo.get('before'), unit)} to {quantity(placebo.get('after'), unit)}"
-    if placebo.get("helps"):
-        return [
-            f"Careful: a placebo, {placebo['name']}, helps as well ({change}); "
-            "what was found may be no more than a better fit."
-        ]
-    return [f"A placebo, the wrong effect {placebo['name']}, does not help ({change})."]
+    gains = [number(placebo.get(key)) for key in ("gain_nats", "found_gain_nats")]
+    if not math.isnan(sum(gains)):
+        change += f"; gain {gains[0]:.1f} nats, of what was found {gains[1]:.1f}"
+    start = f"A placebo, the wrong effect {placebo['name']} in its place,"
+    if not placebo.get("helps"):
+        return [f"{start} does not help ({change})."]
+    if gains[0] < _LITTLE * gains[1]:
+        return [f"{start} helps a little ({change}): it imitates a part."]
+    return [
+        f"Careful: {start[0].lower()}{start[1:]} helps as well ({change}); "
+        "what was found may be no more than a better fit."
+    ]
 
 
 def _retraining(result: Mapping[str, Any]) -> list[str]:
@@ -234,9 +241,12 @@ def _retraining(result: Mapping[str, Any]) -> list[str]:
         return []
     unit = unit_of(retrain)
     old, new = (quantity(retrain.get(key), unit) for key in ("old_rmse", "new_rmse"))
-    return [
-        f"A predictor trained on the corrected rig errs by {new} on measured data; before, {old}."
-    ]
+    scored = len(texts(retrain.get("scored_on")))
+    if result.get("in_sample"):
+        where = "on the very flights that the effect was found in"
+    else:
+        where = f"on {counted(scored, 'sealed flight')}" if scored else "on measured data"
+    return [f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."]
 
 
 def _detectable(result: Mapping[str, Any]) -> list[str]:
@@ -278,7 +288,7 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
     told = []
     if entries(result.get("effects")) or gap_channel(result)[1].get("before_interval"):
         told.append("In brackets: 90 % intervals.")
-    if result.get("cross_validated"):
+    if result.get("in_sample"):
         told.append("There were too few flights to seal any: the gap may look smaller than it is.")
     if _flights(result) == 1:
         told.append(

@@ -79,9 +79,9 @@ def run(
     logs = fly_measured(out, size, workers)
     folder = out / "gap"
 
-    def retrained(old: Rig, new: Rig, into: Path) -> dict[str, Any]:
+    def retrained(old: Rig, new: Rig, scored: Sequence[Path], into: Path) -> dict[str, Any]:
         return retrain(
-            old, new, logs, into / "retrain", minutes=size.minutes, epochs=size.epochs,
+            old, new, scored, into / "retrain", minutes=size.minutes, epochs=size.epochs,
             workers=workers, progress=progress,
         )  # fmt: skip
 

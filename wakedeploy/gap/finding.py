@@ -46,8 +46,8 @@ def find_places(
 
     A place counts from the size `least` of its channel on, in its unit: so much the model's own
     approximations leave on this rig when nothing is missing (see `threshold`). A channel without
-    one, as the innovations, counts by its q value alone. Places come by q value, those of channels
-    with a limit first, the farthest beyond it before the others.
+    one, as the innovations, counts by its q value alone. Places come by q value, then by the share
+    of the channel's mean square that their map explains, innovations after the other channels.
     """
     limits = dict(least or {})
     maps: list[dict[str, Any]] = []
@@ -78,10 +78,9 @@ def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> li
     Innovations know of no force and no millimetre: they stand behind what does, and crowd out none.
     """
 
-    def key(place: Mapping[str, Any]) -> tuple[float, bool, float]:
-        size, limit = abs(place["residual"]), limits.get(place["channel"], 0.0)
-        beyond = size / limit if limit > 0.0 else size
-        return place["q_value"], place["channel"] == "innovation", -beyond
+    def key(place: Mapping[str, Any]) -> tuple[float, bool, float, float]:
+        white = place["channel"] == "innovation"
+        return place["q_value"], white, -place["share"], -abs(place["residual"])
 
     beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
     beyond.sort(key=key)
@@ -271,6 +270,7 @@ def _place(m: dict[str, Any], mean: FloatArray, start: int, end: int) -> dict[st
         "unit": m["unit"],
         "coordinate_unit": m["coordinate_unit"],
         "q_value": m["q_value"],
+        "share": m["strength"],
         "words": _words(m, low, high, residual, first, last),
     }
 

@@ -63,7 +63,8 @@ PICTURES = (
         "maps_exogenous",
         "Where they disagree, against what was known beforehand: mean residual (line) and its 90 % "
         "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A "
-        "place is listed only if it exceeds what the model's approximations leave on this rig.",
+        "place is listed only if it exceeds what the model's approximations leave on this rig; an "
+        "innovation (sd: standard deviations of a reading's forecast) counts by q alone.",
         lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
     ),
     Picture(
@@ -118,12 +119,16 @@ PICTURES = (
     ),
     Picture(
         "placebo",
-        "The placebo, a wrong effect fitted likewise, must not help.",
+        "A placebo: a wrong effect in the place of what was found, with as many parameters where "
+        "there is one, fitted likewise. Of the effects that can be told from what was found, the "
+        "middle one by gain on held-out flights. It must not help, that is gain over 3 nats on "
+        "the flights shown.",
         lambda steps: report_figures.draw_placebo(steps.summary),
     ),
     Picture(
         "retraining",
-        "Predictors trained on the old and on the corrected simulation, both on measured data.",
+        "Predictors trained on the old and on the corrected simulation, scored on the flights that "
+        "are shown here, with 90 % intervals over flights where there are several.",
         lambda steps: report_figures.draw_retraining(steps.show),
     ),
 )
@@ -289,8 +294,11 @@ def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
 
 def _judging(show: Mapping[str, Any]) -> str:
     sealed = texts(show.get("sealed"))
-    if show.get("cross_validated") or not sealed:
-        return "Judged on the flights that it was fitted to: there were too few to keep one apart."
+    if show.get("in_sample") or not sealed:
+        return (
+            "Judged in sample, on the very flights that it was fitted to: there were too few to "
+            "keep one apart."
+        )
     verb = "was" if len(sealed) == 1 else "were"
     return f"Judged on {listed(sealed)}, which {verb} not looked at before."
 

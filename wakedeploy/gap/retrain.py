@@ -60,11 +60,13 @@ def retrain(
 ) -> dict[str, Any]:
     """Train the same small predictor on both rigs' simulations; score both on measured flights.
 
+    Give flights that took no part in finding what the corrected rig has, where there are some.
+
     Both see `minutes` of the same commands and seeds, and each predicts the force at its own rig's
     lead. They are packages `old.onnx` and `new.onnx` in `out`. The result is `show.json`'s
     `retrain`: root-mean-square errors [N], their 90 % intervals over flights (None for one flight),
     the `ratio` of the new error to the old, flights paired; `label_sd`, the error that the measured
-    force itself has, and `measured_rms`, its size.
+    force itself has, and `measured_rms`, its size; `scored_on`, the flights' names.
 
     The force is measured from the logs with the *corrected* rig for both predictors, since the
     thrust's lag has to be taken off to see it. A predictor learns the drag of the wake alone: an
@@ -86,12 +88,16 @@ def retrain(
     progress(f"training {arch} on {minutes:g} min of either simulation")
     packages = _in_processes(jobs, workers)
     progress("measuring the force in the flights")
-    logs = {f"flight{i}": _opened(log) for i, log in enumerate(measured)}
+    names = [f"flight{i}" for i in range(len(measured))]
+    logs = {name: _opened(log) for name, log in zip(names, measured, strict=True)}
     truth = measured_set(logs, new)
     progress("scoring both predictors on them")
     return {
         "unit": "N",
         **_scores({name: read_package(path) for name, path in packages.items()}, truth),
+        "scored_on": [
+            str(log) if isinstance(log, Path) else names[i] for i, log in enumerate(measured)
+        ],
         "label_sd": _rms(truth, "sd"),
         "measured_rms": _rms(truth, "force"),
         "arch": arch,

@@ -2,10 +2,10 @@
 
 In: an answer and sealed flights. Out: `show.json`: errors per channel with intervals and the noise
 floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many parameters,
-which must not help.
+neither the best nor the worst of those, which must not help.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +17,7 @@ from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, fit
 from wakedeploy.gap.naming import Answer, with_terms
+from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 from wakedeploy.physics.effects import LIBRARY
@@ -24,7 +25,9 @@ from wakedeploy.physics.effects import LIBRARY
 _BLOCK_S = 2.0
 _BINS = 8
 _TRACE_S = 10.0
+_MOST_MAPS = 6
 _HELPS_NATS = 3.0
+_USED_NATS = 0.5  # gained where it was fitted
 _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
@@ -37,26 +40,34 @@ class Shown:
 
 
 def show(
-    answer: Answer, corrected: Fit | None, sealed: Sequence[Flight], places: Sequence[Any]
+    answer: Answer,
+    corrected: Fit | None,
+    sealed: Sequence[Flight],
+    places: Sequence[Any],
+    *,
+    in_sample: bool = False,
 ) -> dict[str, Any]:
     """`show.json`, without the predictors of `retrain`.
 
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
+    `in_sample` says that the flights shown are those that were fitted, none being sealed.
     """
     after_fit = corrected if corrected is not None else answer.base
     extra = {**with_terms(answer.model).extra, **answer.model.extra}
     model = GantryModel(answer.model.rig, sealed, extra)
     before, after = _shown(model, answer.base), _shown(model, after_fit)
+    gain = _log_density(after) - _log_density(before)
     result: dict[str, Any] = {
-        "sealed": [flight.name for flight in sealed],
-        "cross_validated": False,
+        "shown_on": [flight.name for flight in sealed],
+        "sealed": [] if in_sample else [flight.name for flight in sealed],
+        "in_sample": in_sample,
         "gap": gaps(before, after),
-        "places": [_by_place(before, after, p["channel"], p["coordinate"]) for p in places[:4]],
-        "placebo": _placebo(answer, after_fit.hypothesis, model, before),
+        "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
+        "placebo": _placebo(answer, after_fit.hypothesis, model, before, gain),
         "white": {"before": _white(before, answer), "after": _white(after, answer)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),
-        "log_density_gain_nats": _log_density(after) - _log_density(before),
+        "log_density_gain_nats": gain,
         "retrain": None,
     }
     return result
@@ -138,25 +149,31 @@ def _expected(shown: Shown, horizon_s: float) -> float:
 
 def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dict[str, Any]:
     """Mean residual in bins of one coordinate, before and after."""
-    name = coordinate if coordinate in COORDINATES else "height"
     old = [residuals(before.model, before.fit, channel, i) for i in range(before.model.episodes)]
     new = [residuals(after.model, after.fit, channel, i) for i in range(after.model.episodes)]
-    where = np.concatenate([s.coordinates[name] for s in old])
+    where = np.concatenate([s.coordinates[coordinate] for s in old])
     edges = np.unique(np.quantile(where[np.isfinite(where)], np.linspace(0.0, 1.0, _BINS + 1)))
     return {
         "channel": channel,
-        "coordinate": name,
-        "coordinate_unit": COORDINATES[name][0],
+        "coordinate": coordinate,
+        "coordinate_unit": COORDINATES[coordinate][0],
         "edges": edges.tolist(),
-        "before": _binned(old, name, edges),
-        "after": _binned(new, name, edges),
+        "before": _binned(old, coordinate, edges),
+        "after": _binned(new, coordinate, edges),
         "unit": CHANNELS[channel],
     }
 
 
+def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+    """Channel and coordinate of the places, each map once, in order; "everywhere" over height."""
+    maps = [(p["channel"], p["coordinate"]) for p in places]
+    return list(dict.fromkeys((c, n if n in COORDINATES else "height") for c, n in maps))
+
+
 def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
     where = np.concatenate([s.coordinates[name] for s in series])
-    value = np.concatenate([s.value for s in series])
+    known = np.isfinite(where)
+    where, value = where[known], np.concatenate([s.value for s in series])[known]
     bins = np.clip(np.digitize(where, edges[1:-1]), 0, max(len(edges) - 2, 0))
     count = np.bincount(bins, minlength=len(edges) - 1)
     total = np.bincount(bins, value, len(edges) - 1)
@@ -164,26 +181,46 @@ def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
 
 
 def _placebo(
-    answer: Answer, hypothesis: Hypothesis, sealed: GantryModel, before: Shown
+    answer: Answer, hypothesis: Hypothesis, sealed: GantryModel, before: Shown, found_nats: float
 ) -> dict[str, Any]:
-    """The effect that ranked last of those with as many parameters, fitted and shown likewise."""
-    wanted = sum(len(LIBRARY[n].parameters) for n in hypothesis if n in LIBRARY) or 1
-    related = {r for n in hypothesis if n in LIBRARY for r in LIBRARY[n].confused_with}
-    ranking = [c for c in answer.rounds[0].ranking if c.name not in {*hypothesis, *related}]
-    alike = [c for c in ranking if len(LIBRARY[c.name].parameters) == min(wanted, 2)] or ranking
-    name = alike[-1].name
+    """A wrong effect in the place of what was found, fitted and shown likewise; {} without any."""
+    wrong = wrong_effects(answer, hypothesis)
+    if not wrong:
+        return {}
+    chosen = wrong[len(wrong) // 2]
     near = answer.model
-    fitted = fit(near, (name,), range(near.episodes), alike[-1].fit.theta)
-    wrong = _shown(sealed, fitted)
-    gain = _log_density(wrong) - _log_density(before)
+    fitted = fit(near, (chosen.name,), range(near.episodes), chosen.fit.theta)
+    shown = _shown(sealed, fitted)
+    gain = _log_density(shown) - _log_density(before)
     return {
-        "name": name,
+        "name": chosen.name,
         "before": _rms(_errors(before, AHEAD_S)),
-        "after": _rms(_errors(wrong, AHEAD_S)),
+        "after": _rms(_errors(shown, AHEAD_S)),
+        "after_interval": _rms_interval(_errors(shown, AHEAD_S)),
         "unit": "m",
         "gain_nats": gain,
+        "found_gain_nats": found_nats,
         "helps": bool(gain > _HELPS_NATS),
+        "rank": wrong.index(chosen) + 1,
+        "of": len(wrong),
     }
+
+
+def wrong_effects(answer: Answer, hypothesis: Hypothesis) -> list[Candidate]:
+    """The first round's effects that can be told from what was found, best held-out gain first.
+
+    None is in the hypothesis, in the class, or confused with one of those, whichever of the two
+    names the other. Those that the fit made use of, where there are some: an effect fitted to
+    nothing could not help. Of these, those with as many parameters, where there are some.
+    """
+    claimed = {*hypothesis, *answer.members}
+    known = [LIBRARY[n] for n in claimed if n in LIBRARY]
+    related = {r for effect in known for r in effect.confused_with}
+    related |= {n for n, effect in LIBRARY.items() if claimed & set(effect.confused_with)}
+    ranking = [c for c in answer.rounds[0].ranking if c.name not in claimed | related]
+    ranking = [c for c in ranking if c.fitted_gain > _USED_NATS] or ranking
+    wanted = sum(len(LIBRARY[n].parameters) for n in hypothesis if n in LIBRARY) or 1
+    return [c for c in ranking if len(LIBRARY[c.name].parameters) == min(wanted, 2)] or ranking
 
 
 def _log_density(shown: Shown) -> float:

@@ -22,7 +22,7 @@ STEPS = ("find", "name", "add", "show", "result")
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
 _OF_NAME = ("verdict", "effects", "class", "split_by", "unknown", "detectable", "white")
-_OF_SHOW = ("sealed", "cross_validated", "gap", "placebo", "retrain")
+_OF_SHOW = ("sealed", "in_sample", "gap", "placebo", "retrain")
 
 
 @dataclass(frozen=True)
