@@ -107,6 +107,8 @@ def test_the_sealed_flights_are_those_that_the_workflow_tells(tmp_path: Path) ->
     (tmp_path / "answer").mkdir()
     (tmp_path / "answer" / "show.json").write_text('{"sealed": ["flight3"]}')
     assert sealed(tmp_path, flights) == ["flight3"]
+    (tmp_path / "answer" / "show.json").write_text('{"sealed": []}')
+    assert sealed(tmp_path, flights[:2]) == flights[:2]
 
 
 @pytest.mark.parametrize(

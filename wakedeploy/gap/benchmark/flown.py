@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.gap.benchmark.cases import FLIGHT_S, Case
+from wakedeploy.gap.benchmark.judge import sealed
 from wakedeploy.gap.benchmark.worlds import fly
 from wakedeploy.gap.retrain import Pilot, retrain, rms_over_flights, rms_ratio
 from wakedeploy.rig import read_rig
@@ -21,11 +22,12 @@ TRACKED = (
     "spool-lag-sufferer/50/1",
     "spool-lag-source/50/1",
     "transport-speed/50/0",
-    "wake-strength/50/1",
-    "command-latency/50/0",
+    "wake-strength/50/0",
+    "command-latency/150/1",
     "wake-deflection/50/0",
     "spool-lag-sufferer+wake-strength/50/0",
 )
+_OF_TRAINING = ("unit", "old_rmse", "new_rmse", "ratio", "ratio_interval", "label_sd", "lead_s")
 MINUTES = 6.0
 EPOCHS = 20
 SEEDS = tuple(920_000_000 + i for i in range(4))  # beyond those of all cases and of training
@@ -34,21 +36,22 @@ SEEDS = tuple(920_000_000 + i for i in range(4))  # beyond those of all cases an
 def tracked(case: Case, world: Path) -> dict[str, Any] | None:
     """Train on both rig files and fly both; None where the workflow corrected nothing.
 
-    What `compared` tells, and under `retrain` the errors of both predictors [N] on the measured
-    flights. Training and flights go into `world`, out of the workflow's sight by then.
+    What `compared` tells, and under `retrain` the errors of both predictors [N] on the flights that
+    the workflow sealed. Training and flights go into `world`, out of the workflow's sight by then.
     """
     corrected = world / "answer" / "rig.toml"
     if not corrected.exists():
         return None
     old, new = case.model_rig, read_rig(corrected)
-    logs = sorted(world.glob("flight*.mcap"))
+    flights = {path.name: path for path in sorted(world.glob("flight*.mcap"))}
+    logs = [flights[Path(name).name] for name in sealed(world, list(flights))]
     trained = retrain(
         old, new, logs, world / "retrain", minutes=MINUTES, epochs=EPOCHS, workers=1
     )  # fmt: skip
     before, after = (
         Pilot(rig, Path(trained["packages"][name])) for name, rig in (("old", old), ("new", new))
     )
-    return compared(case, before, after) | {"retrain": trained}
+    return compared(case, before, after) | {"retrain": {k: trained[k] for k in _OF_TRAINING}}
 
 
 def compared(

@@ -120,10 +120,13 @@ def named_intervals(truth: Truth, result: Result) -> list[dict[str, Any]]:
 
 
 def sealed(folder: Path, flights: Sequence[str]) -> list[str]:
-    """The flights that the workflow sealed; those that it would have, where it failed before."""
+    """The flights that the workflow sealed; those that it would have, where it failed before.
+
+    All of them where they are too few to seal any: then it shows what it fitted.
+    """
     path = folder / "answer" / "show.json"
     if path.exists():
-        return list(json.loads(path.read_text(encoding="utf-8"))["sealed"])
+        return list(json.loads(path.read_text(encoding="utf-8"))["sealed"] or flights)
     return list(flights[-(SEALED.get(len(flights), MOST_SEALED) or len(flights)) :])
 
 

@@ -175,7 +175,7 @@ def _tracking(flown: Mapping[str, Any]) -> str:
         "file and one on that of the corrected; each flies with its own rig file on the plant that "
         "still hides the effect, on the same references. Root mean square height errors over four "
         "flights, with 90 % intervals; of the ratio, flights are paired. The last column has both "
-        "predictors' errors on the measured flights."
+        "predictors' errors on the sealed flights."
     )
     if mean is not None:
         text += f" Geometric mean of the ratios: {mean:.2f}, over {flown['count']}."
