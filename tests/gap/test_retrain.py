@@ -103,6 +103,7 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
     assert told["ratio_interval"][1] < 1.0
     assert told["label_sd"] < told["new_rmse"] < told["measured_rms"]
     assert told["flights"] == 3
+    assert told["scored_on"] == [*(str(path) for path in paths), "flight2"]
     assert told["unit"] == "N"
     assert told["lead_s"] == {"old": OLD.default_lead_s, "new": TRUTH.default_lead_s}
     pilots = [

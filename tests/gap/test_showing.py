@@ -1,0 +1,146 @@
+"""The gap shown: smaller with the effect that was hidden, and a placebo that could have helped."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from recorded import RIG, flown, with_effects
+
+from wakedeploy.gap.account import account
+from wakedeploy.gap.close import Case, show_gap
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import fit
+from wakedeploy.gap.naming import Answer, Round, Thresholds, fitted_base
+from wakedeploy.gap.ranking import Candidate, rank
+from wakedeploy.gap.showing import wrong_effects
+from wakedeploy.gap.whiteness import whiteness
+from wakedeploy.physics.effects import LIBRARY
+
+HIDDEN = "tether-spring"
+TRUTH = with_effects(tether_spring={"stiffness_n_per_m": (1.5, "N/m"), "slack_m": (0.3, "m")})
+TRIED = (HIDDEN, "recirculation", "spool-lag-source", "spool-lag-sufferer")
+THRESHOLDS = Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003)
+PLACES = [
+    {"channel": channel, "coordinate": coordinate}
+    for channel, coordinate in [
+        ("innovation", "height"),
+        ("innovation", "height reference"),
+        ("force", "height"),
+        ("force", "everywhere"),
+    ]
+]
+
+
+@pytest.fixture(scope="module")
+def answer() -> Answer:
+    """The hidden effect found in two flights."""
+    model, base = fitted_base(GantryModel(RIG, [flown(seed, TRUTH) for seed in (40, 41)]))
+    ranking = rank(model, base, TRIED)
+    found = fit(model, (HIDDEN,), range(2), ranking[0].fit.theta)
+    rounds = (Round((), tuple(ranking)),)
+    return Answer(
+        "named", (HIDDEN,), (), rounds, model, base, found, whiteness(found), None, None, THRESHOLDS
+    )  # fmt: skip
+
+
+def shown(answer: Answer, sealed: tuple, out: Path, scored: list) -> dict:
+    """`show.json` and the flights that predictors were scored on."""
+    case = Case(RIG, tuple(answer.model.flights), sealed, THRESHOLDS)
+    logs = [{"sha256": sha256} for sha256 in case.recordings]
+    left = {
+        "find": {"rig_sha256": RIG.sha256, "logs": logs, "places": PLACES},
+        "name": {"verdict": "named", "effects": [{"name": HIDDEN}]},
+        "add": {"effects": [{"name": HIDDEN}]},
+    }
+    for step, content in left.items():
+        (out / f"{step}.json").write_text(json.dumps(content), encoding="utf-8")
+    TRUTH.write(out / "rig.toml")
+
+    def retrain(old, new, logs, into):
+        assert (old, new.effect, into) == (RIG, TRUTH.effect, out)
+        scored.extend(logs)
+        return {"unit": "N", "old_rmse": 0.2, "new_rmse": 0.1, "scored_on": [str(p) for p in logs]}
+
+    return show_gap(case, out, answer, retrain=retrain)
+
+
+def test_a_sealed_flight_is_shown_and_scored_alone(answer, tmp_path) -> None:
+    scored: list[Path] = []
+    told = shown(answer, (flown(42, TRUTH),), tmp_path, scored)
+    assert told["in_sample"] is False
+    assert told["sealed"] == told["shown_on"] == ["flight 42"]
+    assert scored == [Path("flight 42")]
+    assert "cross_validated" not in told
+    ahead = told["gap"]["height 0.25 s ahead"]
+    assert ahead["after"] < 0.5 * ahead["before"]
+    assert ahead["closed"] > 0.8
+    placebo = told["placebo"]
+    assert placebo["name"] in TRIED[1:]
+    assert placebo["found_gain_nats"] == told["log_density_gain_nats"] > 50.0
+    assert placebo["helps"] == (placebo["gain_nats"] > 3.0)
+    assert placebo["gain_nats"] < 0.3 * placebo["found_gain_nats"]
+    words = account(told | {"verdict": "named", "effects": [{"name": HIDDEN}]})
+    assert "On 1 flight that took no part" in words
+    assert "errs by 0.100 N on 1 sealed flight" in words
+
+
+def test_every_map_is_shown_once_and_in_its_unit(answer, tmp_path) -> None:
+    told = shown(answer, (flown(42, TRUTH),), tmp_path, [])
+    maps = [(p["channel"], p["coordinate"], p["unit"]) for p in told["places"]]
+    assert maps == [
+        ("innovation", "height", "sd"),
+        ("innovation", "height reference", "sd"),
+        ("force", "height", "N"),
+    ]
+    for place in told["places"]:
+        before, after = np.array(place["before"]), np.array(place["after"])
+        assert np.abs(after).max() < 0.7 * np.abs(before).max()
+
+
+def test_without_a_sealed_flight_it_says_so(answer, tmp_path) -> None:
+    scored: list[Path] = []
+    told = shown(answer, (), tmp_path, scored)
+    assert told["in_sample"] is True
+    assert told["sealed"] == []
+    assert told["shown_on"] == ["flight 40", "flight 41"]
+    assert [str(p) for p in scored] == told["retrain"]["scored_on"] == told["shown_on"]
+    words = account(told | {"verdict": "named", "effects": [{"name": HIDDEN}]})
+    assert "On the very flights that it was fitted to" in words
+    assert "too few flights to seal" in words
+    assert "on the very flights that the effect was found in" in words
+
+
+def ranked(names, used=10.0, members=()) -> SimpleNamespace:
+    """As much of an answer as the choice of a placebo looks at, best first."""
+    ranking = tuple(
+        Candidate(name, None, np.array([float(-i)]), fitted_gain=used)
+        for i, name in enumerate(names)
+    )
+    return SimpleNamespace(rounds=(Round((), ranking),), members=members)
+
+
+def test_wrong_effects_cannot_be_taken_for_what_was_found() -> None:
+    for name in LIBRARY:
+        wrong = [c.name for c in wrong_effects(ranked(LIBRARY), (name,))]
+        assert name not in wrong
+        assert not set(LIBRARY[name].confused_with) & set(wrong)
+        assert not [n for n in wrong if name in LIBRARY[n].confused_with]
+        sizes = {len(LIBRARY[n].parameters) for n in wrong}
+        assert sizes == {len(LIBRARY[name].parameters)}
+
+
+def test_no_member_of_a_class_is_a_placebo() -> None:
+    answer = ranked(LIBRARY, members=("stiction", "lost-steps"))
+    wrong = {c.name for c in wrong_effects(answer, ("stiction",))}
+    assert not wrong & {"stiction", "lost-steps", "coulomb-friction", "crosswind-offset"}
+
+
+def test_an_effect_that_was_fitted_to_nothing_is_a_placebo_only_where_all_are() -> None:
+    names = ["range-bias", "stiction", "lost-steps"]
+    answer = ranked(names)
+    idle = Candidate("lost-steps", None, np.array([0.0]), fitted_gain=0.0)
+    answer.rounds = (Round((), (*answer.rounds[0].ranking[:2], idle)),)
+    assert [c.name for c in wrong_effects(answer, (HIDDEN,))] == names[:2]
+    assert [c.name for c in wrong_effects(ranked(names, used=0.0), (HIDDEN,))] == names
