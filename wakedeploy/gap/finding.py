@@ -288,12 +288,13 @@ def _words(
     else:
         where = f"{m['coordinate']} {_short(low)} to {_short(high)}{unit}"
     size = f"{1e3 * residual:+.1f} mm" if m["unit"] == "m" else f"{residual:+.2g} {m['unit']}"
+    size = size.replace("-", "−")  # a minus sign, as in the report's own numbers
     return f"{where}: {size} ({m['channel']}), q = {m['q_value']:.3f}"
 
 
 def _short(value: float) -> str:
     """Three digits, and never a power of ten: 0.0941, 1714."""
-    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+    return (f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}").replace("-", "−")
 
 
 def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:

@@ -108,7 +108,7 @@ PICTURES = (
     ),
     Picture(
         "places",
-        "The error per place, before and after.",
+        "The mean residual at the places found, on the flights shown, before and after.",
         lambda steps: report_maps.draw_places(steps.show, steps.find),
     ),
     Picture(

@@ -31,10 +31,11 @@ from wakedeploy.gap.telling import (
     parameters_of,
     probability,
     quantity,
+    spoken,
     texts,
 )
 
-_MOST_PLACES, _MOST_RANKED = 15, 10
+_MOST_PLACES, _MOST_RANKED = 16, 10
 
 Artefact = Mapping[str, Any]
 
@@ -43,7 +44,8 @@ def place_table(places: Sequence[Artefact]) -> Markup:
     """The places where the disagreement is significant, the strongest first."""
     rows = [
         [
-            place_words(place),
+            place_words(place).split(":")[0],
+            str(place.get("channel") or UNKNOWN),
             "known beforehand" if place.get("exogenous") else "fed back",
             quantity(place.get("residual"), unit_of(place), signed=True),
             probability("q", place.get("q_value")),
@@ -51,8 +53,8 @@ def place_table(places: Sequence[Artefact]) -> Markup:
         for place in places[:_MOST_PLACES]
     ]
     if len(places) > _MOST_PLACES:
-        rows.append([f"and {len(places) - _MOST_PLACES} more in find.json", "", "", ""])
-    return table(["place", "coordinate", "residual", "significance"], rows)
+        rows.append([f"and {len(places) - _MOST_PLACES} more in find.json", "", "", "", ""])
+    return table(["place", "channel", "coordinate", "residual", "significance"], rows)
 
 
 def ranking_table(name: Artefact) -> Markup:
@@ -71,7 +73,7 @@ def ranked(round_: Artefact) -> list[Artefact]:
 
 
 def _ranked(candidate: Artefact) -> list[str]:
-    values = ", ".join(f"{name} = {value}" for name, value in parameters_of(candidate))
+    values = ", ".join(f"{spoken(name)} {value}" for name, value in parameters_of(candidate))
     gain = measured(candidate.get("gain_nats"), *interval(candidate.get("interval")), "")
     return [str(candidate.get("name")), gain, confidence(candidate.get("confidence")), values]
 
@@ -79,7 +81,7 @@ def _ranked(candidate: Artefact) -> list[str]:
 def noise_table(noise: Artefact) -> Markup:
     """The noise model as fitted together with what was found."""
     rows = [
-        [str(name), quantity(mapping(value).get("value"), unit_of(mapping(value)))]
+        [spoken(str(name)), quantity(mapping(value).get("value"), unit_of(mapping(value)))]
         for name, value in noise.items()
     ]
     return _titled("The noise as fitted", table(["noise", "value"], rows), bool(rows))
@@ -143,11 +145,11 @@ def gap_table(gap: Artefact) -> Markup:
 
 
 def whiteness(white: Artefact, of: str) -> Markup:
-    """One sentence: whether what is left looks like noise."""
+    """One sentence: whether what is left looks like noise, which is no proof that it is."""
     if white.get("passes") is None:
         return Markup()
-    left = "nothing but noise is left" if white["passes"] else "more than noise is left"
-    return element("p", f"For {of}, {left} in the innovations ({whiteness_words(white)}).")
+    left = "cannot be told from noise" if white["passes"] else "are more than noise"
+    return element("p", f"For {of}, the innovations {left} ({whiteness_words(white)}).")
 
 
 def log_table(logs: Sequence[Artefact], sealed: Sequence[str]) -> Markup:
