@@ -39,8 +39,10 @@ def benchmark(
 ) -> None:
     """Hide effects in two plants, let the workflow close the gap, and judge its answers.
 
-    Some 300 cases, each judged by rules that were fixed before. Resumable: a second run does what
-    the first one left. In OUT: cases.jsonl, summary.json, benchmark.md, benchmark.png.
+    Some 300 cases, each judged by rules that were fixed before; a few also fly predictors trained
+    on the old and the corrected rig file (needs the extra "train"). Resumable: a second run of the
+    same committed code does what the first one left. In OUT: cases.jsonl, summary.json,
+    benchmark.md, benchmark.png.
 
     \b
     Example:

@@ -12,14 +12,16 @@ from wakedeploy.gap.benchmark import run
 from wakedeploy.gap.benchmark.cases import Case, all_cases, values_at
 from wakedeploy.gap.benchmark.flown import compared
 from wakedeploy.gap.benchmark.judge import judge, named
+from wakedeploy.gap.benchmark.measure import Measured
 from wakedeploy.gap.benchmark.page import markdown_of
 from wakedeploy.gap.benchmark.run import Job, do_case, run_cases
 from wakedeploy.gap.benchmark.table import summary
 from wakedeploy.gap.benchmark.worlds import true_rig, write_world
 from wakedeploy.gap.close import close
+from wakedeploy.gap.flight import read_flights
 from wakedeploy.gap.naming import Thresholds
 from wakedeploy.gap.retrain import Pilot
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import default_rig, read_rig
 
 HIDDEN = "tether-spring"
 STRONG = Case(
@@ -66,6 +68,23 @@ def test_the_judge_goes_by_the_answer_that_it_is_given(
     for name, right in ((HIDDEN, True), ("range-scale", False)):
         given = {"verdict": "named", "effects": [{"name": name}]}
         assert judge(world, given, truth)["right"] is right
+
+
+def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
+    done: tuple[Path, dict[str, Any]],
+) -> None:
+    out, line = done
+    world = out / "worlds" / "strong"
+    rig = read_rig(world / "rig.toml")
+    measured = Measured(rig, read_flights(sorted(world.glob("flight*.mcap")), rig))
+    shown = json.loads((world / "answer" / "show.json").read_text())
+    assert [Path(name).name for name in shown["sealed"]] == ["flight3.mcap"]
+    floor = measured.floor(measured.base, shown["sealed"])
+    assert floor.excess_m2 == floor.reach_m2 == 0.0  # the base against itself
+    assert not floor.shows
+    before = shown["gap"]["height 0.25 s ahead"]["before"]
+    assert floor.rms_m == pytest.approx(before, rel=0.02)
+    assert line["floor_m"] < floor.rms_m
 
 
 def test_the_truth_is_nowhere_in_what_the_workflow_was_given(

@@ -9,7 +9,7 @@ unknown, no effect none. Of two hidden effects both must be found; one of them a
 is kept apart as found in part. A workflow that failed (`FAILED`) is wrong in every case.
 
 The share of the gap that is closed has a floor that the workflow has no say in: what the judge's
-own fit of the truth leaves on the sealed flights.
+own fit of the truth to the other flights leaves on the sealed ones.
 """
 
 import json

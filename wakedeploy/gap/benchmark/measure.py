@@ -88,12 +88,17 @@ class Measured:
         return {c.name: c.gain_nats for c in ranked}
 
     def floor(self, fitted: Fit, names: Collection[str]) -> Floor:
-        """What the truth's fit leaves on the flights whose files have these names."""
+        """What the truth, fitted to the other flights, leaves on those with these names.
+
+        Without other flights the fit is of the same ones, as the workflow's is then, too.
+        """
         wanted = {Path(name).name for name in names}
-        flights = [i for i, f in enumerate(self.model.flights) if Path(f.name).name in wanted]
-        model = self.model.only(flights)
+        chosen = [i for i, f in enumerate(self.model.flights) if Path(f.name).name in wanted]
+        others = [i for i in self._episodes if i not in chosen] or chosen
+        model = self.model.only(chosen)
+        fitted, base = (fit(self.model, f.hypothesis, others, f.theta) for f in (fitted, self.base))
         block, left = _squares(model, fitted)
-        _, before = _squares(model, self.base)
+        _, before = _squares(model, base)
         excess = before - left
         means = [
             np.nanmean(e) for n in np.unique(block) if np.isfinite(e := excess[block == n]).any()

@@ -111,7 +111,7 @@ def _closed(told: Summary) -> str:
     text = (
         "The share closed is (before² − after²) / (before² − floor²) of the error 0.25 s ahead on "
         "sealed flights, for effects of 50 nats and above and for pairs. The floor is the error "
-        "that the judge's fit of the hidden effect leaves on the same flights. In "
+        "that the judge leaves there, who fits the hidden effect to the flights not sealed. In "
         f"{unseen['count']} of {unseen['of']} cases the hidden effect does not show in that error "
         "beyond what its scatter explains, and no share is told."
     )
