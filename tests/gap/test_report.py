@@ -251,3 +251,11 @@ def test_markup_escapes_everything_but_markup():
     cell = element("b", "<i>", title='"')
     assert cell == '<b title="&quot;">&lt;i&gt;</b>'
     assert cell in table(["<"], [[cell]])
+
+
+def test_a_class_of_one_is_no_name_and_no_choice():
+    told = account({"verdict": "class", "class": ["stiction"], "split_by": "a sensor"})
+    assert "most likely stiction" in told
+    assert "one of" not in told
+    assert "a sensor" not in told
+    assert "3 flights to fit to" in told

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
+from wakedeploy.gap.naming import FEWEST_FLIGHTS
 from wakedeploy.gap.telling import (
     confidence,
     counted,
@@ -77,6 +78,8 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
 
 
 def _class_sentence(members: list[str], named: list[str]) -> str:
+    if len(members) == 1:
+        return f"Missing from the model: most likely {members[0]}; more flights have to confirm it."
     sure = [name for name in named if name not in members]
     several = "either" if len(members) == 2 else "one of"
     one = f"{several} {listed(members, 'or')}; these flights cannot tell which."
@@ -102,6 +105,10 @@ def _values(result: Mapping[str, Any]) -> list[str]:
 
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
+    if len(texts(result.get("class"))) == 1:
+        return [
+            f"A name takes {FEWEST_FLIGHTS} flights to fit to, and one to keep apart: fly more."
+        ]
     planned = mapping(result.get("plan")).get("sentence")
     split_by = str(planned or result.get("split_by") or "").rstrip(".")
     told = ["`wakedeploy gap plan` looks for the manoeuvre that does it fastest."]

@@ -244,7 +244,7 @@ def _which(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
     return _section(
         "which",
         "Which effect explains it",
-        _paragraph(name.get("sentence")),
+        _paragraph(verdict_sentence(steps.summary)),
         whiteness(mapping(name.get("white")), "the model with what was found"),
         unknown_effect(mapping(name.get("unknown"))),
         _shown_pictures(pictures, "ranking"),
