@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.flight import DT_S, GRID_HZ, FloatArray
+from wakedeploy.gap.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -26,7 +26,8 @@ CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", "in
 AHEAD_S = 0.25
 _WINDOW_S = {"force": 0.25, "control effort": 1.0}
 _EVERY_S = 0.125
-_NEXT_S = 0.1  # a reading that comes later than this was hardly predicted
+_NEXT_S = 0.1  # after the last reading, height and speed are hardly known
+_JUST_BEFORE_S = 0.001
 
 # name: unit, and whether it is known whatever the sufferer does
 COORDINATES = {
@@ -48,9 +49,8 @@ COORDINATES = {
 class Residuals:
     """One flight's residuals of one channel at some times (n,), and the coordinates there.
 
-    The coordinates of innovations are those known before the reading. The other channels look at
-    the middle of their window, where what the sufferer does (height, speed, its command) has
-    already answered a part of the disturbance within it.
+    Fed-back coordinates are those known before the channel's window began, or the reading was
+    taken; exogenous ones, which no disturbance can change, those in its middle.
     """
 
     channel: str
@@ -64,47 +64,41 @@ def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Re
     if channel not in CHANNELS:
         raise KeyError(f"{channel!r} is none of {', '.join(CHANNELS)}")
     if channel == "innovation":
-        return _innovations(model, fitted, episode)
-    if channel in _WINDOW_S:
-        at, value = _balance(model, fitted, episode, _WINDOW_S[channel])
-        start_s = model.flights[episode].grid_s[at] + 0.5 * DT_S
-        return Residuals(channel, start_s, value, _coordinates(model, fitted, episode, at))
+        at_s, value = _innovations(model, fitted, episode)
+        before_s = at_s - _JUST_BEFORE_S
+    elif channel in _WINDOW_S:
+        at_s, value = _balance(model, fitted, episode, _WINDOW_S[channel])
+        before_s = at_s - 0.5 * _WINDOW_S[channel]
+    else:
+        before_s, value = _ahead(model, fitted, episode)
+        at_s = before_s + 0.5 * AHEAD_S
+    coordinates = _exogenous(model, episode, at_s)
+    coordinates |= _fed_back(model, fitted, episode, before_s)
+    return Residuals(channel, at_s, value, coordinates)
+
+
+def _innovations(model: GantryModel, fitted: Fit, episode: int) -> tuple[FloatArray, FloatArray]:
+    """When the readings were taken, and their whitened innovations."""
+    flight = model.flights[episode]
+    sample_s = flight.sample_s[flight.counted]
+    white = model.score(fitted.hypothesis, fitted.theta, episode).white
+    return sample_s, white[: len(sample_s)]
+
+
+def _ahead(model: GantryModel, fitted: Fit, episode: int) -> tuple[FloatArray, FloatArray]:
+    """When forecasts began, and by how much the reading then differed from them [m]."""
     ahead = model.forecasts(fitted, episode, (AHEAD_S,))
     error = ahead.measured_m[0] - ahead.forecast_m[0]
     known = np.isfinite(error)
-    grid_s = model.flights[episode].grid_s
-    # The forecast is about the time between its start and its end.
-    at = ((ahead.at_s[known] + 0.5 * AHEAD_S - grid_s[0]) * GRID_HZ).astype(np.int64)
-    at = np.minimum(at, len(grid_s) - 1)
     limit = 5.0 * float(np.median(np.abs(error[known]))) if known.any() else 0.0
-    clipped = np.clip(error[known], -limit, limit)  # readings that stray say nothing
-    return Residuals(channel, grid_s[at], clipped, _coordinates(model, fitted, episode, at))
-
-
-def _innovations(model: GantryModel, fitted: Fit, episode: int) -> Residuals:
-    """Whitened, with the height and speed that the filter forecasts from the reading before.
-
-    The smoothed motion would not do as a coordinate: it has seen the reading itself.
-    """
-    flight = model.flights[episode]
-    sample_s = flight.sample_s[flight.counted]
-    white = model.score(fitted.hypothesis, fitted.theta, episode).white[: len(sample_s)]
-    steps = max(round(flight.spacing_s * GRID_HZ), 2)  # to the next reading
-    ahead = model.forecasts(fitted, episode, (DT_S, steps * DT_S))
-    follows = np.flatnonzero(np.diff(sample_s) < _NEXT_S)  # by the reading that it follows
-    at = ((sample_s[follows] - flight.grid_s[0]) * GRID_HZ).astype(np.int64)
-    near_m, height_m = ahead.forecast_m[:, follows]
-    coordinates = _coordinates(model, fitted, episode, at) | {
-        "height": height_m,
-        "vertical speed": (height_m - near_m) / ((steps - 1) * DT_S),
-    }
-    return Residuals("innovation", sample_s[follows + 1], white[follows + 1], coordinates)
+    # readings that stray say nothing
+    return ahead.at_s[known], np.clip(error[known], -limit, limit)
 
 
 def _balance(
     model: GantryModel, fitted: Fit, episode: int, window_s: float
-) -> tuple[np.typing.NDArray[np.int64], FloatArray]:
-    """Middles of windows, and the mean force [N] that the model lacks over each."""
+) -> tuple[FloatArray, FloatArray]:
+    """Middles of windows [s], and the mean force [N] that the model lacks over each."""
     flight, forces = model.flights[episode], model.forces(fitted, episode)
     mass_kg = model.rig.sufferer.mass_kg
     half, every = round(0.5 * window_s * GRID_HZ), round(_EVERY_S * GRID_HZ)
@@ -117,15 +111,14 @@ def _balance(
         middles.append(middle)
         missing.append(mass_kg * (gained - expected) / window_s)
     if not middles:
-        return np.zeros(0, np.int64), np.zeros(0)
-    return np.concatenate(middles), np.concatenate(missing)
+        return np.zeros(0), np.zeros(0)
+    return flight.grid_s[np.concatenate(middles)] + 0.5 * DT_S, np.concatenate(missing)
 
 
-def _coordinates(
-    model: GantryModel, fitted: Fit, episode: int, at: np.typing.NDArray[np.int64]
-) -> dict[str, FloatArray]:
-    flight, forces = model.flights[episode], model.forces(fitted, episode)
-    t_s = flight.grid_s[at]
+def _exogenous(model: GantryModel, episode: int, t_s: FloatArray) -> dict[str, FloatArray]:
+    """What is known beforehand, at these times (m,)."""
+    flight = model.flights[episode]
+    at = _steps(flight, t_s)
     source = flight.source.at(t_s)
     moving = np.sign(np.where(np.abs(flight.vx_mps[at]) > 0.02, flight.vx_mps[at], 0.0))
     references = flight.references
@@ -140,11 +133,37 @@ def _coordinates(
         "carriage direction": moving,
         "height reference": height,
         "time in flight": t_s - flight.take_off_s,
-        "height": flight.nominal[0, at],
-        "vertical speed": flight.nominal[1, at],
-        "sufferer command": flight.sufferer.at(t_s),
-        "wake force": forces.wake_n[at],
     }
+
+
+def _fed_back(
+    model: GantryModel, fitted: Fit, episode: int, t_s: FloatArray
+) -> dict[str, FloatArray]:
+    """What the sufferer does at these times (m,), as far as it was known then; NaN where unknown.
+
+    Height and speed are the filter's forecast from the last reading. The smoothed motion would not
+    do: it has seen what came after, and so follows the disturbance that a residual shows.
+    """
+    flight = model.flights[episode]
+    sample_s = flight.sample_s[flight.counted]
+    steps = max(round(flight.spacing_s * GRID_HZ), 2)  # to the next reading
+    near_m, next_m = model.forecasts(fitted, episode, (DT_S, steps * DT_S)).forecast_m
+    last = np.searchsorted(sample_s, t_s + 1e-9, side="right") - 1
+    age_s = t_s - sample_s[last]
+    speed_mps = (next_m - near_m)[last] / ((steps - 1) * DT_S)
+    speed_mps[(last < 0) | (age_s > _NEXT_S)] = np.nan
+    return {
+        "height": near_m[last] + speed_mps * (age_s - DT_S),
+        "vertical speed": speed_mps,
+        "sufferer command": flight.sufferer.at(t_s),
+        "wake force": model.forces(fitted, episode).wake_n[_steps(flight, t_s)],
+    }
+
+
+def _steps(flight: Flight, t_s: FloatArray) -> np.typing.NDArray[np.int64]:
+    """The grid's steps in which these times lie."""
+    at = ((t_s - flight.grid_s[0]) * GRID_HZ).astype(np.int64)
+    return np.asarray(np.clip(at, 0, len(flight.grid_s) - 1))
 
 
 def mean_square(values: FloatArray) -> float:
