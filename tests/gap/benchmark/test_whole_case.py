@@ -60,14 +60,14 @@ def test_a_case_is_flown_closed_and_judged(done: tuple[Path, dict[str, Any]]) ->
         assert 0.0 < line["closed"] < 1.3
 
 
-def test_the_judge_goes_by_the_answer_that_it_is_given(
+def test_the_judge_takes_another_name_for_wrong(
     done: tuple[Path, dict[str, Any]],
 ) -> None:
-    out, _ = done
-    world, truth = out / "worlds" / "strong", out / "truth" / "strong.json"
-    for name, right in ((HIDDEN, True), ("range-scale", False)):
-        given = {"verdict": "named", "effects": [{"name": name}]}
-        assert judge(world, given, truth)["right"] is right
+    out, line = done
+    given = {"verdict": "named", "effects": [{"name": "range-scale"}]}
+    told = judge(out / "worlds" / "strong", given, out / "truth" / "strong.json")
+    assert (told["right"], told["named"], told["closed"]) == (False, ["range-scale"], None)
+    assert told["nats"] == line["nats"]
 
 
 def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
