@@ -207,6 +207,15 @@ def test_the_mean_of_all_flights_has_a_true_p_value(monkeypatch) -> None:
     assert 0.02 < np.mean(np.array(p) <= 0.05) < 0.09
 
 
+def test_the_clearest_map_comes_first(monkeypatch, base) -> None:
+    """Several are beyond what shuffles reach, and of one p value."""
+    found = places_of(monkeypatch, base, 4, lambda height: 0.5 * (height - 0.6))
+    clarity = [p["clarity"] for p in found["places"] if p["q_value"] == found["maps"][0]["q_value"]]
+    assert len(clarity) > 2
+    assert clarity == sorted(clarity, reverse=True)
+    assert found["places"][0]["coordinate"] == "height"
+
+
 @pytest.mark.parametrize("counts", [[5], [40, 1, 23], [16, 16]])
 def test_a_shuffle_keeps_every_residual_in_its_flight(counts) -> None:
     orders = finding._orders(counts, 8, np.random.default_rng(1))

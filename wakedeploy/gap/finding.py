@@ -17,6 +17,7 @@ from wakedeploy.gap.flight import FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.gap.residuals import CHANNELS, COORDINATES, Residuals, mean_square, residuals
+from wakedeploy.gap.telling import signs
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 
 IntArray = npt.NDArray[np.int64]
@@ -46,8 +47,8 @@ def find_places(
 
     A place counts from the size `least` of its channel on, in its unit: so much the model's own
     approximations leave on this rig when nothing is missing (see `threshold`). A channel without
-    one, as the innovations, counts by its q value alone. Places come by q value, then by the share
-    of the channel's mean square that their map explains, innovations after the other channels.
+    one, as the innovations, counts by its q value alone. Places come by q value, then by
+    how far their map stands out of its shuffles, innovations after the other channels.
     """
     limits = dict(least or {})
     maps: list[dict[str, Any]] = []
@@ -56,7 +57,7 @@ def find_places(
         maps += _maps(series)
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
-    maps.sort(key=lambda m: (m["q_value"], -m["strength"]))
+    maps.sort(key=lambda m: (m["q_value"], -m["clarity"]))
     places = _ranked(
         [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)], limits
     )
@@ -80,7 +81,7 @@ def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> li
 
     def key(place: Mapping[str, Any]) -> tuple[float, bool, float, float]:
         white = place["channel"] == "innovation"
-        return place["q_value"], white, -place["share"], -abs(place["residual"])
+        return place["q_value"], white, -place["clarity"], -abs(place["residual"])
 
     beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
     beyond.sort(key=key)
@@ -127,7 +128,7 @@ def _map(
     centred = _centred(value, known, [len(s.value) for s in series])
     inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
     strength = float(_strength(centred[None, :], inside)[0])
-    beaten = int((_strength(centred[orders], inside) >= strength * (1.0 - 1e-12)).sum())
+    p_value, clarity = _judged(strength, _strength(centred[orders], inside))
     means, errors, counts = _bin_means(value, bins, _blocks(series, length), len(edges) - 1)
     return {
         "channel": series[0].channel,
@@ -140,9 +141,21 @@ def _map(
         "low": (means - 1.645 * errors).tolist(),
         "high": (means + 1.645 * errors).tolist(),
         "count": counts.tolist(),
-        "p_value": (beaten + 1) / (len(orders) + 1),
+        "p_value": p_value,
+        "clarity": clarity,
         "strength": strength / max(mean_square(centred) * len(value), 1e-300),
     }
+
+
+def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
+    """The share of shuffles that are as strong, and how many of their deviations it stands out.
+
+    Many p values are the least that so many shuffles can give; deviations still tell which of them
+    stands out the most, whatever the channel.
+    """
+    beaten = int((shuffled >= strength * (1.0 - 1e-12)).sum())
+    deviation = max(float(shuffled.std()), 1e-300)
+    return (beaten + 1) / (len(shuffled) + 1), (strength - float(shuffled.mean())) / deviation
 
 
 def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
@@ -155,8 +168,7 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
     sums = np.array([value[b].sum() for b in _blocks(series, length)])
     rng = np.random.default_rng(len(value))
     flips = rng.choice([-1.0, 1.0], size=(_PERMUTATIONS, len(sums)))
-    total = abs(float(sums.sum()))
-    p = (int((np.abs(flips @ sums) >= total).sum()) + 1) / (_PERMUTATIONS + 1)
+    p_value, clarity = _judged(float(sums.sum()) ** 2, np.asarray((flips @ sums) ** 2))
     mean, error = float(value.mean()), float(np.sqrt((sums**2).sum()) / len(value))
     return {
         "channel": series[0].channel,
@@ -169,7 +181,8 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
         "low": [mean - 1.645 * error],
         "high": [mean + 1.645 * error],
         "count": [len(value)],
-        "p_value": p,
+        "p_value": p_value,
+        "clarity": clarity,
         "strength": mean**2 / mean_square(value) if len(value) else 0.0,
     }
 
@@ -270,7 +283,7 @@ def _place(m: dict[str, Any], mean: FloatArray, start: int, end: int) -> dict[st
         "unit": m["unit"],
         "coordinate_unit": m["coordinate_unit"],
         "q_value": m["q_value"],
-        "share": m["strength"],
+        "clarity": m["clarity"],
         "words": _words(m, low, high, residual, first, last),
     }
 
@@ -278,7 +291,7 @@ def _place(m: dict[str, Any], mean: FloatArray, start: int, end: int) -> dict[st
 def _words(
     m: dict[str, Any], low: float, high: float, residual: float, first: bool, last: bool
 ) -> str:
-    unit = f" {m['coordinate_unit']}" if m["coordinate_unit"] else ""
+    unit = f" {signs(m['coordinate_unit'])}" if m["coordinate_unit"] else ""
     if m["coordinate"] == "everywhere" or (first and last):
         where = "everywhere"
     elif first:
