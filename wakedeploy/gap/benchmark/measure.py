@@ -74,10 +74,14 @@ class Measured:
         names = (*truth, *(outside or {}))
         free = self.model.free(names)
         known = {f"{name}.{k}": v for name, values in truth.items() for k, v in values.items()}
-        start = extended(self.base, free)
-        for i, one in enumerate(free):
-            start[i] = known.get(one.name, start[i])
-        fitted = fit(self.model, names, self._episodes, start)
+        # The base's calibration is bent to do without the effects; with them it may be so far off
+        # that every sample looks like an outlier. Loud noise and no bend find the way from there.
+        fits = []
+        for start in (extended(self.base, free), self.model.start(names)):
+            for i, one in enumerate(free):
+                start[i] = known.get(one.name, start[i])
+            fits.append(fit(self.model, names, self._episodes, start))
+        fitted = max(fits, key=lambda one: one.per_episode.sum() + one.log_prior)
         gains = held_out(self.model, fitted) - self._reference
         unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
         return Strength(float(gains.sum()) + unbent, tuple(float(g) for g in gains), fitted)
