@@ -135,3 +135,19 @@ def test_without_any_effect_the_second_plant_gains_nothing() -> None:
     flights = [flight_from_log(log, rig, str(i)) for i, log in enumerate(logs)]
     gains = Measured(rig, flights).gains(["wake-strength", "coulomb-friction", "tether-spring"])
     assert max(gains.values()) < 10.0
+
+
+@pytest.mark.slow
+def test_the_truths_fit_is_no_worse_than_the_bases_where_constants_were_bent_to_do_without() -> (
+    None
+):
+    """Two strong effects: with them on top of what the base was bent to, all would be outliers."""
+    case = next(c for c in all_cases() if c.name == "spool-lag-sufferer+wake-strength/50/0")
+    rig = case.model_rig
+    logs = [flight(case, i).without_truth() for i in range(7)]
+    flights = [flight_from_log(log, rig, f"flight{i}") for i, log in enumerate(logs)]
+    measured = Measured(rig, flights)
+    strength = measured.strength(case.effects)
+    assert strength.fit.per_episode.sum() > measured.base.per_episode.sum()
+    assert 10.0 < strength.nats < 150.0
+    assert measured.floor(strength.fit, ["flight5", "flight6"]).rms_m < 0.01
