@@ -33,7 +33,7 @@ def folder(tmp_path: Path, log: RunLog, monkeypatch: pytest.MonkeyPatch) -> Path
     rig.write(tmp_path / "rig.toml")
     cached = _cache_path(rig)
     cached.parent.mkdir(parents=True)
-    cached.write_text(json.dumps(asdict(Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003))))
+    cached.write_text(json.dumps(asdict(Thresholds(6.0, 8.0, 8.0, 60.0, 0.03, 0.03, 0.003))))
     write_csv(log, tmp_path / "flight.csv")
     return tmp_path
 

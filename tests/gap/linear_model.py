@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 
 import numpy as np
+from scipy.optimize import minimize
 from scipy.stats import norm
 
 from wakedeploy.gap.inference import Free, Score
@@ -73,14 +74,45 @@ class Linear:
         mean = np.linalg.solve(information, x.T @ (weight * y) + precision * centre)
         return mean, np.linalg.inv(information)
 
-    def left_out_density(self, hypothesis):
-        """Log density (E,) of each episode at the posterior mean of the others."""
-        densities = []
-        for e in range(EPISODES):
-            mean, _ = self.posterior(hypothesis, left_out=e)
-            x, y, weight = self.stacked(hypothesis, [e])
-            densities.append(norm.logpdf(y, loc=x @ mean, scale=weight**-0.5).sum())
-        return np.array(densities)
+    def unseen_density(self, hypothesis, own):
+        """Log density (E,) of each episode at the effects `own` that the other episodes prefer.
+
+        By numerical search over the effects' sizes; everything else is at its best for all episodes
+        together, given those sizes.
+        """
+        names = (*self.priors, *hypothesis)
+        mine = [names.index(n) for n in own]
+        rest = [i for i in range(len(names)) if i not in mine]
+        x, y, weight = self.stacked(hypothesis, range(EPISODES))
+        centre, precision = self._prior(hypothesis)
+        a = x[:, rest]
+        information = a.T @ (weight[:, None] * a) + np.diag(precision[rest])
+
+        def whole(sizes):
+            theta = np.empty(len(names))
+            theta[mine] = sizes
+            left = y - x[:, mine] @ sizes
+            pull = a.T @ (weight * left) + (precision * centre)[rest]
+            theta[rest] = np.linalg.solve(information, pull)
+            return theta
+
+        def densities(sizes):
+            lost = norm.logpdf(y, loc=x @ whole(sizes), scale=weight**-0.5)
+            return lost.reshape(EPISODES, -1).sum(axis=1)
+
+        def against(sizes, left_out):
+            prior = -0.5 * precision @ (whole(sizes) - centre) ** 2
+            return -(np.delete(densities(sizes), left_out).sum() + prior)
+
+        start = self.posterior(hypothesis)[0][mine]
+        best = [minimize(against, start, (e,), tol=1e-12).x for e in range(EPISODES)]
+        return np.array([densities(sizes)[e] for e, sizes in enumerate(best)])
+
+    def seen_density(self, hypothesis):
+        """Log density (E,) of each episode at the posterior mean of all."""
+        x, y, weight = self.stacked(hypothesis, range(EPISODES))
+        density = norm.logpdf(y, loc=x @ self.posterior(hypothesis)[0], scale=weight**-0.5)
+        return density.reshape(EPISODES, -1).sum(axis=1)
 
     def prior_nats(self, hypothesis):
         """How far the posterior mean is from the priors' centres, at most 0."""

@@ -15,7 +15,7 @@ from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import default_rig, read_rig
 from wakedeploy.runlog_mcap import write_mcap
 
-THRESHOLDS = Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003)
+THRESHOLDS = Thresholds(6.0, 8.0, 8.0, 60.0, 0.03, 0.03, 0.003)
 GAP_KEYS = {"before", "after", "noise_floor", "unit", "closed"}
 
 

@@ -26,7 +26,7 @@ from wakedeploy.gap.naming import (
 from wakedeploy.gap.ranking import Candidate
 
 # About what this rig's own simulations give; see `threshold`.
-LIMITS = Thresholds(6.0, 8.0, 36.0, 0.02, 0.02, 0.003)
+LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
 SEEDS = (51, 52, 53)
 TRIED = ("command-latency", "coulomb-friction", "ground-effect")
 STRONG = {

@@ -21,7 +21,7 @@ from wakedeploy.physics.effects import LIBRARY
 HIDDEN = "tether-spring"
 TRUTH = with_effects(tether_spring={"stiffness_n_per_m": (1.5, "N/m"), "slack_m": (0.3, "m")})
 TRIED = (HIDDEN, "recirculation", "spool-lag-source", "spool-lag-sufferer")
-THRESHOLDS = Thresholds(6.0, 8.0, 60.0, 0.03, 0.03, 0.003)
+THRESHOLDS = Thresholds(6.0, 8.0, 8.0, 60.0, 0.03, 0.03, 0.003)
 PLACES = [
     {"channel": channel, "coordinate": coordinate}
     for channel, coordinate in [

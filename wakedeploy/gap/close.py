@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.files import sha256_of
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.gantry import GantryModel
@@ -33,7 +33,7 @@ from wakedeploy.gap.naming import (
 from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.ranking import confusion
 from wakedeploy.gap.showing import show
-from wakedeploy.gap.steps import forget, prepare, read_steps, require
+from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.threshold import thresholds_for
 from wakedeploy.physics.effects import LIBRARY
@@ -60,6 +60,11 @@ class Case:
     def in_sample(self) -> bool:
         """Too few flights to seal any: what is shown was also fitted."""
         return not self.sealed
+
+    @property
+    def share(self) -> float:
+        """Of the flights, those that are not sealed."""
+        return len(self.flights) / (len(self.flights) + len(self.sealed))
 
     @property
     def recordings(self) -> list[str]:
@@ -112,7 +117,7 @@ def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
         },
     }
     forget(out, "find")
-    return _written(out, "find", header | found)
+    return write_step(out, "find", header | found)
 
 
 def name(
@@ -122,7 +127,7 @@ def name(
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
     model = GantryModel(case.rig, case.flights)
-    answer = name_effects(case.rig, model, case.thresholds, progress)
+    answer = name_effects(case.rig, model, case.thresholds, progress, share=case.share)
     progress("comparing what could be told apart")
     told = {
         "verdict": answer.verdict,
@@ -141,7 +146,7 @@ def name(
         "seconds": time.monotonic() - started,
     }
     forget(out, "name")
-    return _written(out, "name", told), answer
+    return write_step(out, "name", told), answer
 
 
 def add(
@@ -178,7 +183,7 @@ def add(
         "new_sha256": corrected.sha256,
         "effects": [e.model_dump(exclude_none=True) for e in added],
     }
-    return _written(out, "add", told)
+    return write_step(out, "add", told)
 
 
 def show_gap(
@@ -207,7 +212,7 @@ def show_gap(
         progress("training predictors on the old and the corrected rig")
         scored = [Path(flight.name) for flight in sealed]
         told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), scored, out))
-    return _written(out, "show", told)
+    return write_step(out, "show", told)
 
 
 def result(case: Case, out: Path) -> dict[str, Any]:
@@ -232,7 +237,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "detectable": named.get("detectable", {}),
         "flights": len(case.flights) + len(case.sealed),
     }
-    return _written(out, "result", told)
+    return write_step(out, "result", told)
 
 
 def close(
@@ -262,7 +267,7 @@ def close(
         progress("looking for the manoeuvre that would split the class")
         sizes = stated_sizes(named, named["class"])
         made = make_plan(case.rig, named["class"], sizes=sizes, flown=case.flights)
-        _written(out, "plan", made.as_json())
+        write_step(out, "plan", made.as_json())
     told = result(case, out)
     if report:
         from wakedeploy.gap.report import write_report  # draws; slow to import
@@ -409,7 +414,8 @@ def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
 
 def _refitted(case: Case) -> Answer:
     """What `show` needs of an answer when it runs as a command of its own."""
-    return name_effects(case.rig, GantryModel(case.rig, case.flights), case.thresholds)
+    model = GantryModel(case.rig, case.flights)
+    return name_effects(case.rig, model, case.thresholds, share=case.share)
 
 
 def _corrected(
@@ -427,23 +433,3 @@ def _corrected(
     start = np.array([known.get(f.name, f.starts[-1]) for f in model.free(hypothesis)])
     corrected = fit(model, hypothesis, range(model.episodes), start)
     return model, corrected
-
-
-def _written(out: Path, step: str, content: Mapping[str, Any]) -> dict[str, Any]:
-    """Write an artefact whole; numbers that are none become null."""
-    out.mkdir(parents=True, exist_ok=True)
-    plain = _plain(content)
-    write_text_whole(out / f"{step}.json", json.dumps(plain, indent=1, allow_nan=False) + "\n")
-    return dict(plain)
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {str(k): _plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(v) for v in value]
-    if isinstance(value, np.generic):
-        return _plain(value.item())
-    if isinstance(value, float) and not np.isfinite(value):
-        return None
-    return value

@@ -297,7 +297,6 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         step,
         starts,
         quantity,
-        p.constant or "",
     )
 
 

@@ -1,7 +1,7 @@
 """Hypotheses fitted by maximum likelihood, and judged on episodes that they were not fitted to.
 
 In: a `Model`, which scores one episode under a hypothesis, sample by sample. Out: fits with
-intervals, and held-out log densities.
+intervals, and held-out gains.
 
 The log density is Gaussian in innovations with outliers weighted down, so that first derivatives
 of innovation and variance give gradient and Fisher information (Gauss–Newton); leaving an episode
@@ -32,7 +32,6 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
-    `constant` is what a parameter adds to, where it does not replace it.
     """
 
     name: str
@@ -44,12 +43,6 @@ class Free:
     step: float
     starts: tuple[float, ...] = (0.0,)
     quantity: str = ""
-    constant: str = ""
-
-    @property
-    def moves(self) -> str:
-        """The constant that this parameter is, replaces or adds to; "" for none."""
-        return self.quantity or self.constant
 
 
 @dataclass(frozen=True)
@@ -207,24 +200,50 @@ def fit(
     return ascent.run(theta, slopes)
 
 
-def held_out(model: Model, fitted: Fit) -> FloatArray:
-    """Log density of each episode under the parameters that the other episodes prefer, (E,) nats.
+def held_out(base: Fit, larger: Fit) -> FloatArray:
+    """What a larger hypothesis adds to each episode's log density, not having seen it, (E,) nats.
 
-    One Newton step away from the common optimum, no longer than `_FARTHEST` in its own metric: one
-    episode among several moves the others' optimum little, and a longer step is not to be trusted.
+    Only what the two do not share is left out: the larger one's own parameters are those that the
+    other episodes prefer, noise and calibration following them as all episodes together say. Both
+    hypotheses have these fitted alike, so that leaving them out as well would add to the
+    difference nothing but its scatter. A Newton step from the common optimum tells it, in which a
+    quadratic log density is exact (as in the efficient score: Neyman 1959).
+
+    With one episode nothing can be left out; each parameter then costs one nat (Akaike 1974).
+    Raises ValueError where the fits are of different episodes.
     """
+    if base.episodes != larger.episodes:
+        raise ValueError(f"fitted to {base.episodes} and to {larger.episodes}: not comparable")
+    own = [i for i, n in enumerate(larger.names) if n not in set(base.names)]
+    seen = larger.per_episode - base.per_episode
+    if len(larger.episodes) < 2:
+        return seen - len(own)
+    return seen - _flattery(larger, own)
+
+
+def _flattery(fitted: Fit, own: Sequence[int]) -> FloatArray:
+    """How much too well parameters fit each episode for having been fitted to it, (E,) nats."""
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
-    prior = np.diag(prior_precision(fitted.free))
-    pull = -prior_precision(fitted.free) * (fitted.theta - neutral(fitted.free))
-    total_gradient, total_fisher = gradient.sum(0), fisher.sum(0)
-    densities = []
-    for i, episode in enumerate(fitted.episodes):
-        curvature = total_fisher - fisher[i] + prior
-        step = _solve(curvature, total_gradient - gradient[i] + pull)
-        step *= min(1.0, (_FARTHEST / max(float(step @ curvature @ step), 1e-12)) ** 0.5)
-        theta = np.clip(fitted.theta + step, *_bounds(fitted.free))
-        densities.append(model.score(fitted.hypothesis, theta, episode).log_density.sum())
-    return np.array(densities)
+    total = fisher.sum(0) + np.diag(prior_precision(fitted.free))
+    low, high = _bounds(fitted.free)
+    fixed = (fitted.theta <= low) | (fitted.theta >= high)
+    shared = [i for i in range(len(total)) if i not in set(own) and not fixed[i]]
+    follow = np.column_stack(
+        [_solve(total[np.ix_(shared, shared)], total[shared, i]) for i in own]
+    )  # (s, k): how far the shared parameters go with the own ones
+    along = np.zeros((len(total), len(own)))
+    along[own, range(len(own))] = 1.0
+    along[shared] = -follow
+    pull = gradient @ along  # (E, k)
+    curvature = along.T @ fisher @ along  # (E, k, k)
+    everything = along.T @ total @ along
+    lost = []
+    for u, j in zip(pull, curvature, strict=True):
+        rest = everything - j
+        step = _solve(rest, -u)
+        step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
+        lost.append(0.5 * float(step @ j @ step) - float(u @ step))
+    return np.array(lost)
 
 
 def slopes_at(

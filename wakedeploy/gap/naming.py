@@ -15,8 +15,8 @@ import numpy as np
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit, held_out
 from wakedeploy.gap.promises import worth_trying
-from wakedeploy.gap.ranking import Candidate, information, rank
-from wakedeploy.gap.symbolic import Symbolic, search
+from wakedeploy.gap.ranking import Candidate, information, rank_fairly
+from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness
 from wakedeploy.physics.effects import LIBRARY
@@ -41,12 +41,14 @@ _CLEAR_NATS = 60.0  # effects that explain more have no better expression that l
 class Thresholds:
     """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
 
-    Gains of the best effect and of the best expression [nats], the whiteness statistic of the
+    Gains of the best effect, of the best term of an expression in the state and of the best wave in
+    time [nats], the whiteness statistic of the
     innovations, and the largest residual at any one place by channel.
     """
 
     effect_nats: float
     expression_nats: float
+    wave_nats: float
     whiteness: float
     force_n: float
     effort_n: float
@@ -68,6 +70,7 @@ class Round:
 
     given: tuple[str, ...]
     ranking: tuple[Candidate, ...]
+    near_nats: float = CLASS_NATS
 
     def confidence(self, candidate: Candidate) -> float:
         """The candidate's share of the belief, "nothing" included, all equally likely before."""
@@ -79,7 +82,7 @@ class Round:
     def rivals(self) -> tuple[Candidate, ...]:
         """The best and those that cannot be told from it, three at most."""
         best = self.ranking[0].gain_nats
-        near = [c for c in self.ranking if c.gain_nats > best - CLASS_NATS]
+        near = [c for c in self.ranking if c.gain_nats > best - self.near_nats]
         return tuple(near[:MOST_IN_CLASS])
 
 
@@ -113,7 +116,9 @@ def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     everything = range(model.episodes)
     first = fit(model, (), everything, model.start(()))
     near = model.relinearised(first)
-    return near, fit(near, (), everything, first.theta)
+    starts = first.theta, near.start(())  # either climb may end on a ledge
+    fits = [fit(near, (), everything, theta) for theta in starts]
+    return near, max(fits, key=lambda f: f.objective)
 
 
 def name_effects(
@@ -122,8 +127,13 @@ def name_effects(
     thresholds: Thresholds,
     progress: Progress = lambda _: None,
     candidates: Sequence[str] | None = None,
+    share: float = 1.0,
 ) -> Answer:
-    """Find, refit, drop, and decide. One or two flights are never enough for a name."""
+    """Find, refit, drop, and decide. One or two flights are never enough for a name.
+
+    `share` is how much of all that was flown is in `model`. Effects are rivals if all the flights
+    would not tell them apart, the sealed ones included: nats grow with the data.
+    """
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
@@ -137,7 +147,9 @@ def name_effects(
             break
         progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
         least = 0.5 * thresholds.effect_nats
-        searched = Round(current.hypothesis, tuple(rank(model, current, left, least_nats=least)))
+        current, ranked = rank_fairly(model, current, left, least_nats=least)
+        base = base if current.hypothesis else current
+        searched = Round(current.hypothesis, tuple(ranked), CLASS_NATS * share)
         rounds.append(searched)
         if searched.ranking[0].gain_nats < thresholds.effect_nats:
             break
@@ -184,8 +196,7 @@ def _without_idle(model: GantryModel, current: Fit) -> Fit:
         known = dict(zip(current.names, current.theta, strict=True))
         start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
         without = fit(model, rest, current.episodes, start)
-        lost = (held_out(model, current) - held_out(model, without)).sum()
-        if lost + current.log_prior - without.log_prior < _DROPPED_NATS:
+        if gain_over(without, current) < _DROPPED_NATS:
             current = without
     return current
 
@@ -198,26 +209,35 @@ def _rest(
     The second is what is left beyond the effects where that is too little to doubt them: their own
     form need not be exact.
     """
-    least = thresholds.expression_nats
-    setting = vars(setting_of(rig))
-    beyond = search(model, current, setting=setting, least_nats=least)
+
+    def searched(on: Fit, most_terms: int) -> Symbolic | None:
+        return search(
+            model,
+            on,
+            setting=vars(setting_of(rig)),
+            least_nats=thresholds.expression_nats,
+            wave_nats=thresholds.wave_nats,
+            most_terms=most_terms,
+        )
+
+    beyond = searched(current, MOST_TERMS)
     if not current.hypothesis:
         return beyond, None
-    explained = gain_over(model, base, current)
+    explained = gain_over(base, current)
     if beyond is not None and beyond.gain_nats > _REST_SHARE * explained:
         return beyond, None
     if explained > _CLEAR_NATS:
         return None, beyond
-    instead = search(model, base, setting=setting, least_nats=least, most_terms=2)
-    if instead is not None and instead.gain_nats > explained + CLASS_NATS:
+    instead = searched(base, 2)
+    # The best of so many expressions gains as much by chance.
+    if instead is not None and instead.gain_nats > explained + thresholds.expression_nats:
         return instead, None
     return None, beyond
 
 
-def gain_over(model: GantryModel, base: Fit, current: Fit) -> float:
+def gain_over(base: Fit, current: Fit) -> float:
     """What a hypothesis gains over the base on flights held out, priors included [nats]."""
-    likelihood = (held_out(model, current) - held_out(model, base)).sum()
-    return float(likelihood) + current.log_prior - base.log_prior
+    return float(held_out(base, current).sum()) + current.log_prior - base.log_prior
 
 
 def _verdict(

@@ -10,9 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Score, extended
-from wakedeploy.gap.ranking import BENT_NATS
+from wakedeploy.gap.ranking import BENT_NATS, BENT_SD
 
-_BENT_SD = 1.5
 _NO_SLOPE_NATS = 1e-9
 
 
@@ -40,7 +39,7 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     bent = {
         f.quantity
         for f, value in zip(base.free, base.theta, strict=True)
-        if f.quantity and abs(value - f.neutral) > _BENT_SD * f.prior_sd
+        if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
     }
     kept = []
     for name, promised in zip(names, promises(model, base, names), strict=True):

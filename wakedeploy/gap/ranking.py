@@ -26,10 +26,12 @@ from wakedeploy.gap.inference import (
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
-BENT_NATS = -6.0  # a base whose priors pay more has bent its constants
-_BENT_SD = 1.5
-_MOST_RELEASED = 2  # climbs from unbent constants, for each effect that may need one
-_MOST_OTHERS = 2
+BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes 8 or so
+BENT_SD = 2.0
+_MOST_RELEASED = 8  # effects that are climbed from unbent constants
+_SIZES_RELEASED = 2  # from so many sizes each
+_BETTERED_NATS = 0.5
+_MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
@@ -50,12 +52,9 @@ class Candidate:
         """The sum over the episodes, and what the priors say.
 
         A calibration is a measurement, too: a base that only explains the flights with constants
-        far from their calibrated values pays for it. Hardly more than twice what a candidate gains
-        where it was fitted can be gained elsewhere: a parameter that stays at its bound only
-        shortens the leave-one-out steps of the others.
+        far from their calibrated values pays for it.
         """
-        most = 2.0 * self.fitted_gain + 1.0
-        return min(float(self.gains.sum()) + self.prior_gain, most)
+        return float(self.gains.sum()) + self.prior_gain
 
     def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
         """Student's interval of the sum, from the spread between episodes."""
@@ -78,12 +77,8 @@ def rank(
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
-    to the end, if they gain at least `least_nats` on the episodes that they are fitted to. With a
-    single episode nothing can be held out; a gain is then one of likelihood less one nat a
-    parameter (Akaike 1974).
+    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
     """
-    if len(base.episodes) > 1:
-        reference = held_out(model, base)
     rough = []
     for name in candidates:
         rough.append(_rough(model, base, name))
@@ -99,18 +94,30 @@ def rank(
         rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
     ranked = []
     for name, fitted in zip(candidates, rough, strict=True):
-        if len(base.episodes) > 1:
-            gains = held_out(model, fitted) - reference
-        else:
-            gains = fitted.per_episode - base.per_episode - _own_count(fitted, name)
+        gains = held_out(base, fitted)
         unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
         ranked.append(Candidate(name, fitted, gains, unbent, gained))
     return sorted(ranked, key=lambda c: -c.gain_nats)
 
 
-def _own_count(fitted: Fit, name: str) -> int:
-    """How many parameters an effect has: what it gains by being fitted to one flight alone."""
-    return sum(n.startswith(f"{name}.") for n in fitted.names)
+def rank_fairly(
+    model: Model, base: Fit, candidates: Sequence[str], *, least_nats: float = 0.0
+) -> tuple[Fit, list[Candidate]]:
+    """`rank`, on a base that is no worse than the best candidate is without its effect.
+
+    A climb may end short of the best base; every effect then seems to gain what any new climb does.
+    """
+    for _ in range(_MOST_RESETTLED):
+        ranked = rank(model, base, candidates, least_nats=least_nats)
+        if ranked[0].fitted_gain < _BETTERED_NATS:
+            break
+        known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
+        start = np.array([known.get(n, v) for n, v in zip(base.names, base.theta, strict=True)])
+        again = fit(model, base.hypothesis, base.episodes, start)
+        if again.objective < base.objective + _BETTERED_NATS:
+            break
+        base = again
+    return base, ranked
 
 
 def confusion(
@@ -187,49 +194,35 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
 def _from_calibration(
     model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit]
 ) -> list[Fit]:
-    """The fits, and better ones of candidates that move a constant which the base has bent.
+    """The fits, and better ones of the candidates that explain most without bending a constant.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
-    climb from there may never leave it. These climbs start with the bent constants back at their
-    calibration, from the most likely of the effect's sizes; so do a few effects that move none of
-    them, and that they may have imitated.
+    climb from there may never leave it. These climbs start with all constants at their calibration,
+    from the most likely of the effect's sizes; a likelihood may have several summits, as that of a
+    latency has one for each servo frame.
     """
-    bent = {
-        f.moves
-        for f, value in zip(base.free, base.theta, strict=True)
-        if f.quantity and abs(value - f.neutral) > _BENT_SD * f.prior_sd
-    }
-    starts = {
-        i: _released(model, base, rough[i].hypothesis, n, bent) for i, n in enumerate(candidates)
-    }
-    owners = [i for i, n in enumerate(candidates) if bent & _moves(rough[i], n)]
-    others = sorted(set(starts) - set(owners), key=lambda i: -starts[i][0][0])[:_MOST_OTHERS]
+    starts = [
+        _released(model, base, fitted.hypothesis, n)
+        for fitted, n in zip(rough, candidates, strict=True)
+    ]
+    hopeful = sorted(range(len(starts)), key=lambda i: -starts[i][0][0])[:_MOST_RELEASED]
     fits = list(rough)
-    for i in (*owners, *others):
-        for _, theta in starts[i][: _MOST_RELEASED if i in owners else 1]:
+    for i in hopeful:
+        for _, theta in starts[i][:_SIZES_RELEASED]:
             again = fit(model, fits[i].hypothesis, base.episodes, theta)
             fits[i] = max(fits[i], again, key=lambda f: f.objective)
     return fits
 
 
-def _moves(fitted: Fit, name: str) -> set[str]:
-    """The constants that an effect's parameters move."""
-    return {f.moves for f in fitted.free if f.name.startswith(f"{name}.") and f.moves}
-
-
 def _released(
-    model: Model,
-    base: Fit,
-    hypothesis: Hypothesis,
-    name: str,
-    bent: set[str],
+    model: Model, base: Fit, hypothesis: Hypothesis, name: str
 ) -> list[tuple[float, FloatArray]]:
-    """Sizes of an effect, likeliest first, with the bent constants back at their calibration."""
+    """Sizes of an effect, likeliest first, with the calibrated constants as they were measured."""
     free = model.free(hypothesis)
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     plain = extended(base, free)
     for i, f in enumerate(free):
-        if f.quantity in bent:
+        if f.quantity:
             plain[i] = f.neutral
     tried = []
     for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):

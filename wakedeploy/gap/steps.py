@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of
+from wakedeploy.files import sha256_of, write_text_whole
 from wakedeploy.gap.telling import entries, mapping, texts
 
 Artefact = Mapping[str, Any]
@@ -146,3 +148,23 @@ def _read(path: Path) -> Artefact:
     if not isinstance(content, dict):
         raise UnusableInput(f"{path}: holds no JSON object; run the step that writes it again.")
     return content
+
+
+def write_step(out: Path, step: str, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Write an artefact whole; numbers that are none become null."""
+    out.mkdir(parents=True, exist_ok=True)
+    plain = _plain(content)
+    write_text_whole(out / f"{step}.json", json.dumps(plain, indent=1, allow_nan=False) + "\n")
+    return dict(plain)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {str(k): _plain(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(v) for v in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not np.isfinite(value):
+        return None
+    return value

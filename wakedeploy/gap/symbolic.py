@@ -20,7 +20,7 @@ from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.gap.inference import Fit, FloatArray, Hypothesis, Model, extended, fit, held_out
 from wakedeploy.gap.promises import promises
 from wakedeploy.gap.ranking import Candidate, rank
-from wakedeploy.gap.terms import TERMS, neighbours, wave_in_time
+from wakedeploy.gap.terms import TERMS, is_wave_in_time, neighbours, wave_in_time
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, ExpressionForce
 from wakedeploy.physics.expression import (
     VARIABLES,
@@ -40,11 +40,13 @@ SEARCHED = (*TERMS, *(wave_in_time(0.05 * n) for n in range(10, 101)))  # 0.5 to
 MOST_TERMS = 3
 _NEAR_NATS = 8.0  # terms that promise so much less than the best are not fitted
 _MOST_FITTED = 4
-_WORTH_FITTING = 0.7  # of the least gain; slopes at zero promise somewhat too little
+_WORTH_FITTING = 0.7  # of what a term must gain; slopes at zero promise somewhat too little
 _MOST_RIVALS = 6
 _RIVALS_SHARE = 0.4  # of the best's promise, for a term that may take its place later
 _MOST_WAVES = 25  # of those of one round, so many are tried in the next
-_SURELY = 3.0  # times the least gain, by the standard error: no refit without the term is needed
+_SURELY = (
+    3.0  # times what a term must gain, by the standard error: no refit without the term is needed
+)
 _EQUAL_NATS = 1.0  # the shorter of two terms so close is taken
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
@@ -67,7 +69,8 @@ class Symbolic:
 
     `expression` is in newtons, with coefficients by name; `text` has their numbers and units.
     `coordinates` are what it depends on, the most telling first; `gain_nats` is what it gains on
-    episodes held out, `gains` (E,) per episode, and `fit` the fit that has it.
+    episodes held out, `gains` (E,) per episode, what the priors say apart from that in
+    `prior_gain`; `fit` is the fit that has it.
     """
 
     terms: tuple[str, ...]
@@ -76,12 +79,13 @@ class Symbolic:
     coefficients: tuple[Coefficient, ...]
     coordinates: tuple[str, ...]
     gains: FloatArray
+    prior_gain: float
     fit: Fit
 
     @property
     def gain_nats(self) -> float:
-        """The sum over the episodes."""
-        return float(self.gains.sum())
+        """The sum over the episodes, and what the priors say."""
+        return float(self.gains.sum()) + self.prior_gain
 
     def as_json(self) -> dict[str, Any]:
         """What `name.json` says under "unknown"."""
@@ -107,23 +111,26 @@ def search(
     names: Sequence[str] = SEARCHED,
     terms: Mapping[str, ExpressionForce] = TERMS,
     least_nats: float | None = None,
+    wave_nats: float | None = None,
     most_terms: int = MOST_TERMS,
 ) -> Symbolic | None:
     """The sparse expression on top of `base`, or None where no term gains enough.
 
     `model` must know the terms as effects. `setting` has the numbers of the rig that terms mention
     (`vars(setting_of(rig))`). Each term must gain `least_nats` on held-out episodes; by default as
-    much as the best of so many terms without any truth in them would hardly gain.
+    much as the best of so many terms without any truth in them would hardly gain. A wave in time
+    must gain `wave_nats`, if that is given: there are many of them, unlike one another, with two
+    coefficients each, and the best of them gains more by chance.
     """
     least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
-    one = _Search(model, base, rank_function, names, terms, least)
+    bars = _Bars(least, least if wave_nats is None else wave_nats)
+    one = _Search(model, base, rank_function, names, terms, bars)
     while len(one.chosen) < most_terms and one.add():
         one.exchange()
     one.drop_idle()
     if not one.chosen:
         return None
-    gains = held_out(model, one.current) - held_out(model, base)
-    return _told(one.current, [terms[name] for name in one.chosen], setting, gains)
+    return _told(base, one.current, [terms[name] for name in one.chosen], setting)
 
 
 def to_effect(
@@ -168,6 +175,18 @@ def _summed(
     return expression_of(f"{before.text} + ({renamed.text})", parameters), parameters
 
 
+@dataclass(frozen=True)
+class _Bars:
+    """What a term must gain [nats]."""
+
+    state: float
+    time: float
+
+    def of(self, name: str) -> float:
+        """By the family that a term belongs to."""
+        return self.time if is_wave_in_time(name) else self.state
+
+
 class _Search:
     """Forward selection with exchanges: `chosen` terms, each with its rivals, and their fit."""
 
@@ -178,10 +197,10 @@ class _Search:
         rank_function: Rank,
         names: Sequence[str],
         terms: Mapping[str, ExpressionForce],
-        least: float,
+        bars: _Bars,
     ) -> None:
         self._model, self._rank = model, rank_function
-        self._names, self._terms, self._least = names, terms, least
+        self._names, self._terms, self._bars = names, terms, bars
         self.current = base
         self.chosen: dict[str, tuple[str, ...]] = {}
         self._fits: dict[Hypothesis, Fit] = {base.hypothesis: base}
@@ -189,20 +208,23 @@ class _Search:
     def add(self) -> bool:
         """Take the term that gains most on held-out episodes, if it gains enough.
 
-        A wave has its frequency refined. Where no term promises much of `least` even on the
-        episodes that it is fitted to, none is fitted.
+        A wave has its frequency refined. A term that promises little of what it must gain even on
+        the episodes that it is fitted to is not fitted.
         """
         left = [name for name in self._names if name not in self.chosen]
         promised = dict(zip(left, promises(self._model, self.current, left), strict=True))
-        most = max(promised.values(), default=0.0)
-        if most < _WORTH_FITTING * self._least:
-            return False
         order = sorted(left, key=lambda name: -promised[name])
-        near = [name for name in order[:_MOST_FITTED] if promised[name] > most - _NEAR_NATS]
-        best = _simplest(self._rank(self._model, self.current, near), self._terms)
-        best = self._refined(best, promised[best.name])
-        if best.gain_nats < self._least:
+        hopeful = [n for n in order if promised[n] > _WORTH_FITTING * self._bars.of(n)]
+        if not hopeful:
             return False
+        most = promised[order[0]]
+        near = [name for name in hopeful[:_MOST_FITTED] if promised[name] > most - _NEAR_NATS]
+        ranked = self._rank(self._model, self.current, near)
+        ranked = [c for c in ranked if c.gain_nats > self._bars.of(c.name)]
+        if not ranked:
+            return False
+        best = _simplest(ranked, self._terms)
+        best = self._refined(best, promised[best.name])
         self.current = self._fits[best.fit.hypothesis] = best.fit
         rivals = [n for n in order[:_MOST_RIVALS] if promised[n] > _RIVALS_SHARE * most]
         self.chosen[best.name] = tuple(n for n in rivals if n != best.name)
@@ -219,23 +241,21 @@ class _Search:
             smaller = self._without(name)
             rival = free[int(promises(self._model, smaller, free).argmax())]
             best = self._rank(self._model, smaller, [rival])[0]
-            present = held_out(self._model, self.current) - held_out(self._model, smaller)
+            present = held_out(smaller, self.current)
             if best.gain_nats > float(present.sum()) + _EQUAL_NATS:
                 del self.chosen[name]
                 self.chosen = {rival: rivals, **self.chosen}
                 self.current = best.fit
 
     def drop_idle(self) -> None:
-        """Drop terms whose absence costs less than `least`, the idlest first."""
+        """Drop terms whose absence costs less than they must gain, the idlest first."""
         while len(self.chosen) > 1:
             doubtful = [name for name in self.chosen if not self._surely_needed(name)]
-            density = float(held_out(self._model, self.current).sum())
             losses = {
-                name: density - float(held_out(self._model, self._without(name)).sum())
-                for name in doubtful
+                name: float(held_out(self._without(name), self.current).sum()) for name in doubtful
             }
-            idle = min(losses, key=lambda name: losses[name], default=None)
-            if idle is None or losses[idle] >= self._least:
+            idle = min(losses, key=lambda name: losses[name] - self._bars.of(name), default=None)
+            if idle is None or losses[idle] >= self._bars.of(idle):
                 break
             self.current = self._without(idle)
             del self.chosen[idle]
@@ -244,7 +264,7 @@ class _Search:
         """Whether one of a term's coefficients is so far from zero that no refit is needed."""
         own = [n for n in self.current.names if n.startswith(f"{name}.")]
         away = [self.current.value(n) / self.current.standard_error(n) for n in own]
-        return 0.5 * max(abs(z) for z in away) ** 2 > _SURELY * self._least
+        return 0.5 * max(abs(z) for z in away) ** 2 > _SURELY * self._bars.of(name)
 
     def _without(self, name: str) -> Fit:
         hypothesis: Hypothesis = tuple(n for n in self.current.hypothesis if n != name)
@@ -273,7 +293,7 @@ def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce])
 
 
 def _told(
-    fitted: Fit, chosen: Sequence[ExpressionForce], setting: Mapping[str, float], gains: FloatArray
+    base: Fit, fitted: Fit, chosen: Sequence[ExpressionForce], setting: Mapping[str, float]
 ) -> Symbolic:
     formulas, texts = list[str](), list[str]()
     coefficients = list[Coefficient]()
@@ -292,7 +312,8 @@ def _told(
         " ".join(texts).removeprefix("+ "),
         tuple(coefficients),
         _coordinates(chosen),
-        gains,
+        held_out(base, fitted),
+        fitted.log_prior - base.log_prior,
         fitted,
     )
 

@@ -74,7 +74,7 @@ _SINGLE: Mapping[str, tuple[str, str, str, float]] = {
         "s/m",
         0.6,
     ),
-    "thrust": ("the sufferer's thrust", _THRUST, "1", 0.4),
+    "own-thrust": ("the sufferer's thrust", _THRUST, "1", 0.4),
     "thrust-squared": ("the sufferer's thrust, squared", f"{_THRUST}**2", "1/N", 0.2),
     "thrust-height": ("the sufferer's thrust and height", f"{_THRUST}*{_Z}", "1/m", 0.08),
     "thrust-place": (
@@ -86,7 +86,7 @@ _SINGLE: Mapping[str, tuple[str, str, str, float]] = {
     "thrust-speed": ("the sufferer's thrust and speed", f"{_THRUST}*vz_mps", "s/m", 0.06),
     "thrust-wake": ("the sufferer's thrust in the wake's air", "sufferer_n*wake_mps", "s/m", 10.0),
     "air": ("the air's vertical speed", "wake_mps", "N s/m", 3.0),
-    "wake": ("the wake's force", "wake_n", "1", 0.5),
+    "wake-force": ("the wake's force", "wake_n", "1", 0.5),
     "wake-squared": ("the wake's force, squared", "wake_n*abs(wake_n)", "1/N", 0.3),
     "wake-height": ("the wake's force and height", f"wake_n*{_Z}", "1/m", 0.1),
     "wake-speed": ("the wake's force and vertical speed", "wake_n*vz_mps", "s/m", 0.08),
@@ -137,6 +137,11 @@ TERMS = Terms()
 def wave_in_time(frequency_hz: float) -> str:
     """The name of the wave in time nearest to a frequency of 0.1 to 99 Hz."""
     return f"wave-in-time-{round(1000 * frequency_hz):03d}mhz"
+
+
+def is_wave_in_time(name: str) -> bool:
+    """Whether a term repeats itself in time, at whatever frequency."""
+    return name.startswith("wave-in-time-")
 
 
 def neighbours(name: str) -> tuple[str, ...]:

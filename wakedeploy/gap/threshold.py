@@ -24,21 +24,24 @@ from wakedeploy.files import write_text_whole
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit
 from wakedeploy.gap.naming import Thresholds, fitted_base, with_terms
-from wakedeploy.gap.ranking import rank
-from wakedeploy.gap.symbolic import search
+from wakedeploy.gap.ranking import rank_fairly
+from wakedeploy.gap.symbolic import SEARCHED, search
+from wakedeploy.gap.terms import is_wave_in_time
 from wakedeploy.gap.whiteness import whiteness
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.rig import Effect, EffectParameter, Rig
 
-FALSE_ALARMS = 0.05  # of flight sets without any effect, all three thresholds together
+FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of naming together
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
-_VERSION = 2  # of what is simulated; another one starts the cache anew
-_LEAST = Thresholds(3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
+_VERSION = 3  # of what is simulated; another one starts the cache anew
+_LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
+_NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class NullSet:
     effect_nats: float
     effect: str
     expression_nats: float
+    wave_nats: float
     whiteness: float
     places: dict[str, float]  # the largest residual at a place, by channel
 
@@ -97,15 +101,15 @@ def simulate(
 
 
 def quantiles(null: Sequence[NullSet]) -> Thresholds:
-    """The lowest equal quantile of the three at which together one set in twenty is above.
+    """The lowest equal quantile of the four at which together one set in twenty is above.
 
     Smoothed by Gumbel's distribution of maxima, whose two moments few sets determine better than
     they determine their own largest values.
     """
     if len(null) < 10:
         raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
-    columns = np.array([[n.effect_nats, n.expression_nats, n.whiteness] for n in null])  # (S, 3)
-    least = np.array([_LEAST.effect_nats, _LEAST.expression_nats, _LEAST.whiteness])
+    columns = np.array([[getattr(n, one) for one in _NAMING] for n in null])  # (S, 4)
+    least = np.array([getattr(_LEAST, one) for one in _NAMING])
     limits = least
     for share in np.linspace(0.90, 0.999, 200):
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
@@ -158,16 +162,24 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     ]
     model, base = fitted_base(with_terms(GantryModel(rig, flights)))
     names = [n for n in LIBRARY if n not in {e.name for e in rig.effect}]
-    best = rank(model, base, names, least_nats=1.0)[0]
-    # Every expression counts here, also one that the workflow would not have looked at twice.
-    found = search(model, base, setting=vars(setting_of(rig)), least_nats=0.5, most_terms=1)
+    base, ranked = rank_fairly(model, base, names, least_nats=1.0)
+    waves = [name for name in SEARCHED if is_wave_in_time(name)]
+    others = [name for name in SEARCHED if not is_wave_in_time(name)]
     return NullSet(
-        effect_nats=best.gain_nats,
-        effect=best.name,
-        expression_nats=found.gain_nats if found is not None else 0.0,
+        effect_nats=ranked[0].gain_nats,
+        effect=ranked[0].name,
+        expression_nats=_best_term(rig, model, base, others),
+        wave_nats=_best_term(rig, model, base, waves),
         whiteness=whiteness(base).at_reference,
         places=_largest(find_places(model, base, 0.0)["places"]),
     )
+
+
+def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) -> float:
+    """What the best term gains, also one that the workflow would not have looked at twice."""
+    setting = vars(setting_of(rig))
+    found = search(model, base, setting=setting, names=names, least_nats=0.1, most_terms=1)
+    return found.gain_nats if found is not None else 0.0
 
 
 def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:

@@ -27,7 +27,7 @@ HIDDEN = "tether-spring"
 STRONG = Case(
     "strong", "effect", "second", 7, 150, {HIDDEN: values_at(HIDDEN, 3.0, default_rig())}
 )  # fmt: skip
-THRESHOLDS = Thresholds(6.0, 8.0, 300.0, 0.03, 0.03, 0.003)
+THRESHOLDS = Thresholds(6.0, 8.0, 8.0, 300.0, 0.03, 0.03, 0.003)
 
 
 @pytest.fixture(scope="module")

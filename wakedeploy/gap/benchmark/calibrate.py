@@ -12,6 +12,7 @@ gains. The judge measures what each case really has.
 import json
 import sys
 from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -92,13 +93,13 @@ def of_spread(name: str, rig: Rig) -> dict[str, float]:
 def refine() -> None:
     """Fly each effect at its size for 50 nats and correct its sizes for what that gains."""
     known: dict[str, dict[str, float]] = json.loads(PATH.read_text())
-    for key, sizes in known.items():
-        gain = flown_nats(key, sizes["50"])
-        share = float(np.clip(np.sqrt(50.0 / max(gain, 1.0)), *_CORRECTIONS))
-        if key not in _BY_HAND and key not in _CALIBRATED:
+    with ProcessPoolExecutor() as pool:
+        gains = pool.map(flown_nats, known, [sizes["50"] for sizes in known.values()])
+        for (key, sizes), gain in zip(list(known.items()), gains, strict=True):
+            share = float(np.clip(np.sqrt(50.0 / max(gain, 1.0)), *_CORRECTIONS))
             known[key] = {n: float(f"{share * size:.4g}") for n, size in sizes.items()}
-        write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
-        print(f"{key} at {sizes['50']}: {gain:.1f} nats, times {share:.2f}", flush=True)  # noqa: T201
+            write_text_whole(PATH, json.dumps(known, indent=1, sort_keys=True) + "\n")
+            print(f"{key} at {sizes['50']}: {gain:.1f} nats, times {share:.2f}", flush=True)  # noqa: T201
 
 
 def flown_nats(key: str, size: float) -> float:

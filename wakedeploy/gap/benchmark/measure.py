@@ -67,7 +67,6 @@ class Measured:
         first = fit(model, (), self._episodes, model.start(()))
         self.model = model.relinearised(first)
         self.base = fit(self.model, (), self._episodes, first.theta)
-        self._reference = held_out(self.model, self.base)
 
     def strength(self, truth: Values, outside: Mapping[str, float] | None = None) -> Strength:
         """The gain of all hidden effects together, fitted from their true values."""
@@ -82,7 +81,7 @@ class Measured:
                 start[i] = known.get(one.name, start[i])
             fits.append(fit(self.model, names, self._episodes, start))
         fitted = max(fits, key=lambda one: one.per_episode.sum() + one.log_prior)
-        gains = held_out(self.model, fitted) - self._reference
+        gains = held_out(self.base, fitted)
         unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
         return Strength(float(gains.sum()) + unbent, tuple(float(g) for g in gains), fitted)
 

@@ -136,7 +136,7 @@ def _still_needed(model: ResponseModel, found: Fit, threshold: float) -> Fit:
     for name in found.hypothesis[:-1]:
         rest = tuple(n for n in found.hypothesis if n != name)
         without = settled(model, rest, found.episodes, found)
-        if (held_out(model, found) - held_out(model, without)).sum() <= threshold:
+        if held_out(without, found).sum() <= threshold:
             found = without
     return found
 
