@@ -144,33 +144,33 @@ class Fit:
         return float(self.theta[self._index(name)])
 
     def standard_error(self, name: str) -> float:
-        """Half of it from the curvature, half from the spread between episodes; see `interval`."""
-        return float(np.sqrt(self._covariance[self._index(name), self._index(name)]))
+        """The larger of two: from the curvature and from the spread between episodes.
+
+        The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
+        small by chance; clustered by episode, it is a sandwich with as many terms as episodes.
+        """
+        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
+        prior = np.diag(prior_precision(self.free))
+        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
+        own, count = bread[self._index(name)], len(gradient)
+        variance = own[self._index(name)]
+        if count > 1:
+            centred = gradient - gradient.mean(0)
+            meat = centred.T @ centred * count / (count - 1) + prior
+            variance = max(variance, own @ meat @ own)
+        return float(np.sqrt(variance))
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Where the parameter lies with this probability, clipped to its bounds.
 
-        The variance is clustered by episode (a sandwich with as many terms as episodes), averaged
-        with the curvature's own to steady it, and the quantile is Student's with the degrees of
-        freedom that this leaves.
+        The quantile is Student's, with the degrees of freedom that two variances of which one comes
+        from the spread between episodes leave.
         """
         free = self.free[self._index(name)]
         quantile = float(student_t.ppf(0.5 + 0.5 * level, 2 * max(len(self.episodes) - 1, 1)))
         reach = quantile * self.standard_error(name)
         value = self.value(name)
         return max(value - reach, free.low), min(value + reach, free.high)
-
-    @property
-    def _covariance(self) -> FloatArray:
-        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
-        prior = np.diag(prior_precision(self.free))
-        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
-        count = len(gradient)
-        if count < 2:
-            return bread
-        centred = gradient - gradient.mean(0)
-        meat = centred.T @ centred * count / (count - 1) + prior
-        return np.asarray(0.5 * (bread + bread @ meat @ bread))
 
     def _index(self, name: str) -> int:
         try:
