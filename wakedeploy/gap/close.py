@@ -28,6 +28,7 @@ from wakedeploy.gap.naming import (
     detectable,
     fitted_base,
     name_effects,
+    sealed_count,
     with_terms,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
@@ -42,8 +43,6 @@ from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
 Progress = Callable[[str], None]
 Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
-SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1, 6: 2}
-MOST_SEALED = 2
 _CONFUSED = 14  # effects in the picture of what can be told apart
 
 
@@ -83,8 +82,7 @@ def open_case(
     """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once."""
     rig = read_rig(rig_path)
     flights = read_flights(measured, rig)
-    count = SEALED.get(len(flights), MOST_SEALED)
-    split = len(flights) - count
+    split = len(flights) - sealed_count(len(flights))
 
     def told(done: int, sets: int) -> None:
         progress(f"simulating this rig's thresholds, once: {done} of {sets}")

@@ -34,7 +34,6 @@ NOISE = (
 _ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
 _WIDEST_SD = 5.0
-_LOUD = {NOISE[0]: 0.0, NOISE[1]: -1.0}
 _CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
 # An effect's delay comes on top of what is uncertain about the delay that was calibrated.
 _ADDED = {"command.delay_s", "range.delay_s"}
@@ -88,7 +87,7 @@ class GantryModel:
 
     def start(self, hypothesis: Hypothesis) -> FloatArray:
         """Where a first fit begins: neutral, but with loud noise, so that nothing is an outlier."""
-        return np.array([_LOUD.get(f.name, f.neutral) for f in self.free(hypothesis)])
+        return np.array([f.neutral if f.first is None else f.first for f in self.free(hypothesis)])
 
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
         """One flight: a score per airborne sample and one per rest on the stop."""
@@ -257,8 +256,8 @@ def _noise(rig: Rig) -> tuple[Free, ...]:
     time_s = rig.disturbance.turbulence_time_s
     range_m = max(rig.range_sensor.noise_m, 0.0005)
     return (
-        Free(NOISE[0], "", math.log(_ACCELERATION), 1.0, -8.0, 2.0, 0.05),
-        Free(NOISE[1], "", math.log(fraction), 1.0, -7.0, 1.5, 0.05),
+        Free(NOISE[0], "", math.log(_ACCELERATION), 1.0, -8.0, 2.0, 0.05, first=0.0),
+        Free(NOISE[1], "", math.log(fraction), 1.0, -7.0, 1.5, 0.05, first=-1.0),
         Free(NOISE[2], "", math.log(time_s), 0.5, -4.5, 1.0, 0.05),
         Free(NOISE[3], "", math.log(range_m), 0.5, -8.0, -2.0, 0.02),
         Free(NOISE[4], "", 0.0, 0.002, -0.003, 0.03, 1e-4),

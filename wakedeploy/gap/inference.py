@@ -32,6 +32,7 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
+    `first` is where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
     """
 
     name: str
@@ -43,6 +44,7 @@ class Free:
     step: float
     starts: tuple[float, ...] = (0.0,)
     quantity: str = ""
+    first: float | None = None
 
 
 @dataclass(frozen=True)
@@ -203,11 +205,12 @@ def fit(
 def held_out(base: Fit, larger: Fit) -> FloatArray:
     """What a larger hypothesis adds to each episode's log density, not having seen it, (E,) nats.
 
-    Only what the two do not share is left out: the larger one's own parameters are those that the
-    other episodes prefer, noise and calibration following them as all episodes together say. Both
-    hypotheses have these fitted alike, so that leaving them out as well would add to the
-    difference nothing but its scatter. A Newton step from the common optimum tells it, in which a
-    quadratic log density is exact (as in the efficient score: Neyman 1959).
+    Only the larger one's own parameters are left out: they are those that the other episodes
+    prefer, noise and calibration following them as all episodes together say. Both hypotheses have
+    these fitted, so that leaving them out as well would add to the difference little but scatter. A
+    calibrated constant that an effect takes over counts as the effect's own. A Newton step from the
+    common optimum tells it, in which a quadratic log density is exact (as in the efficient score:
+    Neyman 1959).
 
     With one episode nothing can be left out; each parameter then costs one nat (Akaike 1974).
     Raises ValueError where the fits are of different episodes.
@@ -227,6 +230,9 @@ def _flattery(fitted: Fit, own: Sequence[int]) -> FloatArray:
     total = fisher.sum(0) + np.diag(prior_precision(fitted.free))
     low, high = _bounds(fitted.free)
     fixed = (fitted.theta <= low) | (fitted.theta >= high)
+    own = [i for i in own if not fixed[i]]  # at its bound a parameter follows no episode
+    if not own:
+        return np.zeros(len(gradient))
     shared = [i for i in range(len(total)) if i not in set(own) and not fixed[i]]
     follow = np.column_stack(
         [_solve(total[np.ix_(shared, shared)], total[shared, i]) for i in own]

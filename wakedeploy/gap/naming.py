@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, fit, held_out
+from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
 from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, information, rank_fairly
 from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
@@ -29,12 +29,18 @@ Progress = Callable[[str], None]
 CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
 MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
+_SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
+
+
+def sealed_count(flights: int) -> int:
+    """How many of so many flights are sealed, for the gap to be shown on; the last ones."""
+    return _SEALED.get(flights, _MOST_SEALED)
 
 
 @dataclass(frozen=True)
@@ -137,6 +143,7 @@ def name_effects(
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
+    expressions: dict[Hypothesis, Symbolic | None] = {}  # beyond what was found, where looked for
     rounds: list[Round] = []
     current = base
     while len(current.hypothesis) < MOST_EFFECTS:
@@ -146,19 +153,22 @@ def name_effects(
         if not left:
             break
         progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
-        least = 0.5 * thresholds.effect_nats
-        current, ranked = rank_fairly(model, current, left, least_nats=least)
+        current, ranked = rank_fairly(model, current, left, least_nats=0.5 * thresholds.effect_nats)
         base = base if current.hypothesis else current
-        searched = Round(current.hypothesis, tuple(ranked), CLASS_NATS * share)
-        rounds.append(searched)
-        if searched.ranking[0].gain_nats < thresholds.effect_nats:
-            break
-        model, current = _settled(model, searched.ranking[0].fit)
+        rounds.append(Round(current.hypothesis, tuple(ranked), CLASS_NATS * share))
+        if ranked[0].gain_nats < thresholds.effect_nats:
+            beyond = expressions[current.hypothesis] = _expression(model, current, thresholds)
+            # Where something is missing, an effect that explains it as well is its better name.
+            if beyond is None or ranked[0].gain_nats < beyond.gain_nats - CLASS_NATS:
+                break
+        model, current = _settled(model, ranked[0].fit)
         base = fit(model, (), range(model.episodes), base.theta)
     current = _without_idle(model, current)
     rounds = [r for r in rounds if set(r.given) <= set(current.hypothesis)]
     progress("looking for what no effect explains")
-    unknown, rest = _rest(rig, model, base, current, thresholds)
+    if current.hypothesis not in expressions:
+        expressions[current.hypothesis] = _expression(model, current, thresholds)
+    unknown, rest = _rest(model, base, current, expressions[current.hypothesis], thresholds)
     white = whiteness(current)
     verdict, members = _verdict(rounds, current, unknown, white, thresholds)
     return Answer(
@@ -201,26 +211,27 @@ def _without_idle(model: GantryModel, current: Fit) -> Fit:
     return current
 
 
+def _expression(
+    model: GantryModel, on: Fit, thresholds: Thresholds, most_terms: int = MOST_TERMS
+) -> Symbolic | None:
+    return search(
+        model,
+        on,
+        setting=vars(setting_of(model.rig)),
+        least_nats=thresholds.expression_nats,
+        wave_nats=thresholds.wave_nats,
+        most_terms=most_terms,
+    )
+
+
 def _rest(
-    rig: Rig, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds
+    model: GantryModel, base: Fit, current: Fit, beyond: Symbolic | None, thresholds: Thresholds
 ) -> tuple[Symbolic | None, Symbolic | None]:
     """An expression that explains more than the effects do, or much beyond them; or else a little.
 
     The second is what is left beyond the effects where that is too little to doubt them: their own
     form need not be exact.
     """
-
-    def searched(on: Fit, most_terms: int) -> Symbolic | None:
-        return search(
-            model,
-            on,
-            setting=vars(setting_of(rig)),
-            least_nats=thresholds.expression_nats,
-            wave_nats=thresholds.wave_nats,
-            most_terms=most_terms,
-        )
-
-    beyond = searched(current, MOST_TERMS)
     if not current.hypothesis:
         return beyond, None
     explained = gain_over(base, current)
@@ -228,7 +239,7 @@ def _rest(
         return beyond, None
     if explained > _CLEAR_NATS:
         return None, beyond
-    instead = searched(base, 2)
+    instead = _expression(model, base, thresholds, most_terms=2)
     # The best of so many expressions gains as much by chance.
     if instead is not None and instead.gain_nats > explained + thresholds.expression_nats:
         return instead, None

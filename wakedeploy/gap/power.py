@@ -20,7 +20,14 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, FloatArray
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import MARGIN_NATS, plausible_size
-from wakedeploy.gap.rates import SURE, Draws, flights_needed, null_quantile, smallest_sizes
+from wakedeploy.gap.rates import (
+    SURE,
+    Draws,
+    fitted_share,
+    flights_needed,
+    null_quantile,
+    smallest_sizes,
+)
 from wakedeploy.gap.sensors import SENSORS, Sensor, with_sensor
 from wakedeploy.gap.separation import Evidence, gain_nats, gather, loss_nats
 from wakedeploy.gap.tracking import tracking_rmse_m, with_effect
@@ -234,7 +241,8 @@ def predicted_naming_rate(
     model, base = fitted_base(GantryModel(rig, flights))
     evidence = gather(model, base, chosen, sizes)
     threshold = null_quantile(evidence) if threshold_nats is None else threshold_nats
-    outcome = Draws.of(evidence).outcomes(effect, _FACTOR_ONE, threshold)
+    draws = Draws.of(evidence, share=fitted_share(len(flights)))
+    outcome = draws.outcomes(effect, _FACTOR_ONE, threshold)
     return {
         "detected": float(outcome.detected[0]),
         "named": float(outcome.named[0]),
@@ -249,7 +257,7 @@ class _Told:
     def __init__(self, rig: Rig, evidence: Evidence, threshold: float, flight_s: float) -> None:
         self._rig, self._evidence = rig, evidence
         self._threshold, self._flight_s = threshold, flight_s
-        self._draws = Draws.of(evidence)
+        self._draws = Draws.of(evidence, share=fitted_share(len(evidence.gram)))
         self.loss = loss_nats(evidence)
         self._gain = gain_nats(evidence)
 
@@ -323,7 +331,7 @@ def _named_with_sensors(simulated: Simulated, threshold: float, advance: Advance
         seen = evidence
         if sensor is not None:
             seen = with_sensor(evidence, simulated.model, simulated.base, sensor)
-        draws = Draws.of(seen)
+        draws = Draws.of(seen, share=fitted_share(len(seen.gram)))
         columns.append([draws.outcomes(n, _FACTOR_ONE, threshold).named[0] for n in evidence.names])
         advance()
     return np.array(columns).T

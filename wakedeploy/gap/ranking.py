@@ -28,8 +28,8 @@ _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the e
 _MOST_CONTENDERS = 4
 BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes 8 or so
 BENT_SD = 2.0
-_MOST_RELEASED = 8  # effects that are climbed from unbent constants
-_SIZES_RELEASED = 2  # from so many sizes each
+_MOST_RELEASED = 6  # effects that are climbed from unbent constants
+_SIZES_RELEASED = 4  # from so many sizes each
 _BETTERED_NATS = 0.5
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
@@ -117,6 +117,8 @@ def rank_fairly(
         if again.objective < base.objective + _BETTERED_NATS:
             break
         base = again
+    else:
+        ranked = rank(model, base, candidates, least_nats=least_nats)
     return base, ranked
 
 
@@ -197,9 +199,9 @@ def _from_calibration(
     """The fits, and better ones of the candidates that explain most without bending a constant.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
-    climb from there may never leave it. These climbs start with all constants at their calibration,
-    from the most likely of the effect's sizes; a likelihood may have several summits, as that of a
-    latency has one for each servo frame.
+    climb from there may never leave it. These climbs start with all constants at their calibration
+    and with louder noise, from the most likely of the effect's sizes; a likelihood may have several
+    summits, as that of a latency has one for each servo frame.
     """
     starts = [
         _released(model, base, fitted.hypothesis, n)
@@ -217,13 +219,19 @@ def _from_calibration(
 def _released(
     model: Model, base: Fit, hypothesis: Hypothesis, name: str
 ) -> list[tuple[float, FloatArray]]:
-    """Sizes of an effect, likeliest first, with the calibrated constants as they were measured."""
+    """Sizes of an effect, likeliest first, with the calibrated constants as they were measured.
+
+    Noise is half-way to what a first fit begins with: with less, most samples would be outliers
+    there, and a climb from outliers goes nowhere.
+    """
     free = model.free(hypothesis)
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     plain = extended(base, free)
     for i, f in enumerate(free):
         if f.quantity:
             plain[i] = f.neutral
+        if f.first is not None:
+            plain[i] = 0.5 * (plain[i] + f.first)
     tried = []
     for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
         theta = plain.copy()

@@ -3,6 +3,7 @@
 In: an `Evidence` and a threshold. Out: shares of data sets, by the size of the effect and by the
 number of flights. The draws repeat what `name` decides: every effect is fitted, gains count on
 episodes left out, the best must cross the threshold, and all within 3 nats of it share its class.
+Flights that are sealed to show the gap on do not take part in naming.
 """
 
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.gap.inference import FloatArray
+from wakedeploy.gap.naming import sealed_count
 from wakedeploy.gap.separation import ENOUGH_NATS, Evidence, fitted_shares
 
 SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
@@ -36,17 +38,22 @@ class Draws:
     information: FloatArray
     pulls: FloatArray
     cost_nats: FloatArray  # (C,) what a fit seems to gain on its own data and loses on others
+    near_nats: float  # rivals as close as this share the class
 
     @classmethod
-    def of(cls, evidence: Evidence, copies: float = 1.0, count: int = DRAWS) -> "Draws":
-        """Draw `count` data sets of `copies` times the evidence's episodes."""
+    def of(
+        cls, evidence: Evidence, copies: float = 1.0, count: int = DRAWS, share: float = 1.0
+    ) -> "Draws":
+        """Draw `count` data sets of `copies` times the episodes, of which a `share` is fitted."""
+        copies = share * copies
         information = evidence.information(copies)
         value, vector = np.linalg.eigh(information)
         root = vector * np.sqrt(np.maximum(value, 0.0))
         noise = np.random.default_rng(0).standard_normal((count, len(value)))
         episodes = max(2.0, copies * len(evidence.gram))
         free = np.array([len(evidence.of(name)) for name in evidence.names])
-        return cls(evidence, information, noise @ root.T, free * episodes / (episodes - 1.0))
+        cost = free * episodes / (episodes - 1.0)
+        return cls(evidence, information, noise @ root.T, cost, ENOUGH_NATS * share)
 
     def gains(self, truth: FloatArray) -> FloatArray:
         """Held-out gain of every effect (n, C) when `truth` (c,) is what is missing [nats]."""
@@ -68,11 +75,16 @@ class Draws:
             gains = self.gains(factor * self.evidence.whole[index])
             best = gains.max(axis=1)
             found = best > threshold_nats
-            near = gains > best[:, None] - ENOUGH_NATS
+            near = gains > best[:, None] - self.near_nats
             counted[0, g] = found.mean()
             counted[1, g] = (found & near[:, index] & (near.sum(axis=1) == 1)).mean()
             counted[2, g] = (found & near[:, index]).mean()
         return Outcomes(*counted)
+
+
+def fitted_share(flights: float) -> float:
+    """How much of so many flights `close` fits to; the rest is sealed."""
+    return 1.0 - sealed_count(round(flights)) / max(round(flights), 1)
 
 
 def null_quantile(evidence: Evidence, level: float = 0.95) -> float:
@@ -99,7 +111,7 @@ def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[floa
 def flights_needed(evidence: Evidence, name: str, threshold_nats: float) -> float:
     """How many flights name the effect at its evaluated size surely enough; infinite if none do."""
     named = [
-        Draws.of(evidence, n / len(evidence.gram), DRAWS // 2)
+        Draws.of(evidence, n / len(evidence.gram), DRAWS // 2, fitted_share(n))
         .outcomes(name, np.ones(1), threshold_nats)
         .named[0]
         for n in _FLIGHTS

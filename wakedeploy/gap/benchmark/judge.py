@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.benchmark.measure import Floor, Measured, Strength, finite
-from wakedeploy.gap.close import MOST_SEALED, SEALED
 from wakedeploy.gap.flight import read_flights
+from wakedeploy.gap.naming import sealed_count
 from wakedeploy.rig import read_rig
 
 CLASS_NATS = 3.0
@@ -127,7 +127,7 @@ def sealed(folder: Path, flights: Sequence[str]) -> list[str]:
     path = folder / "answer" / "show.json"
     if path.exists():
         return list(json.loads(path.read_text(encoding="utf-8"))["sealed"] or flights)
-    return list(flights[-(SEALED.get(len(flights), MOST_SEALED) or len(flights)) :])
+    return list(flights[-(sealed_count(len(flights)) or len(flights)) :])
 
 
 def share_closed(result: Result, floor: Floor | None) -> float | None:

@@ -1,0 +1,92 @@
+"""Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
+
+Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without any
+effect. Writes `docs/gap-power.json`: for all hidden single effects together, and by strength, the
+share that should be named, the share that was, and the same for "right", a class with the effect
+included. Takes a minute: `python benchmarks/gap_power.py gap-benchmark/`.
+"""
+
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap.benchmark.cases import FLIGHT_S, FLIGHTS, Case, all_cases
+from wakedeploy.gap.benchmark.run import read_lines
+from wakedeploy.gap.flight import flight_from_log
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.plan import plausible_size
+from wakedeploy.gap.rates import Draws, fitted_share
+from wakedeploy.gap.separation import gather
+from wakedeploy.gap.threshold import thresholds_for
+from wakedeploy.physics.constants import constants_of
+from wakedeploy.physics.effects import LIBRARY
+
+FIRST_SEED = 930_000_000  # beyond those of all cases
+PAGE = Path(__file__).parents[1] / "docs" / "gap-power.json"
+
+
+def main() -> None:
+    """Compare, print, write."""
+    lines = {line["name"]: line for line in read_lines(Path(sys.argv[1])) if "error" not in line}
+    cases = [c for c in all_cases() if c.kind == "effect" and c.name in lines]
+    rows: list[dict[str, Any]] = []
+    for instant in (False, True):
+        rows += compared([c for c in cases if c.instant is instant], lines)
+    told = {"all": summary(rows)}
+    for nats in sorted({row["target_nats"] for row in rows}):
+        told[f"{nats} nats"] = summary([r for r in rows if r["target_nats"] == nats])
+    told["cases"] = rows
+    write_text_whole(PAGE, json.dumps(told, indent=1) + "\n")
+    print(json.dumps({k: v for k, v in told.items() if k != "cases"}, indent=1))
+
+
+def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any]]:
+    """One row per case of one rig file."""
+    if not cases:
+        return []
+    rig = cases[0].model_rig
+    logs = [record(rig, seconds=FLIGHT_S, seed=FIRST_SEED + i) for i in range(FLIGHTS)]
+    flights = [flight_from_log(log.without_truth(), rig, str(i)) for i, log in enumerate(logs)]
+    model, base = fitted_base(GantryModel(rig, flights))
+    evidence = gather(model, base, tuple(LIBRARY), {n: plausible_size(rig, n) for n in LIBRARY})
+    draws = Draws.of(evidence, share=fitted_share(FLIGHTS))
+    threshold = thresholds_for(rig).effect_nats
+    rows = []
+    for case in cases:
+        (name,) = case.effects
+        first = LIBRARY[name].parameters[0]
+        neutral = first.neutral if first.constant is None else constants_of(rig)[first.constant]
+        amount = evidence.columns[evidence.of(name)[0]].amount
+        factor = (case.effects[name][first.name] - neutral) / amount
+        outcome = draws.outcomes(name, np.array([factor]), threshold)
+        line = lines[case.name]
+        rows.append(
+            {
+                "case": case.name,
+                "plant": case.plant,
+                "target_nats": case.nats,
+                "judged_nats": line["nats"],
+                "predicted_named": float(outcome.named[0]),
+                "predicted_right": float(outcome.in_class[0]),
+                "named": line["verdict"] == "named" and line["named"] == [name],
+                "right": bool(line["right"]),
+            }
+        )
+    return rows
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
+    """Means of a group."""
+    keys = ("predicted_named", "named", "predicted_right", "right")
+    return {"cases": len(rows)} | {k: float(np.mean([row[k] for row in rows])) for k in keys}
+
+
+if __name__ == "__main__":
+    main()
