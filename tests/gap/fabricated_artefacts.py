@@ -105,7 +105,7 @@ def name_artefact(rng, verdict):
     effect = {"name": NAMES[0], "confidence": 0.9984, "parameters": parameters()}
     return {
         "verdict": verdict,
-        "effects": [effect] if verdict in ("named", "class") else [],
+        "effects": [effect] if verdict == "named" else [],
         "class": NAMES[:2] if verdict == "class" else [],
         "split_by": "thrust steps at two separations" if verdict == "class" else "",
         "sentence": "In short.", "rounds": rounds,

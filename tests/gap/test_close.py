@@ -10,7 +10,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.gap.close import Case, add, close, find, name, open_case, result, show_gap
 from wakedeploy.gap.naming import Thresholds
-from wakedeploy.gap.steps import forget, prepare, read_steps, require
+from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import default_rig, read_rig
 from wakedeploy.runlog_mcap import write_mcap
@@ -141,3 +141,36 @@ def test_what_can_come_next_follows_from_what_is_there(tmp_path):
     assert (read_steps(tmp_path).missing, read_steps(tmp_path).option) == (
         "add", " --from-symbolic"
     )  # fmt: skip
+
+
+def test_a_class_is_added_by_name_with_what_is_sure_beside_it(world, tmp_path):
+    """As the last search fitted it; without a name nothing of it is added."""
+    rig_path, logs = world
+    case = open_case(rig_path, logs, thresholds=THRESHOLDS)
+
+    def entry(name: str, value: float):
+        (p,) = LIBRARY[name].parameters
+        stated = {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": p.unit}
+        return {"name": name, "parameters": {p.name: stated}}
+
+    rounds = [
+        {"given": [], "ranking": [entry("battery-sag", 1e-4), entry("range-drift", 1e-3)]},
+        {"given": ["battery-sag"], "ranking": [entry("range-drift", 2e-3)]},
+    ]
+    named = {
+        "verdict": "class",
+        "effects": [entry("battery-sag", 1e-4)],
+        "class": ["range-drift", "belt-backlash"],
+        "rounds": rounds,
+    }
+    find_step = {"rig_sha256": case.rig.sha256, "logs": [{"sha256": s} for s in case.recordings]}
+    write_step(tmp_path, "find", find_step)
+    write_step(tmp_path, "name", named | {"effects": []})
+    assert read_steps(tmp_path).option == " --effect range-drift"
+    with pytest.raises(UnusableInput, match="--effect"):
+        add(case, tmp_path)
+    write_step(tmp_path, "name", named)
+    add(case, tmp_path, only="range-drift")
+    added = {e.name: e for e in read_rig(tmp_path / "rig.toml").effect}
+    assert set(added) == {"battery-sag", "range-drift"}
+    assert added["range-drift"].parameters["drift_mps"].value == 2e-3

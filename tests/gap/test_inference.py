@@ -59,6 +59,14 @@ def test_an_effect_without_truth_costs_what_its_parameters_fit_by_chance() -> No
     assert np.max(np.subtract(gains, seen)) < 0.0
 
 
+def test_a_parameter_at_its_bound_follows_no_episode() -> None:
+    """It was not fitted to any, however much the others would like it to be elsewhere."""
+    model = Linear({"a": 0.8}, seed=4, bounds={"a": (-0.5, 0.3)})
+    base, larger = fit(model, (), EVERY), fit(model, ("a",), EVERY)
+    assert larger.value("a.size") == 0.3
+    assert held_out(base, larger) == pytest.approx(larger.per_episode - base.per_episode)
+
+
 def test_fits_of_different_episodes_are_not_compared() -> None:
     model = Linear(TRUTH)
     with pytest.raises(ValueError, match="not comparable"):

@@ -6,7 +6,7 @@ from linear_model import EFFECTS, EPISODES, Linear
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.inference import Free, Score, fit
-from wakedeploy.gap.ranking import confusion, information, rank
+from wakedeploy.gap.ranking import confusion, information, rank, rank_fairly
 
 EVERY = range(EPISODES)
 
@@ -151,3 +151,24 @@ def test_a_candidate_is_also_tried_with_the_calibration_put_straight() -> None:
     found = rank(model, bent, ("echo",))[0]
     assert found.fit.value("shift") == pytest.approx(0.5, abs=0.01)
     assert found.fit.value("echo.size") == pytest.approx(1.0, abs=0.1)
+
+
+class TwoValleys(Linear):
+    """The calibrated gain explains the readings at +1 and at -1; a climb ends in the nearer one."""
+
+    def score(self, hypothesis, theta, episode):
+        bent = np.array(theta)
+        bent[0] = 0.5 * (theta[0] ** 2 - 1.0)
+        return super().score(hypothesis, bent, episode)
+
+
+def test_what_any_new_climb_gains_is_no_effects_merit() -> None:
+    """A base that ended in the wrong valley lets every effect gain what its prior costs there."""
+    model = TwoValleys({}, priors={"gain": (1.0, 0.3)}, seed=4)
+    stuck = fit(model, (), EVERY, np.array([-1.0]))
+    assert stuck.value("gain") < -0.8
+    assert stuck.log_prior < -15.0
+    assert rank(model, stuck, ("a", "c"))[0].gain_nats > 10.0
+    base, ranked = rank_fairly(model, stuck, ("a", "c"))
+    assert base.value("gain") == pytest.approx(1.0, abs=0.2)
+    assert ranked[0].gain_nats < 5.0

@@ -259,3 +259,21 @@ def test_a_class_of_one_is_no_name_and_no_choice():
     assert "one of" not in told
     assert "a sensor" not in told
     assert "3 flights to fit to" in told
+
+
+def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():
+    error = {"before": 0.012, "after": 0.006, "noise_floor": 0.005, "unit": "m"}
+    gap = {"height 0.25 s ahead": error}
+    told = account({"verdict": "class", "class": ["a", "b"], "gap": gap, "as_if": ["a"]})
+    assert "If it is a: in these flights, the error" in told
+
+
+def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
+    named = {"verdict": "named", "effects": [{"name": "added-mass"}]}
+    rest = {"text": "+ 0.1 N * x_m", "gain_nats": 9.0}
+    assert "+ 0.1 N * x_m (9.0 nats)" in account(named | {"rest": rest})
+    white = {"passes": False, "statistic": 90.0, "limit": 40.0}
+    told = account({"verdict": "unknown", "beside": [{"name": "added-mass"}], "white": white})
+    assert "known effects explain only a part" in told
+    assert "A part of it looks like added-mass" in told
+    assert "not white noise (statistic 90.0" in told

@@ -55,6 +55,8 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
         return _class_sentence(texts(result.get("class")), names)
     if verdict == "unknown" and _flights(result) == 1:
         return "Something is missing from the model; one flight cannot tell what."
+    if verdict == "unknown" and entries(result.get("beside")):
+        return "Something is missing from the model, and known effects explain only a part of it."
     if verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
     if verdict == "none":
@@ -69,7 +71,8 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
     if verdict == "class":
         told += _splitting(result)
     if verdict == "unknown":
-        told += _rest(mapping(result.get("unknown")))
+        told += _part(result) + _rest(mapping(result.get("unknown")))
+    told += _little_left(mapping(result.get("rest")))
     told += _place(result) if verdict != "none" else []
     told += _gap(result) + _placebo(result) + _retraining(result)
     if verdict == "none":
@@ -115,6 +118,20 @@ def _splitting(result: Mapping[str, Any]) -> list[str]:
     if not split_by:
         return ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
     return [f"What would tell them apart: {split_by}.", *told]
+
+
+def _part(result: Mapping[str, Any]) -> list[str]:
+    """The effects that explain a part of what is unknown."""
+    known = [str(effect.get("name")) for effect in entries(result.get("beside"))]
+    return [f"A part of it looks like {listed(known)}, which is not added by itself."] * bool(known)
+
+
+def _little_left(rest: Mapping[str, Any]) -> list[str]:
+    """What is beyond the effects, but too little to doubt them."""
+    if not rest.get("text"):
+        return []
+    gain = quantity(number(rest.get("gain_nats")), "nats")
+    return [f"Beyond that a little is left, which is not added: {rest['text']} ({gain})."]
 
 
 def _rest(unknown: Mapping[str, Any]) -> list[str]:
@@ -197,8 +214,12 @@ def _gap(result: Mapping[str, Any]) -> list[str]:
     closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
     if number(channel.get("after")) > number(channel.get("before")):
         closed = ": the gap did not shrink"
+    members = texts(result.get("as_if"))
+    condition = f"If it is {listed(members)}: " if members else ""
+    judged = _judged_on(result)
+    judged = judged[0].lower() + judged[1:] if condition else judged
     return [
-        f"{_judged_on(result)}, the error of the {name} goes from {before} to {after}, "
+        f"{condition}{judged}, the error of the {name} goes from {before} to {after}, "
         f"where noise alone gives {floor}{closed}."
     ]
 
@@ -302,10 +323,8 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
             "With a single flight nothing can be held out: a hint, not a finding. Fly more."
         )
     white = mapping(result.get("white"))
-    if white.get("passes") is False and result.get("verdict") == "named":
-        told.append(
-            "What is left is not noise alone yet: " + probability("p", white.get("p_value"))
-        )
+    if white.get("passes") is False and result.get("verdict") == "unknown":
+        told.append(f"What is left over is not white noise ({whiteness_words(white)}).")
     return told
 
 

@@ -170,6 +170,7 @@ def add(
         added = [_entry(e, digest, date) for e in _to_add(named, only)]
     if not added:
         hint = "; its expression can be added --from-symbolic" if named.get("unknown") else ""
+        hint = "; of a class, one is added with --effect" if named.get("class") else hint
         raise UnusableInput(f"{out / 'name.json'}: no effect was named, none to add{hint}.")
     kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
     corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
@@ -306,10 +307,11 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
 
 
 def _beside(answer: Answer) -> list[str]:
-    """Effects that an expression was found on top of: without them it would not be true."""
-    if answer.unknown is None:
+    """Effects that explain a part of what is unknown; an expression was found on top of them."""
+    if answer.verdict != "unknown":
         return []
-    return [n for n in answer.fit.hypothesis if n in answer.unknown.fit.hypothesis]
+    known = answer.fit if answer.unknown is None else answer.unknown.fit
+    return [n for n in answer.fit.hypothesis if n in known.hypothesis]
 
 
 def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
@@ -396,12 +398,14 @@ def _sentence(answer: Answer) -> str:
 
 
 def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any]]:
+    """The effects that were named, and the one asked for as the last search fitted it."""
+    found = [e for e in named.get("effects", ()) if e["name"] != only]
     if only is None:
-        return list(named.get("effects", ()))
-    for searched in named.get("rounds", ()):
+        return found
+    for searched in reversed(named.get("rounds", ())):
         for entry in searched["ranking"]:
             if entry["name"] == only:
-                return [entry]
+                return [*found, entry]
     raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
 
 
@@ -420,10 +424,12 @@ def _corrected(
     case: Case, answer: Answer, added: Sequence[str], out: Path
 ) -> tuple[GantryModel, Fit | None]:
     """The fit whose effects the corrected rig file has, an expression's included."""
-    if not added:  # of a class, the best member stands for all
-        return answer.model, answer.fit if answer.members else None
     if set(added) == set(answer.fit.hypothesis):
         return answer.model, answer.fit
+    if answer.members and set(added) <= set(answer.effects):  # the best member stands for its class
+        return answer.model, answer.fit
+    if not added:
+        return answer.model, None
     extra = {e.name: symbolic_effect(e) for e in read_rig(out / "rig.toml").effect if e.expression}
     model = GantryModel(case.rig, answer.model.flights, extra or with_terms(answer.model).extra)
     hypothesis = tuple(added)

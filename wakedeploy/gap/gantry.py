@@ -296,6 +296,7 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         step,
         starts,
         quantity,
+        adds_to=p.constant if p.constant in _ADDED else "",
     )
 
 

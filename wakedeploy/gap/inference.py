@@ -32,7 +32,8 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
-    `first` is where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
+    `adds_to` is the calibrated constant that a parameter moves without replacing it. `first` is
+    where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
     """
 
     name: str
@@ -44,6 +45,7 @@ class Free:
     step: float
     starts: tuple[float, ...] = (0.0,)
     quantity: str = ""
+    adds_to: str = ""
     first: float | None = None
 
 

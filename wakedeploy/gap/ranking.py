@@ -23,14 +23,17 @@ from wakedeploy.gap.inference import (
     prior_precision,
     slopes_at,
 )
+from wakedeploy.physics.effects import LIBRARY
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
 BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes 8 or so
 BENT_SD = 2.0
-_MOST_RELEASED = 6  # effects that are climbed from unbent constants
-_SIZES_RELEASED = 4  # from so many sizes each
+_SIZES_RELEASED = 3  # from which effects of several summits are climbed with unbent constants
+_FEW_STARTS = 2
+_MOST_OTHERS = 2
 _BETTERED_NATS = 0.5
+_LEDGE_NATS = 3.0
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
@@ -92,11 +95,7 @@ def rank(
     near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
     for i in near:
         rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
-    ranked = []
-    for name, fitted in zip(candidates, rough, strict=True):
-        gains = held_out(base, fitted)
-        unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
-        ranked.append(Candidate(name, fitted, gains, unbent, gained))
+    ranked = [_candidate(base, n, fitted) for n, fitted in zip(candidates, rough, strict=True)]
     return sorted(ranked, key=lambda c: -c.gain_nats)
 
 
@@ -114,12 +113,21 @@ def rank_fairly(
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
         start = np.array([known.get(n, v) for n, v in zip(base.names, base.theta, strict=True)])
         again = fit(model, base.hypothesis, base.episodes, start)
-        if again.objective < base.objective + _BETTERED_NATS:
+        bettered, base = again.objective - base.objective, max(base, again, key=_objective)
+        if bettered < _LEDGE_NATS:  # no other valley, in which others would climb elsewhere
             break
-        base = again
-    else:
-        ranked = rank(model, base, candidates, least_nats=least_nats)
-    return base, ranked
+    return base, sorted(
+        (_candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
+    )
+
+
+def _candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
+    unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
+    return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
+
+
+def _objective(fitted: Fit) -> float:
+    return fitted.objective
 
 
 def confusion(
@@ -196,24 +204,46 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
 def _from_calibration(
     model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit]
 ) -> list[Fit]:
-    """The fits, and better ones of the candidates that explain most without bending a constant.
+    """The fits, and better ones of candidates that move a constant which the base has bent.
 
     A base that has bent its constants to explain a missing effect is a valley of its own, and a
     climb from there may never leave it. These climbs start with all constants at their calibration
-    and with louder noise, from the most likely of the effect's sizes; a likelihood may have several
-    summits, as that of a latency has one for each servo frame.
+    and with louder noise, from the likeliest of the effect's sizes; a likelihood may have several
+    summits, as that of a latency has one for each servo frame. Effects that such candidates are
+    confused with may be what the constants were bent for: they are climbed, too, and so are a few
+    others that explain most without bending anything.
     """
-    starts = [
+    bent = {
+        f.quantity
+        for f, value in zip(base.free, base.theta, strict=True)
+        if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
+    }
+    owners = {n for n, fitted in zip(candidates, rough, strict=True) if bent & _moves(fitted, n)}
+    related = {r for n in owners if n in LIBRARY for r in LIBRARY[n].confused_with}
+    sizes = [
         _released(model, base, fitted.hypothesis, n)
-        for fitted, n in zip(rough, candidates, strict=True)
+        for n, fitted in zip(candidates, rough, strict=True)
     ]
-    hopeful = sorted(range(len(starts)), key=lambda i: -starts[i][0][0])[:_MOST_RELEASED]
+    order = sorted(range(len(sizes)), key=lambda i: -sizes[i][0][0])
+    chosen = [i for i in order if candidates[i] in owners | related]
+    others = [i for i in order if i not in chosen][:_MOST_OTHERS]
     fits = list(rough)
-    for i in hopeful:
-        for _, theta in starts[i][:_SIZES_RELEASED]:
+    for i in (*chosen, *others):
+        for _, theta in sizes[i][: _summits(fits[i], candidates[i])]:
             again = fit(model, fits[i].hypothesis, base.episodes, theta)
-            fits[i] = max(fits[i], again, key=lambda f: f.objective)
+            fits[i] = max(fits[i], again, key=_objective)
     return fits
+
+
+def _summits(fitted: Fit, name: str) -> int:
+    """From how many sizes an effect is climbed: one that states many starts has many summits."""
+    starts = max(len(f.starts) for f in fitted.free if f.name.startswith(f"{name}."))
+    return 1 if starts <= _FEW_STARTS else _SIZES_RELEASED
+
+
+def _moves(fitted: Fit, name: str) -> set[str]:
+    """The constants that an effect's parameters are, replace or add to."""
+    return {f.quantity or f.adds_to for f in fitted.free if f.name.startswith(f"{name}.")} - {""}
 
 
 def _released(

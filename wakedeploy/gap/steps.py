@@ -23,8 +23,11 @@ STEPS = ("find", "name", "add", "show", "result")
 
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
-_OF_NAME = ("verdict", "effects", "class", "split_by", "unknown", "detectable", "white")
-_OF_SHOW = ("sealed", "in_sample", "gap", "placebo", "retrain")
+_OF_NAME = (
+    *("verdict", "effects", "class", "split_by", "unknown", "rest", "beside"),
+    *("detectable", "white"),
+)
+_OF_SHOW = ("sealed", "in_sample", "as_if", "gap", "placebo", "retrain")
 
 
 @dataclass(frozen=True)
@@ -51,8 +54,10 @@ class Steps:
     @property
     def option(self) -> str:
         """What the step that comes next needs beside its name, or ""."""
-        unnamed = self.missing == "add" and not self.name.get("effects")
-        return " --from-symbolic" if unnamed else ""
+        if self.missing != "add" or self.name.get("effects"):
+            return ""
+        members = texts(self.name.get("class"))
+        return f" --effect {members[0]}" if members else " --from-symbolic"
 
     @property
     def summary(self) -> dict[str, Any]:
@@ -69,7 +74,7 @@ class Steps:
 
     @property
     def _can_add(self) -> bool:
-        """There is an effect, a best one of a class, or an expression that a rig could be given."""
+        """There is an effect, one of a class, or an expression that a rig could be given."""
         return self.name.get("verdict") != "none" and bool(
             self.name.get("effects")
             or texts(self.name.get("class"))
