@@ -1,9 +1,9 @@
 """Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
 
-Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without any
-effect. Writes `docs/gap-power.json`: for all hidden single effects together, and by strength, the
-share that should be named, the share that was, and the same for "right", a class with the effect
-included. Takes a minute: `python benchmarks/gap_power.py gap-benchmark/`.
+Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without
+any effect. Writes `docs/gap-power.json`: for all hidden single effects together, and by strength,
+the share that should be named, the share that was, and the same for "right", a class with the
+effect included. Takes a minute: `python benchmarks/gap_power.py gap-benchmark/`.
 """
 
 import json

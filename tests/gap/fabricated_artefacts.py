@@ -108,7 +108,7 @@ def name_artefact(rng, verdict):
         "effects": [effect] if verdict == "named" else [],
         "class": NAMES[:2] if verdict == "class" else [],
         "split_by": "thrust steps at two separations" if verdict == "class" else "",
-        "sentence": "In short.", "rounds": rounds,
+        "rounds": rounds,
         "confusion": {"names": NAMES, "loss_nats": loss.tolist()},
         "detectable": {n: {"parameter": "size", "size": 0.012, "unit": "s"} for n in NAMES}
         | {"lost-steps": {"parameter": "lost_per_m", "size": None, "unit": "1"}},

@@ -55,7 +55,8 @@ def test_an_effect_without_truth_costs_what_its_parameters_fit_by_chance() -> No
         gains.append(held_out(base, larger).sum())
         seen.append((larger.per_episode - base.per_episode).sum())
     assert np.mean(seen) == pytest.approx(1.0, abs=0.4)
-    assert np.mean(gains) == pytest.approx(-1.2, abs=0.4)  # E/(E - 1) more than half a nat each
+    # Leaving each of E episodes out costs 1 + 1/(2 (E - 1)) nats a parameter.
+    assert np.mean(seen) - np.mean(gains) == pytest.approx(2.25, abs=0.5)
     assert np.max(np.subtract(gains, seen)) < 0.0
 
 
@@ -200,7 +201,7 @@ class Clustered:
         return Score(norm.logpdf(e), e, one, one)
 
 
-@pytest.mark.parametrize("shared_sd", [0.0, 0.25])
+@pytest.mark.parametrize("shared_sd", [0.0, 0.25, 1.0])
 def test_intervals_hold_the_truth_as_often_as_they_say(shared_sd: float) -> None:
     """Also where flights differ by as much as the noise within one makes their means differ."""
     held, count = 0, 500
@@ -208,7 +209,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(shared_sd: float) -> None
         model = Clustered(shared_sd, seed)
         low, high = fit(model, (), range(5)).interval("mean", 0.9)
         held += low <= 0.0 <= high
-    assert 0.88 < held / count < 0.97
+    assert 0.87 < held / count < 0.975
 
 
 def test_an_interval_is_the_wider_of_curvature_and_spread_between_episodes() -> None:
@@ -220,7 +221,7 @@ def test_an_interval_is_the_wider_of_curvature_and_spread_between_episodes() -> 
     error = np.sqrt(spread)
     assert fitted.standard_error("mean") == pytest.approx(error, rel=1e-6)
     low, high = fitted.interval("mean", 0.8)
-    assert high - low == pytest.approx(2 * student_t.ppf(0.9, 8) * error, rel=1e-6)
+    assert high - low == pytest.approx(2 * student_t.ppf(0.9, 4) * error, rel=1e-6)
 
 
 def test_one_episode_has_the_curvatures_interval() -> None:

@@ -34,8 +34,8 @@ def told():
     calls: list[tuple[str, int, int]] = []
     answer = power(
         RIG,
-        flights=3,
-        seconds=12.0,
+        flights=4,
+        seconds=9.0,
         names=NAMES,
         threshold_nats=4.0,
         progress=lambda *call: calls.append(call),
@@ -48,13 +48,13 @@ def told():
 
 @pytest.fixture(scope="module")
 def flown():
-    return [flight_from_log(record(RIG, seconds=12, seed=s), RIG, f"{s}") for s in range(2)]
+    return [flight_from_log(record(RIG, seconds=12, seed=s), RIG, f"{s}") for s in range(4)]
 
 
 def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> None:
     known = {e.name: e for e in told.effects}
     assert known["battery-sag"].verdict == "named"
-    assert known["battery-sag"].minutes < told.flights * told.flight_s / 60.0
+    assert known["battery-sag"].minutes <= told.flights * told.flight_s / 60.0
     assert known["viscous-friction"].verdict == "class"
     assert known["viscous-friction"].rivals == ("axial-inflow-loss",)
     assert ("axial-inflow-loss", "viscous-friction") in told.classes
@@ -67,7 +67,11 @@ def test_what_is_seen_is_known_to_be_seen(told) -> None:
     """The same flights' loss matrix, shares and sizes agree with each other."""
     for i, e in enumerate(told.effects):
         closest = np.delete(told.loss_nats[i], i).min()
-        assert (e.named >= 0.8) == (e.nameable is not None and e.nameable <= 1.05 * abs(e.size))
+        nameable = np.inf if e.nameable is None else e.nameable
+        if e.named >= 0.8:  # both come from draws, so that they meet only about the edge
+            assert nameable <= 1.1 * abs(e.size)
+        if nameable <= 0.9 * abs(e.size):
+            assert e.named >= 0.8
         if closest < 1.0:
             assert e.named < 0.5
     assert told.named_with.shape == (len(NAMES), len(SENSORS) + 1)
@@ -162,7 +166,7 @@ def test_every_plausible_size_can_be_flown_as_an_effect_of_a_rig() -> None:
 
 
 def test_one_flight_is_too_few() -> None:
-    with pytest.raises(UnusableInput, match="at least 2"):
+    with pytest.raises(UnusableInput, match="at least 4"):
         power(RIG, flights=1, seconds=10.0)
 
 

@@ -6,7 +6,8 @@ from linear_model import EFFECTS, EPISODES, Linear
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.inference import Free, Score, fit
-from wakedeploy.gap.ranking import confusion, information, rank, rank_fairly
+from wakedeploy.gap.ranking import rank, rank_fairly
+from wakedeploy.gap.separation import information
 
 EVERY = range(EPISODES)
 
@@ -88,22 +89,6 @@ def test_one_episode_knows_no_interval_of_its_gain() -> None:
     model = Linear({"a": 0.5})
     candidate = rank(model, fit(model, (), [0]), ("a",))[0]
     assert candidate.gain_interval() == (-np.inf, np.inf)
-
-
-def test_losses_are_those_of_generalised_least_squares() -> None:
-    model = Linear({"gain": 0.5})
-    sizes = {"a": 0.3, "b": 0.5, "c": 0.2}
-    base = fit(model, (), EVERY)
-    loss = confusion(model, base, EFFECTS, {n: np.array([s]) for n, s in sizes.items()})
-    inverse = whitening(model)
-    for i, truth in enumerate(EFFECTS):
-        signature = sizes[truth] * model.columns[truth].ravel()
-        for j, rival in enumerate(EFFECTS):
-            column = model.columns[rival].ravel()
-            share = (column @ inverse @ signature) / (column @ inverse @ column)
-            rest = signature - share * column
-            expected = 0.0 if i == j else 0.5 * rest @ inverse @ rest
-            assert loss[i, j] == pytest.approx(expected, rel=1e-6, abs=1e-9)
 
 
 def test_information_is_what_is_left_after_the_calibration() -> None:

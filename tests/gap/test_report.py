@@ -276,4 +276,4 @@ def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
     told = account({"verdict": "unknown", "beside": [{"name": "added-mass"}], "white": white})
     assert "known effects explain only a part" in told
     assert "A part of it looks like added-mass" in told
-    assert "not white noise (statistic 90.0" in told
+    assert "not white noise (statistic 90" in told

@@ -86,7 +86,7 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,
-                     help="Run logs, MCAP or CSV; the last ones are sealed and only shown."),
+                     help="Run logs, MCAP or CSV; the last of three and more are only shown."),
         click.option("--rig", "rig_path", type=_FILE, required=True,
                      help="The rig file that the flights were flown with."),
     ):  # fmt: skip
@@ -97,7 +97,7 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
 @command.command("close", cls=_Many)
 @_inputs
 @click.option("--retrain", is_flag=True,
-              help="Train a predictor on each rig; compare on sealed flights.")  # fmt: skip
+              help="Train a predictor on each rig; compare on the flights shown.")  # fmt: skip
 @click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
               help="Simulated flight per predictor, with --retrain.")  # fmt: skip
 def close_gap(
@@ -164,11 +164,12 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
+    from wakedeploy.gap.account import verdict_sentence
     from wakedeploy.gap.close import name
 
     case = _case(rig_path, measured, out, workers)
     told, _ = name(case, out, _progress)
-    click.echo(told["sentence"])
+    click.echo(verdict_sentence(told))
     for searched in told["rounds"]:
         given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
         click.echo(f"Gain on held-out flights{given} (threshold {searched['threshold_nats']:.1f}):")
@@ -212,7 +213,7 @@ def add_effect(
 @command.command("show", cls=_Many)
 @_inputs
 @click.option("--retrain", is_flag=True,
-              help="Train a predictor on each rig; compare on sealed flights.")  # fmt: skip
+              help="Train a predictor on each rig; compare on the flights shown.")  # fmt: skip
 @click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
               help="Simulated flight per predictor, with --retrain.")  # fmt: skip
 def show_gap(
@@ -224,7 +225,7 @@ def show_gap(
     retrain: bool,
     minutes: float,
 ) -> None:
-    """The gap before and after on sealed flights. Writes show.json and the report.
+    """The gap before and after, on sealed flights if any. Writes show.json and the report.
 
     \b
     Example:

@@ -66,7 +66,7 @@ def plan(
 
 @click.command()
 @_RIG
-@click.option("--flights", type=click.IntRange(2, 500), default=7, show_default=True)
+@click.option("--flights", type=click.IntRange(4, 500), default=7, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
 @click.option("--out", type=_FOLDER, help="Write power.json, power.html and figures here.")
 @click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)

@@ -52,7 +52,9 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
             f"{'Effects' if len(names) > 1 else 'Effect'} missing from the model: {listed(names)}."
         )
     if verdict == "class":
-        return _class_sentence(texts(result.get("class")), names)
+        members, others = texts(result.get("class")), texts(result.get("others"))
+        more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
+        return _class_sentence(members, names) + more
     if verdict == "unknown" and _flights(result) == 1:
         return "Something is missing from the model; one flight cannot tell what."
     if verdict == "unknown" and entries(result.get("beside")):

@@ -22,6 +22,7 @@ from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import (
+    MOST_IN_CLASS,
     Answer,
     Round,
     Thresholds,
@@ -32,7 +33,7 @@ from wakedeploy.gap.naming import (
     with_terms,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
-from wakedeploy.gap.ranking import confusion
+from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.gap.symbolic import to_effect
@@ -131,8 +132,8 @@ def name(
         "verdict": answer.verdict,
         "effects": [_effect(answer, n) for n in answer.effects],
         "class": list(answer.members),
+        "others": _others(answer),
         "split_by": _split_by(answer),
-        "sentence": _sentence(answer),
         "rounds": [_round(r, answer.thresholds) for r in answer.rounds],
         "confusion": _confusion(answer),
         "detectable": detectable(answer),
@@ -233,6 +234,10 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "placebo": shown.get("placebo", {}),
         "plan": _plan(named, out),
         "unknown": named.get("unknown"),
+        "beside": named.get("beside", []),
+        "rest": named.get("rest"),
+        "as_if": shown.get("as_if", []),
+        "in_sample": shown.get("in_sample"),
         "detectable": named.get("detectable", {}),
         "flights": len(case.flights) + len(case.sealed),
     }
@@ -352,13 +357,13 @@ def _confusion(answer: Answer) -> dict[str, Any]:
     first = answer.rounds[0]
     leading = list(first.ranking[:_CONFUSED])
     sizes = {
-        c.name: np.array([c.fit.value(f"{c.name}.{p.name}") for p in LIBRARY[c.name].parameters])
+        c.name: [c.fit.value(f"{c.name}.{p.name}") for p in LIBRARY[c.name].parameters]
         for c in leading
         if c.gain_nats > answer.thresholds.effect_nats
     }
     names = [c.name for c in leading]
-    loss = confusion(answer.model, answer.base, names, sizes)
-    return {"names": names, "loss_nats": loss.tolist()}
+    evidence = gather(answer.model, answer.base, names, sizes)
+    return {"names": names, "loss_nats": loss_nats(evidence).tolist()}
 
 
 def _noise(fitted: Fit) -> dict[str, Any]:
@@ -385,16 +390,10 @@ def _split_by(answer: Answer) -> str:
     return "; or ".join(dict.fromkeys(known))
 
 
-def _sentence(answer: Answer) -> str:
-    if answer.verdict == "none":
-        return "Nothing is missing beyond noise."
-    if answer.verdict == "unknown":
-        if answer.unknown is None:
-            return "Something is missing that is none of the known effects."
-        return f"None of the known effects: what is missing looks like {answer.unknown.text}."
-    if answer.verdict == "class":
-        return f"One of {', '.join(answer.members)}; these flights cannot tell which."
-    return f"Missing: {' and '.join(answer.effects)}."
+def _others(answer: Answer) -> list[str]:
+    """What is as near as the members of a class, beyond the three that it lists."""
+    found = [r for r in answer.rounds if r.ranking[0].name in answer.members]
+    return [c.name for c in found[0].near[MOST_IN_CLASS:]] if found else []
 
 
 def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any]]:

@@ -21,6 +21,7 @@ from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
 from wakedeploy.physics.effects.chain import effect_of
+from wakedeploy.physics.effects.symbolic import ExpressionForce
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 
@@ -39,6 +40,9 @@ _CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
 _ADDED = {"command.delay_s", "range.delay_s"}
 # Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
 _STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s": 0.002}
+_STEP = 0.05  # of a prior scale
+# Flights may go far beyond where a term is of typical size; there a longer step loses the track.
+_STEP_OF_TERM = 0.005
 _NO_HORIZON = np.zeros(0, np.int64)
 
 
@@ -284,7 +288,8 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
     neutral = base[p.constant] if p.constant is not None else p.neutral
     starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
     name = f"{effect.name}.{p.name}"
-    step = _STEPS_S.get(p.constant or "", 0.05 * p.scale)
+    share = _STEP_OF_TERM if isinstance(effect, ExpressionForce) else _STEP
+    step = _STEPS_S.get(p.constant or "", share * p.scale)
     quantity = "" if p.constant in _ADDED else p.constant or ""
     return Free(
         name,

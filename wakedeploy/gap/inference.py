@@ -153,28 +153,34 @@ class Fit:
         The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
         small by chance; clustered by episode, it is a sandwich with as many terms as episodes.
         """
-        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
-        prior = np.diag(prior_precision(self.free))
-        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
-        own, count = bread[self._index(name)], len(gradient)
-        variance = own[self._index(name)]
-        if count > 1:
-            centred = gradient - gradient.mean(0)
-            meat = centred.T @ centred * count / (count - 1) + prior
-            variance = max(variance, own @ meat @ own)
-        return float(np.sqrt(variance))
+        return float(np.sqrt(max(self._variances(name))))
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Where the parameter lies with this probability, clipped to its bounds.
 
-        The quantile is Student's, with the degrees of freedom that two variances of which one comes
-        from the spread between episodes leave.
+        The quantile is Student's: with one degree of freedom less than there are episodes where
+        their spread decides, with twice as many where the curvature bears it out.
         """
         free = self.free[self._index(name)]
-        quantile = float(student_t.ppf(0.5 + 0.5 * level, 2 * max(len(self.episodes) - 1, 1)))
+        curvature, spread = self._variances(name)
+        freedom = max(len(self.episodes) - 1, 1) * (1 if spread > curvature else 2)
+        quantile = float(student_t.ppf(0.5 + 0.5 * level, freedom))
         reach = quantile * self.standard_error(name)
         value = self.value(name)
         return max(value - reach, free.low), min(value + reach, free.high)
+
+    def _variances(self, name: str) -> tuple[float, float]:
+        """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
+        gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
+        prior = np.diag(prior_precision(self.free))
+        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
+        own, count = bread[self._index(name)], len(gradient)
+        curvature = float(own[self._index(name)])
+        if count < 2:
+            return curvature, 0.0
+        centred = gradient - gradient.mean(0)
+        meat = centred.T @ centred * count / (count - 1) + prior
+        return curvature, float(own @ meat @ own)
 
     def _index(self, name: str) -> int:
         try:

@@ -15,7 +15,8 @@ import numpy as np
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
 from wakedeploy.gap.promises import worth_trying
-from wakedeploy.gap.ranking import Candidate, information, rank_fairly
+from wakedeploy.gap.ranking import Candidate, rank_fairly
+from wakedeploy.gap.separation import information
 from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness
@@ -48,8 +49,8 @@ class Thresholds:
     """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
 
     Gains of the best effect, of the best term of an expression in the state and of the best wave in
-    time [nats], the whiteness statistic of the
-    innovations, and the largest residual at any one place by channel.
+    time [nats], the whiteness statistic of the innovations, and the largest residual at any one
+    place by channel.
     """
 
     effect_nats: float
@@ -85,11 +86,15 @@ class Round:
         return float(math.exp(candidate.gain_nats - gains.max()) / weights.sum())
 
     @property
-    def rivals(self) -> tuple[Candidate, ...]:
-        """The best and those that cannot be told from it, three at most."""
+    def near(self) -> tuple[Candidate, ...]:
+        """The best and all that cannot be told from it."""
         best = self.ranking[0].gain_nats
-        near = [c for c in self.ranking if c.gain_nats > best - self.near_nats]
-        return tuple(near[:MOST_IN_CLASS])
+        return tuple(c for c in self.ranking if c.gain_nats > best - self.near_nats)
+
+    @property
+    def rivals(self) -> tuple[Candidate, ...]:
+        """The first of those, as many as a class has at most."""
+        return self.near[:MOST_IN_CLASS]
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,7 +275,7 @@ def _verdict(
 
 def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
     """The rounds whose best effect cannot be told from others; with few flights, all of them."""
-    settling = rounds[: len(current.hypothesis)]
+    settling = [r for r in rounds if r.ranking[0].name in current.hypothesis]
     few = len(current.episodes) < FEWEST_FLIGHTS
     return [searched for searched in settling if few or len(searched.rivals) > 1]
 

@@ -18,7 +18,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.flight import Flight, flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, FloatArray
-from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.naming import FEWEST_FLIGHTS, fitted_base, sealed_count
 from wakedeploy.gap.plan import MARGIN_NATS, plausible_size
 from wakedeploy.gap.rates import (
     SURE,
@@ -182,11 +182,14 @@ def power(
     """Simulate the flights and answer for every effect that the rig file does not have yet.
 
     `threshold_nats` is `name`'s simulated one; without it, the same quantile of Gaussian draws.
-    `progress(stage, done, total)` is called as things finish. Raises UnusableInput for fewer than
-    two flights, or for a rig that cannot fly them.
+    `progress(stage, done, total)` is called as things finish. Raises UnusableInput for fewer
+    flights than a name takes, or for a rig that cannot fly them.
     """
-    if flights < 2:
-        raise UnusableInput("Naming leaves flights out to test itself on others: plan at least 2.")
+    if flights - sealed_count(flights) < FEWEST_FLIGHTS:
+        raise UnusableInput(
+            f"A name takes {FEWEST_FLIGHTS} flights to fit to and one to keep apart: plan at least "
+            f"{FEWEST_FLIGHTS + 1}."
+        )
     chosen = _chosen(rig, names)
     with ProcessPoolExecutor(max_workers=workers) as pool:
         flown = _fly(pool, rig, flights, seconds, _telling(progress, "flying", flights))

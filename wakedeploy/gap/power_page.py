@@ -313,8 +313,9 @@ def _method(power: Power) -> Markup:
         f"An effect is detected when its gain on flights left out crosses "
         f"{power.threshold_nats:.1f} nats, which one data set in twenty without any effect does "
         f"(from {power.threshold_source}). It is named when every rival is more than "
-        f"{ENOUGH_NATS:g} nats behind; both must happen in {100 * SURE:.0f} % of the data sets, "
-        f"which takes about {MARGIN_NATS:g} nats on average.",
+        f"{ENOUGH_NATS:g} nats behind on all flights; both must happen in {100 * SURE:.0f} % of "
+        f"the data sets, which takes about {MARGIN_NATS:g} nats on average. Flights that the "
+        "workflow seals, two of seven, take no part in naming.",
         "Effects that only move a constant of the rig file count from where calibration leaves "
         "that constant: within about three of its stated spreads no number of flights names them, "
         "but a better calibration does; to what spread is said in the table.",

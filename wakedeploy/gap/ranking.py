@@ -1,10 +1,9 @@
-"""Effects compared: what each gains on episodes it was not fitted to, and what imitates it.
+"""Effects compared: what each gains on episodes it was not fitted to.
 
-In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain, how many nats
-the best version of a rival loses, and the information about an effect's size.
+In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,6 @@ from wakedeploy.gap.inference import (
     extended,
     fit,
     held_out,
-    prior_precision,
     slopes_at,
 )
 from wakedeploy.physics.effects import LIBRARY
@@ -128,63 +126,6 @@ def _candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
 
 def _objective(fitted: Fit) -> float:
     return fitted.objective
-
-
-def confusion(
-    model: Model, base: Fit, candidates: Sequence[str], at: Mapping[str, FloatArray] | None = None
-) -> FloatArray:
-    """Nats that the best version of rival j loses when effect i is the truth, (C, C).
-
-    Linear around the base: the change that effect i makes to the whitened innovations, at the
-    values of `at` (its starts otherwise), less what nuisances and rival j can explain of it.
-    """
-    signatures, spans = [], []
-    for name in candidates:
-        one, span = _signature(model, base, name, None if at is None else at.get(name))
-        signatures.append(one)
-        spans.append(span)
-    nuisance = _whitened(base.slopes)
-    prior = np.sqrt(prior_precision(base.free))
-    columns = np.vstack([nuisance, np.diag(prior)])
-    padding = np.zeros(len(prior))
-    loss = np.zeros((len(candidates), len(candidates)))
-    for j, span in enumerate(spans):
-        rival = np.hstack([columns, np.vstack([span, np.zeros((len(prior), span.shape[1]))])])
-        q, _ = np.linalg.qr(rival)
-        for i, one in enumerate(signatures):
-            padded = np.concatenate([one, padding])
-            rest = padded - q @ (q.T @ padded)
-            loss[i, j] = 0.5 * float(rest @ rest) if i != j else 0.0
-    return loss
-
-
-def information(model: Model, base: Fit, name: str) -> FloatArray:
-    """Fisher information of an effect's own parameters (k, k), everything free readjusted.
-
-    At the point where the effect is not there: half of it times a size squared is what an effect of
-    that size gains [nats]. An effect that moves a calibrated constant is seen against its prior.
-    """
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    theta = extended(base, free)
-    whitened = _whitened(base.slopes)
-    calibrated = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
-    columns = []
-    for i, f in enumerate(free):
-        if not f.name.startswith(f"{name}."):
-            continue
-        if f.quantity in calibrated:
-            columns.append(whitened[:, calibrated[f.quantity]])
-            continue
-        moved = theta.copy()
-        moved[i] += f.step
-        columns.append(_change(model, base, hypothesis, moved) / f.step)
-    span = np.stack(columns, axis=1)
-    prior = np.sqrt(prior_precision(base.free))
-    q, _ = np.linalg.qr(np.vstack([whitened, np.diag(prior)]))
-    padded = np.vstack([span, np.zeros((len(prior), span.shape[1]))])
-    rest = padded - q @ (q.T @ padded)
-    return np.asarray(rest.T @ rest)
 
 
 def _rough(model: Model, base: Fit, name: str) -> Fit:
@@ -313,44 +254,3 @@ def _carried_over(
     )
     missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
     return slopes_at(model, hypothesis, base.episodes, theta, (old, missing))
-
-
-def _signature(
-    model: Model, base: Fit, name: str, at: FloatArray | None
-) -> tuple[FloatArray, FloatArray]:
-    """Whitened change that an effect makes (n,), and the directions its parameters span (n, k)."""
-    hypothesis = (*base.hypothesis, name)
-    free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    theta = extended(base, free)
-    changed = theta.copy()
-    for k, i in enumerate(own):
-        changed[i] = free[i].starts[-1] if at is None else at[k]
-    directions = []
-    for i in own:
-        single = theta.copy()
-        single[i] = changed[i]
-        directions.append(_change(model, base, hypothesis, single))
-    whole = directions[0] if len(own) == 1 else _change(model, base, hypothesis, changed)
-    return whole, np.stack(directions, axis=1)
-
-
-def _change(model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray) -> FloatArray:
-    """Innovations minus the base's, and variances likewise, whitened, one after another (2n,)."""
-    parts = []
-    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
-        there = model.score(hypothesis, theta, episode)
-        root = np.sqrt(score.weight)
-        parts.append(root * (there.innovation - score.innovation) / np.sqrt(score.variance))
-        parts.append(root * (there.variance - score.variance) / (score.variance * 2.0**0.5))
-    return np.concatenate(parts)
-
-
-def _whitened(slopes: Slopes) -> FloatArray:
-    """Derivatives in the units of `_change`, (2n, p)."""
-    parts = []
-    for s, de, dv in zip(slopes.scores, slopes.innovation, slopes.variance, strict=True):
-        root = np.sqrt(s.weight)[:, None]
-        parts.append(root * de / np.sqrt(s.variance)[:, None])
-        parts.append(root * dv / (s.variance[:, None] * 2.0**0.5))
-    return np.concatenate(parts)

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.gap.inference import FloatArray
-from wakedeploy.gap.naming import sealed_count
+from wakedeploy.gap.naming import FEWEST_FLIGHTS, sealed_count
 from wakedeploy.gap.separation import ENOUGH_NATS, Evidence, fitted_shares
 
 SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
@@ -39,21 +39,22 @@ class Draws:
     pulls: FloatArray
     cost_nats: FloatArray  # (C,) what a fit seems to gain on its own data and loses on others
     near_nats: float  # rivals as close as this share the class
+    enough: bool  # episodes for a name
 
     @classmethod
     def of(
         cls, evidence: Evidence, copies: float = 1.0, count: int = DRAWS, share: float = 1.0
     ) -> "Draws":
         """Draw `count` data sets of `copies` times the episodes, of which a `share` is fitted."""
-        copies = share * copies
-        information = evidence.information(copies)
+        information = evidence.information(share * copies)
         value, vector = np.linalg.eigh(information)
         root = vector * np.sqrt(np.maximum(value, 0.0))
         noise = np.random.default_rng(0).standard_normal((count, len(value)))
-        episodes = max(2.0, copies * len(evidence.gram))
+        episodes = max(2.0, share * copies * len(evidence.gram))
         free = np.array([len(evidence.of(name)) for name in evidence.names])
-        cost = free * episodes / (episodes - 1.0)
-        return cls(evidence, information, noise @ root.T, cost, ENOUGH_NATS * share)
+        cost = free * (1.0 + 0.5 / (episodes - 1.0))  # of the fit, and of leaving each out
+        enough = round(share * copies * len(evidence.gram)) >= FEWEST_FLIGHTS
+        return cls(evidence, information, noise @ root.T, cost, ENOUGH_NATS * share, enough)
 
     def gains(self, truth: FloatArray) -> FloatArray:
         """Held-out gain of every effect (n, C) when `truth` (c,) is what is missing [nats]."""
@@ -77,7 +78,8 @@ class Draws:
             found = best > threshold_nats
             near = gains > best[:, None] - self.near_nats
             counted[0, g] = found.mean()
-            counted[1, g] = (found & near[:, index] & (near.sum(axis=1) == 1)).mean()
+            alone = found & near[:, index] & (near.sum(axis=1) == 1)
+            counted[1, g] = alone.mean() if self.enough else 0.0
             counted[2, g] = (found & near[:, index]).mean()
         return Outcomes(*counted)
 

@@ -88,7 +88,8 @@ PICTURES = (
     ),
     Picture(
         "ranking",
-        "What each effect gains on flights not used in fitting it, with 90 % intervals. Left of "
+        "What each effect gains on flights that its own parameters were not fitted to (noise and "
+        "calibration were, under every hypothesis), with 90 % intervals. Left of "
         "the threshold is what calibration errors alone can gain on this rig. Orange: found; blue: "
         "above the threshold and not chosen; grey: below.",
         lambda steps: report_figures.draw_ranking(steps.name),

@@ -14,7 +14,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from wakedeploy.gap.inference import Fit, FloatArray, Free, Model, Slopes, extended
+from wakedeploy.gap.inference import (
+    Fit,
+    FloatArray,
+    Free,
+    Model,
+    Slopes,
+    extended,
+    prior_precision,
+)
 
 ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
 _TINY = 1e-10
@@ -328,6 +336,35 @@ def gain_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
     """Nats that each effect gains on the base when it is the truth, (C,)."""
     information = evidence.information(copies)
     return np.array([0.5 * float(w @ information @ w) for w in evidence.whole])
+
+
+def information(model: Model, base: Fit, name: str) -> FloatArray:
+    """Fisher information of an effect's own parameters (k, k), everything free readjusted.
+
+    At the point where the effect is not there: half of it times a size squared is what an effect of
+    that size gains [nats]. An effect that moves a calibrated constant is seen against its prior.
+    """
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    theta = extended(base, free)
+    known = np.concatenate(whitened(base.slopes))
+    calibrated = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
+    columns = []
+    for i, f in enumerate(free):
+        if not f.name.startswith(f"{name}."):
+            continue
+        if f.quantity in calibrated:
+            columns.append(known[:, calibrated[f.quantity]])
+            continue
+        moved = theta.copy()
+        moved[i] += f.step
+        columns.append(np.concatenate(changes(model, base, hypothesis, moved)) / f.step)
+    span = np.stack(columns, axis=1)
+    prior = np.sqrt(prior_precision(base.free))
+    q, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
+    padded = np.vstack([span, np.zeros((len(prior), span.shape[1]))])
+    rest = padded - q @ (q.T @ padded)
+    return np.asarray(rest.T @ rest)
 
 
 def _left(information: FloatArray, truth: FloatArray, evidence: Evidence, rival: str) -> float:

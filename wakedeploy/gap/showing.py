@@ -1,8 +1,8 @@
-"""The gap before and after, on flights that nothing was fitted to.
+"""The gap before and after, on flights that nothing was fitted to where there are enough.
 
-In: an answer and sealed flights. Out: `show.json`: errors per channel with intervals and the noise
-floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many parameters,
-neither the best nor the worst of those, which must not help.
+In: an answer and the flights to show. Out: `show.json`: errors per channel with intervals and the
+noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
+parameters, the middle one of those, which must not help.
 """
 
 from collections.abc import Mapping, Sequence

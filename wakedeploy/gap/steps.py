@@ -24,7 +24,7 @@ STEPS = ("find", "name", "add", "show", "result")
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
 _OF_NAME = (
-    *("verdict", "effects", "class", "split_by", "unknown", "rest", "beside"),
+    *("verdict", "effects", "class", "others", "split_by", "unknown", "rest", "beside"),
     *("detectable", "white"),
 )
 _OF_SHOW = ("sealed", "in_sample", "as_if", "gap", "placebo", "retrain")

@@ -66,7 +66,9 @@ def test_unknown_is_for_what_the_library_lacks_and_none_for_nothing() -> None:
 def test_of_a_pair_both_must_be_found_and_one_counts_apart() -> None:
     pair = truth("pair", "a", "b")
     assert decided(pair, answer("named", "b", "a"), {}) == {"right": True, "partial": False}
-    assert decided(pair, answer("unknown", "a"), {}) == {"right": False, "partial": True}
+    half = answer("unknown") | {"beside": [{"name": "a"}]}
+    assert decided(pair, half, {}) == {"right": False, "partial": True}
+    assert decided(pair, answer("named", "a"), {}) == {"right": False, "partial": False}
     assert decided(pair, answer("named", "a", "c"), {}) == {"right": False, "partial": False}
     half = answer("class", "a", "b", "c", members=("b", "c"))
     assert right(pair, half, b=30.0, c=29.0)

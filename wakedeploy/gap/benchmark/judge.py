@@ -97,7 +97,9 @@ def decided(truth: Truth, result: Result, gains: Mapping[str, float]) -> dict[st
         )
     else:
         right = False
-    honest = bool(found) and found < hidden and verdict in ("named", "unknown", "class")
+    if verdict == "unknown":
+        found = {e["name"] for e in result.get("beside", [])}
+    honest = bool(found) and found < hidden and verdict in ("unknown", "class")
     return {"right": right, "partial": kind == "pair" and not right and honest}
 
 

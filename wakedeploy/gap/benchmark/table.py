@@ -48,7 +48,7 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
             line["right"] for line in outside if (line.get("nats") or 0.0) >= 50.0
         ),
         "pairs_right": _rate(line["right"] for line in pairs),
-        "pairs_in_part": _rate(line["partial"] for line in pairs),
+        "pairs_in_part": _rate(line["partial"] and line["verdict"] != "named" for line in pairs),
         "by_nats": [_bin(singles, low, high) for low, high in BINS],
         "by_plant": {
             plant: _rate(line["right"] for line in (*strong, *weak) if line["plant"] == plant)
@@ -60,7 +60,8 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         },
         "coverage_fitted": coverage(r for line in lines for r in line.get("fitted_intervals", [])),
         "coverage_named": coverage(row for line in lines for row in line["named_intervals"]),
-        "closed_from_50_nats": spread(line["closed"] for line in (*strong, *pairs)),
+        "closed_from_50_nats": spread(closed(line) for line in (*strong, *pairs)),
+        "closed_by_a_member": spread(line["closed"] for line in (*strong, *pairs)),
         "closed_by_own_floor": spread(
             line.get("closed_by_own_floor") for line in (*strong, *pairs)
         ),
@@ -92,6 +93,11 @@ def tracking(lines: Iterable[Line]) -> dict[str, Any]:
         "mean_ratio": math.exp(sum(map(math.log, ratios)) / len(ratios)) if ratios else None,
         "count": len(ratios),
     }
+
+
+def closed(line: Line) -> float | None:
+    """The share of the gap closed by what was added: of a class, nothing is."""
+    return 0.0 if line["closed"] is not None and line["class"] else line["closed"]
 
 
 def coverage(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
