@@ -10,7 +10,6 @@ from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.flight import Flight
     from wakedeploy.gap.plan import Option, Plan
     from wakedeploy.rig import Rig
 
@@ -37,7 +36,7 @@ def plan(
     """Find the manoeuvre that best splits a class of effects, by simulating each of a menu.
 
     For every manoeuvre: the nats by which the rival of each pair would lose in one flight, and how
-    many flights that takes with margin. With --out, flights already made count, too.
+    many new flights that takes with margin. With --out, at the sizes that were found.
 
     \b
     Example:
@@ -50,9 +49,9 @@ def plan(
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     members = names or _class_in(out)
-    sizes, flown = _known_sizes(out, members), _flown(out, rig)
+    sizes = _known_sizes(out, members)
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:
-        made = make_plan(rig, members, sizes=sizes, flown=flown, progress=bar.advance)
+        made = make_plan(rig, members, sizes=sizes, progress=bar.advance)
     _tell_plan(made)
     for path in (json_path, out / "plan.json" if out else None):
         if path is not None:
@@ -154,19 +153,6 @@ def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[fl
     if out is None or not (out / "name.json").exists():
         return {}
     return stated_sizes(_read(out / "name.json"), names)
-
-
-def _flown(out: Path | None, rig: "Rig") -> "list[Flight]":
-    """The flights that the class was left by, as far as their logs are still there."""
-    from wakedeploy.gap.flight import read_flights
-
-    if out is None or not (out / "find.json").exists():
-        return []
-    found = _read(out / "find.json")
-    chosen = set(found.get("split", {}).get("fit", []))
-    paths = [Path(str(log["path"])) for log in found.get("logs", [])]
-    kept = [path for path in paths if path.exists() and (not chosen or str(path) in chosen)]
-    return read_flights(kept, rig) if kept else []
 
 
 def _read(path: Path) -> dict[str, Any]:

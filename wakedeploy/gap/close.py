@@ -208,6 +208,8 @@ def show_gap(
     sealed = case.sealed or case.flights
     places = read_steps(out).find.get("places", ())
     told = show(answer, corrected, sealed, places, in_sample=case.in_sample)
+    shown = corrected.hypothesis if corrected is not None else ()
+    told["as_if"] = [n for n in shown if n not in added]
     if retrain is not None and added:
         progress("training predictors on the old and the corrected rig")
         scored = [Path(flight.name) for flight in sealed]
@@ -270,7 +272,7 @@ def close(
     if plan and len(named["class"]) > 1:
         progress("looking for the manoeuvre that would split the class")
         sizes = stated_sizes(named, named["class"])
-        made = make_plan(case.rig, named["class"], sizes=sizes, flown=case.flights)
+        made = make_plan(case.rig, named["class"], sizes=sizes)
         write_step(out, "plan", made.as_json())
     told = result(case, out)
     if report:

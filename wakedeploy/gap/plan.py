@@ -1,9 +1,9 @@
 """Which manoeuvre splits a class of effects that the flights so far leave together.
 
-In: a rig, the names of the class, perhaps the flights already flown. Out: for every manoeuvre of
-the menu the nats by which each rival would lose, how many flights that takes, and the choice: the
-one that splits the worst pair in the least time. Each manoeuvre is flown on the simulated rig and
-judged by the likelihood that `name` itself uses.
+In: a rig, the names of the class. Out: for every manoeuvre of the menu the nats by which each rival
+would lose, how many flights that takes, and the choice: the one that splits the worst pair in the
+least time. Each manoeuvre is flown on the simulated rig and judged by the likelihood that `name`
+itself uses.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -125,24 +125,22 @@ def make_plan(
     names: Sequence[str],
     *,
     sizes: Mapping[str, Sequence[float]] | None = None,
-    flown: Sequence[Flight] = (),
     manoeuvres: Sequence[Manoeuvre] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Plan:
     """Judge every manoeuvre of the menu for a class of two effects or more.
 
     `sizes`: each effect's parameters, as fitted; one prior scale from neutral where not given.
-    `flown`: flights that the class was left by; what they know counts, too.
+    Flights already flown do not count: whatever they were expected to tell, they left the class.
     Raises UnusableInput for fewer than two effects or an unknown one.
     """
     chosen = tuple(dict.fromkeys(effect(name).name for name in names))
     if len(chosen) < 2:
         raise UnusableInput("A class to split has at least two effects: give --class twice.")
     known = {name: plausible_size(rig, name) for name in chosen} | dict(sizes or {})
-    before = evidence_of(rig, flown, chosen, known) if flown else None
     options = []
     for each in (random_flight(), *(menu() if manoeuvres is None else manoeuvres)):
-        options.append(_option(rig, each, chosen, known, before))
+        options.append(_option(rig, each, chosen, known))
         if progress is not None:
             progress()
     order = sorted(options[1:], key=lambda o: (o.total_s, -o.worst_nats / o.seconds))
@@ -180,9 +178,12 @@ def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:
 
 
 def stated_sizes(named: Mapping[str, Any], names: Sequence[str]) -> dict[str, tuple[float, ...]]:
-    """The parameters that name.json states for these effects, from its first round."""
-    rounds = named.get("rounds") or [{}]
-    ranking = {str(one.get("name")): one for one in rounds[0].get("ranking", [])}
+    """The parameters that name.json states for these effects, from the last round with each."""
+    ranking = {
+        str(one.get("name")): one
+        for searched in named.get("rounds") or ()
+        for one in searched.get("ranking", [])
+    }
     sizes = {}
     for name in names:
         stated = ranking.get(name, {}).get("parameters", {})
@@ -204,7 +205,6 @@ def _option(
     manoeuvre: Manoeuvre,
     names: Sequence[str],
     sizes: Mapping[str, Sequence[float]],
-    before: Evidence | None,
 ) -> Option:
     log = record(rig, seconds=RANDOM_S, seed=_SEED, plan=manoeuvre.plan(rig))
     seconds = len(log) / log.rate_hz
@@ -213,16 +213,13 @@ def _option(
     except UnusableInput:  # it cannot be flown whole on this rig, so it says nothing
         return Option(manoeuvre, seconds, np.zeros((len(names), len(names))), None)
     evidence = evidence_of(rig, [flight], names, sizes)
-    return Option(manoeuvre, seconds, loss_nats(evidence), _flights(evidence, before))
+    return Option(manoeuvre, seconds, loss_nats(evidence), _flights(evidence))
 
 
-def _flights(evidence: Evidence, before: Evidence | None) -> int | None:
+def _flights(evidence: Evidence) -> int | None:
     """How many flights until every pair differs by enough, with margin."""
     for count in range(1, MOST_FLIGHTS + 1):
-        total = evidence.repeated(count)
-        if before is not None:
-            total = before.joined(total)
-        if _pairs(loss_nats(total)).min() >= MARGIN_NATS:
+        if _pairs(loss_nats(evidence, copies=float(count))).min() >= MARGIN_NATS:
             return count
     return None
 

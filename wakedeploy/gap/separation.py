@@ -95,16 +95,6 @@ class Evidence:
             self.whole[np.ix_(rows, kept)],
         )
 
-    def joined(self, other: "Evidence") -> "Evidence":
-        """Both sets of episodes; the same effects and nuisances in both."""
-        gram = np.concatenate([self.gram, other.gram])
-        return Evidence(self.names, self.columns, self.precision, gram, self.whole)
-
-    def repeated(self, times: int) -> "Evidence":
-        """Every episode so many times."""
-        gram = np.concatenate([self.gram] * times)
-        return Evidence(self.names, self.columns, self.precision, gram, self.whole)
-
     def of(self, name: str) -> list[int]:
         """The directions of an effect."""
         return [i for i, c in enumerate(self.columns) if c.effect == name]
