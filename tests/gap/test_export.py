@@ -74,14 +74,15 @@ def flown(rig, steps=512):
 
 
 def phases(rig):
-    """When the plant's first servo frame and first range sample come [s]."""
+    """When the plant's first servo frame, range sample and new reading come [s]."""
     sensing, _, timing = np.random.SeedSequence([SEED, 0]).spawn(3)
     constants = Chain.of(rig).constants(constants_of(rig))
     frame_s = constants["disturbance.esc_frame_s"]
-    return (
-        np.random.default_rng(timing).uniform(0.0, frame_s),
-        np.random.default_rng(sensing).uniform(0.0, rig.range_sensor.period_s),
-    )
+    sensor = np.random.default_rng(sensing)
+    range_s = sensor.uniform(0.0, rig.range_sensor.period_s)
+    hold_s = Chain.of(rig).values.get("sample-and-hold.hold_s", 0.0)
+    reading_s = -sensor.uniform(0.0, hold_s) if hold_s > 0.0 else 0.0
+    return np.random.default_rng(timing).uniform(0.0, frame_s), range_s, reading_s
 
 
 def imported(path):

@@ -4,10 +4,13 @@ import dataclasses
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from recorded import QUIET, probed
 
 from wakedeploy.gap.flight import DT_S, flight_from_log
 from wakedeploy.gap.forces import Physics
+from wakedeploy.gap.holding import likely_period_s
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 
@@ -159,12 +162,34 @@ def test_the_expected_reading_is_the_height_as_the_sensor_sees_it(flown) -> None
     assert Physics(QUIET, rested).at_rest(constants, ()) == pytest.approx([0.01, 0.01])
 
 
-def test_a_held_reading_is_older_and_repeats(flown) -> None:
+def test_a_held_reading_is_as_old_as_its_repeats_say(flown) -> None:
     flight, physics, *_ = flown
-    hold_s = 3 * flight.spacing_s
-    found = physics.forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
-    assert found.held_share == pytest.approx(2 / 3)
-    assert found.taken_s == pytest.approx(flight.sample_s - 0.5 * flight.spacing_s)
+    period_s, hold_s = 0.03, 0.08
+    sample_s = period_s * np.arange(400.0)
+    made = np.floor((sample_s + 0.013) / hold_s)
+    truth_s = sample_s + 0.013 - hold_s * made
+    reading_m = np.random.default_rng(3).normal(0.5, 0.2, 200)[made.astype(int)]
+    held = dataclasses.replace(flight, sample_s=sample_s, reading_m=reading_m)
+    found = Physics(QUIET, held).forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
+    told_s = sample_s - found.taken_s
+    inner = slice(10, -10)
+    assert np.abs(told_s - truth_s)[inner].max() < 0.008
+    assert np.sqrt(found.held.age_variance_s2[inner]).max() < 0.012
+    repeats = np.append(False, np.diff(made) == 0)
+    assert (found.held.probability[repeats][10:] > 0.5).mean() > 0.9
+    assert (found.held.probability[~repeats][10:] < 0.5).mean() > 0.9
+    assert not physics.forces(CONSTANTS, ()).held.age_s.any()
+
+
+@settings(max_examples=15, deadline=None)
+@given(hold_s=st.floats(0.025, 0.1), phase=st.floats(0.0, 1.0), seed=st.integers(0, 2**31))
+def test_the_period_of_repeats_is_found_whatever_it_is(hold_s, phase, seed) -> None:
+    rng = np.random.default_rng(seed)
+    sample_s = np.cumsum(rng.choice([0.02, 0.04], 500)) + rng.normal(0.0, 2e-4, 500)
+    made = np.floor(sample_s / hold_s + phase)
+    repeated = np.append(False, np.diff(made) == 0) | (rng.random(500) < 0.05)
+    found_s = likely_period_s([(sample_s, repeated)])
+    assert found_s == pytest.approx(hold_s, abs=0.001)
 
 
 def test_added_mass_makes_everything_slower(flown) -> None:

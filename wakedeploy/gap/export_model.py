@@ -102,7 +102,14 @@ def body_step(
     return z_m, after
 
 
-def started(c: Any, z0_m: float, frame_phase_s: float, range_phase_s: float, puffs: int) -> Any:
+def started(
+    c: Any,
+    z0_m: float,
+    frame_phase_s: float,
+    range_phase_s: float,
+    reading_phase_s: float,
+    puffs: int,
+) -> Any:
     """The state before the first step: at rest, motors idle, no wake in the air."""
     s = SimpleNamespace()
     s.height_m = z0_m
@@ -118,7 +125,8 @@ def started(c: Any, z0_m: float, frame_phase_s: float, range_phase_s: float, puf
     s.next_frame_s = frame_phase_s
     s.next_range_s = range_phase_s
     s.range_m = np.nan
-    s.held_until_s = -np.inf
+    s.made_m = np.nan
+    s.next_reading_s = reading_phase_s
     s.taken_off_s = np.inf
     s.roots = np.zeros(puffs)
     return s
@@ -140,13 +148,18 @@ def looked(c: Any, m: Any, s: Any, now_s: float, x_m: float, way_m: float, dt_s:
 def sensed(c: Any, m: Any, s: Any, z_m: Any, k: int, dt_s: float) -> Any:
     """The range sensor's sample, if one is due; z_m are the heights [m] up to step k."""
     now_s = k * dt_s
-    if now_s >= s.next_range_s - 1e-9:
+    is_due = now_s >= s.next_range_s - 1e-9
+    makes_one = is_due
+    if c.range_hold_s > 0.0:
+        makes_one = now_s >= s.next_reading_s - 1e-9
+    if makes_one:
+        height_m = delayed(z_m, k, c.range_delay_s, dt_s, 0.0)
+        seen_m = c.range_bias_m + c.range_scale * height_m
+        s.made_m = max(changed_range_m(c, m, seen_m), 0.0)
+        s.next_reading_s = s.next_reading_s + c.range_hold_s
+    if is_due:
         s.next_range_s = s.next_range_s + c.range_period_s
-        if now_s >= s.held_until_s - 1e-9:
-            height_m = delayed(z_m, k, c.range_delay_s, dt_s, 0.0)
-            seen_m = c.range_bias_m + c.range_scale * height_m
-            s.range_m = max(changed_range_m(c, m, seen_m), 0.0)
-            s.held_until_s = now_s + c.range_hold_s
+        s.range_m = s.made_m
     return s
 
 
@@ -203,12 +216,14 @@ def simulate(
     z0_m: float = 0.0,
     frame_phase_s: float = 0.0,
     range_phase_s: float = 0.0,
+    reading_phase_s: float = 0.0,
 ) -> Any:
     """Advance the model over a fixed grid of times t_s [s]; all arrays have its length.
 
     source_us and sufferer_us are the pulse widths [us] that the board puts out, x_m is the
     carriage's position [m]; the sufferer starts at rest at z0_m [m]. The first servo frame begins
-    frame_phase_s after the first time, the first range sample is taken range_phase_s after it.
+    frame_phase_s after the first time, the first range sample is taken range_phase_s after it; a
+    sensor that repeats its readings makes the first of them after reading_phase_s.
     Gives heights, speeds and the newest range sample at every time, and thrusts and forces over
     the step that begins there. No turbulence, no noise. Use a grid of 1/256 s, as the plant does.
     """
@@ -218,7 +233,7 @@ def simulate(
     dt_s = (t_s[n - 1] - t_s[0]) / (n - 1)
     puffs = SimpleNamespace()
     puffs.amplitude_mps, puffs.width2, puffs.sunk_m = puff_table(c, dt_s)
-    s = started(c, z0_m, frame_phase_s, range_phase_s, len(puffs.sunk_m))
+    s = started(c, z0_m, frame_phase_s, range_phase_s, reading_phase_s, len(puffs.sunk_m))
     z_m, vz_mps, range_m = np.zeros(n), np.zeros(n), np.zeros(n)
     source_n, sufferer_n, wake_n, effect_n = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(n):

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from wakedeploy.gap.flight import DT_S, Flight, FloatArray, Line
+from wakedeploy.gap.holding import Held, held
 from wakedeploy.physics.constants import Constants, moved_thrust
 from wakedeploy.physics.effects import Effect, Motion, Setting
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
@@ -39,7 +40,7 @@ class Forces:
 
     `acceleration` (3, N): [m/s²] at the nominal motion, slopes by height and speed. `expected`
     (2, n): the reading at the nominal height and its slope. `taken_s` (n,): when the samples were
-    taken. `held_share`: how many of the readings repeat the one before because they are held.
+    taken. `held`: what a sensor that repeats itself makes of them.
     """
 
     source_n: FloatArray
@@ -50,7 +51,7 @@ class Forces:
     acceleration: FloatArray
     taken_s: FloatArray
     expected: FloatArray
-    held_share: float
+    held: Held
 
 
 class Physics:
@@ -251,12 +252,13 @@ class Physics:
 
     def _reading(
         self, constants: Constants, effects: Active, motion: Motion
-    ) -> tuple[FloatArray, FloatArray, float]:
+    ) -> tuple[FloatArray, FloatArray, Held]:
         flight = self._flight
-        taken_s = flight.sample_s - constants["range.delay_s"]
         hold_s = next((v["hold_s"] for e, v in effects if e.name == "sample-and-hold"), 0.0)
-        # A reading that is new was taken at any time since the last one was asked for.
-        taken_s = taken_s - 0.5 * min(hold_s, flight.spacing_s)
+        pattern = self._remembered(
+            "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s)
+        )
+        taken_s = flight.sample_s - constants["range.delay_s"] - pattern.age_s
         z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
         reading = tuple(_overriding(effects, "range_m"))
         expected = []
@@ -266,8 +268,8 @@ class Physics:
             for effect, values in reading:
                 value = np.asarray(effect.range_m(values, value, at, self._setting))
             expected.append(value)
-        held = max(0.0, 1.0 - flight.spacing_s / hold_s) if hold_s > 0.0 else 0.0
-        return taken_s, np.stack([expected[0], (expected[1] - expected[0]) / _DZ_M]), held
+        slope = (expected[1] - expected[0]) / _DZ_M
+        return taken_s, np.stack([expected[0], slope]), pattern
 
     def at_rest(self, constants: Constants, effects: Active) -> FloatArray:
         """The readings (r,) expected at rest on the stop, before and after the flight."""

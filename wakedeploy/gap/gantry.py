@@ -9,6 +9,7 @@ file's spreads as priors) are free in every hypothesis, the base one included.
 Everything but the filter is a sum along the flight, linear around the smoothed motion.
 """
 
+import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -17,6 +18,7 @@ import numpy as np
 
 from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.forces import Forces, Physics
+from wakedeploy.gap.holding import CHANCE, Held, likely_period_s
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
@@ -35,7 +37,6 @@ NOISE = (
 _ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
 _WIDEST_SD = 5.0
-_CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
 # An effect's delay comes on top of what is uncertain about the delay that was calibrated.
 _ADDED = {"command.delay_s", "range.delay_s"}
 # Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
@@ -43,6 +44,8 @@ _STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s"
 _STEP = 0.05  # of a prior scale
 # Flights may go far beyond where a term is of typical size; there a longer step loses the track.
 _STEP_OF_TERM = 0.005
+_STEP_OF_HOLD_S = 1e-4
+HOLD = "sample-and-hold.hold_s"
 _NO_HORIZON = np.zeros(0, np.int64)
 
 
@@ -100,11 +103,11 @@ class GantryModel:
         forces = self._physics[episode].forces(constants, effects)
         samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
         e, v, density, weight = samples[:, flight.counted]
-        density = _with_repeats(density, flight, forces.held_share)
+        density, weight = _with_repeats(density, weight, flight, forces.held)
         rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
         rest_v = flight.rest[:, 1]
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
-        repeat_e, repeat_v = _repeats(flight, forces.held_share)
+        repeat_e, repeat_v = _repeats(flight, forces.held)
         return Score(
             np.concatenate([density, rest_density, [0.0]]),
             np.concatenate([e, rest_e, repeat_e]),
@@ -144,8 +147,15 @@ class GantryModel:
     def _layout(self, hypothesis: Hypothesis) -> "_Layout":
         if hypothesis not in self._layouts:
             named = [self.effect(name) for name in hypothesis]
-            self._layouts[hypothesis] = _Layout(self.rig, self._own, named)
+            held_s = self._held_s if HOLD.partition(".")[0] in hypothesis else 0.0
+            self._layouts[hypothesis] = _Layout(self.rig, self._own, named, held_s)
         return self._layouts[hypothesis]
+
+    @functools.cached_property
+    def _held_s(self) -> float:
+        """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""
+        flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
+        return likely_period_s(flown)
 
     def _filter(
         self,
@@ -171,7 +181,7 @@ class GantryModel:
             into_s,
             flight.reading_m,
             forces.expected,
-            _reading_noise(flight, theta, self.rig, forces.held_share),
+            _reading_noise(flight, theta, self.rig, forces),
             OUTLIER,
             horizons,
             remember,
@@ -206,7 +216,11 @@ class _Layout:
     """Where each constant and effect parameter stands among the free parameters."""
 
     def __init__(
-        self, rig: Rig, own: Sequence[tuple[Effect, Mapping[str, Free]]], named: Sequence[Effect]
+        self,
+        rig: Rig,
+        own: Sequence[tuple[Effect, Mapping[str, Free]]],
+        named: Sequence[Effect],
+        held_s: float = 0.0,
     ) -> None:
         self._base = constants_of(rig)
         spreads = spreads_of(rig)
@@ -227,7 +241,10 @@ class _Layout:
             self._add(free, effect, {})
         order = {name: i for i, name in enumerate(LIBRARY)}
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
-        self.free = tuple(free)
+        self.free = tuple(
+            replace(f, starts=(held_s,), step=_STEP_OF_HOLD_S) if f.name == HOLD else f
+            for f in free
+        )
 
     def read(
         self, theta: FloatArray
@@ -337,34 +354,48 @@ def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, 
 
 
 def _reading_noise(
-    flight: Flight, theta: FloatArray, rig: Rig, held_share: float = 0.0
+    flight: Flight, theta: FloatArray, rig: Rig, forces: Forces | None = None
 ) -> FloatArray:
-    """Variance [m²] of each reading (n,); a repeated one says little where readings are held."""
+    """Variance [m²] of each reading (n,): the sensor's, and of what is held, its unknown age's.
+
+    A repeated reading says little where readings are held. Without `forces`, the sensor's alone.
+    """
     deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
     variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
-    fresh = (1.0 - held_share) * _CHANCE
-    held = variance * (held_share + fresh) / fresh
-    return np.asarray(np.where(flight.repeated, held, variance))
+    if forces is None or not forces.held.age_s.any():
+        return np.asarray(variance)
+    speed = np.interp(forces.taken_s, flight.grid_s, flight.nominal[1])
+    variance = variance + forces.held.age_variance_s2 * speed**2
+    share = forces.held.probability
+    fresh = (1.0 - share) * CHANCE
+    return np.asarray(np.where(flight.repeated, variance * (share + fresh) / fresh, variance))
 
 
-def _with_repeats(density: FloatArray, flight: Flight, held_share: float) -> FloatArray:
-    """Log densities where a reading may be the one before, held: a mixture of the two."""
-    if held_share <= 0.0:
-        return density
-    fresh = math.log1p(-held_share) + density
-    held = math.log(held_share / flight.resolution_m)
-    return np.where(flight.repeated[flight.counted], np.logaddexp(fresh, held), fresh)
+def _with_repeats(
+    density: FloatArray, weight: FloatArray, flight: Flight, held: Held
+) -> tuple[FloatArray, FloatArray]:
+    """Log densities where a reading may be the one before, held: a mixture of the two.
+
+    Weights are the probability that a reading is fresh, and no outlier.
+    """
+    if not held.age_s.any():
+        return density, weight
+    share = held.probability[flight.counted]
+    repeated = flight.repeated[flight.counted]
+    fresh = np.log1p(-share) + density
+    stale = np.log(np.maximum(share, 1e-300) / flight.resolution_m)
+    mixed = np.where(repeated, np.logaddexp(fresh, stale), fresh)
+    return mixed, weight * np.where(repeated, np.exp(fresh - mixed), 1.0)
 
 
-def _repeats(flight: Flight, held_share: float) -> tuple[FloatArray, FloatArray]:
+def _repeats(flight: Flight, held: Held) -> tuple[FloatArray, FloatArray]:
     """How many repeats there are beyond expectation, and its variance.
 
     Their likelihood is in the samples' densities; this carries its slope to the fit.
     """
-    count = len(flight.repeated)
-    expected = held_share + (1.0 - held_share) * _CHANCE
+    expected = float(np.mean(held.probability + (1.0 - held.probability) * CHANCE))
     excess = float(flight.repeated.mean()) - expected
-    return np.array([excess]), np.array([expected * (1.0 - expected) / count])
+    return np.array([excess]), np.array([expected * (1.0 - expected) / len(flight.repeated)])
 
 
 def _compared(

@@ -24,7 +24,8 @@ NO_SAMPLE = RangeSample(math.nan, -math.inf, 255)
 class RangeSensorModel:
     """Takes a sample each period; `newest` gives what can be read `delay_s` after it was taken.
 
-    For `hold_s` after a reading was taken it is repeated, under new time stamps.
+    With `hold_s`, a new reading is made only so often, by a clock of the sensor's own; samples in
+    between repeat it under new time stamps.
     """
 
     def __init__(
@@ -37,22 +38,26 @@ class RangeSensorModel:
     ) -> None:
         self._sensor, self._disturbance, self._rng = sensor, disturbance, rng
         self._delay_s, self._hold_s = delay_s, hold_s
-        self._held_m, self._held_until_s = math.nan, -math.inf
         self._next_s = float(rng.uniform(0.0, sensor.period_s))
+        self._held_m = math.nan
+        self._next_reading_s = -float(rng.uniform(0.0, hold_s)) if hold_s > 0.0 else math.inf
         self._waiting: deque[RangeSample] = deque()
         self._readable = NO_SAMPLE
 
     def observe(self, t_s: float, z_m: float) -> None:
         """Offer the true height [m] at `t_s`; a sample is taken when one is due."""
+        if t_s >= self._next_reading_s - 1e-9:
+            self._held_m = self._reading(z_m)
+            self._next_reading_s += self._hold_s * (
+                1 + int((t_s - self._next_reading_s) / self._hold_s)
+            )
         if t_s < self._next_s - 1e-9:
             return
         self._next_s += self._sensor.period_s * (
             1 + int((t_s - self._next_s) / self._sensor.period_s)
         )
-        reading_m = self._reading(z_m)  # drawn even if held: the noise stays as it was
-        if t_s >= self._held_until_s - 1e-9:
-            self._held_m, self._held_until_s = reading_m, t_s + self._hold_s
-        self._waiting.append(RangeSample(self._held_m, t_s))
+        reading_m = self._held_m if self._hold_s > 0.0 else self._reading(z_m)
+        self._waiting.append(RangeSample(reading_m, t_s))
 
     def newest(self, t_s: float) -> RangeSample:
         """The newest sample that can be read at `t_s`."""

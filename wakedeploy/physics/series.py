@@ -1,7 +1,7 @@
 """Whole flights at once, compiled: rotor lag, the jet along a path, and a Kalman filter.
 
-The gap workflow evaluates a flight thousands of times; these are its inner loops. numba lives here
-and in `field`, away from the runtime.
+The gap workflow evaluates a flight thousands of times; these are its inner loops. numba lives here,
+in `field` and in `gap.holding`, away from the runtime.
 """
 
 import functools
@@ -20,7 +20,7 @@ _PERSISTENT = 3
 _LOST_M, _LOST_MPS = 0.05, 0.5
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
+def compiled(function: Callable[..., Any]) -> Any:
     """Compile on first use and keep the machine code on disk, where there is a place to keep it."""
     compiler = functools.partial(numba.njit, error_model="numpy", fastmath={"contract"})
     try:
@@ -29,7 +29,7 @@ def _compiled(function: Callable[..., Any]) -> Any:
         return compiler()(function)
 
 
-@_compiled
+@compiled
 def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) -> FloatArray:
     """Mean thrust [N] in each step of a rotor that lags, from rest, (N,).
 
@@ -55,7 +55,7 @@ def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) 
     return thrust
 
 
-@_compiled
+@compiled
 def rail_friction(
     vz_mps: FloatArray,  # (N,)
     driving_n: FloatArray,  # (N,) everything else that pushes, weight included
@@ -86,7 +86,7 @@ def rail_friction(
     return result
 
 
-@_compiled
+@compiled
 def jet_along(
     root: FloatArray,  # (N,) √(u/u_reference), mean over each step
     x_m: FloatArray,  # (N,) at the steps' ends
@@ -123,7 +123,7 @@ def jet_along(
     return result
 
 
-@_compiled
+@compiled
 def filtered(
     dt_s: float,
     start: IntArray,  # (S,) first step of each airborne stretch
@@ -221,7 +221,7 @@ def filtered(
     return samples, ahead, states, covariances
 
 
-@_compiled
+@compiled
 def _advance(
     p: FloatArray,
     z: float,
@@ -259,7 +259,7 @@ def _advance(
     return z + dt * v + half * a, v + dt * a, keep * d
 
 
-@_compiled
+@compiled
 def _update(
     sample: FloatArray,
     p: FloatArray,
@@ -302,7 +302,7 @@ def _update(
     return z + g0 * e, v + g1 * e, d + g2 * e
 
 
-@_compiled
+@compiled
 def _forecast(
     result: FloatArray,
     p: FloatArray,
@@ -339,7 +339,7 @@ def _forecast(
     result[0], result[1] = z, q[0, 0]
 
 
-@_compiled
+@compiled
 def smoothed(
     dt_s: float,
     start: IntArray,
@@ -381,7 +381,7 @@ def smoothed(
     return result
 
 
-@_compiled
+@compiled
 def _transition(dt: float, az: float, av: float, gain: float, keep: float) -> FloatArray:
     half = 0.5 * dt * dt
     return np.array(

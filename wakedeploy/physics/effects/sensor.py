@@ -59,7 +59,10 @@ class SampleAndHold(Effect):
     """A sensor that repeats itself."""
 
     name = "sample-and-hold"
-    physics = "The range sensor repeats a reading for a while, under time stamps that go on."
+    physics = (
+        "The range sensor makes a reading only so often, by a clock of its own, and repeats it in "
+        "between under time stamps that go on."
+    )
     stage = "sensor"
     parameters = (Parameter("hold_s", "s", scale=0.03, low=0.0, high=0.3, starts=(1.0, 2.0, 3.0)),)
     confused_with = ("range-delay",)

@@ -49,7 +49,7 @@ class SecondPlant:
         self._waiting: deque[Sample] = deque()
         self._reading = Sample(math.nan, -math.inf, 255)
         self._heights: deque[float] = deque([0.0] * 64, maxlen=64)
-        self._next_reading_s, self._value_m = 0.0, math.nan
+        self._made_s, self._value_m = -math.inf, math.nan
         self._held = [constants.idle_us, constants.idle_us]
         self._targets = [0.0, 0.0]
         self._took_off_s = math.nan
@@ -199,9 +199,12 @@ class SecondPlant:
         while self._next_sample_s <= now_s:
             taken_s = self._next_sample_s
             self._next_sample_s += sensing.period_s
-            if taken_s >= self._next_reading_s - 1e-9:
-                self._next_reading_s = taken_s + sensing.hold_s
-                self._value_m = self._measured(self._height_at(taken_s - sensing.stale_s), taken_s)
+            made_s = taken_s
+            if sensing.hold_s > 0.0:  # the sensor makes readings at a pace of its own
+                made_s = sensing.hold_s * math.floor(taken_s / sensing.hold_s)
+            if made_s > self._made_s:
+                self._made_s = made_s
+                self._value_m = self._measured(self._height_at(made_s - sensing.stale_s), made_s)
             self._waiting.append(Sample(self._value_m, taken_s, 0))
         while self._waiting and self._waiting[0].sensor_time_s + sensing.delay_s <= now_s + 1e-9:
             self._reading = self._waiting.popleft()
