@@ -178,9 +178,15 @@ class Fit:
         curvature = float(own[self._index(name)])
         if count < 2:
             return curvature, 0.0
-        centred = gradient - gradient.mean(0)
-        meat = centred.T @ centred * count / (count - 1) + prior
-        return curvature, float(own @ meat @ own)
+        total = fisher.sum(0) + prior
+        # An episode's pull on the estimate is weighed without its own information: so many
+        # parameters bend to each of so few episodes that its gradient tells too little of it.
+        pulls = [
+            np.linalg.pinv(total - one, hermitian=True)[self._index(name)] @ g
+            for g, one in zip(gradient, fisher, strict=True)
+        ]
+        spread = float(np.var(pulls, ddof=1)) * (count - 1) ** 2 / count
+        return curvature, spread + float(own @ prior @ own)
 
     def _index(self, name: str) -> int:
         try:

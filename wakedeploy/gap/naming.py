@@ -33,6 +33,7 @@ MOST_EFFECTS = 3
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
+_RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
@@ -161,7 +162,7 @@ def name_effects(
         current, ranked = rank_fairly(model, current, left, least_nats=0.5 * thresholds.effect_nats)
         base = base if current.hypothesis else current
         rounds.append(Round(current.hypothesis, tuple(ranked), CLASS_NATS * share))
-        if ranked[0].gain_nats < thresholds.effect_nats:
+        if ranked[0].gain_nats < _needed(ranked[0].name, base, current, thresholds):
             beyond = expressions[current.hypothesis] = _expression(model, current, thresholds)
             # Where something is missing, an effect that explains it as well is its better name.
             if beyond is None or ranked[0].gain_nats < beyond.gain_nats - CLASS_NATS:
@@ -189,6 +190,19 @@ def name_effects(
         rest,
         thresholds,
     )
+
+
+def _needed(name: str, base: Fit, current: Fit, thresholds: Thresholds) -> float:
+    """What an effect must gain to be found [nats].
+
+    A found effect whose form is not quite the rig's leaves a rest that its relatives fit best.
+    """
+    found = current.hypothesis
+    related = any(
+        name in LIBRARY[f].confused_with or f in LIBRARY[name].confused_with for f in found
+    )
+    form = _RELATIVES_SHARE * gain_over(base, current) if related else 0.0
+    return max(thresholds.effect_nats, form)
 
 
 def with_terms(model: GantryModel) -> GantryModel:

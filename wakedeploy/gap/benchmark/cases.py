@@ -57,6 +57,8 @@ _SHAPES: Mapping[str, Mapping[str, float]] = {  # values beside the one that a s
     "recirculation": {"height_m": 0.2},
     "tether-spring": {"slack_m": 0.5},
 }
+# A wake stronger or wider by as much as counts holds the sufferer down on its stop.
+_ONLY_LESS = ("wake-strength", "wake-width")
 _INWARDS = 0.95  # of the way to a bound, at most
 
 
@@ -119,6 +121,7 @@ def values_at(name: str, size: float, rig: Rig, sign: int = 1) -> dict[str, floa
             values[p.name] = _SHAPES[name][p.name]
             continue
         way = sign if neutral - p.low > 3.0 * p.scale else 1
+        way = -1 if name in _ONLY_LESS else way
         bound = p.high if way > 0 else p.low
         values[p.name] = neutral + way * min(size * p.scale, _INWARDS * abs(bound - neutral))
     return values
