@@ -319,7 +319,15 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         starts,
         quantity,
         adds_to=p.constant if p.constant in _ADDED else "",
+        scanned=_scanned(p),
     )
+
+
+def _scanned(p: Parameter) -> tuple[float, ...]:
+    if p.scanned is None:
+        return ()
+    least, largest, ratio = p.scanned
+    return tuple(np.geomspace(least, largest, 1 + round(math.log(largest / least, ratio))))
 
 
 def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:

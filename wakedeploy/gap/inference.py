@@ -32,7 +32,8 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
-    `adds_to` is the calibrated constant that a parameter moves without replacing it. `first` is
+    `scanned` are sizes to look at before a climb, where a likelihood is jagged. `adds_to` is the
+    calibrated constant that a parameter moves without replacing it. `first` is
     where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
     """
 
@@ -47,6 +48,7 @@ class Free:
     quantity: str = ""
     adds_to: str = ""
     first: float | None = None
+    scanned: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class Fit:
         """The larger of two: from the curvature and from the spread between episodes.
 
         The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
-        small by chance; clustered by episode, it is a sandwich with as many terms as episodes.
+        small by chance; clustered by episode, it is the jackknife's, and the priors' own.
         """
         return float(np.sqrt(max(self._variances(name))))
 

@@ -34,6 +34,7 @@ _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
+_KEPT_SHARE = 0.5  # of the threshold; what a found effect gains around the motion it explains
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
@@ -167,7 +168,11 @@ def name_effects(
             # Where something is missing, an effect that explains it as well is its better name.
             if beyond is None or ranked[0].gain_nats < beyond.gain_nats - CLASS_NATS:
                 break
-        model, current = _settled(model, ranked[0].fit)
+        near, found = _settled(model, ranked[0].fit)
+        before = fit(near, current.hypothesis, range(near.episodes), current.theta)
+        if gain_over(before, found) < _KEPT_SHARE * thresholds.effect_nats:
+            break  # it had gained by the line around which the motion was linear, no more
+        model, current = near, found
         base = fit(model, (), range(model.episodes), base.theta)
     current = _without_idle(model, current)
     rounds = [r for r in rounds if set(r.given) <= set(current.hypothesis)]

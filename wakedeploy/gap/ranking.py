@@ -35,6 +35,8 @@ _LEDGE_NATS = 3.0
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
+_LIKELY = 30  # of the sizes that are scanned on one episode, so many are looked at on all
+_SCANNED_CLIMBED = 2
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -228,7 +230,28 @@ def _starts(
         here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
         if here > base.log_likelihood - _ABSURD_NATS:
             starts.append(theta)
-    return starts
+    return starts + [
+        start for i in own for start in _scanned(model, base, hypothesis, neutral_point, free[i], i)
+    ]
+
+
+def _scanned(
+    model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray, free: Free, place: int
+) -> list[FloatArray]:
+    """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
+
+    All are looked at on one episode, and what is likely there on all.
+    """
+
+    def likeliest(starts: list[FloatArray], episodes: Sequence[int], keep: int) -> list[FloatArray]:
+        def density(start: FloatArray) -> float:
+            scores = (model.score(hypothesis, start, e) for e in episodes)
+            return sum(float(s.log_density.sum()) for s in scores)
+
+        return sorted(starts, key=density)[-keep:]
+
+    starts = [np.where(np.arange(len(theta)) == place, size, theta) for size in free.scanned]
+    return likeliest(likeliest(starts, base.episodes[:1], _LIKELY), base.episodes, _SCANNED_CLIMBED)
 
 
 def _carried_over(

@@ -1,4 +1,4 @@
-"""The forces of which an unknown one may be a sum: about sixty terms c·f(state of the rig).
+"""The forces of which an unknown one may be a sum: some seventy terms c·f(state of the rig).
 
 In: a term's name. Out: an effect with one parameter, or with two for a wave of free phase. Where a
 term depends on a quantity that hardly leaves a mean, its function is centred there, so that it is
@@ -100,10 +100,15 @@ _SINGLE: Mapping[str, tuple[str, str, str, float]] = {
     ),
     "wake-drift": ("the wake's force and time", "wake_n*(time_s - 7)", "1/s", 2.0),
 }
+_STRETCH = re.compile(r"stretch-(?P<second>\d{1,3})s")
+_STRETCHES = tuple(f"stretch-{second}s" for second in range(2, 19, 2))
 _WAVE = re.compile(r"wave-in-(time-(?P<mhz>\d{3,5})mhz|(?P<axis>height|place)-(?P<mm>\d{2,4})mm)")
 _WAVES_IN_STATE = tuple(
     f"wave-in-{axis}-{mm}mm"
-    for axis, lengths in (("height", (50, 70, 100, 140, 200, 300)), ("place", (100, 200, 400)))
+    for axis, lengths in (
+        ("height", (50, 60, 72, 86, 104, 125, 150, 200, 300)),
+        ("place", (100, 140, 200, 280, 400)),
+    )
     for mm in lengths
 )
 
@@ -112,7 +117,7 @@ class Terms(Mapping[str, ExpressionForce]):
     """The terms by name; a wave may be asked for at any frequency or length, listed or not.
 
     `wave-in-time-1500mhz` has 1.5 Hz, `wave-in-height-100mm` and `wave-in-place-100mm` have lengths
-    of 0.1 m.
+    of 0.1 m; `stretch-8s` is a force that comes and goes around the 8th second of every flight.
     """
 
     def __getitem__(self, name: str) -> ExpressionForce:
@@ -122,13 +127,16 @@ class Terms(Mapping[str, ExpressionForce]):
             raise KeyError(name) from error
 
     def __contains__(self, name: object) -> bool:
-        return isinstance(name, str) and (name in _SINGLE or _WAVE.fullmatch(name) is not None)
+        if not isinstance(name, str):
+            return False
+        patterns = (_WAVE, _STRETCH)
+        return name in _SINGLE or any(pattern.fullmatch(name) for pattern in patterns)
 
     def __iter__(self) -> Iterator[str]:
-        return iter((*_SINGLE, *_WAVES_IN_STATE))
+        return iter((*_SINGLE, *_STRETCHES, *_WAVES_IN_STATE))
 
     def __len__(self) -> int:
-        return len(_SINGLE) + len(_WAVES_IN_STATE)
+        return len(_SINGLE) + len(_STRETCHES) + len(_WAVES_IN_STATE)
 
 
 TERMS = Terms()
@@ -165,6 +173,14 @@ def _term(name: str) -> ExpressionForce:
         parameters = [_parameter("c", unit, _PRIOR_N / typical)]
         return expression_force(
             name, f"A force that depends on {depends_on}.", expression, parameters
+        )
+    stretch = _STRETCH.fullmatch(name)
+    if stretch is not None:
+        return expression_force(
+            name,
+            f"A force that comes and goes around second {stretch['second']} of a flight.",
+            f"c*exp(-((time_s - {stretch['second']})/1.2)**2)",
+            [_parameter("c", "N", _PRIOR_N)],
         )
     wave = _WAVE.fullmatch(name)
     if wave is None:

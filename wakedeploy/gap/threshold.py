@@ -39,7 +39,7 @@ FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of nami
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
-_VERSION = 3  # of what is simulated; another one starts the cache anew
+_VERSION = 4  # of what is simulated; another one starts the cache anew
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -124,7 +124,10 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
 
 
 def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
-    """A truth that the rig file describes to within its spreads, drawn at random."""
+    """A truth that the rig file describes to within its spreads, drawn at random.
+
+    Delays are off by an absolute value: a negative delay is no delay.
+    """
     values, spreads = constants_of(rig), spreads_of(rig)
     drawn = {n: values[n] + s * float(rng.standard_normal()) for n, s in spreads.items()}
     for name in drawn:
@@ -134,8 +137,8 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     truth = with_constants(rig, drawn)
     hidden = [
         _entry("range-bias", bias_m=drawn.get("range.bias_m", 0.0)),
-        _entry("range-delay", delay_s=max(drawn.get("range.delay_s", 0.0), 0.0)),
-        _entry("command-latency", latency_s=max(drawn.get("command.delay_s", 0.0), 0.0)),
+        _entry("range-delay", delay_s=abs(drawn.get("range.delay_s", 0.0))),
+        _entry("command-latency", latency_s=abs(drawn.get("command.delay_s", 0.0))),
     ]
     taken = {entry.name for entry in rig.effect}
     added = tuple(entry for entry in hidden if entry.name not in taken)

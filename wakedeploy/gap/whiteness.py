@@ -1,7 +1,7 @@
 """Whether what a fit leaves over is white noise.
 
 In: a fit. Out: the autocorrelation of its whitened innovations and a portmanteau statistic, pooled
-over the flights (Ljung and Box 1978), and their spectrum.
+over the flights (Box and Pierce, J. Am. Stat. Assoc. 65, 1970), and their spectrum.
 """
 
 from collections.abc import Sequence

@@ -54,7 +54,7 @@ def find_places(model: ResponseModel, fitted: Fit, seed: int = 0) -> list[Place]
 
 
 def whiteness(model: ResponseModel, fitted: Fit) -> dict[str, Any]:
-    """Ljung and Box's test (Biometrika 65, 1978) of the innovations, channel by channel."""
+    """The test of Box and Pierce (J. Am. Stat. Assoc. 65, 1970), channel by channel."""
     statistic, freedom = 0.0, 0
     correlations = []
     for channel in range(len(model.channels)):

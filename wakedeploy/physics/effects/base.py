@@ -26,8 +26,9 @@ class Parameter:
     `scale`: how large the effect plausibly is, as the standard deviation of its prior around the
     neutral value. `constant`: the constant of the rig that this parameter replaces (see
     `wakedeploy.physics.constants`); its neutral value is then the rig's own, else `neutral`.
-    `start`: how far from neutral (in `scale`) a fit begins, where the neutral point itself has no
-    slope.
+    `starts`: how far from neutral (in `scale`) fits begin, where the neutral point itself has no
+    slope. `scanned`: least and largest size and their ratio from one to the next, where the
+    likelihood is so jagged that every such size has to be looked at first.
     """
 
     name: str
@@ -38,6 +39,7 @@ class Parameter:
     neutral: float = 0.0
     constant: str | None = None
     starts: tuple[float, ...] = (0.5,)
+    scanned: tuple[float, float, float] | None = None
 
 
 @dataclass

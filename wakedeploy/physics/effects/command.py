@@ -66,7 +66,16 @@ class PwmQuantisation(Effect):
     physics = "Pulse widths exist only in steps of a timer, counted from the idle pulse."
     stage = "command"
     parameters = (
-        Parameter("step_us", "us", scale=5.0, low=0.0, high=40.0, starts=(0.5, 1.0, 2.0)),
+        Parameter(
+            "step_us",
+            "us",
+            scale=5.0,
+            low=0.0,
+            high=40.0,
+            starts=(0.5, 1.0, 2.0),
+            # Hover is 70 steps of 10 us from idle: a step of 0.5 % more puts it elsewhere.
+            scanned=(3.0, 30.0, 1.0035),
+        ),
     )
     confused_with = ("pwm-dead-band", "stiction")
     split_by = "a slow triangle of the sufferer's command"
