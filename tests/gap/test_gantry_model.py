@@ -8,6 +8,7 @@ from wakedeploy.gap.flight import DT_S
 from wakedeploy.gap.gantry import NOISE, GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.ranking import rank
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import parse_rig
@@ -162,3 +163,12 @@ def test_held_readings_are_less_likely_without_the_hold() -> None:
 def test_an_unknown_effect_is_a_key_error() -> None:
     with pytest.raises(KeyError):
         GantryModel(RIG, [flown(SEEDS[0])]).free(("phlogiston",))
+
+
+def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
+    truth = with_effects(pwm_quantisation={"step_us": (25.3, "us")})
+    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])
+    base = fit(model, (), range(3), model.start(()))
+    (found,) = rank(model, base, ("pwm-quantisation",))
+    assert found.gain_nats > 8.0
+    assert found.fit.value("pwm-quantisation.step_us") == pytest.approx(25.3, abs=0.05)

@@ -18,9 +18,11 @@ from wakedeploy.gap.naming import (
     Answer,
     Round,
     Thresholds,
+    _needed,
     _without_idle,
     detectable,
     fitted_base,
+    gain_over,
     name_effects,
 )
 from wakedeploy.gap.ranking import Candidate
@@ -71,14 +73,34 @@ def holds_truth(answer: Answer, effect: str) -> None:
         assert widest[0] <= truth <= widest[1], (effect, parameter, value)
 
 
-@pytest.mark.parametrize(
-    "effect", ["command-latency", pytest.param("coulomb-friction", marks=pytest.mark.slow)]
-)
-def test_a_strong_effect_is_named_with_its_size(effect: str) -> None:
-    answer = answered(effect)
-    assert answer.verdict == "named"
-    assert answer.effects == (effect,)
-    holds_truth(answer, effect)
+@pytest.fixture(scope="module")
+def late() -> Answer:
+    return answered("command-latency")
+
+
+def test_a_strong_effect_is_named_with_its_size(late) -> None:
+    assert late.verdict == "named"
+    assert late.effects == ("command-latency",)
+    holds_truth(late, "command-latency")
+
+
+@pytest.mark.slow
+def test_friction_is_named_with_its_size() -> None:
+    friction = answered("coulomb-friction")
+    assert friction.verdict == "named"
+    assert friction.effects == ("coulomb-friction",)
+    holds_truth(friction, "coulomb-friction")
+
+
+def test_a_relative_of_what_was_found_has_to_gain_more(late) -> None:
+    explained = gain_over(late.base, late.fit)
+    assert explained > 10.0 * LIMITS.effect_nats
+    for relative in ("esc-frame", "spool-lag-sufferer"):
+        needed = _needed(relative, late.base, late.fit, LIMITS)
+        assert needed == pytest.approx(0.1 * explained)
+    for other in ("ground-effect", "crosswind-offset"):
+        assert _needed(other, late.base, late.fit, LIMITS) == LIMITS.effect_nats
+    assert _needed("esc-frame", late.base, late.base, LIMITS) == LIMITS.effect_nats
 
 
 @pytest.mark.slow

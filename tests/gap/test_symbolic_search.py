@@ -120,7 +120,7 @@ def test_its_text_tells_numbers_and_units():
         (lambda m: 3.0 * m.vz_mps * np.abs(m.vz_mps), "speed-squared"),
         (lambda m: 0.6 * m.wake_n * m.vx_mps, "wake-carriage"),
         (lambda m: 0.02 * m.source_rate_nps, "source-rate"),
-        (lambda m: 0.1 * np.cos(2 * math.pi * m.z_m / 0.14 + 1.0), "wave-in-height-140mm"),
+        (lambda m: 0.1 * np.cos(2 * math.pi * m.z_m / 0.125 + 1.0), "wave-in-height-125mm"),
         (lambda m: 0.2 * np.abs(m.x_m), "place-size"),
     ],
 )
@@ -215,13 +215,16 @@ def test_the_dictionary_has_terms_of_about_the_same_size_that_are_not_each_other
     flights = [vars(motion(rng)) for _ in range(10)]
     m = Motion(**{n: np.concatenate([f[n] + np.zeros(450) for f in flights]) for n in flights[0]})
     columns, names = [], []
+    flown_s = 12
     for name in TERMS:
+        if name.startswith("stretch-") and int(name[8:-1]) > flown_s:
+            continue  # these flights are over by then
         for p in TERMS[name].parameters:
             own = {q.name: p.scale * (q.name == p.name) for q in TERMS[name].parameters}
             columns.append(np.broadcast_to(TERMS[name].force_n(own, m, SETTING), 4500))
             names.append(name)
     sizes = np.array([np.sqrt(np.mean(c**2)) for c in columns])
-    assert 40 <= len(TERMS) <= 60
+    assert 50 <= len(TERMS) <= 80
     assert {n: s for n, s in zip(names, sizes, strict=True) if not 0.05 < s < 0.5} == {}
     moving = [c - c.mean() for c, n in zip(columns, names, strict=True) if n != "constant"]
     alike = np.abs(np.corrcoef(moving)) - np.eye(len(moving))

@@ -4,10 +4,11 @@ In: the samples' time stamps, which readings equal the one before, and how often
 new one. Out: for each sample how probably it repeats the last reading, and how old its reading is.
 
 A sensor that makes a reading every `hold_s`, by a clock of its own, shows its clock's phase by what
-it repeats: a hidden Markov model whose state is a reading's age, forwards and backwards. Some
+it repeats: a hidden Markov model whose state is that phase, forwards and backwards. Some
 readings equal the last by chance.
 """
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -24,7 +25,9 @@ _BINS = 24  # of the age
 _SURE = 0.995  # no repeat is more certain
 _PERIODS_S = np.arange(0.01, 0.1205, 0.001)
 _FINER = np.linspace(-0.001, 0.001, 21)
-_WANDER_S = 0.002  # by which the two clocks' phase may move from sample to sample
+_JITTER_S = 0.0015  # of either clock
+_WANDER_S = 0.0004  # by which their phase may move from sample to sample
+_FAR_S = 0.002
 
 
 class Held(NamedTuple):
@@ -45,15 +48,17 @@ def not_held(count: int) -> Held:
     return Held(nothing, nothing, nothing)
 
 
-def held(sample_s: FloatArray, repeated: BoolArray, hold_s: float) -> Held:
+def held(
+    sample_s: FloatArray, repeated: BoolArray, hold_s: float, wander_s: float = _WANDER_S
+) -> Held:
     """The pattern of samples (n,) at these times under a clock of period `hold_s` [s]."""
     if hold_s <= 0.0:
         return not_held(len(sample_s))
     reach = 4
-    wander = np.arange(-reach, reach + 1) * hold_s / _BINS / _WANDER_S
+    wander = np.arange(-reach, reach + 1) * hold_s / _BINS / wander_s
     kernel = np.exp(-0.5 * wander**2)
     kernel /= kernel.sum()
-    told = _ages(np.diff(sample_s), repeated, hold_s, CHANCE, _BINS, kernel)
+    told = _ages(sample_s, repeated, hold_s, _BINS, _JITTER_S, CHANCE, kernel)
     return Held(np.minimum(told[0], _SURE), told[1], told[2])
 
 
@@ -63,66 +68,69 @@ def likely_period_s(
     """The clock's period [s] that the repeats of some flights are likeliest under.
 
     `samples` are time stamps (n,) and repeats (n,) of each flight. What repeats shows the period
-    to a tenth of a millisecond, and is jagged in it: no climb would find it from far away.
+    to a tenth of a millisecond, and is jagged in it: no climb would find it from far away. A phase
+    that may wander far makes it smooth enough to look at every millisecond first.
     """
 
-    def evidence(hold_s: float) -> float:
+    def evidence(hold_s: float, wander_s: float) -> float:
         total = 0.0
         for sample_s, repeated in samples:
-            share = held(sample_s, repeated, hold_s).probability
+            share = held(sample_s, repeated, hold_s, wander_s).probability
             equal = share + (1.0 - share) * CHANCE
             total += float(np.log(np.where(repeated, equal, 1.0 - equal)).sum())
         return total
 
-    best = max(_PERIODS_S, key=evidence)
-    return float(max(best + _FINER, key=evidence))
+    best = max(_PERIODS_S, key=lambda one: evidence(one, _FAR_S))
+    return float(max(best + _FINER, key=lambda one: evidence(one, _WANDER_S)))
 
 
 @compiled
 def _ages(
-    between_s: FloatArray,  # (n - 1,)
+    sample_s: FloatArray,  # (n,)
     repeated: BoolArray,  # (n,)
     hold_s: float,
-    chance: float,
     bins: int,
+    jitter_s: float,
+    chance: float,
     kernel: FloatArray,  # (2 r + 1,) of the phase's wandering, in bins
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Forward and backward passes over a reading's age, in `bins` of `hold_s`.
+    """Forward and backward passes over the phase of the sensor's clock, in `bins` of `hold_s`.
 
-    Between samples the age grows; where it passes `hold_s`, the reading is new. A new one equals
-    the last with probability `chance`. Returns per sample (n,) the probability of a repeat as told
-    by those before, the mean age [s] and its variance [s²] as told by all.
+    Returns per sample (n,) the probability of a repeat as told by those before, the mean age [s]
+    and its variance [s²] as told by all.
     """
     n = len(repeated)
-    forward, backward = np.empty((n, bins)), np.ones(bins)
+    repeats, age_s = np.zeros((n, bins)), np.empty((n, bins))
+    for k in range(n):
+        for b in range(bins):
+            age_s[k, b] = (sample_s[k] - (b + 0.5) / bins * hold_s) % hold_s
+            if k > 0:  # made before the last sample was taken, and none since
+                older = (age_s[k, b] - (sample_s[k] - sample_s[k - 1])) / jitter_s
+                due = (hold_s - age_s[k, b]) / jitter_s
+                repeats[k, b] = 1.0 / (1.0 + math.exp(-1.7 * min(older, due)))
     probability, age, variance = np.zeros(n), np.empty(n), np.empty(n)
-    at = (np.arange(bins) + 0.5) / bins * hold_s
+    forward, backward = np.empty((n, bins)), np.ones(bins)
     forward[0] = 1.0 / bins
     for k in range(1, n):
-        wandered = _wandered(forward[k - 1], kernel)
-        reached = np.zeros(bins)
-        for b in range(bins):
-            moved = b + between_s[k - 1] / hold_s * bins
-            for half in range(2):
-                end = int(moved) + half
-                mass = wandered[b] * (1.0 - abs(moved - end))
-                if end < bins:
-                    probability[k] += mass
-                reached[end % bins] += mass * _flagged(end < bins, repeated[k], chance)
-        forward[k] = reached / reached.sum()
+        before = _wandered(forward[k - 1], kernel)
+        probability[k] = before @ repeats[k]
+        forward[k] = before * _seen(repeats[k], repeated[k], chance)
+        forward[k] /= forward[k].sum()
     for k in range(n - 1, -1, -1):
         both = forward[k] * backward / (forward[k] @ backward)
-        age[k] = both @ at
-        variance[k] = both @ (at - age[k]) ** 2
-        before = np.zeros(bins)
-        for b in range(bins):
-            moved = b + between_s[max(k - 1, 0)] / hold_s * bins
-            for half in range(2):
-                end = int(moved) + half
-                seen = _flagged(end < bins, repeated[k], chance)
-                before[b] += (1.0 - abs(moved - end)) * seen * backward[end % bins]
-        backward = _wandered(before / before.sum(), kernel)
+        age[k] = both @ age_s[k]
+        variance[k] = both @ (age_s[k] - age[k]) ** 2
+        backward = _wandered(backward * _seen(repeats[k], repeated[k], chance), kernel)
+        backward /= backward.sum()
     return probability, age, variance
+
+
+@compiled
+def _seen(repeats: FloatArray, equal: bool, chance: float) -> FloatArray:
+    """How likely a reading that equals the last one (or does not) is in each phase, (b,)."""
+    if equal:
+        return repeats + (1.0 - repeats) * chance
+    return (1.0 - repeats) * (1.0 - chance) + 1e-4
 
 
 @compiled
@@ -133,11 +141,3 @@ def _wandered(share: FloatArray, kernel: FloatArray) -> FloatArray:
         for w in range(len(kernel)):
             spread[(b + w - len(kernel) // 2) % len(share)] += share[b] * kernel[w]
     return spread
-
-
-@compiled
-def _flagged(repeats: bool, seen_equal: bool, chance: float) -> float:
-    """How likely a reading is (or is not) equal to the last, if it is (or is not) a repeat."""
-    if repeats:
-        return 1.0 if seen_equal else 1e-4
-    return chance if seen_equal else 1.0 - chance

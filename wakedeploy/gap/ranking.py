@@ -36,7 +36,7 @@ _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
 _LIKELY = 30  # of the sizes that are scanned on one episode, so many are looked at on all
-_SCANNED_CLIMBED = 2
+_SCANNED_CLIMBED = 4
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
