@@ -105,6 +105,48 @@ def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
     _describe(made, out, json_path)
 
 
+@import_.command("flaredw")
+@click.argument("path", type=click.Path(path_type=Path))
+@_OUT
+@_JSON
+def import_flaredw(path: Path, out: Path, json_path: Path | None) -> None:
+    """Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
+
+    PATH is the repository's folder agile_manuevers, or any folder with such files.
+
+    \b
+    Example:
+        wakedeploy data import flaredw CDP-CFD/agile_manuevers --out sets/quadrotor
+    """
+    from wakedeploy.domains.quadrotor import import_set
+
+    with progress("Importing", 1) as bar:
+        made = import_set(path, bar.update)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
+@import_.command("crazyflie")
+@click.argument("path", type=click.Path(path_type=Path))
+@_OUT
+@_JSON
+def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
+    """Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
+
+    PATH is any folder with such files; each flight is two episodes, one for either sufferer.
+
+    \b
+    Example:
+        wakedeploy data import crazyflie swaps --out sets/crazyflie
+    """
+    from wakedeploy.domains.crazyflie import import_set
+
+    with progress("Importing", 1) as bar:
+        made = import_set(path, bar.update)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
 @command.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @_JSON

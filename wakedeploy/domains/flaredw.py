@@ -38,6 +38,7 @@ class Flight:
     """
 
     name: str
+    file: Path
     source: Vector
     sufferer: Vector
     label: Vector
@@ -128,7 +129,8 @@ def _flights(file: Path) -> list[Flight]:
         crashed = max(np.abs(s[:, 10:12]).max() for s in (one, two)) > _CRASH_RAD
         if end - start >= _SHORTEST and not crashed:
             given = None if stated is None else np.asarray(stated[start:end, 2], float)
-            found.append(Flight(f"{name}@{start}", one, two, force_label(two), given))
+            label = force_label(two)
+            found.append(Flight(f"{name}@{start}", file, one, two, label, given))
     return found
 
 

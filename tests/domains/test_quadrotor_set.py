@@ -1,0 +1,154 @@
+"""FlareDW as an episode set: features, the observer that learns nothing, files split whole."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from wakedeploy.cli import main
+from wakedeploy.domains.flaredw import MASS_KG, thrust_n
+from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
+from wakedeploy.episodes import read_episode_set
+from wakedeploy.errors import UnusableInput
+
+DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
+HOVER_RADPS = 379.0
+
+
+def states(seconds: float, seed: int, speed_radps: float = HOVER_RADPS) -> np.ndarray:
+    """A vehicle that drifts about in some attitude, its quaternion and position consistent."""
+    rng = np.random.default_rng(seed)
+    n = int(seconds * 200)
+    s = np.zeros((n, 26))
+    time_s = np.arange(n) / 200
+    s[:, 3:6] = np.cumsum(rng.normal(0, 0.01, (n, 3)), axis=0)
+    s[:, 0:3] = rng.uniform(-1, 1, 3) + np.cumsum(s[:, 3:6], axis=0) / 200
+    angles = 0.2 * np.sin(2.0 * time_s[:, None] + rng.uniform(0, 6, 3))
+    x, y, z, w = Rotation.from_euler("ZYX", angles).as_quat().T
+    s[:, 9:12], s[:, 18:22] = angles, np.stack([w, x, y, z], axis=1)
+    s[:, 22:26] = speed_radps * np.array([1, 1, -1, -1])
+    return s
+
+
+def saved(folder: Path, name: str, seconds: float = 3.0, **overrides) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    keys = {"uav_1_states": states(seconds, 1), "uav_2_states": states(seconds, 2)} | overrides
+    np.savez(folder / f"{name}.npz", **keys)
+    return folder
+
+
+@settings(max_examples=20, deadline=None)
+@given(
+    yaw=st.floats(-3.0, 3.0),
+    shift=st.lists(st.floats(-50.0, 50.0), min_size=3, max_size=3),
+    seed=st.integers(0, 1000),
+)
+def test_turning_and_moving_the_world_changes_no_feature(yaw, shift, seed) -> None:
+    both = [states(1.0, seed), states(1.0, seed + 1)]
+    turn = Rotation.from_euler("z", yaw)
+    moved = []
+    for s in both:
+        m = s.copy()
+        m[:, 0:3] = turn.apply(s[:, 0:3]) + shift
+        m[:, 3:6] = turn.apply(s[:, 3:6])
+        x, y, z, w = (turn * Rotation.from_quat(s[:, [19, 20, 21, 18]])).as_quat().T
+        m[:, 18:22] = np.stack([w, x, y, z], axis=1)
+        moved.append(m)
+    assert features(*moved) == pytest.approx(features(*both), abs=1e-6)
+
+
+def test_features_are_what_their_names_say() -> None:
+    source, sufferer = states(1.0, 3), states(1.0, 4)
+    source[:, 0:3], sufferer[:, 0:3] = (0.0, 0.0, 3.0), (0.3, 0.4, 1.0)
+    source[:, 3:6], sufferer[:, 3:6] = (0.6, 0.8, 0.1), (-0.8, 0.6, -0.2)
+    source[:, 18:22] = (1.0, 0.0, 0.0, 0.0)  # upright: no thrust sideways
+    told = dict(zip([c.name for c in OBSERVATION], features(source, sufferer)[10], strict=True))
+    assert told["distance_m"] == pytest.approx(0.5)
+    assert told["dz_m"] == pytest.approx(-2.0)
+    assert told["source_thrust_z_n"] == pytest.approx(thrust_n(source)[10])
+    assert told["source_vz_mps"] == pytest.approx(0.1)
+    assert (told["cos_source_thrust"], told["sin_source_thrust"]) == (0.0, 0.0)
+    assert told["cos_source_velocity"] == pytest.approx(1.0)
+    assert told["cos_sufferer_velocity"] == pytest.approx(0.0, abs=1e-12)
+    assert told["sin_sufferer_velocity"] == pytest.approx(1.0)
+
+
+def test_the_observer_sees_a_steady_push_and_nothing_of_the_future() -> None:
+    push_n = np.array([0.5, -1.0, 2.0])
+    s = states(2.0, 5)
+    s[:, 18:22] = (1.0, 0.0, 0.0, 0.0)
+    lift_n = np.array([0.0, 0.0, thrust_n(s)[0] - MASS_KG * 9.81])
+    time_s = np.arange(len(s)) / 200
+    s[:, 3:6] = time_s[:, None] * (push_n + lift_n) / MASS_KG
+    assert observed_force(s) == pytest.approx(np.tile(push_n, (len(s), 1)), abs=0.02)
+    later = s.copy()
+    later[200:, 3:6] += 1.0
+    assert np.array_equal(observed_force(later)[:200], observed_force(s)[:200])
+
+
+def test_files_are_split_whole_within_each_manoeuvre(tmp_path: Path) -> None:
+    for manoeuvre in ("1_flybelow", "3_swapping"):
+        for number in range(4):
+            two = states(6.0, 10 + number)
+            two[600:, 0] += 1.0  # two iterations
+            saved(tmp_path / manoeuvre / "some", f"run{number}", 6.0, uav_2_states=two)
+    made = import_set(tmp_path)
+    assert len(made.episodes) == 16
+    for manoeuvre in ("1_flybelow", "3_swapping"):
+        names = [n for n, m in made.provenance["manoeuvre"].items() if m == manoeuvre]
+        assert len(names) == 8
+        by_file: dict[str, set[str]] = {}
+        for name in names:
+            by_file.setdefault(name.rpartition("-")[0], set()).add(made.split[name])
+        assert len(by_file) == 4
+        assert all(len(splits) == 1 for splits in by_file.values())
+        assert {made.split[n] for n in names} == {"train", "validation", "test"}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        ({"uav_2_states": np.zeros((600, 20))}, "uav_2_states has shape (600, 20)"),
+        ({"uav_1_states": np.full((600, 26), np.nan)}, "uav_1_states"),
+        ({"uav_1_states": states(2.0, 1)}, "400 states of the source, 600 of the sufferer"),
+    ],
+)
+def test_bad_recordings_are_refused_by_file_and_key(tmp_path: Path, overrides, told: str) -> None:
+    saved(tmp_path, "bad", **overrides)
+    with pytest.raises(UnusableInput) as refused:
+        import_set(tmp_path)
+    assert "bad.npz" in str(refused.value)
+    assert told in str(refused.value)
+
+
+def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -> None:
+    saved(tmp_path / "in" / "1_flybelow", "one")
+    out = tmp_path / "set"
+    told = CliRunner().invoke(main, ["data", "import", "flaredw", str(tmp_path / "in"), "--out",
+                                     str(out)])  # fmt: skip
+    assert told.exit_code == 0, told.output
+    assert read_episode_set(out).domain == "quadrotor"
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    refused = CliRunner().invoke(main, ["data", "import", "flaredw", str(empty), "--out",
+                                        str(tmp_path / "none")])  # fmt: skip
+    assert refused.exit_code == 2
+    assert "no .npz" in refused.output
+    assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")
+def test_the_recordings_become_a_set() -> None:
+    made = import_set(DATA / "quadrotor")
+    seconds = sum(len(e.force) for e in made.episodes) / made.rate_hz
+    assert seconds > 120.0
+    test = made.part("test")
+    force = np.concatenate([e.force[:, 2] for e in test])
+    observed = np.concatenate([e.extras["observer_n"][:, 2] for e in test])
+    # The sufferer's own motion tells much of the label, which is made of its acceleration.
+    assert np.sqrt(np.mean((observed - force) ** 2)) < 0.7 * np.sqrt(np.mean(force**2))

@@ -1,0 +1,212 @@
+"""Two Crazyflies that swap places: real downwash, as an episode set.
+
+In: a folder with `swap_<kinds>_<number>.npz` at 100 Hz, `<kinds>` being `ss`, `sl` or `ll`: which
+of small and large the vehicles a and b are (in `sl`, a is the large one). Out: an episode set in
+which each flight is two episodes, one for either sufferer: relative state, thrust commands,
+batteries and masses predict the measured force in world axes. Split by flight.
+
+The force is mass times measured acceleration (which includes gravity) less the thrust that the
+motors are estimated to give; nothing is smoothed.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import wakedeploy
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.files import sha256_of
+
+RATE_HZ = 100.0
+WINDOW_S = 0.5
+MASS_KG = {"s": 0.032, "l": 0.067}
+OBSERVATION = (
+    *(Channel(f"d{axis}_m", "m") for axis in "xyz"),
+    *(Channel(f"dv{axis}_mps", "m/s") for axis in "xyz"),
+    Channel("source_command", "1"),
+    Channel("sufferer_command", "1"),
+    Channel("source_battery_v", "V"),
+    Channel("sufferer_battery_v", "V"),
+    Channel("source_mass_kg", "kg"),
+    Channel("sufferer_mass_kg", "kg"),
+)
+FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
+
+_COLUMNS = {"pos": 3, "vel": 3, "acc": 3, "quat_xyzw": 4, "motor_thrust": 4, "pwm": 4, "vbat": 1}
+_NAME = re.compile(r"swap_(ss|sl|ll)_.+")
+_SHORTEST = 200  # samples
+_UNEVEN_S = 0.002
+_ROUND = ("train", "train", "test", "validation", "train")
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Vehicle:
+    """One vehicle's recorded columns, (n, ·) each, and its mass."""
+
+    columns: dict[str, Vector]
+    mass_kg: float
+
+    def force_n(self) -> Vector:
+        """What neither thrust nor gravity explains (n, 3), world axes."""
+        x, y, z, w = self.columns["quat_xyzw"].T
+        up = np.stack([2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)], axis=1)
+        thrust_n = self.columns["motor_thrust"].sum(1)
+        return np.asarray(self.mass_kg * self.columns["acc"] - up * thrust_n[:, None])
+
+    def command(self) -> Vector:
+        """Mean pulse width of the four motors (n,), 0…1."""
+        return np.asarray(self.columns["pwm"].mean(1))
+
+
+def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -> EpisodeSet:
+    """Read every flight below `path`; UnusableInput names the file, the key and the reason.
+
+    `progress(done, total)` is called after each flight.
+    """
+    files = _find(path)
+    episodes, split = list[Episode](), dict[str, str]()
+    for done, file in enumerate(files, 1):
+        a, b = _read(file)
+        for sufferer, source, letter in ((a, b, "a"), (b, a, "b")):
+            episode = _episode(f"{file.stem}-{letter}", source, sufferer)
+            episodes.append(episode)
+            split[episode.name] = _split(files)[file]
+        if progress is not None:
+            progress(done, len(files))
+    return EpisodeSet(
+        domain="crazyflie",
+        rate_hz=RATE_HZ,
+        observation=OBSERVATION,
+        force=FORCE,
+        window_s=WINDOW_S,
+        loss_weights=(1.0, 1.0, 1.0),
+        split=split,
+        episodes=tuple(episodes),
+        provenance={
+            "generator": f"wakedeploy {wakedeploy.__version__} crazyflie",
+            "files": {file.name: sha256_of(file.read_bytes()) for file in files},
+        },
+    )
+
+
+def _episode(name: str, source: _Vehicle, sufferer: _Vehicle) -> Episode:
+    n = len(sufferer.columns["pos"])
+    observed = [
+        source.columns["pos"] - sufferer.columns["pos"],
+        source.columns["vel"] - sufferer.columns["vel"],
+        source.command(),
+        sufferer.command(),
+        source.columns["vbat"],
+        sufferer.columns["vbat"],
+        np.full(n, source.mass_kg),
+        np.full(n, sufferer.mass_kg),
+    ]
+    return Episode(
+        name,
+        np.column_stack(observed).astype(np.float32),
+        sufferer.force_n().astype(np.float32),
+    )
+
+
+def _split(files: list[Path]) -> dict[Path, str]:
+    """A split for each flight, the kinds of pairs shared out alike."""
+    kinds = {_kind(file): [f for f in files if _kind(f) == _kind(file)] for file in files}
+    return {
+        file: _ROUND[place % len(_ROUND)]
+        for same in kinds.values()
+        for place, file in enumerate(same)
+    }
+
+
+def _kind(file: Path) -> str:
+    found = _NAME.fullmatch(file.stem)
+    if found is None:
+        raise UnusableInput(
+            f"{file}: the name does not say which vehicles fly; it has to begin with swap_ss_, "
+            "swap_sl_ or swap_ll_."
+        )
+    return found[1]
+
+
+def _find(path: Path) -> list[Path]:
+    if not path.is_dir():
+        raise UnusableInput(f"{path}: is not a folder; give one that holds swap_….npz files.")
+    files = sorted(p for p in path.rglob("swap_*.npz") if not p.name.startswith("."))
+    if not files:
+        raise UnusableInput(f"{path}: no swap_….npz in it or below; give the folder of flights.")
+    names = [file.name for file in files]
+    for name in names:
+        if names.count(name) > 1:
+            raise UnusableInput(f"{path}: holds {name} twice; give a folder with one.")
+    return files
+
+
+def _read(file: Path) -> tuple[_Vehicle, _Vehicle]:
+    """Vehicles a and b."""
+    kind = _kind(file)
+    masses = (MASS_KG["l"], MASS_KG["s"]) if kind == "sl" else (MASS_KG[kind[0]],) * 2
+    try:
+        with np.load(file, allow_pickle=False) as archive:
+            arrays = {key: np.asarray(archive[key]) for key in archive.files}
+    except (OSError, ValueError, EOFError) as error:
+        raise UnusableInput(
+            f"{file}: cannot be read ({one_line(error)}); fetch it again."
+        ) from error
+    n = len(_time(file, arrays))
+    a, b = (
+        _Vehicle(
+            {k: _column(file, arrays, f"{letter}_{k}", (n, w)) for k, w in _COLUMNS.items()}, m
+        )
+        for letter, m in zip("ab", masses, strict=True)
+    )
+    return a, b
+
+
+def _time(file: Path, arrays: dict[str, NDArray[np.generic]]) -> Vector:
+    """`t` [s], rising evenly at 100 Hz."""
+    time_s = _column(file, arrays, "t", None)
+    if len(time_s) < _SHORTEST:
+        raise _refused(file, "t", f"has {len(time_s)} samples, less than {_SHORTEST}")
+    steps_s = np.diff(time_s)
+    if (steps_s <= 0.0).any():
+        raise _refused(file, "t", f"does not rise at sample {np.argmax(steps_s <= 0.0) + 1}")
+    uneven = np.abs(steps_s - 1.0 / RATE_HZ) > _UNEVEN_S
+    if uneven.any():
+        at = int(np.argmax(uneven))
+        reason = f"steps by {steps_s[at]:.4g} s after sample {at}, not by {1.0 / RATE_HZ:g} s"
+        raise _refused(file, "t", reason)
+    return time_s
+
+
+def _column(
+    file: Path,
+    arrays: dict[str, NDArray[np.generic]],
+    key: str,
+    shape: tuple[int, int] | None,
+) -> Vector:
+    """An array of finite real numbers of a shape, of any length where none is given."""
+    if key not in arrays:
+        raise _refused(file, key, "is missing")
+    array = arrays[key]
+    if array.dtype.kind not in "fiu":
+        raise _refused(file, key, "does not hold real numbers")
+    wanted = shape if shape is not None else (array.size,)
+    if array.shape != wanted:
+        raise _refused(file, key, f"has shape {array.shape}, not {wanted}")
+    values = array.astype(np.float64)
+    # Sets hold float32: what overflows there is as little a measurement as a NaN.
+    finite = np.abs(values) < np.finfo(np.float32).max
+    if not finite.all():
+        raise _refused(file, key, f"is not finite at sample {np.argwhere(~finite)[0][0]}")
+    return values
+
+
+def _refused(file: Path, key: str, reason: str) -> UnusableInput:
+    return UnusableInput(f"{file}: {key}: {reason}; fetch the file again or leave it out.")
