@@ -1,0 +1,1 @@
+"""Ships that pass each other: forces by slender-body theory and by vortices in shallow water."""
