@@ -1,7 +1,7 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -75,6 +75,39 @@ def make_gantry(
     rig = read_rig(rig_path) if rig_path else default_rig()
     with progress("Flying", 1) as bar:
         made = make_set(rig, minutes=minutes, seed=seed, packages=packages, progress=bar.update)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
+@make.command("ship")
+@_OUT
+@click.option("--minutes", type=click.FloatRange(0.1, 10_000), default=120.0, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--level",
+    type=click.Choice(["slender", "vortex"]),
+    default="vortex",
+    show_default=True,
+    help="Slender bodies without memory, or vortices with wakes.",
+)
+@_JSON
+def make_ship(
+    out: Path,
+    minutes: float,
+    seed: int,
+    level: Literal["slender", "vortex"],
+    json_path: Path | None,
+) -> None:
+    """Sail two ships past each other in a shallow channel: encounters and overtaking.
+
+    \b
+    Example:
+        wakedeploy data make ship --out sets/ship --minutes 120 --seed 0
+    """
+    from wakedeploy.domains.ship import make_set
+
+    with progress("Sailing", 1) as bar:
+        made = make_set(minutes=minutes, seed=seed, level=level, progress=bar.update)
     made.write(out)
     _describe(made, out, json_path)
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wakedeploy.physics.ships.hull import WATER_KGPM3, Hull, mirrored
+from wakedeploy.physics.ships.hull import WATER_KGPM3, Hull, mirrors
 from wakedeploy.physics.ships.slender import Passing
 
 HULL = Hull()
@@ -97,6 +97,6 @@ def test_a_ship_alone_is_drawn_to_the_nearer_wall_and_not_in_the_middle() -> Non
 
 
 def test_images_lie_where_two_mirrors_put_them() -> None:
-    assert mirrored(10.0, None, 5) == [(10.0, 1)]
-    places = dict(mirrored(10.0, 50.0, 2))
+    assert mirrors(None, 5) == [(1, 0.0)]
+    places = {sign * 10.0 + shift: sign for sign, shift in mirrors(50.0, 2)}
     assert places == {10.0: 1, -110.0: -1, 90.0: -1, -190.0: 1, 210.0: 1}

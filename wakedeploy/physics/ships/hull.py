@@ -52,17 +52,16 @@ class Hull:
         return np.asarray(plate + 0.5 * self.area_m2(x_m) / (depth_m - draught))
 
 
-def mirrored(aside_m: float, wall_m: float | None, images: int) -> list[tuple[float, int]]:
-    """Where a body at `aside_m` seems to be in a channel with walls at ±`wall_m`.
+def mirrors(wall_m: float | None, images: int) -> list[tuple[int, float]]:
+    """The reflections in a channel with walls at ±`wall_m`, as (sign, shift [m]).
 
-    The body first, then its mirror images, with the sign of what is odd across a wall: sources keep
-    theirs, a potential jump changes it with every reflection. Without walls, the body alone.
+    What is at y seems to be at sign · y + shift, too. The first is the body itself. Sources keep
+    their strength in a mirror, a potential jump takes the sign. Without walls, the body alone.
     """
-    places = [(aside_m, 1)]
+    found = [(1, 0.0)]
     if wall_m is None:
-        return places
+        return found
     for n in range(1, images + 1):
         sign = -1 if n % 2 else 1
-        for side in (-1.0, 1.0):
-            places.append((2.0 * n * side * wall_m + sign * aside_m, sign))
-    return places
+        found += [(sign, 2.0 * n * side * wall_m) for side in (-1.0, 1.0)]
+    return found

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wakedeploy.physics.ships.hull import WATER_KGPM3, FloatArray, Hull, mirrored
+from wakedeploy.physics.ships.hull import WATER_KGPM3, FloatArray, Hull, mirrors
 
 SHIPS = 2
 
@@ -65,6 +65,7 @@ class VortexShips:
             self._inverse_blockage.append(0.5 / blockage)
         # Wakes: (w, 4) of older end, newer end [m], aside [m], jump [m²/s]
         self._wake = [np.zeros((0, 4)) for _ in range(SHIPS)]
+        self._mirrors = mirrors(waterway.wall_m, waterway.images)
         self._stern: list[tuple[float, float] | None] = [None] * SHIPS
         self._jump: FloatArray | None = None
 
@@ -121,11 +122,10 @@ class VortexShips:
             for j in range(SHIPS):
                 columns = slice(j * n, (j + 1) * n)
                 ends = x_m[j] + heading[j] * self._along[j]
-                places = mirrored(float(aside_m[j]), self.waterway.wall_m, self.waterway.images)
-                for place, sign in places:
-                    apart = aside_m[i] - place
+                for sign, shift in self._mirrors:
+                    apart = aside_m[i] - sign * aside_m[j] - shift
                     matrix[rows, columns] += sign * _across(at, ends, apart)
-                    if i != j or place != aside_m[j]:
+                    if i != j or shift != 0.0:
                         strength = -abs(speed_mps[j]) / self.waterway.depth_m
                         slope = self.waterway.hulls[j].area_slope_m(self._middle[j])
                         flow[rows] += _displaced(at, ends, apart) @ (strength * slope)
@@ -144,24 +144,19 @@ class VortexShips:
             return np.zeros(len(at))
         total = np.zeros(len(at))
         ends = np.array([before[0], stern[0]])
-        for place, sign in mirrored(stern[1], self.waterway.wall_m, self.waterway.images):
-            total += sign * _across(at, ends, aside_m - place)[:, 0]
+        for sign, shift in self._mirrors:
+            total += sign * _across(at, ends, aside_m - sign * stern[1] - shift)[:, 0]
         return total
 
     def _from_wake(self, at: FloatArray, aside_m: float, ship: int) -> FloatArray:
-        wake = self._wake[ship]
+        older, newer, place, jump = self._wake[ship].T
         total = np.zeros(len(at))
-        if not len(wake):
-            return total
-        walls, images = self.waterway.wall_m, self.waterway.images
-        for k in range(1 if walls is None else 2 * images + 1):
-            seen = [mirrored(float(a), walls, images)[k] for a in wake[:, 2]]
-            place, sign = np.array(seen).T
-            older, newer = (at[:, None] - wake[None, :, c] for c in (0, 1))
-            square = (aside_m - place)[None, :] ** 2
-            pair = older / (older**2 + square) - newer / (newer**2 + square)
-            direction = np.sign(wake[:, 1] - wake[:, 0])
-            total += -pair @ (sign * direction * wake[:, 3]) / (2.0 * np.pi)
+        strength = -np.sign(newer - older) * jump / (2.0 * np.pi)
+        since, until = at[:, None] - older, at[:, None] - newer
+        for sign, shift in self._mirrors:
+            square = (aside_m - sign * place - shift) ** 2
+            pair = since / (since**2 + square) - until / (until**2 + square)
+            total += pair @ (sign * strength)
         return total
 
     def _shed(self, ship: int, stern: tuple[float, float], jump: float) -> None:

@@ -9,10 +9,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from wakedeploy.physics.ships.hull import WATER_KGPM3, FloatArray, Hull, mirrored
+from wakedeploy.physics.ships.hull import WATER_KGPM3, FloatArray, Hull, mirrors
 
-_NODES = 48  # of Gauss and Legendre along each hull; the integrands are smooth
-_BOTTOMS = 40  # images in bottom and surface that are summed; the rest is an integral
+_NODES = 32  # of Gauss and Legendre along each hull; the integrands are smooth
+_BOTTOMS = 10  # images in bottom and surface that are summed; the rest is an integral
 
 
 @dataclass(frozen=True)
@@ -45,11 +45,14 @@ class Passing:
         """
         ahead_m = np.atleast_1d(np.asarray(ahead_m, dtype=float))
         sway, yaw = np.zeros(len(ahead_m)), np.zeros(len(ahead_m))
-        for place, _ in mirrored(other_aside_m, self.wall_m, self.images):
-            flow = self._crossflow(self.other, ahead_m, own_aside_m - place, other_mps)
+        seen = mirrors(self.wall_m, self.images)
+        for sign, shift in seen:
+            apart = own_aside_m - sign * other_aside_m - shift
+            flow = self._crossflow(self.other, ahead_m, apart, other_mps)
             sway, yaw = self._added(sway, yaw, flow, own_mps, other_mps)
-        for place, _ in mirrored(own_aside_m, self.wall_m, self.images)[1:]:
-            flow = self._crossflow(self.own, np.zeros(1), own_aside_m - place, own_mps)
+        for sign, shift in seen[1:]:
+            apart = own_aside_m - sign * own_aside_m - shift
+            flow = self._crossflow(self.own, np.zeros(1), apart, own_mps)
             sway, yaw = self._added(sway, yaw, flow, own_mps, own_mps)
         return sway, yaw
 

@@ -1,0 +1,87 @@
+"""Ships under way: passages, their observations, their forces, and the ship that steers."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wakedeploy.cli import main
+from wakedeploy.domains.ship import OBSERVATION, RATE_HZ, _drawn, _Job, _sail, _steps
+from wakedeploy.episodes import read_episode_set
+from wakedeploy.physics.ships.hull import WATER_KGPM3, Hull
+from wakedeploy.physics.ships.manoeuvring import Ship, State
+
+COLUMN = {c.name: i for i, c in enumerate(OBSERVATION)}
+
+
+def passage(level: str = "vortex"):
+    """A short encounter."""
+    return _sail(_Job(level, 1, "one"))
+
+
+def test_a_passage_begins_and_ends_two_lengths_apart_and_repeats_exactly() -> None:
+    one = passage()
+    dx = one.observation[:, COLUMN["dx_m"]]
+    step_m = abs(one.observation[0, COLUMN["dvx_mps"]]) / RATE_HZ
+    assert abs(abs(dx[0]) - 200.0) <= step_m
+    assert abs(abs(dx[-1]) - 200.0) <= step_m
+    assert np.sign(dx[0]) == -np.sign(dx[-1])
+    assert np.array_equal(one.force, passage().force)
+
+
+def test_speeds_observed_are_those_of_the_places_observed() -> None:
+    observed = passage().observation.astype(float)
+    for place, speed in (("dx_m", "dvx_mps"), ("dy_m", "dvy_mps")):
+        moved = np.diff(observed[:, COLUMN[place]]) * RATE_HZ
+        middle = 0.5 * (observed[1:, COLUMN[speed]] + observed[:-1, COLUMN[speed]])
+        assert moved == pytest.approx(middle, abs=0.1)
+
+
+def test_both_levels_attract_abreast_and_differ() -> None:
+    forces = {}
+    for level in ("vortex", "slender"):
+        rows = [row for row in _steps(_drawn(np.random.default_rng([1, 0])), level) if row]
+        abreast = min(rows, key=lambda row: abs(row[0][COLUMN["dx_m"]]))
+        assert np.sign(abreast[1][0]) == np.sign(abreast[0][COLUMN["dy_m"]])
+        forces[level] = abreast[1][0]
+    assert forces["vortex"] != pytest.approx(forces["slender"], rel=0.02)
+
+
+def test_a_ship_holds_its_lane_and_comes_back_to_it() -> None:
+    ship = Ship(Hull(), State(0.0, 10.0, 4.0), 4.0)
+    for _ in range(600):
+        ship.step(0.0, 0.0, 0.0, 0.5)
+    assert ship.state.aside_m == pytest.approx(0.0, abs=0.3)
+    assert ship.state.heading_rad == pytest.approx(0.0, abs=0.005)
+    assert ship.state.speed_mps == pytest.approx(4.0)
+
+
+def test_a_ship_that_comes_the_other_way_is_the_same_ship_turned_round() -> None:
+    one = Ship(Hull(), State(0.0, 6.0, 4.0, 1), 4.0)
+    other = Ship(Hull(), State(0.0, -6.0, 4.0, -1), 4.0)
+    for k in range(200):
+        sway_n, yaw_nm = 5e4 * np.sin(0.05 * k), 1e6 * np.cos(0.03 * k)
+        one.step(2.0, sway_n, yaw_nm, 0.5)
+        other.step(-2.0, -sway_n, yaw_nm, 0.5)
+    assert other.state.x_m == pytest.approx(-one.state.x_m)
+    assert other.state.aside_m == pytest.approx(-one.state.aside_m)
+    assert other.state.heading_rad == pytest.approx(one.state.heading_rad)
+
+
+def test_a_push_begins_to_move_a_ship_with_its_added_mass() -> None:
+    """Sway added mass of such hulls is between half and all of what they displace."""
+    ship = Ship(Hull(), State(0.0, 0.0, 4.0), 4.0)
+    displaced_kg = WATER_KGPM3 * Hull().volume_m3
+    ship.step(0.0, 1e5, 0.0, 0.05)
+    mass_kg = 1e5 / (ship.state.drift_mps / 0.05)
+    assert 1.5 * displaced_kg < mass_kg < 2.1 * displaced_kg
+
+
+def test_the_command_writes_a_set(tmp_path) -> None:
+    out = tmp_path / "ship"
+    told = CliRunner().invoke(main, ["data", "make", "ship", "--out", str(out), "--minutes", "1",
+                                     "--seed", "4"])  # fmt: skip
+    assert told.exit_code == 0, told.output
+    made = read_episode_set(out)
+    assert made.domain == "ship"
+    assert set(made.split.values()) == {"train", "validation", "test"}
+    assert made.provenance["level"] == "vortex"

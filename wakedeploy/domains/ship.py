@@ -1,0 +1,248 @@
+"""Ships that meet or overtake each other in a shallow channel, simulated, as an episode set.
+
+In: how many minutes, a seed, and how the forces are computed. Out: an episode set at 2 Hz: what
+both ships do predicts the sway force and yaw moment on the sufferer. It steers to targets across
+the channel that change with time and are not observed. Ranges are those in which such passages
+happen; forces come from `wakedeploy.physics.ships`.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+import wakedeploy
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.ships.hull import Hull
+from wakedeploy.physics.ships.manoeuvring import Ship, State
+from wakedeploy.physics.ships.shallow import VortexShips, Waterway
+from wakedeploy.physics.ships.slender import Passing
+
+RATE_HZ = 2.0
+WINDOW_S = 30.0  # in which a ship moves on by about its length
+OBSERVATION = (
+    Channel("dx_m", "m"),
+    Channel("dy_m", "m"),
+    Channel("dvx_mps", "m/s"),
+    Channel("dvy_mps", "m/s"),
+    Channel("sufferer_speed_mps", "m/s"),
+    Channel("sufferer_heading_rad", "rad"),
+    Channel("sufferer_aside_m", "m"),
+    Channel("depth_over_draught", "1"),
+)
+FORCE = (Channel("sway_n", "N"), Channel("yaw_nm", "N m"))
+Level = Literal["slender", "vortex"]
+
+# The first three as the paper's ranges have it, the last two what a pass needs: estimates all.
+DEPTH_OVER_DRAUGHT = (1.2, 2.0)
+APART_LENGTHS = (0.25, 0.5)
+SPEED_RATIO = (0.5, 2.0)
+SPEED_MPS = (3.0, 5.0)
+WALL_LENGTHS = (0.9, 1.4)
+_FROM_LENGTHS = 2.0  # apart along the channel when a pass begins and ends
+_SETTLING_S = 30.0  # in which wakes form
+_SLOWEST_PASS = 0.15  # a pass whose speeds differ less, relative to the faster, would never end
+_NEAREST_BEAMS = 1.15
+_SWERVE_LENGTHS = 0.06
+_SWERVE_S = (60.0, 240.0)
+
+
+@dataclass(frozen=True)
+class _Job:
+    level: Level
+    seed: int
+    name: str
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """One passage: who comes how, and where the sufferer wants to be."""
+
+    depth_m: float
+    wall_m: float
+    sufferer_mps: float
+    source_mps: float  # signed: negative for a ship that comes towards one
+    sufferer_m: float
+    source_m: float
+    swerves: tuple[tuple[float, float, float], ...]  # amplitude [m], rate [rad/s], phase
+
+    def target_m(self, t_s: float) -> float:
+        """Where across the channel the sufferer steers to."""
+        return self.sufferer_m + sum(a * math.sin(w * t_s + p) for a, w, p in self.swerves)
+
+
+def make_set(
+    *,
+    minutes: float,
+    seed: int,
+    level: Level = "vortex",
+    progress: Callable[[int, int], None] | None = None,
+    workers: int = 2,
+) -> EpisodeSet:
+    """Simulate passages until there are `minutes` of them, at least three; split by passage.
+
+    `level` "vortex" has wakes and with them a memory, "slender" has none. `progress(done, total)`
+    counts seconds.
+    """
+    wanted_s, done_s = 60.0 * minutes, 0.0
+    jobs = (_Job(level, 1_000_000 * (seed + 1) + i, f"pass{i:04d}") for i in itertools.count())
+    episodes: list[Episode] = []
+    with ProcessPoolExecutor(max_workers=workers) as pool:
+        while done_s < wanted_s or len(episodes) < 3:
+            for episode in pool.map(_sail, itertools.islice(jobs, 4 * workers)):
+                if done_s < wanted_s or len(episodes) < 3:
+                    episodes.append(episode)
+                    done_s += len(episode.force) / RATE_HZ
+            if progress is not None:
+                progress(min(round(done_s), round(wanted_s)), round(wanted_s))
+    return EpisodeSet(
+        domain="ship",
+        rate_hz=RATE_HZ,
+        observation=OBSERVATION,
+        force=FORCE,
+        window_s=WINDOW_S,
+        loss_weights=(1.0, 1.0),
+        split={e.name: _split_of(i, len(episodes)) for i, e in enumerate(episodes)},
+        episodes=tuple(episodes),
+        provenance={
+            "generator": f"wakedeploy {wakedeploy.__version__} ship",
+            "seed": seed,
+            "minutes": minutes,
+            "level": level,
+        },
+    )
+
+
+def _split_of(index: int, count: int) -> str:
+    """The last 15 % test, 15 % before them validation, at least one each."""
+    held = max(1, round(0.15 * count))
+    if index >= count - held:
+        return "test"
+    return "validation" if index >= count - 2 * held else "train"
+
+
+def _sail(job: _Job) -> Episode:
+    """A passage in which the hulls keep clear of each other and of the walls."""
+    for attempt in range(20):
+        rows = list(_steps(_drawn(np.random.default_rng([job.seed, attempt])), job.level))
+        if rows and all(row is not None for row in rows):
+            observed = np.array([row[0] for row in rows if row is not None])
+            forces = np.array([row[1] for row in rows if row is not None])
+            return Episode(job.name, observed.astype(np.float32), forces.astype(np.float32))
+    raise UnusableInput(f"{job.name}: 20 passages in a row ended in a collision; change the seed.")
+
+
+def _drawn(rng: np.random.Generator) -> _Pass:
+    hull = Hull()
+    sufferer = float(rng.uniform(*SPEED_MPS))
+    while True:
+        ratio = float(np.exp(rng.uniform(*np.log(SPEED_RATIO))))
+        if abs(ratio - 1.0) > _SLOWEST_PASS * max(ratio, 1.0):
+            break
+    way = -1.0 if rng.random() < 0.5 else 1.0
+    apart = float(rng.uniform(*APART_LENGTHS)) * hull.length_m * float(rng.choice([-1.0, 1.0]))
+    swerves = tuple(
+        (
+            _SWERVE_LENGTHS * hull.length_m * float(rng.uniform(0.3, 1.0)),
+            2.0 * math.pi / float(rng.uniform(*_SWERVE_S)),
+            float(rng.uniform(0.0, 2.0 * math.pi)),
+        )
+        for _ in range(2)
+    )
+    return _Pass(
+        depth_m=hull.draught_m * float(rng.uniform(*DEPTH_OVER_DRAUGHT)),
+        wall_m=hull.length_m * float(rng.uniform(*WALL_LENGTHS)),
+        sufferer_mps=sufferer,
+        source_mps=way * ratio * sufferer,
+        sufferer_m=0.5 * apart,
+        source_m=-0.5 * apart,
+        swerves=swerves,
+    )
+
+
+def _steps(
+    one: _Pass, level: Level
+) -> Iterator[tuple[tuple[float, ...], tuple[float, float]] | None]:
+    """Observation and force of each sample; None where hulls touch."""
+    hull, dt_s = Hull(), 1.0 / RATE_HZ
+    closing = one.source_mps - one.sufferer_mps
+    lead_m = _FROM_LENGTHS * hull.length_m
+    began_m = -math.copysign(lead_m + _SETTLING_S * abs(closing), closing)
+    course = 1 if one.source_mps > 0.0 else -1
+    sufferer = Ship(hull, State(0.0, one.target_m(0.0), one.sufferer_mps), one.sufferer_mps)
+    speed = abs(one.source_mps)
+    source = Ship(hull, State(began_m, one.source_m, speed, course), speed)
+    forces = _Vortices(one) if level == "vortex" else _Slender(one)
+    for k in itertools.count():
+        a, b = sufferer.state, source.state
+        ahead_m, apart_m = b.x_m - a.x_m, b.aside_m - a.aside_m
+        if math.copysign(1.0, closing) * ahead_m > lead_m:
+            return
+        near = abs(apart_m) < _NEAREST_BEAMS * hull.beam_m and abs(ahead_m) < 1.1 * hull.length_m
+        if near or max(abs(a.aside_m), abs(b.aside_m)) > one.wall_m - hull.beam_m:
+            yield None
+            return
+        loads = forces.step(a, b, dt_s)
+        if abs(ahead_m) <= lead_m:
+            observed = (
+                ahead_m,
+                apart_m,
+                b.course * b.speed_mps - a.speed_mps,
+                b.aside_mps - a.aside_mps,
+                a.speed_mps,
+                a.heading_rad,
+                a.aside_m,
+                one.depth_m / hull.draught_m,
+            )
+            yield observed, (float(loads[0][0]), float(loads[1][0]))
+        sufferer.step(one.target_m(k * dt_s), float(loads[0][0]), float(loads[1][0]), dt_s)
+        source.step(one.source_m, float(loads[0][1]), float(loads[1][1]), dt_s)
+
+
+class _Vortices:
+    """Level B."""
+
+    def __init__(self, one: _Pass) -> None:
+        self._ships = VortexShips(Waterway(depth_m=one.depth_m, wall_m=one.wall_m))
+
+    def step(
+        self, a: State, b: State, dt_s: float
+    ) -> tuple[np.typing.NDArray[np.float64], np.typing.NDArray[np.float64]]:
+        """Forces [N] and moments [N·m] on sufferer and source, (2,) each, earth axes."""
+        loads = self._ships.step(
+            np.array([a.x_m, b.x_m]),
+            np.array([a.aside_m, b.aside_m]),
+            np.array([a.speed_mps, b.course * b.speed_mps]),
+            dt_s,
+        )
+        return loads.sway_n, loads.yaw_nm
+
+
+class _Slender:
+    """Level A; each ship in turn is the one that suffers."""
+
+    def __init__(self, one: _Pass) -> None:
+        self._passing = Passing(depth_m=one.depth_m, wall_m=one.wall_m)
+
+    def step(
+        self, a: State, b: State, dt_s: float
+    ) -> tuple[np.typing.NDArray[np.float64], np.typing.NDArray[np.float64]]:
+        """As level B's, from the present alone."""
+        told = []
+        for own, other in ((a, b), (b, a)):
+            # Seen from a ship that comes the other way, all is turned by half a circle.
+            sway, yaw = self._passing.forces(
+                np.array([own.course * (other.x_m - own.x_m)]),
+                own.course * own.aside_m,
+                own.course * other.aside_m,
+                own.speed_mps,
+                own.course * other.course * other.speed_mps,
+            )
+            told.append((own.course * sway[0], yaw[0]))
+        both = np.array(told)
+        return both[:, 0], both[:, 1]
