@@ -79,6 +79,35 @@ def make_gantry(
     _describe(made, out, json_path)
 
 
+@make.command("downwash")
+@_OUT
+@click.option("--minutes", type=click.FloatRange(0.1, 10_000), default=30.0, show_default=True)
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
+@click.option(
+    "--spread",
+    type=click.FloatRange(0.0, 0.75),
+    default=0.0,
+    show_default=True,
+    help="Draw wake speed, diffusivity and separation within this share of the paper's.",
+)
+@_JSON
+def make_downwash(
+    out: Path, minutes: float, seed: int, spread: float, json_path: Path | None
+) -> None:
+    """Fly two planar multicopters one above the other in the paper's 2D wake field.
+
+    \b
+    Example:
+        wakedeploy data make downwash --out sets/downwash --minutes 30 --seed 0
+    """
+    from wakedeploy.domains.downwash import make_set
+
+    with progress("Flying", 1) as bar:
+        made = make_set(minutes=minutes, seed=seed, spread=spread, progress=bar.update)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
 @make.command("ship")
 @_OUT
 @click.option("--minutes", type=click.FloatRange(0.1, 10_000), default=120.0, show_default=True)

@@ -1,0 +1,110 @@
+"""The 2D downwash simulator closed loop: delay out of the field, oracle, lockstep, sets."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from wakedeploy.cli import main
+from wakedeploy.domains.downwash import DT_S, OBSERVATION, World, fly, make_set, shifted
+from wakedeploy.episodes import read_episode_set
+from wakedeploy.physics.field_grid import drag_force_n
+from wakedeploy.physics.rail import GRAVITY_MPS2
+
+
+@pytest.mark.parametrize("separation_m", [1.5, 2.3, 3.0])
+def test_the_transport_delay_comes_out_of_the_field(separation_m: float) -> None:
+    """Half of a step of the source has arrived after separation / speed, within a sample."""
+    world = World()
+    air = world.field(1)
+    hover_n = world.mass_kg * GRAVITY_MPS2
+    forces = []
+    for k in range(300):
+        thrust_n = hover_n * (1.0 if k < 200 else 1.4)
+        air.step(0.0, 0.5 * DT_S * 6.0, 0.0, thrust_n)
+        told = drag_force_n(air.velocity(0.0, -separation_m), world.drag_area_m2)
+        forces.append(np.sqrt(-told[0, 1]))
+    before, after = forces[199], forces[-1]
+    halfway = np.interp(0.5, (np.array(forces[199:]) - before) / (after - before), np.arange(101))
+    # A little early: decay and spreading make young air count for more.
+    assert halfway * DT_S == pytest.approx(separation_m / 6.0, abs=1.5 * DT_S)
+
+
+def test_a_hovering_source_pushes_with_a_tenth_of_the_weight() -> None:
+    world = World()
+    air = world.field(1)
+    for _ in range(200):
+        air.step(0.0, 0.0, 0.0, world.mass_kg * GRAVITY_MPS2)
+    told = drag_force_n(air.velocity(0.0, -2.3), world.drag_area_m2)[0]
+    assert told[1] / (world.mass_kg * GRAVITY_MPS2) == pytest.approx(-0.1, abs=0.02)
+    edge = air.velocity_mps[0, 1]
+    for border in (edge[0], edge[-1], edge[:, -1]):
+        assert np.abs(border).max() < 1e-3 * np.abs(edge).max()
+
+
+def test_whoever_knows_the_force_follows_better() -> None:
+    without, oracle = (fly([3, 4], seconds=8.0, expect=e) for e in ("nothing", "truth"))
+    assert (oracle.tracking_m < 0.5 * without.tracking_m).all()
+    assert not without.expected_n.any()
+    assert np.array_equal(oracle.expected_n, oracle.force_n)
+
+
+def test_an_episode_does_not_depend_on_its_companions() -> None:
+    together, alone = fly([5, 6, 7], seconds=2.0), fly([6], seconds=2.0)
+    assert np.array_equal(together.observation[:, 1], alone.observation[:, 0])
+    assert np.array_equal(together.force_n[:, 1], alone.force_n[:, 0])
+
+
+def test_a_predictor_sees_every_step_once_and_is_believed() -> None:
+    calls = []
+
+    def predict(observed: np.ndarray) -> np.ndarray:
+        calls.append(observed.copy())
+        return np.full((2, 2), [0.05, -0.3])
+
+    flown = fly([8, 9], seconds=1.0, expect=predict)
+    assert len(calls) == 300
+    assert np.array_equal(np.array(calls)[200:], flown.observation)
+    assert np.array_equal(flown.expected_n[0, 0], [0.05, -0.3])
+    with pytest.raises(ValueError, match="oracle"):
+        fly([1], seconds=0.1, expect="oracle")
+
+
+def test_what_is_observed_is_what_the_names_say() -> None:
+    flown = fly([10], seconds=3.0)
+    observed = {c.name: flown.observation[:, 0, i] for i, c in enumerate(OBSERVATION)}
+    for place, speed in (("dx_m", "dvx_mps"), ("dz_m", "dvz_mps")):
+        moved = np.diff(observed[place]) / DT_S
+        middle = 0.5 * (observed[speed][1:] + observed[speed][:-1])
+        assert moved == pytest.approx(middle, abs=0.02)
+    size = np.hypot(observed["source_thrust_x_n"], observed["source_thrust_z_n"])
+    assert size.mean() == pytest.approx(GRAVITY_MPS2, rel=0.1)
+
+
+def test_shifted_worlds_stay_within_their_spread_and_on_their_grid() -> None:
+    seeds = range(12)
+    world = shifted(seeds, 0.75)
+    for values, nominal in ((world.speed_mps, 6.0), (world.separation_m, 2.3)):
+        assert np.ptp(values) > 0.3 * nominal
+        assert np.abs(np.asarray(values) / nominal - 1.0).max() <= 0.75
+    flown = fly(seeds, world=world, seconds=4.0)
+    assert np.isfinite(flown.force_n).all()
+    bottom_m = world.grid.bottom_m
+    assert bottom_m < -np.max(world.separation_m) - 0.5
+    again = fly([3], world=shifted([3], 0.75), seconds=4.0)
+    assert np.array_equal(again.force_n[:, 0], flown.force_n[:, 3])
+
+
+def test_a_set_has_both_kinds_of_flight_and_repeats_exactly() -> None:
+    one, two = (make_set(minutes=0.5, seed=1, spread=0.1) for _ in range(2))
+    assert one.sha256 == two.sha256
+    assert len(one.episodes) == 3
+    assert set(one.split.values()) == {"train", "validation", "test"}
+    assert one.sha256 != make_set(minutes=0.5, seed=2, spread=0.1).sha256
+
+
+def test_the_command_writes_a_set(tmp_path) -> None:
+    out = tmp_path / "downwash"
+    told = CliRunner().invoke(main, ["data", "make", "downwash", "--out", str(out), "--minutes",
+                                     "0.5"])  # fmt: skip
+    assert told.exit_code == 0, told.output
+    assert read_episode_set(out).domain == "downwash"

@@ -1,0 +1,289 @@
+"""The paper's 2D downwash simulator: two multicopters under LQR, one above the other.
+
+In: seeds, and what the sufferer expects of the wake: nothing, the truth, or a predictor. Out: how
+it flew, or an episode set at 100 Hz. All episodes of a call fly in lockstep, so that one batched
+prediction serves them all. The transport delay is nowhere put in: it comes out of the field.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+import wakedeploy
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.physics.body import PlanarBody, thrust_vector_n
+from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
+from wakedeploy.physics.field_grid import drag_force_n
+from wakedeploy.physics.planar_flight import Lqr, lqr
+from wakedeploy.physics.rail import GRAVITY_MPS2
+
+FloatArray = npt.NDArray[np.float64]
+Predict = Callable[[FloatArray], FloatArray]
+
+RATE_HZ = 100.0
+DT_S = 1.0 / RATE_HZ
+WINDOW_S = 0.75  # twice the transport delay
+EPISODE_S = 20.0
+SETTLING_S = 2.0  # before recording: the wake has to arrive, and the bodies to follow
+OBSERVATION = (
+    Channel("dx_m", "m"),
+    Channel("dz_m", "m"),
+    Channel("dvx_mps", "m/s"),
+    Channel("dvz_mps", "m/s"),
+    Channel("source_thrust_x_n", "N"),
+    Channel("source_thrust_z_n", "N"),
+    Channel("sufferer_thrust_x_n", "N"),
+    Channel("sufferer_thrust_z_n", "N"),
+)
+FORCE = (Channel("force_x_n", "N"), Channel("force_z_n", "N"))
+_LOCKSTEP = 16  # episodes; their fields still fit into a core's cache one by one
+
+
+@dataclass(frozen=True)
+class World:
+    """The simulator's constants, one number each or one per episode (E,) where arrays are allowed.
+
+    The paper gives `speed_mps`, `diffusivity_m2ps` and `separation_m`. The others are estimates:
+    a small multicopter of 1 kg; a jet whose Gaussian is as wide as its rotors; strength and drag
+    area for a hovering source to push a tenth of the sufferer's weight 2.3 m below; a decay that
+    takes 11 % on the way there and leaves nothing at the grid's edge.
+    """
+
+    speed_mps: float | FloatArray = 6.0
+    diffusivity_m2ps: float | FloatArray = 0.3
+    separation_m: float | FloatArray = 2.3
+    decay_per_s: float = 0.3
+    strength: float = 126.0
+    width_m: float = 0.25
+    drag_area_m2: float = 0.06
+    mass_kg: float = 1.0
+    inertia_kgm2: float = 0.02
+    grid: FieldGrid = field(default_factory=FieldGrid)
+
+    def field(self, episodes: int) -> WakeField:
+        """The air at rest."""
+        physics = FieldPhysics(
+            speed_mps=self.speed_mps,
+            diffusivity_m2ps=self.diffusivity_m2ps,
+            decay_per_s=self.decay_per_s,
+            strength=self.strength,
+            width_m=self.width_m,
+            reference_thrust_n=self.mass_kg * GRAVITY_MPS2,
+        )
+        return WakeField(self.grid, physics, dt_s=DT_S, episodes=episodes)
+
+    def regulator(self) -> Lqr:
+        """The controller of either multicopter: 5 cm of error are worth 1 N or 0.15 N·m."""
+        weight_n = self.mass_kg * GRAVITY_MPS2
+        return lqr(
+            self.mass_kg,
+            self.inertia_kgm2,
+            dt_s=DT_S,
+            state_scale=np.array([0.05, 0.05, 0.3, 0.3, 0.3, 3.0]),
+            thrust_scale_n=1.0,
+            torque_scale_nm=0.15,
+            thrust_n=(0.1 * weight_n, 2.0 * weight_n),
+            torque_nm=1.0,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Flights:
+    """What E episodes of T samples were: observations (T, E, 8), forces and expectations (T, E, 2).
+
+    `error_m` (T, E, 2) is how far the sufferer was from its reference in x and z.
+    """
+
+    observation: FloatArray
+    force_n: FloatArray
+    expected_n: FloatArray
+    error_m: FloatArray
+
+    @property
+    def tracking_m(self) -> FloatArray:
+        """Root mean square distance from the reference, per episode (E,)."""
+        return np.asarray(np.sqrt((self.error_m**2).sum(-1).mean(0)))
+
+
+def fly(
+    seeds: Sequence[int],
+    *,
+    world: World | None = None,
+    seconds: float = EPISODE_S,
+    expect: Predict | str = "nothing",
+) -> Flights:
+    """Fly one episode per seed in lockstep; an episode does not depend on its companions.
+
+    `expect` is what the sufferer compensates: "nothing", "truth" (the oracle, which knows the force
+    of this very step), or a function from observations (E, 8) to forces (E, 2) that is called once
+    a step, from the first step of the flight on.
+    """
+    world = world if world is not None else World()
+    episodes, settling = len(seeds), round(SETTLING_S * RATE_HZ)
+    steps = settling + round(seconds * RATE_HZ)
+    source_way, sufferer_way = _ways(seeds, world, steps)
+    body, regulator = PlanarBody(world.mass_kg, world.inertia_kgm2), world.regulator()
+    air = world.field(episodes)
+    source, sufferer = source_way[0].copy(), sufferer_way[0].copy()
+    nothing = np.zeros((episodes, 2))
+    told = Flights(*(np.empty((steps, episodes, n)) for n in (8, 2, 2, 2)))
+    pushes = np.full((2, episodes), world.mass_kg * GRAVITY_MPS2)  # thrusts of source and sufferer
+    for k in range(steps):
+        air_mps = air.velocity(sufferer[:, 0], sufferer[:, 1])
+        force = drag_force_n(air_mps, world.drag_area_m2)
+        observed = _observed(source, sufferer, pushes)
+        expected = _expected(expect, observed, force, nothing)
+        told.observation[k], told.force_n[k], told.expected_n[k] = observed, force, expected
+        told.error_m[k] = (sufferer - sufferer_way[k])[:, :2]
+        up, turn = regulator.control(source, source_way[k], nothing)
+        own_up, own_turn = regulator.control(sufferer, sufferer_way[k], expected)
+        pushes = np.stack([up, own_up])
+        _push_air(air, world, source, up)
+        source = body.step(source, up, turn, nothing, DT_S)
+        sufferer = body.step(sufferer, own_up, own_turn, force, DT_S)
+    return Flights(*(getattr(told, name)[settling:] for name in vars(told)))
+
+
+def make_set(
+    *,
+    minutes: float,
+    seed: int,
+    spread: float = 0.0,
+    progress: Callable[[int, int], None] | None = None,
+) -> EpisodeSet:
+    """Record `minutes` of flight in episodes of 20 s, at least three; split by episode.
+
+    Half of them fly with the true force as feedforward, so that a predictor meets the motion that
+    its own will cause. With `spread`, wake speed, diffusivity and separation are drawn anew for
+    each episode, uniformly within that share of their nominal values. `progress(done, total)`.
+    """
+    count = max(3, round(60.0 * minutes / EPISODE_S))
+    episodes: list[Episode] = []
+    for first in range(0, count, _LOCKSTEP):
+        numbers = range(first, min(first + _LOCKSTEP, count))
+        for half, expect in enumerate(("nothing", "truth")):
+            chosen = [n for n in numbers if n % 2 == half]
+            seeds = [1_000_000 * (seed + 1) + n for n in chosen]
+            flown = fly(seeds, world=shifted(seeds, spread), expect=expect) if chosen else None
+            episodes += [_episode(flown, e, n) for e, n in enumerate(chosen) if flown is not None]
+        if progress is not None:
+            progress(numbers.stop, count)
+    episodes.sort(key=lambda e: e.name)
+    return EpisodeSet(
+        domain="downwash",
+        rate_hz=RATE_HZ,
+        observation=OBSERVATION,
+        force=FORCE,
+        window_s=WINDOW_S,
+        loss_weights=(1.0, 1.0),
+        split={e.name: _split_of(i, count) for i, e in enumerate(episodes)},
+        episodes=tuple(episodes),
+        provenance={
+            "generator": f"wakedeploy {wakedeploy.__version__} downwash",
+            "seed": seed,
+            "minutes": minutes,
+            "spread": spread,
+        },
+    )
+
+
+def shifted(seeds: Sequence[int], spread: float, world: World | None = None) -> World:
+    """A world whose wake speed, diffusivity and separation differ from episode to episode.
+
+    Each is drawn uniformly within ±`spread` of its nominal value by the episode's own seed. The
+    grid grows with what a slow or diffusive wake, or a far sufferer, needs.
+    """
+    world = world if world is not None else World()
+    if spread == 0.0:
+        return world
+    draws = np.array([np.random.default_rng([s, 77]).uniform(-1.0, 1.0, 3) for s in seeds])
+    speed, diffusivity, separation = (1.0 + spread * draws).T
+    deepest_m = 3.57 * (1.0 + spread)
+    widest = 1.0 + spread
+    rows = math.ceil((deepest_m + 1.2 / (1.0 - spread)) / world.grid.cell_z_m)
+    columns = 2 * math.ceil(0.5 * world.grid.columns * widest)
+    grid = replace(
+        world.grid,
+        bottom_m=-deepest_m,
+        rows=rows,
+        columns=columns,
+        left_m=-0.5 * (columns - 1) * world.grid.cell_x_m,
+    )
+    return replace(
+        world,
+        speed_mps=world.speed_mps * speed,
+        diffusivity_m2ps=world.diffusivity_m2ps * diffusivity,
+        separation_m=world.separation_m * separation,
+        grid=grid,
+    )
+
+
+def _episode(flown: Flights, e: int, number: int) -> Episode:
+    return Episode(
+        f"flight{number:04d}",
+        flown.observation[:, e].astype(np.float32),
+        flown.force_n[:, e].astype(np.float32),
+    )
+
+
+def _split_of(index: int, count: int) -> str:
+    """The last 15 % test, 15 % before them validation, at least one each."""
+    held = max(1, round(0.15 * count))
+    if index >= count - held:
+        return "test"
+    return "validation" if index >= count - 2 * held else "train"
+
+
+def _push_air(air: WakeField, world: World, source: FloatArray, thrust_n: FloatArray) -> None:
+    """Inject a step's puff: one for the middle of the step, that sinks for all of it."""
+    above_m = 0.5 * DT_S * np.asarray(world.speed_mps, float)
+    air.step(source[:, 0], source[:, 1] + above_m, source[:, 2], thrust_n)
+
+
+def _observed(source: FloatArray, sufferer: FloatArray, thrusts: FloatArray) -> FloatArray:
+    """Observations (E, 8) of states (E, 6) and the thrusts (2, E) that are acting."""
+    return np.column_stack(
+        [
+            (source - sufferer)[:, [0, 1, 3, 4]],
+            thrust_vector_n(thrusts[0], source[:, 2]),
+            thrust_vector_n(thrusts[1], sufferer[:, 2]),
+        ]
+    )
+
+
+def _expected(
+    expect: Predict | str, observed: FloatArray, force: FloatArray, nothing: FloatArray
+) -> FloatArray:
+    if callable(expect):
+        return np.asarray(expect(observed), dtype=float)
+    if expect not in ("nothing", "truth"):
+        raise ValueError(f"expect={expect!r}: must be 'nothing', 'truth' or a function")
+    return force if expect == "truth" else nothing
+
+
+def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, FloatArray]:
+    """References (T, E, 6) of source and sufferer: random, smooth, planned before the flight.
+
+    Both wander sideways by some 0.4 m, as wide as the wake is where it arrives, so that the
+    sufferer is now in it and now beside it; the source also up and down, by 0.15 m, which moves
+    its thrust by a tenth. Each is a sum of three sines of 0.5 to 2 rad/s.
+    """
+    time_s = np.arange(steps) * DT_S
+    source, sufferer = (np.zeros((steps, len(seeds), 6)) for _ in range(2))
+    separation = np.broadcast_to(np.asarray(world.separation_m, float), (len(seeds),))
+    for e, seed in enumerate(seeds):
+        rng = np.random.default_rng(seed)
+        for way, axis, size_m in ((source, 0, 0.4), (sufferer, 0, 0.4), (source, 1, 0.15)):
+            rate = rng.uniform(0.5, 2.0, 3)
+            phase = rng.uniform(0.0, 2.0 * np.pi, 3)
+            share = size_m * rng.dirichlet(np.ones(3)) * math.sqrt(2.0)
+            angle = rate * time_s[:, None] + phase
+            way[:, e, axis] = np.sin(angle) @ share
+            way[:, e, axis + 3] = np.cos(angle) @ (share * rate)
+            if axis == 0:  # the pitch at which the thrust gives that acceleration
+                way[:, e, 2] = np.sin(angle) @ (share * rate**2) / GRAVITY_MPS2
+        sufferer[:, e, 1] -= separation[e]
+    return source, sufferer
