@@ -72,10 +72,14 @@ def figure(
 
 
 def save(drawn: "Figure", path: Path) -> None:
-    """Write the figure as PNG, whole or not at all; UnusableInput when that is not possible."""
+    """Write the figure as PNG, or as what else the path's suffix says, whole or not at all.
+
+    Raises UnusableInput when that is not possible.
+    """
+    kind = path.suffix.removeprefix(".") or "png"
     try:
         with style():
-            write_whole(path, lambda temporary: drawn.savefig(temporary, format="png"))
+            write_whole(path, lambda temporary: drawn.savefig(temporary, format=kind))
     except OSError as error:
         raise UnusableInput(
             f"{path}: the picture cannot be written ({one_line(error)})."

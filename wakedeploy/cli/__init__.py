@@ -25,6 +25,7 @@ COMMANDS = (
     "run-gantry",
     "log",
     "gap",
+    "study",
     "rig",
     "doctor",
 )

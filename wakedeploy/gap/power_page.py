@@ -11,13 +11,13 @@ import numpy as np
 
 from wakedeploy import figures
 from wakedeploy.files import write_text_whole
-from wakedeploy.gap.markup import Markup, element, page, picture, table, together
 from wakedeploy.gap.plan import MARGIN_NATS
 from wakedeploy.gap.power import EffectPower, Power
 from wakedeploy.gap.rates import SURE
 from wakedeploy.gap.sensors import SENSORS
 from wakedeploy.gap.separation import ENOUGH_NATS
 from wakedeploy.gap.tracking import CONTROLLER
+from wakedeploy.markup import Markup, element, page, picture, table, together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

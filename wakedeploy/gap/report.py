@@ -19,7 +19,6 @@ from wakedeploy.gap.account import (
     unchanged,
     verdict_sentence,
 )
-from wakedeploy.gap.markup import Markup, element, page, picture, together
 from wakedeploy.gap.report_tables import (
     added_effects,
     detectable_table,
@@ -44,6 +43,7 @@ from wakedeploy.gap.telling import (
     spoken,
     texts,
 )
+from wakedeploy.markup import Markup, element, page, picture, together
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

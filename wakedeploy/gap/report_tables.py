@@ -18,7 +18,6 @@ from wakedeploy.gap.account import (
     unit_of,
     whiteness_words,
 )
-from wakedeploy.gap.markup import Markup, element, table, together
 from wakedeploy.gap.telling import (
     UNKNOWN,
     confidence,
@@ -34,6 +33,7 @@ from wakedeploy.gap.telling import (
     spoken,
     texts,
 )
+from wakedeploy.markup import Markup, element, table, together
 
 _MOST_PLACES, _MOST_RANKED = 16, 10
 

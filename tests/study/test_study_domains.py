@@ -1,0 +1,106 @@
+"""The comparison over domains: what it says, what it writes, and that it goes on."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.signal import lfilter
+
+from wakedeploy.cli import main
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.study.domains import Line, compare, sentence
+from wakedeploy.study.sets import DOMAINS, chosen, obtain
+
+
+def delayed_set(episodes: int = 6) -> EpisodeSet:
+    """A force that is the observation of six samples ago: the present says little of it."""
+    rng = np.random.default_rng(0)
+    made = []
+    for i in range(episodes):
+        driven = lfilter([0.7], [1.0, -0.7], rng.normal(0, 1, 300))[:, None]
+        force = np.concatenate([np.zeros((6, 1)), driven[:-6]])
+        observer = {"observer_n": (force + 0.05).astype(np.float32)}
+        made.append(Episode(f"e{i}", driven.astype(np.float32), force.astype(np.float32), observer))
+    split = {f"e{i}": ("train", "train", "train", "validation", "test", "test")[i % 6]
+             for i in range(episodes)}  # fmt: skip
+    return EpisodeSet("toy", 20.0, (Channel("drive", "N"),), (Channel("force", "N"),), 0.5, (1.0,),
+                      split, tuple(made))  # fmt: skip
+
+
+def test_lines_that_learn_nothing_are_exact(tmp_path) -> None:
+    data = delayed_set()
+    zero, observer = compare(data, [], 1, tmp_path)
+    truth = np.concatenate([e.force[data.warm_up_steps :] for e in data.part("test")])
+    assert zero.channels[0]["rmse"] == pytest.approx(np.sqrt(np.mean(truth**2)), rel=1e-6)
+    assert zero.channels[0]["sd"] == pytest.approx(truth.std(), rel=1e-6)
+    assert observer.predictor == "no-learning observer"
+    assert observer.channels[0]["rmse"] == pytest.approx(0.05, rel=1e-4)
+
+
+def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_path) -> None:
+    data = delayed_set()
+    calls: list[int] = []
+    lines = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3,
+                    on_run=lambda: calls.append(1))  # fmt: skip
+    named = {line.predictor: line for line in lines}
+    assert named["esn"].normalised < 0.5 * named["agile-mlp"].normalised
+    assert len(calls) == 2
+    before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
+    again = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
+    assert [line.as_json() for line in again] == [line.as_json() for line in lines]
+    assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == before
+
+
+def line(predictor: str, share: float, seed: int | None = 0) -> Line:
+    return Line("toy", predictor, seed, ({"rmse": share, "sd": 1.0},))
+
+
+def test_the_sentence_says_who_wins_and_also_when_no_memory_helps() -> None:
+    won = sentence("toy", [line("zero", 1.0, None), line("agile-mlp", 0.8), line("gru", 0.2),
+                           line("tcn", 0.9)])  # fmt: skip
+    assert "gru has the least error, 0.20" in won
+    assert "a factor of 4.0" in won
+    assert "1 of 2 models with memory" in won
+    lost = sentence("toy", [line("agile-mlp", 0.2), line("gru", 0.3)])
+    assert "no memory helps" in lost
+
+
+def test_recordings_that_are_not_there_are_left_out(tmp_path) -> None:
+    fish = DOMAINS["fish"]
+    assert obtain(fish, tmp_path, tmp_path / "none", quick=True, progress=lambda d, t: None) is None
+    assert [d.name for d in chosen("gantry,fish,gantry")] == ["gantry", "fish"]
+
+
+def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
+    data = delayed_set()
+    data = EpisodeSet("gantry", *list(vars(data).values())[1:])
+    data.write(tmp_path / "sets" / "gantry-quick")
+    told = CliRunner().invoke(
+        main,
+        ["study", "domains", "--quick", "--domains", "gantry", "--arch", "agile-mlp,esn", "--out",
+         str(tmp_path)],
+    )  # fmt: skip
+    assert told.exit_code == 0, told.output
+    folder = tmp_path / "domains"
+    assert {p.name for p in folder.iterdir()} == {
+        "domains.png", "domains.pdf", "domains.csv", "domains-gantry.csv", "study.json",
+        "study.html",
+    }  # fmt: skip
+    assert (folder / "domains.pdf").read_bytes()[:4] == b"%PDF"
+    rows = list(csv.DictReader((folder / "domains.csv").open()))
+    lines = json.loads((folder / "study.json").read_text())["lines"]
+    assert len(rows) == len(lines) == 4
+    assert float(rows[-1]["rmse"]) == lines[-1]["channels"][0]["rmse"]
+    page = (folder / "study.html").read_text()
+    assert "On gantry, esn has the least error" in page
+    assert "data:image/png;base64" in page
+
+
+def test_wrong_names_are_refused_in_one_sentence(tmp_path) -> None:
+    for options in (["--domains", "moon"], ["--arch", "oracle"], ["--domains", "fish"]):
+        told = CliRunner().invoke(main, ["study", "domains", "--out", str(tmp_path), *options],
+                                  env={"WAKEDEPLOY_DATA": str(tmp_path)})  # fmt: skip
+        assert told.exit_code == 2, told.output
+        assert "Traceback" not in told.output

@@ -1,0 +1,103 @@
+"""`wakedeploy study`: the paper's comparisons, each one command."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wakedeploy.cli.output import print_table, progress
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.study.domains import Line
+
+_QUICK_EPOCHS = 4
+
+
+@click.group()
+def command() -> None:
+    """Repeat the paper's comparisons: tables, figures and a page for each.
+
+    \b
+    Example:
+        wakedeploy study domains --recordings ../data --out study
+        wakedeploy study domains --quick
+    """
+
+
+@command.command("domains")
+@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@click.option("--arch", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True)
+@click.option(
+    "--recordings",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="Folder with quadrotor, fish and crazyflie in it. Default: $WAKEDEPLOY_DATA.",
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), default="study", show_default=True
+)
+@click.option("--quick", is_flag=True, help="Little data, one seed, few epochs: a first look.")
+def domains(
+    names: str, arch: str, seeds: int, recordings: Path | None, out: Path, quick: bool
+) -> None:
+    """Compare the architectures over the domains, on episodes never trained on.
+
+    A stopped study goes on where it was. Domains whose recordings are not there are left out.
+
+    \b
+    Example:
+        wakedeploy study domains --recordings ../data --seeds 3 --out study
+        wakedeploy study domains --domains gantry,ship --arch agile-mlp,gru --quick
+    """
+    import torch
+
+    from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.domains import compare, sentence
+    from wakedeploy.study.domains_figure import parts, summary
+    from wakedeploy.study.folder import write_study
+
+    torch.set_num_threads(1)
+    architectures, seeds = _architectures(arch), 1 if quick else seeds
+    sets = _sets(names, recordings, out / "sets", quick)
+    told: dict[str, list[Line]] = {}
+    with progress("Training", len(sets) * len(architectures) * seeds) as bar:
+        for name, made in sets.items():
+            told[name] = compare(
+                made,
+                architectures,
+                seeds,
+                out / ("runs-quick" if quick else "runs"),
+                epochs=_QUICK_EPOCHS if quick else None,
+                on_run=bar.advance,
+            )
+    title = "Eight architectures over the domains" + (" (a quick look)" if quick else "")
+    lines = [line.as_json() for own in told.values() for line in own]
+    result = {"quick": quick, "seeds": seeds, "lines": lines}
+    path = write_study(out / "domains", title, parts(told), result)
+    for name, own in told.items():
+        print_table(f"{name}: {sentence(name, own)}", *summary(own))
+    click.echo(f"Figures, tables and the page: {path}")
+
+
+def _sets(
+    names: str, recordings: Path | None, folder: Path, quick: bool
+) -> "dict[str, EpisodeSet]":
+    """The chosen domains' sets, as far as their recordings are there."""
+    from wakedeploy.study.sets import chosen, obtain
+
+    if recordings is None and "WAKEDEPLOY_DATA" in os.environ:
+        recordings = Path(os.environ["WAKEDEPLOY_DATA"])
+    sets = {}
+    for domain in chosen(names):
+        with progress(f"{domain.name}: episodes", 1) as bar:
+            made = obtain(domain, folder, recordings, quick=quick, progress=bar.update)
+        if made is None:
+            click.echo(f"{domain.name}: left out, its recordings are not there (--recordings).")
+        else:
+            sets[domain.name] = made
+    if not sets:
+        raise UnusableInput("No domain is left; give --recordings, or a simulated domain.")
+    return sets

@@ -1,0 +1,155 @@
+"""Study 1: the eight architectures over the domains, errors on episodes never trained on.
+
+In: episode sets. Out: for each domain, architecture and seed RMSE and R² per force channel, beside
+lines that learn nothing. Runs lie in the study's folder and are trained once: a stopped study goes
+on where it was.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.study.uncertainty import FloatArray, blocks, r2_with_interval
+
+MEMORYLESS = "agile-mlp"
+OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
+_BLOCK_WINDOWS = 4.0  # a block of the bootstrap, in windows
+
+Train = Callable[[EpisodeSet, str, int], Any]
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of the table: errors per channel of one predictor on the test episodes.
+
+    `seed` is None for what learns nothing. `normalised` is the root mean square over the channels
+    of RMSE over the channel's standard deviation: 1 for predicting the mean.
+    """
+
+    domain: str
+    predictor: str
+    seed: int | None
+    channels: tuple[Mapping[str, Any], ...]
+
+    @property
+    def normalised(self) -> float:
+        """RMSE over standard deviation, all channels together."""
+        shares = [(c["rmse"] / c["sd"]) ** 2 for c in self.channels if c["sd"] > 0.0]
+        return float(np.sqrt(np.mean(shares)))
+
+    def as_json(self) -> dict[str, Any]:
+        """The line with every number."""
+        told = {"domain": self.domain, "predictor": self.predictor, "seed": self.seed}
+        return told | {"normalised": self.normalised, "channels": [*self.channels]}
+
+
+def compare(
+    data: EpisodeSet,
+    architectures: Sequence[str],
+    seeds: int,
+    runs: Path,
+    *,
+    epochs: int | None = None,
+    on_run: Callable[[], None] = lambda: None,
+) -> list[Line]:
+    """Train what is not trained yet and score it all on the same samples after one warm-up.
+
+    `epochs` is how long each is trained, if not as usual. `on_run` is called after each run.
+    """
+    from trainers.training import configure, settings_for, train
+
+    lines = list(_unlearned(data))
+    for arch in architectures:
+        for seed in range(seeds):
+            settings = settings_for(arch, epochs=epochs)
+            config = configure(data, arch, seed=seed, lead_s=0.0, settings=settings)
+            trained = train(config, data, runs)
+            lines.append(_scored(data, arch, seed, *predicted(trained.predictor, data)))
+            on_run()
+    return lines
+
+
+def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Truth and prediction (n, o), and the episode's number (n,), of the scored test samples."""
+    from trainers.predict import predict
+    from trainers.tape import lay_tape
+
+    tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
+    forces = predict(predictor, tape)[tape.scored].double().numpy()
+    truth = tape.force[tape.scored].double().numpy()
+    return truth, forces, tape.first[tape.scored].numpy()
+
+
+def _unlearned(data: EpisodeSet) -> Iterator[Line]:
+    """Predicting nothing; and, where a set carries it, an observer of the sufferer's motion."""
+    kept = [e for e in data.part("test") if len(e.force) > data.warm_up_steps]
+    warm = data.warm_up_steps
+    truth = np.concatenate([e.force[warm:] for e in kept]).astype(float)
+    episode = np.concatenate([np.full(len(e.force) - warm, i) for i, e in enumerate(kept)])
+    yield _scored(data, "zero", None, truth, np.zeros_like(truth), episode)
+    if all(OBSERVER in e.extras for e in kept):
+        told = np.concatenate([e.extras[OBSERVER][warm:] for e in kept]).astype(float)
+        yield _scored(data, "no-learning observer", None, truth, told, episode)
+
+
+def _scored(
+    data: EpisodeSet,
+    predictor: str,
+    seed: int | None,
+    truth: FloatArray,
+    forces: FloatArray,
+    episode: FloatArray,
+) -> Line:
+    length = max(1, round(_BLOCK_WINDOWS * data.window_s * data.rate_hz))
+    block = blocks(np.asarray(episode, np.int64), length)
+    channels = []
+    for i, channel in enumerate(data.force):
+        error = forces[:, i] - truth[:, i]
+        r2 = r2_with_interval(truth[:, i], error, block)
+        channels.append(
+            {
+                "channel": channel.name,
+                "unit": channel.unit,
+                "rmse": float(np.sqrt(np.mean(error**2))),
+                "sd": float(truth[:, i].std()),
+                "r2": r2.value,
+                "r2_low": r2.low,
+                "r2_high": r2.high,
+            }
+        )
+    return Line(data.domain, predictor, seed, tuple(channels))
+
+
+def by_predictor(lines: Sequence[Line]) -> dict[str, list[Line]]:
+    """Lines of one domain by predictor, in the order in which they came."""
+    found: dict[str, list[Line]] = {}
+    for line in lines:
+        found.setdefault(line.predictor, []).append(line)
+    return found
+
+
+def sentence(domain: str, lines: Sequence[Line]) -> str:
+    """What a domain's lines say, in one sentence."""
+    mean = {
+        name: float(np.mean([line.normalised for line in own]))
+        for name, own in by_predictor([line for line in lines if line.seed is not None]).items()
+    }
+    if MEMORYLESS not in mean or len(mean) < 2:
+        return f"On {domain}, {len(mean)} architectures were trained."
+    best = min(mean, key=lambda name: mean[name])
+    if best == MEMORYLESS:
+        return (
+            f"On {domain}, no memory helps: the memoryless {MEMORYLESS} has the least error, "
+            f"{mean[best]:.2f} of the force's standard deviation."
+        )
+    factor = mean[MEMORYLESS] / mean[best]
+    beaten = sum(value < mean[MEMORYLESS] for value in mean.values())
+    return (
+        f"On {domain}, {best} has the least error, {mean[best]:.2f} of the force's standard "
+        f"deviation against {mean[MEMORYLESS]:.2f} without memory (a factor of {factor:.1f}); "
+        f"{beaten} of {len(mean) - 1} models with memory are better than the one without."
+    )

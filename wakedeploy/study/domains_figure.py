@@ -1,0 +1,127 @@
+"""The figure and the tables of study 1.
+
+In: lines of all domains. Out: bars per domain with the spread over seeds, the memoryless marked.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wakedeploy import figures
+from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, sentence
+from wakedeploy.study.folder import Part
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "domain",
+    "predictor",
+    "seed",
+    "channel",
+    "unit",
+    "rmse",
+    "sd",
+    "r2",
+    "r2_low",
+    "r2_high",
+)
+
+
+def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
+    """Error over the force's standard deviation, mean and spread over seeds, domain by domain."""
+    across = min(len(told), 3)
+    down = -(-len(told) // across)
+    with figures.style():
+        drawn, grid = figures.figure(down, across, size=(3.1 * across, 2.6 * down), squeeze=False)
+        for axes, (domain, lines) in zip(grid.flat, told.items(), strict=False):
+            named = by_predictor([line for line in lines if line.seed is not None])
+            for place, (name, own) in enumerate(named.items()):
+                values = [line.normalised for line in own]
+                plain = name == MEMORYLESS
+                axes.barh(
+                    place,
+                    float(np.mean(values)),
+                    xerr=float(np.std(values)) if len(values) > 1 else None,
+                    color=figures.LIMIT if plain else figures.PREDICTED,
+                    hatch="///" if plain else None,
+                    edgecolor="white",
+                    height=0.75,
+                )
+            for line in lines:
+                if line.seed is None and line.predictor != "zero":
+                    axes.axvline(line.normalised, color=figures.REFERENCE, linestyle="--")
+                    axes.text(
+                        line.normalised,
+                        len(named) - 0.4,
+                        line.predictor,
+                        fontsize=6.5,
+                        ha="center",
+                        va="bottom",
+                    )
+            axes.set_yticks(range(len(named)), list(named))
+            axes.invert_yaxis()
+            axes.set_title(domain)
+            axes.set_xlabel("RMSE / standard deviation")
+            axes.grid(axis="y", visible=False)
+        for axes in list(grid.flat)[len(told) :]:
+            axes.set_axis_off()
+    return drawn
+
+
+def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
+    """The study's figure over all domains, then each domain's table."""
+    first = Part(
+        "domains",
+        "Error of each architecture, as a share of what predicting the mean would leave.",
+        COLUMNS,
+        rows([line for own in told.values() for line in own]),
+        bars(told),
+        (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
+    )
+    others = [
+        Part(f"domains-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
+        for name, own in told.items()
+    ]
+    return [first, *others]
+
+
+def rows(lines: Sequence[Line]) -> list[list[Any]]:
+    """Every channel of every line, under `COLUMNS`."""
+    return [
+        [
+            line.domain,
+            line.predictor,
+            line.seed,
+            *(channel[name] for name in COLUMNS[3:]),
+        ]
+        for line in lines
+        for channel in line.channels
+    ]
+
+
+def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
+    """One domain's table: mean ± spread over seeds, R² of the first seed with its interval."""
+    channels = lines[0].channels
+    columns = ["predictor"]
+    for channel in channels:
+        columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "R², first seed, 90 %"]
+    told = []
+    for name, own in by_predictor(lines).items():
+        row = [f"{name} (no memory)" if name == MEMORYLESS else name]
+        for i in range(len(channels)):
+            row.append(_spread([line.channels[i]["rmse"] for line in own], ".4g"))
+            row.append(_spread([line.channels[i]["r2"] for line in own], ".3f"))
+            first = own[0].channels[i]
+            interval = first["r2_low"] is not None
+            row.append(f"{first['r2_low']:.3f}–{first['r2_high']:.3f}" if interval else "–")
+        told.append(row)
+    return columns, told
+
+
+def _spread(values: Sequence[float], form: str) -> str:
+    mean = format(float(np.mean(values)), form)
+    if len(values) < 2:
+        return mean
+    return f"{mean} ± {format(float(np.std(values, ddof=1)), '.1g')}"

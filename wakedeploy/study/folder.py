@@ -1,0 +1,62 @@
+"""A study's folder: figures as PNG and PDF, tables as CSV and JSON, and one page with them all.
+
+In: parts in the order in which they are to be read. Out: files that replace those of an earlier
+run, each whole.
+"""
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from wakedeploy import figures
+from wakedeploy.files import write_text_whole
+from wakedeploy.markup import Markup, element, page, picture, table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A figure with the sentence that says what it shows, and the table that it was drawn from.
+
+    `rows` are those of the CSV file, under `columns`; `shown` are the page's, if not the same.
+    """
+
+    name: str
+    sentence: str
+    columns: Sequence[str]
+    rows: Sequence[Sequence[Any]]
+    figure: "Figure | None" = None
+    shown: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None
+
+
+def write_study(folder: Path, title: str, parts: Sequence[Part], result: Any) -> Path:
+    """Write everything and return the page's path. `result` goes into `study.json`."""
+    folder.mkdir(parents=True, exist_ok=True)
+    body: list[Markup] = [element("h1", title)]
+    for part in parts:
+        body.append(element("p", part.sentence))
+        if part.figure is not None:
+            for kind in ("png", "pdf"):
+                figures.save(part.figure, folder / f"{part.name}.{kind}")
+            body.append(picture(folder / f"{part.name}.png", part.sentence))
+        write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
+        columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
+        body.append(table(list(columns), [list(row) for row in rows]))
+    write_text_whole(folder / "study.json", json.dumps(result, indent=1) + "\n")
+    path = folder / "study.html"
+    write_text_whole(path, page(title, *body))
+    return path
+
+
+def _csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(["" if cell is None else cell for cell in row] for row in rows)
+    return text.getvalue()
