@@ -125,6 +125,11 @@ def fly(
     episodes, settling = len(seeds), round(SETTLING_S * RATE_HZ)
     steps = settling + round(seconds * RATE_HZ)
     source_way, sufferer_way = _ways(seeds, world, steps)
+    # What turns the bodies along their references is planned with them.
+    planned_nm = [
+        world.inertia_kgm2 * np.gradient(way[..., 5], DT_S, axis=0)
+        for way in (source_way, sufferer_way)
+    ]
     body, regulator = PlanarBody(world.mass_kg, world.inertia_kgm2), world.regulator()
     air = world.field(episodes)
     source, sufferer = source_way[0].copy(), sufferer_way[0].copy()
@@ -140,6 +145,7 @@ def fly(
         told.error_m[k] = (sufferer - sufferer_way[k])[:, :2]
         up, turn = regulator.control(source, source_way[k], nothing)
         own_up, own_turn = regulator.control(sufferer, sufferer_way[k], expected)
+        turn, own_turn = turn + planned_nm[0][k], own_turn + planned_nm[1][k]
         pushes = np.stack([up, own_up])
         _push_air(air, world, source, up)
         source = body.step(source, up, turn, nothing, DT_S)
@@ -268,22 +274,26 @@ def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, F
     """References (T, E, 6) of source and sufferer: random, smooth, planned before the flight.
 
     Both wander sideways by some 0.4 m, as wide as the wake is where it arrives, so that the
-    sufferer is now in it and now beside it; the source also up and down, by 0.15 m, which moves
-    its thrust by a tenth. Each is a sum of three sines of 0.5 to 2 rad/s.
+    sufferer is now in it and now beside it; the source also up and down, by 0.1 m, which moves its
+    thrust by a tenth. Each is a sum of three sines of 1 to 3.5 rad/s: while the wake sinks to the
+    sufferer the source goes as far as the wake is wide. With half these rates the present tells
+    nearly all of the force, and no memory is worth anything.
     """
     time_s = np.arange(steps) * DT_S
     source, sufferer = (np.zeros((steps, len(seeds), 6)) for _ in range(2))
     separation = np.broadcast_to(np.asarray(world.separation_m, float), (len(seeds),))
     for e, seed in enumerate(seeds):
         rng = np.random.default_rng(seed)
-        for way, axis, size_m in ((source, 0, 0.4), (sufferer, 0, 0.4), (source, 1, 0.15)):
-            rate = rng.uniform(0.5, 2.0, 3)
+        for way, axis, size_m in ((source, 0, 0.4), (sufferer, 0, 0.4), (source, 1, 0.1)):
+            rate = rng.uniform(1.0, 3.5, 3)
             phase = rng.uniform(0.0, 2.0 * np.pi, 3)
             share = size_m * rng.dirichlet(np.ones(3)) * math.sqrt(2.0)
             angle = rate * time_s[:, None] + phase
             way[:, e, axis] = np.sin(angle) @ share
             way[:, e, axis + 3] = np.cos(angle) @ (share * rate)
             if axis == 0:  # the pitch at which the thrust gives that acceleration
-                way[:, e, 2] = np.sin(angle) @ (share * rate**2) / GRAVITY_MPS2
+                way[:, e, 2] = np.arctan2(np.sin(angle) @ (share * rate**2), GRAVITY_MPS2)
         sufferer[:, e, 1] -= separation[e]
+    for way in (source, sufferer):
+        way[..., 5] = np.gradient(way[..., 2], DT_S, axis=0)
     return source, sufferer
