@@ -73,8 +73,8 @@ class PwmQuantisation(Effect):
             low=0.0,
             high=40.0,
             starts=(0.5, 1.0, 2.0),
-            # Hover is 70 steps of 10 us from idle: a step of 0.5 % more puts it elsewhere.
-            scanned=(3.0, 30.0, 1.0035),
+            # Hover is 50 steps of 15 us from idle: a step of 0.3 % more puts it elsewhere.
+            scanned=(3.0, 30.0, 1.0015),
         ),
     )
     confused_with = ("pwm-dead-band", "stiction")
