@@ -14,13 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.watch_filter import WatchFilter
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.rig import Rig
 from wakedeploy.runlog import Value
 
 Tell = Callable[[str], None]
 
 WINDOW_S = 10.0
-LEAST_SAMPLES = round(5.0 * LOOP_RATE_HZ)
+LEAST_S = 5.0  # of new readings
 BACK_BELOW = 0.8  # of the limit: a score at the limit does not make it come and go
 _CLIP_SD = 3.0  # outliers of the range sensor count no more than this
 _MEMORY_SAMPLES = 16.0  # of the slow statistic, half a second
@@ -74,7 +74,7 @@ class GapWatch:
         if seen is None:
             return None
         self._count(seen.sample_s, seen.whitened)
-        if len(self._window) < LEAST_SAMPLES:
+        if len(self._window) < 0.9 * LEAST_S * self._filter.readings_hz:
             return None
         score, why = self._judged()
         self._note(score, why, seen.sample_s)

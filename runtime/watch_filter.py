@@ -15,7 +15,7 @@ import numpy.typing as npt
 from runtime.watch_forecast import STEP_S, ForceForecast, Forces, Model, Place
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
-from wakedeploy.rig import Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.runlog import FLYING, STAGES, Value
 
 FloatArray = npt.NDArray[np.float64]
@@ -50,7 +50,7 @@ class WatchFilter:
         spreads = spreads_of(self._rig)
         self._forecast = ForceForecast(self._rig, model, spreads)
         self._hold_s = model.chain.values.get("sample-and-hold.hold_s", 0.0)
-        self._last_range_m = math.nan
+        self._last_range_m, self._last_stamp_s = math.nan, -math.inf
         self._range_delay_s = spreads.get("range.delay_s", 0.0)
         self._bias_m = spreads.get("range.bias_m", 0.0)
         rail = [n for n in ("rail.coulomb_n", "rail.viscous_n_per_mps") if n in spreads]
@@ -82,17 +82,25 @@ class WatchFilter:
         is_new = _number(row, "range_repeats", 0.0) == 0.0 and math.isfinite(range_m + age_s)
         is_new = is_new and not (self._hold_s > 0.0 and range_m == self._last_range_m)
         sample_s = t_s - age_s if math.isfinite(age_s) else t_s
+        # A sensor that repeats itself made a new reading at any time since its last sample.
+        within_s = min(self._hold_s, max(sample_s - self._last_stamp_s, 0.0))
+        self._last_stamp_s = max(sample_s, self._last_stamp_s)
         if self._now_s is None:
             self._now_s = sample_s
         if not is_new or sample_s <= self._last_sample_s:
             return None
-        if sample_s - self._last_sample_s > _LONGEST_GAP_S:
+        if sample_s - self._last_sample_s > _LONGEST_GAP_S + self._hold_s:
             self._was_blind(sample_s)
         self._last_sample_s, self._last_range_m = sample_s, range_m
         self._advance_to(sample_s)
-        seen = self._update(range_m, sample_s)
+        seen = self._update(range_m, sample_s, within_s)
         flying = row.get("mode") in FLYING and self._airborne_s > _SETTLE_S
         return seen if flying and self._state[_Z] > _CLEAR_M else None
+
+    @property
+    def readings_hz(self) -> float:
+        """How often there is a reading that is not the last one again."""
+        return min(LOOP_RATE_HZ, 1.0 / self._hold_s) if self._hold_s > 0.0 else LOOP_RATE_HZ
 
     def departures(self) -> FloatArray:
         """How far each constant has been moved, over how far its prior lets the data move it.
@@ -188,10 +196,10 @@ class WatchFilter:
         steep = 1.0 - math.tanh(v / _SLOW_MPS) ** 2
         return rail.viscous_n_per_mps + rail.coulomb_n / _SLOW_MPS * steep
 
-    def _update(self, range_m: float, sample_s: float) -> Seen:
+    def _update(self, range_m: float, sample_s: float, within_s: float) -> Seen:
         assert self._now_s is not None
         known = self._model.constants
-        ahead_s = sample_s - self._now_s - known["range.delay_s"]
+        ahead_s = sample_s - 0.5 * within_s - self._now_s - known["range.delay_s"]
         row = np.zeros(len(self._state))
         row[_Z], row[_V] = known["range.scale"], known["range.scale"] * ahead_s
         row[_BIAS], row[_BIAS + 1] = self._bias_m, -self._state[_V] * self._range_delay_s
@@ -199,7 +207,8 @@ class WatchFilter:
         motion, setting = self._forecast.motion, self._model.setting
         expected_m = self._model.chain.range_m(expected + known["range.bias_m"], motion, setting)
         spread = self._cov @ row
-        variance = float(row @ spread) + self._range_var
+        unknown_m = float(self._state[_V]) * within_s / math.sqrt(12.0)
+        variance = float(row @ spread) + self._range_var + unknown_m**2
         whitened = (range_m - float(expected_m)) / math.sqrt(variance)
         if abs(whitened) > _GATE_SD and self._rejected < _PERSISTENT:
             self._rejected += 1

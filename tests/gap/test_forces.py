@@ -199,3 +199,14 @@ def test_added_mass_makes_everything_slower(flown) -> None:
     assert heavy.inertia_kg == pytest.approx(np.full(len(heavy.inertia_kg), mass_kg + 0.1))
     ratio = mass_kg / (mass_kg + 0.1)
     assert heavy.acceleration[0] == pytest.approx(ratio * light.acceleration[0], abs=1e-9)
+
+
+@settings(max_examples=12, deadline=None)
+@given(hold_s=st.floats(0.005, 0.3))
+def test_readings_are_in_order_whatever_the_hold(flown, hold_s: float) -> None:
+    flight, physics, *_ = flown
+    found = physics.forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
+    assert (np.diff(found.taken_s) >= 0.0).all()
+    assert (found.taken_s <= flight.sample_s + 1e-9).all()
+    assert (found.held.age_variance_s2 >= 0.0).all()
+    assert ((found.held.probability >= 0.0) & (found.held.probability < 1.0)).all()

@@ -1,6 +1,5 @@
 """What the workflow answers about effects that are hidden in the virtual gantry."""
 
-import dataclasses
 import json
 
 import numpy as np
@@ -23,7 +22,6 @@ from wakedeploy.gap.naming import (
     _without_idle,
     detectable,
     fitted_base,
-    gain_over,
     name_effects,
 )
 from wakedeploy.gap.ranking import Candidate
@@ -93,15 +91,14 @@ def test_friction_is_named_with_its_size() -> None:
     holds_truth(friction, "coulomb-friction")
 
 
-def test_a_relative_of_what_was_found_has_to_gain_more(late) -> None:
-    explained = gain_over(late.base, late.fit)
-    assert explained > 20.0
-    limits = dataclasses.replace(LIMITS, effect_nats=1.0)
-    for relative in ("esc-frame", "spool-lag-sufferer"):
-        assert _needed(relative, late.base, late.fit, limits) == pytest.approx(0.1 * explained)
+def test_a_relative_of_what_was_found_has_to_gain_more() -> None:
+    found = {"command-latency": 300.0, "added-mass": 50.0}
+    assert _needed("esc-frame", found, LIMITS) == pytest.approx(30.0)
+    assert _needed("spool-lag-sufferer", found, LIMITS) == pytest.approx(35.0)  # of both
     for other in ("ground-effect", "crosswind-offset"):
-        assert _needed(other, late.base, late.fit, limits) == 1.0
-    assert _needed("esc-frame", late.base, late.base, limits) == 1.0
+        assert _needed(other, found, LIMITS) == LIMITS.effect_nats
+    assert _needed("esc-frame", {}, LIMITS) == LIMITS.effect_nats
+    assert _needed("esc-frame", {"command-latency": 20.0}, LIMITS) == LIMITS.effect_nats
 
 
 @pytest.mark.slow

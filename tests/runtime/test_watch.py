@@ -10,7 +10,7 @@ from runtime.watch import GapWatch
 from runtime.watch_filter import WatchFilter
 from runtime.watch_forecast import STEP_S, Model, PulsePath
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import Effect, EffectParameter, default_rig
 from wakedeploy.runlog import read_run_log
 
 RIG = default_rig()
@@ -84,6 +84,17 @@ def test_an_effect_in_the_rig_file_is_part_of_what_it_explains():
     with_effect, _ = watched(rows, type(RIG).model_validate(raw))
     assert without.report.worst > 1.5
     assert with_effect.report.worst < 1.0
+
+
+@pytest.mark.parametrize("hold_s", [0.04, 0.07])
+def test_a_sensor_that_repeats_itself_as_the_rig_file_says_is_no_gap(hold_s: float) -> None:
+    held = Effect(name="sample-and-hold",
+                  parameters={"hold_s": EffectParameter(value=hold_s, unit="s")})  # fmt: skip
+    rig = RIG.model_copy(update={"effect": (held,)})
+    rows = list(record(rig, seconds=20, seed=5, model_rig=RIG).rows())
+    watch, scores = watched(rows, rig)
+    assert 0.0 < watch.report.worst < 1.0
+    assert sum(score is not None for score in scores) > 50
 
 
 def test_samples_that_stop_and_come_back_do_not_alarm(flight):

@@ -258,7 +258,9 @@ class Physics:
         pattern = self._remembered(
             "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s)
         )
-        taken_s = flight.sample_s - constants["range.delay_s"] - pattern.age_s
+        # Ages are means over what is possible: a reading may seem older than the one before it.
+        made_s = np.maximum.accumulate(flight.sample_s - pattern.age_s)
+        taken_s = made_s - constants["range.delay_s"]
         z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
         reading = tuple(_overriding(effects, "range_m"))
         expected = []

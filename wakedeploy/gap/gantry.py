@@ -44,7 +44,7 @@ _STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s"
 _STEP = 0.05  # of a prior scale
 # Flights may go far beyond where a term is of typical size; there a longer step loses the track.
 _STEP_OF_TERM = 0.005
-_STEP_OF_HOLD_S = 1e-4
+_JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
 HOLD = "sample-and-hold.hold_s"
 _NO_HORIZON = np.zeros(0, np.int64)
 
@@ -242,7 +242,9 @@ class _Layout:
         order = {name: i for i, name in enumerate(LIBRARY)}
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
         self.free = tuple(
-            replace(f, starts=(held_s,), step=_STEP_OF_HOLD_S) if f.name == HOLD else f
+            replace(f, starts=(held_s,), scanned=(held_s,), step=_JAGGED_S, finest=_JAGGED_S)
+            if f.name == HOLD
+            else f
             for f in free
         )
 
@@ -401,9 +403,10 @@ def _repeats(flight: Flight, held: Held) -> tuple[FloatArray, FloatArray]:
 
     Their likelihood is in the samples' densities; this carries its slope to the fit.
     """
-    expected = float(np.mean(held.probability + (1.0 - held.probability) * CHANCE))
-    excess = float(flight.repeated.mean()) - expected
-    return np.array([excess]), np.array([expected * (1.0 - expected) / len(flight.repeated)])
+    share, repeated = held.probability[flight.counted], flight.repeated[flight.counted]
+    expected = float(np.mean(share + (1.0 - share) * CHANCE))
+    excess = float(repeated.mean()) - expected
+    return np.array([excess]), np.array([expected * (1.0 - expected) / len(repeated)])
 
 
 def _compared(
@@ -419,7 +422,6 @@ def _compared(
     for h, count in enumerate(steps):
         step_of, _ = placed(flight.grid_s, forces.taken_s)
         then_s = flight.grid_s[np.minimum(step_of + count, len(flight.grid_s) - 1)]
-        reading = np.interp(then_s, forces.taken_s, flight.reading_m)
         nearest = np.abs(forces.taken_s[:, None] - then_s[None, :]).argmin(axis=0)
         slope = forces.expected[1]
         offset = forces.expected[0] - slope * flight.nominal[0, step_of]

@@ -21,9 +21,11 @@ FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
 CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
-_BINS = 24  # of the age
+_BINS = 24  # of the phase, at least
+_BIN_S = 0.002
+_TO_NEIGHBOURS = 0.8  # a sampled Gaussian narrower than this would be too narrow
 _SURE = 0.995  # no repeat is more certain
-_PERIODS_S = np.arange(0.01, 0.1205, 0.001)
+_PERIODS_S = np.arange(0.01, 0.3005, 0.001)
 _FINER = np.linspace(-0.001, 0.001, 21)
 _JITTER_S = 0.0015  # of either clock
 _WANDER_S = 0.0004  # by which their phase may move from sample to sample
@@ -54,12 +56,20 @@ def held(
     """The pattern of samples (n,) at these times under a clock of period `hold_s` [s]."""
     if hold_s <= 0.0:
         return not_held(len(sample_s))
-    reach = 4
-    wander = np.arange(-reach, reach + 1) * hold_s / _BINS / wander_s
-    kernel = np.exp(-0.5 * wander**2)
-    kernel /= kernel.sum()
-    told = _ages(sample_s, repeated, hold_s, _BINS, _JITTER_S, CHANCE, kernel)
+    bins = max(_BINS, round(hold_s / _BIN_S))
+    kernel = _wander(wander_s * bins / hold_s)
+    told = _ages(sample_s, repeated, hold_s, bins, _JITTER_S, CHANCE, kernel)
     return Held(np.minimum(told[0], _SURE), told[1], told[2])
+
+
+def _wander(deviation_bins: float) -> FloatArray:
+    """A symmetric kernel (2 r + 1,) of this standard deviation, to the neighbours or farther."""
+    if deviation_bins < _TO_NEIGHBOURS:
+        share = 0.5 * deviation_bins**2
+        return np.array([share, 1.0 - 2.0 * share, share])
+    reach = round(4.0 * deviation_bins)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / deviation_bins) ** 2)
+    return np.asarray(kernel / kernel.sum())
 
 
 def likely_period_s(

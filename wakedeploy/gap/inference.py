@@ -32,7 +32,8 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
-    `scanned` are sizes to look at before a climb, where a likelihood is jagged. `adds_to` is the
+    `scanned` are sizes to look at before a climb, where a likelihood is jagged, `finest` the least
+    standard error that may be told of it. `adds_to` is the
     calibrated constant that a parameter moves without replacing it. `first` is
     where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
     """
@@ -49,6 +50,7 @@ class Free:
     adds_to: str = ""
     first: float | None = None
     scanned: tuple[float, ...] = ()
+    finest: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -155,7 +157,8 @@ class Fit:
         The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
         small by chance; clustered by episode, it is the jackknife's, and the priors' own.
         """
-        return float(np.sqrt(max(self._variances(name))))
+        finest = self.free[self._index(name)].finest
+        return max(float(np.sqrt(max(self._variances(name)))), finest)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Where the parameter lies with this probability, clipped to its bounds.
@@ -174,19 +177,21 @@ class Fit:
     def _variances(self, name: str) -> tuple[float, float]:
         """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
         gradient, fisher = self.slopes.gradient(), self.slopes.fisher()
-        prior = np.diag(prior_precision(self.free))
-        bread = np.linalg.pinv(fisher.sum(0) + prior, hermitian=True)
-        own, count = bread[self._index(name)], len(gradient)
-        curvature = float(own[self._index(name)])
+        at = self._index(name)
+        low, high = _bounds(self.free)
+        free = (self.theta > low) & (self.theta < high)  # at its bound a parameter follows nothing
+        free[at] = True
+        gradient, fisher = gradient[:, free], fisher[:, free][:, :, free]
+        prior = np.diag(prior_precision(self.free)[free])
+        unit = np.eye(len(prior))[np.count_nonzero(free[:at])]
+        total, count = fisher.sum(0) + prior, len(gradient)
+        own = _solve(total, unit)
+        curvature = float(own @ unit)
         if count < 2:
             return curvature, 0.0
-        total = fisher.sum(0) + prior
         # An episode's pull on the estimate is weighed without its own information: so many
         # parameters bend to each of so few episodes that its gradient tells too little of it.
-        pulls = [
-            np.linalg.pinv(total - one, hermitian=True)[self._index(name)] @ g
-            for g, one in zip(gradient, fisher, strict=True)
-        ]
+        pulls = [_solve(total - one, unit) @ g for g, one in zip(gradient, fisher, strict=True)]
         spread = float(np.var(pulls, ddof=1)) * (count - 1) ** 2 / count
         return curvature, spread + float(own @ prior @ own)
 

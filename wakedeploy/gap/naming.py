@@ -6,7 +6,7 @@ when it is no longer needed. What no effect explains is looked for as an express
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -150,36 +150,15 @@ def name_effects(
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
-    expressions: dict[Hypothesis, Symbolic | None] = {}  # beyond what was found, where looked for
-    rounds: list[Round] = []
-    current = base
-    while len(current.hypothesis) < MOST_EFFECTS:
-        left = [n for n in names if n not in current.hypothesis]
-        if current.hypothesis:  # the first round ranks all, for the record
-            left = worth_trying(model, current, left, _HOPE_SHARE * thresholds.effect_nats)
-        if not left:
-            break
-        progress(f"trying {len(left)} effects" + _on_top(current.hypothesis))
-        current, ranked = rank_fairly(model, current, left, least_nats=0.5 * thresholds.effect_nats)
-        base = base if current.hypothesis else current
-        rounds.append(Round(current.hypothesis, tuple(ranked), CLASS_NATS * share))
-        if ranked[0].gain_nats < _needed(ranked[0].name, base, current, thresholds):
-            beyond = expressions[current.hypothesis] = _expression(model, current, thresholds)
-            # Where something is missing, an effect that explains it as well is its better name.
-            if beyond is None or ranked[0].gain_nats < beyond.gain_nats - CLASS_NATS:
-                break
-        near, found = _settled(model, ranked[0].fit)
-        before = fit(near, current.hypothesis, range(near.episodes), current.theta)
-        if gain_over(before, found) < _KEPT_SHARE * thresholds.effect_nats:
-            break  # it had gained by the line around which the motion was linear, no more
-        model, current = near, found
-        base = fit(model, (), range(model.episodes), base.theta)
-    current = _without_idle(model, current)
-    rounds = [r for r in rounds if set(r.given) <= set(current.hypothesis)]
+    searched = _Search(model, base, base, thresholds, CLASS_NATS * share)
+    while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
+        pass
+    model, base = searched.model, searched.base
+    current = _without_idle(model, searched.current)
+    rounds = [r for r in searched.rounds if set(r.given) <= set(current.hypothesis)]
     progress("looking for what no effect explains")
-    if current.hypothesis not in expressions:
-        expressions[current.hypothesis] = _expression(model, current, thresholds)
-    unknown, rest = _rest(model, base, current, expressions[current.hypothesis], thresholds)
+    beyond = searched.expression(current)
+    unknown, rest = _rest(model, base, current, beyond, thresholds)
     white = whiteness(current)
     verdict, members = _verdict(rounds, current, unknown, white, thresholds)
     return Answer(
@@ -197,17 +176,85 @@ def name_effects(
     )
 
 
-def _needed(name: str, base: Fit, current: Fit, thresholds: Thresholds) -> float:
-    """What an effect must gain to be found [nats].
+class _Search:
+    """The search through the library: effects found one after another, all refitted together."""
 
-    A found effect whose form is not quite the rig's leaves a rest that its relatives fit best.
-    """
-    found = current.hypothesis
-    related = any(
-        name in LIBRARY[f].confused_with or f in LIBRARY[name].confused_with for f in found
-    )
-    form = _RELATIVES_SHARE * gain_over(base, current) if related else 0.0
-    return max(thresholds.effect_nats, form)
+    def __init__(
+        self, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds, near_nats: float
+    ) -> None:
+        self.model, self.base, self.current = model, base, current
+        self.rounds: list[Round] = []
+        self._thresholds, self._near_nats = thresholds, near_nats
+        self._gains: dict[str, float] = {}  # of what was found, when it was found [nats]
+        self._beyond: dict[Hypothesis, Symbolic | None] = {}
+        self._is_relined = False
+
+    def find(self, names: Sequence[str], progress: Progress) -> bool:
+        """One round; whether there should be another."""
+        least = self._thresholds.effect_nats
+        left = [n for n in names if n not in self.current.hypothesis]
+        if self.current.hypothesis:  # the first round ranks all, for the record
+            left = worth_trying(self.model, self.current, left, _HOPE_SHARE * least)
+        if not left:
+            return False
+        progress(f"trying {len(left)} effects" + _on_top(self.current.hypothesis))
+        self.current, ranked = rank_fairly(self.model, self.current, left, least_nats=0.5 * least)
+        if not self.current.hypothesis:
+            self.base = self.current
+        self.rounds.append(Round(self.current.hypothesis, tuple(ranked), self._near_nats))
+        best = self._chosen(ranked)
+        return best is not None and self._taken(best)
+
+    def expression(self, current: Fit) -> Symbolic | None:
+        """What is beyond a fit, looked for once."""
+        if current.hypothesis not in self._beyond:
+            self._beyond[current.hypothesis] = _expression(self.model, current, self._thresholds)
+        return self._beyond[current.hypothesis]
+
+    def _chosen(self, ranked: Sequence[Candidate]) -> Candidate | None:
+        """The first that gains what it must, or as much as an expression that gains enough."""
+        for candidate in ranked:
+            if candidate.gain_nats >= _needed(candidate.name, self._gains, self._thresholds):
+                return candidate
+        best = ranked[0]
+        if _form_nats(best.name, self._gains) > best.gain_nats:
+            return None
+        # Where something is missing, an effect that explains it as well is its better name.
+        beyond = self.expression(self.current)
+        close = beyond is not None and best.gain_nats >= beyond.gain_nats - CLASS_NATS
+        return best if close else None
+
+    def _taken(self, best: Candidate) -> bool:
+        """Refit everything around the motion that it explains; rank once more if that was all."""
+        near, found = _settled(self.model, best.fit)
+        before = fit(near, self.current.hypothesis, range(near.episodes), self.current.theta)
+        least = _KEPT_SHARE * self._thresholds.effect_nats
+        if not self._is_relined and gain_over(before, found) < least:
+            # It had gained by the line around which the motion was linear: all are ranked again.
+            self._is_relined = True
+            self.model, self.current = near, before
+            self.rounds.pop()
+            self._beyond.clear()
+            return True
+        self.model, self.current = near, found
+        self.base = fit(near, (), range(near.episodes), self.base.theta)
+        self._gains[best.name] = best.gain_nats
+        return True
+
+
+def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
+    """What an effect must gain to be found, beside those found with their gains [nats]."""
+    return max(thresholds.effect_nats, _form_nats(name, found))
+
+
+def _form_nats(name: str, found: Mapping[str, float]) -> float:
+    """What a relative of found effects gains where their form is not quite the rig's [nats]."""
+    related = [
+        gain
+        for one, gain in found.items()
+        if name in LIBRARY[one].confused_with or one in LIBRARY[name].confused_with
+    ]
+    return _RELATIVES_SHARE * sum(related)
 
 
 def with_terms(model: GantryModel) -> GantryModel:

@@ -31,8 +31,9 @@ def promises(model: Model, base: Fit, names: Sequence[str]) -> FloatArray:
 def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: float) -> list[str]:
     """Names without those whose slopes at the neutral point promise less than `least_nats`.
 
-    Kept in any case: effects without a slope there, and those that move a calibrated constant
-    which the fit has bent; all of them where it has bent its calibration on the whole.
+    Kept in any case: effects without a slope there or with a jagged likelihood, and those that move
+    a calibrated constant which the fit has bent; all of them where it has bent its calibration on
+    the whole.
     """
     if base.log_prior < BENT_NATS:
         return list(names)
@@ -44,8 +45,9 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     kept = []
     for name, promised in zip(names, promises(model, base, names), strict=True):
         free = model.free((*base.hypothesis, name))
-        moves = {f.quantity for f in free if f.name.startswith(f"{name}.")}
-        if promised > least_nats or promised < _NO_SLOPE_NATS or moves & bent:
+        own = [f for f in free if f.name.startswith(f"{name}.")]
+        moves, is_jagged = {f.quantity for f in own}, any(f.scanned for f in own)
+        if promised > least_nats or promised < _NO_SLOPE_NATS or moves & bent or is_jagged:
             kept.append(name)
     return kept
 
