@@ -88,6 +88,8 @@ def test_both_episodes_of_a_flight_are_in_the_same_split(tmp_path: Path) -> None
         ({"b_acc": np.full((N, 3), np.nan)}, "b_acc: is not finite at sample 0"),
         ({"t": np.zeros(N)}, "t: does not rise at sample 1"),
         ({"t": np.arange(N) / 50.0}, "t: steps by 0.02 s after sample 0, not by 0.01 s"),
+        ({"t": np.arange(N) * 0.0117}, "t: runs at 85.47 Hz, not at 100 Hz"),
+        ({"a_quat_xyzw": np.zeros((N, 4))}, "a_quat_xyzw: is no unit quaternion at sample 0"),
         ({"t": np.arange(20) / 100.0}, "t: has 20 samples"),
         ({"a_vbat": np.array(["full"] * N)[:, None]}, "a_vbat: does not hold real numbers"),
     ],
@@ -108,6 +110,22 @@ def test_a_missing_key_and_an_unknown_name_are_told(tmp_path: Path) -> None:
     np.savez(tmp_path / "swap_xy_00.npz", **flight())
     (tmp_path / "swap_sl_00.npz").unlink()
     with pytest.raises(UnusableInput, match="swap_ss_"):
+        import_set(tmp_path)
+
+
+@pytest.mark.parametrize("damage", ["short", "flipped", "other"])
+def test_a_damaged_file_is_refused_in_one_sentence(tmp_path: Path, damage: str) -> None:
+    path = saved(tmp_path) / "swap_sl_00.npz"
+    whole = bytearray(path.read_bytes())
+    if damage == "short":
+        path.write_bytes(whole[: len(whole) // 2])
+    elif damage == "flipped":
+        whole[len(whole) // 2] ^= 0xFF
+        path.write_bytes(whole)
+    else:
+        np.save(tmp_path / "array.npy", np.zeros(4))
+        path.write_bytes((tmp_path / "array.npy").read_bytes())
+    with pytest.raises(UnusableInput, match=r"swap_sl_00\.npz"):
         import_set(tmp_path)
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from wakedeploy.cli import main
-from wakedeploy.domains.flaredw import MASS_KG, thrust_n
+from wakedeploy.domains.flaredw import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.errors import UnusableInput
@@ -82,7 +82,7 @@ def test_the_observer_sees_a_steady_push_and_nothing_of_the_future() -> None:
     push_n = np.array([0.5, -1.0, 2.0])
     s = states(2.0, 5)
     s[:, 18:22] = (1.0, 0.0, 0.0, 0.0)
-    lift_n = np.array([0.0, 0.0, thrust_n(s)[0] - MASS_KG * 9.81])
+    lift_n = np.array([0.0, 0.0, thrust_n(s)[0] - MASS_KG * LABEL_GRAVITY_MPS2])
     time_s = np.arange(len(s)) / 200
     s[:, 3:6] = time_s[:, None] * (push_n + lift_n) / MASS_KG
     assert observed_force(s) == pytest.approx(np.tile(push_n, (len(s), 1)), abs=0.02)

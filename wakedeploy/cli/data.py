@@ -117,7 +117,7 @@ def make_downwash(
     type=click.Choice(["slender", "vortex"]),
     default="vortex",
     show_default=True,
-    help="Slender bodies without memory, or vortices with wakes.",
+    help="Slender bodies (no memory, added mass of deep water), or vortices with wakes.",
 )
 @_JSON
 def make_ship(

@@ -10,6 +10,8 @@ motors are estimated to give; nothing is smoothed.
 """
 
 import re
+import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,6 +43,7 @@ _COLUMNS = {"pos": 3, "vel": 3, "acc": 3, "quat_xyzw": 4, "motor_thrust": 4, "pw
 _NAME = re.compile(r"swap_(ss|sl|ll)_.+")
 _SHORTEST = 200  # samples
 _UNEVEN_S = 0.002
+_OFF = 0.01  # of the rate, on the whole; of a quaternion's length, at any time
 _ROUND = ("train", "train", "test", "validation", "train")
 
 Vector = NDArray[np.float64]
@@ -71,13 +74,14 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     `progress(done, total)` is called after each flight.
     """
     files = _find(path)
-    episodes, split = list[Episode](), dict[str, str]()
+    episodes, split, splits = list[Episode](), dict[str, str](), _split(files)
     for done, file in enumerate(files, 1):
         a, b = _read(file)
         for sufferer, source, letter in ((a, b, "a"), (b, a, "b")):
-            episode = _episode(f"{file.stem}-{letter}", source, sufferer)
+            plain = re.sub(r"[^A-Za-z0-9._-]+", "-", file.stem)[:90]
+            episode = _episode(f"{plain}-{letter}", source, sufferer)
             episodes.append(episode)
-            split[episode.name] = _split(files)[file]
+            split[episode.name] = splits[file]
         if progress is not None:
             progress(done, len(files))
     return EpisodeSet(
@@ -155,11 +159,16 @@ def _read(file: Path) -> tuple[_Vehicle, _Vehicle]:
     try:
         with np.load(file, allow_pickle=False) as archive:
             arrays = {key: np.asarray(archive[key]) for key in archive.files}
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise UnusableInput(
             f"{file}: cannot be read ({one_line(error)}); fetch it again."
         ) from error
     n = len(_time(file, arrays))
+    for letter in "ab":
+        length = np.linalg.norm(_column(file, arrays, f"{letter}_quat_xyzw", (n, 4)), axis=1)
+        if (np.abs(length - 1.0) > _OFF).any():
+            at = int(np.argmax(np.abs(length - 1.0) > _OFF))
+            raise _refused(file, f"{letter}_quat_xyzw", f"is no unit quaternion at sample {at}")
     a, b = (
         _Vehicle(
             {k: _column(file, arrays, f"{letter}_{k}", (n, w)) for k, w in _COLUMNS.items()}, m
@@ -182,6 +191,8 @@ def _time(file: Path, arrays: dict[str, NDArray[np.generic]]) -> Vector:
         at = int(np.argmax(uneven))
         reason = f"steps by {steps_s[at]:.4g} s after sample {at}, not by {1.0 / RATE_HZ:g} s"
         raise _refused(file, "t", reason)
+    if abs(float(steps_s.mean()) * RATE_HZ - 1.0) > _OFF:
+        raise _refused(file, "t", f"runs at {1.0 / steps_s.mean():.4g} Hz, not at {RATE_HZ:g} Hz")
     return time_s
 
 

@@ -25,9 +25,10 @@ Predict = Callable[[FloatArray], FloatArray]
 
 RATE_HZ = 100.0
 DT_S = 1.0 / RATE_HZ
-WINDOW_S = 0.75  # twice the transport delay
+NOMINAL_DELAY_S = 2.3 / 6.0
+WINDOW_S = 0.75  # twice that; a set with another delay keeps it
 EPISODE_S = 20.0
-SETTLING_S = 2.0  # before recording: the wake has to arrive, and the bodies to follow
+_SETTLING_DELAYS = 3.0  # before recording, and a second: the wake has to arrive in its full width
 OBSERVATION = (
     Channel("dx_m", "m"),
     Channel("dz_m", "m"),
@@ -49,7 +50,8 @@ class World:
     The paper gives `speed_mps`, `diffusivity_m2ps` and `separation_m`. The others are estimates:
     a small multicopter of 1 kg; a jet whose Gaussian is as wide as its rotors; strength and drag
     area for a hovering source to push a tenth of the sufferer's weight 2.3 m below; a decay that
-    takes 11 % on the way there and leaves nothing at the grid's edge.
+    takes 11 % on the way there and leaves nothing at the grid's edge. `spread` is how far speed and
+    separation may be from the paper's, as a share; see `shifted`.
     """
 
     speed_mps: float | FloatArray = 6.0
@@ -61,7 +63,13 @@ class World:
     drag_area_m2: float = 0.06
     mass_kg: float = 1.0
     inertia_kgm2: float = 0.02
+    spread: float = 0.0
     grid: FieldGrid = field(default_factory=FieldGrid)
+
+    @property
+    def slowest_s(self) -> float:
+        """The longest transport delay that its spread allows."""
+        return NOMINAL_DELAY_S * (1.0 + self.spread) / (1.0 - self.spread)
 
     def field(self, episodes: int) -> WakeField:
         """The air at rest."""
@@ -122,7 +130,9 @@ def fly(
     a step, from the first step of the flight on.
     """
     world = world if world is not None else World()
-    episodes, settling = len(seeds), round(SETTLING_S * RATE_HZ)
+    # The nominal delay at the largest spread, so that companions change nothing.
+    settling = round((1.0 + _SETTLING_DELAYS * world.slowest_s) * RATE_HZ)
+    episodes = len(seeds)
     steps = settling + round(seconds * RATE_HZ)
     source_way, sufferer_way = _ways(seeds, world, steps)
     # What turns the bodies along their references is planned with them.
@@ -223,6 +233,7 @@ def shifted(seeds: Sequence[int], spread: float, world: World | None = None) -> 
         speed_mps=world.speed_mps * speed,
         diffusivity_m2ps=world.diffusivity_m2ps * diffusivity,
         separation_m=world.separation_m * separation,
+        spread=spread,
         grid=grid,
     )
 

@@ -5,6 +5,8 @@ source and `uav_2_states` the sufferer). Out: flights, cut where positions jump,
 with the authors' force label recomputed for all three axes.
 """
 
+import zipfile
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +28,7 @@ _JUMP_M = 0.1
 _CRASH_RAD = 0.8
 _SMOOTHED = 21  # samples of the authors' filter, 50 ms to either side
 _SHORTEST = 200  # samples
+_UNIT = 0.05  # by which a quaternion's length may be off
 
 Vector = NDArray[np.float64]
 
@@ -34,7 +37,8 @@ Vector = NDArray[np.float64]
 class Flight:
     """One flight: states of source and sufferer (n, 26) and the label (n, 3) [N] in world axes.
 
-    `stated_n` is the file's own label of the z axis (n,), where it has one.
+    `file` is the recording that it was cut from, `stated_n` the file's own label of the z axis
+    (n,), where it has one.
     """
 
     name: str
@@ -115,7 +119,7 @@ def _flights(file: Path) -> list[Flight]:
         with np.load(file, allow_pickle=False) as archive:
             source, sufferer = (_states(file, archive, k) for k in (1, 2))
             stated = archive.get("dw_forces")
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
         raise UnusableInput(
             f"{file}: cannot be read ({one_line(error)}); copy it again."
         ) from error
@@ -141,6 +145,8 @@ def _states(file: Path, archive: "np.lib.npyio.NpzFile", vehicle: int) -> Vector
     states = np.asarray(archive[key], dtype=np.float64)
     if states.ndim != 2 or states.shape[1] != COLUMNS or not np.isfinite(states).all():
         raise UnusableInput(f"{file}: {key} has shape {states.shape} or holds NaN, not (n, 26).")
+    if (np.abs(np.linalg.norm(states[:, 18:22], axis=1) - 1.0) > _UNIT).any():
+        raise UnusableInput(f"{file}: {key}: columns 18 to 21 are no unit quaternions w, x, y, z.")
     return states
 
 

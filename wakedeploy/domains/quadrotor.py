@@ -16,6 +16,7 @@ from pydantic import JsonValue
 
 import wakedeploy
 from wakedeploy.domains.flaredw import (
+    LABEL_GRAVITY_MPS2,
     MASS_KG,
     RATE_HZ,
     THRUST_VALID_RADPS,
@@ -26,7 +27,6 @@ from wakedeploy.domains.flaredw import (
 )
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.files import sha256_of
-from wakedeploy.physics.rail import GRAVITY_MPS2
 
 WINDOW_S = 0.5
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
@@ -42,7 +42,7 @@ OBSERVATION = (
 )
 OBSERVER_S = 0.025  # over which the no-learning observer takes the sufferer's change of speed
 _ROUND = ("train", "test", "validation", "train", "train")
-_MANOEUVRE = re.compile(r"\d+_[A-Za-z_]+")
+_MANOEUVRE = re.compile(r"\d_[A-Za-z_]+")  # 1_flybelow, 3_swapping
 
 Vector = NDArray[np.float64]
 
@@ -104,14 +104,14 @@ def observed_force(states: Vector) -> Vector:
     """What the sufferer's own motion says of the force on it (n, 3) [N], without learning.
 
     m·Δv/25 ms − T + m·g: mass times the change of velocity over the last 25 ms, less thrust and
-    weight. Causal; before the first 25 ms it repeats the first value.
+    weight, with the label's g. Causal; before the first 25 ms it repeats the first value.
     """
     steps = round(OBSERVER_S * RATE_HZ)
     velocity = states[:, 3:6]
     change = (velocity[steps:] - velocity[:-steps]) / OBSERVER_S
     change = np.concatenate([np.repeat(change[:1], steps, axis=0), change])
     force = MASS_KG * change - attitude(states)[:, :, 2] * thrust_n(states)[:, None]
-    force[:, 2] += MASS_KG * GRAVITY_MPS2
+    force[:, 2] += MASS_KG * LABEL_GRAVITY_MPS2
     return np.asarray(force)
 
 

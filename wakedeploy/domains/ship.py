@@ -18,6 +18,7 @@ import numpy as np
 import wakedeploy
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.ships.hull import Hull
 from wakedeploy.physics.ships.manoeuvring import Ship, State
 from wakedeploy.physics.ships.shallow import VortexShips, Waterway
@@ -46,6 +47,8 @@ SPEED_MPS = (3.0, 5.0)
 WALL_LENGTHS = (0.9, 1.4)
 _FROM_LENGTHS = 2.0  # apart along the channel when a pass begins and ends
 _SETTLING_S = 30.0  # in which wakes form
+# Both models take the water's surface for rigid: no ship may be near the speed of its own waves.
+_FASTEST_FROUDE = 0.6  # speed over √(g · depth)
 _SLOWEST_PASS = 0.15  # a pass whose speeds differ less, relative to the faster, would never end
 _NEAREST_BEAMS = 1.15
 _SWERVE_LENGTHS = 0.06
@@ -86,8 +89,9 @@ def make_set(
 ) -> EpisodeSet:
     """Simulate passages until there are `minutes` of them, at least three; split by passage.
 
-    `level` "vortex" has wakes and with them a memory, "slender" has none. `progress(done, total)`
-    counts seconds.
+    `level` "vortex" has wakes and with them a memory, "slender" has none, and smaller forces where
+    the keel is near the ground, because its added mass is that of deep water. `progress(done,
+    total)` counts seconds.
     """
     wanted_s, done_s = 60.0 * minutes, 0.0
     jobs = (_Job(level, 1_000_000 * (seed + 1) + i, f"pass{i:04d}") for i in itertools.count())
@@ -139,10 +143,13 @@ def _sail(job: _Job) -> Episode:
 
 def _drawn(rng: np.random.Generator) -> _Pass:
     hull = Hull()
-    sufferer = float(rng.uniform(*SPEED_MPS))
+    depth_m = hull.draught_m * float(rng.uniform(*DEPTH_OVER_DRAUGHT))
+    fastest_mps = _FASTEST_FROUDE * math.sqrt(GRAVITY_MPS2 * depth_m)
     while True:
+        sufferer = float(rng.uniform(*SPEED_MPS))
         ratio = float(np.exp(rng.uniform(*np.log(SPEED_RATIO))))
-        if abs(ratio - 1.0) > _SLOWEST_PASS * max(ratio, 1.0):
+        differs = abs(ratio - 1.0) > _SLOWEST_PASS * max(ratio, 1.0)
+        if differs and sufferer * max(ratio, 1.0) < fastest_mps:
             break
     way = -1.0 if rng.random() < 0.5 else 1.0
     apart = float(rng.uniform(*APART_LENGTHS)) * hull.length_m * float(rng.choice([-1.0, 1.0]))
@@ -155,7 +162,7 @@ def _drawn(rng: np.random.Generator) -> _Pass:
         for _ in range(2)
     )
     return _Pass(
-        depth_m=hull.draught_m * float(rng.uniform(*DEPTH_OVER_DRAUGHT)),
+        depth_m=depth_m,
         wall_m=hull.length_m * float(rng.uniform(*WALL_LENGTHS)),
         sufferer_mps=sufferer,
         source_mps=way * ratio * sufferer,

@@ -64,8 +64,15 @@ def test_jumps_start_flights_and_crashes_are_left_out(tmp_path):
 
 
 def test_a_file_without_states_is_refused_by_key(tmp_path):
-    np.savez(tmp_path / "other.npz", uav_1_states=np.zeros((9, 26)))
+    np.savez(tmp_path / "other.npz", uav_1_states=states(turning_axes=False))
     with pytest.raises(UnusableInput, match="uav_2_states is missing"):
+        read_flights(tmp_path)
+
+
+def test_quaternions_that_are_none_are_refused(tmp_path):
+    still = np.zeros((300, 26))
+    np.savez(tmp_path / "other.npz", uav_1_states=still, uav_2_states=still)
+    with pytest.raises(UnusableInput, match="no unit quaternions"):
         read_flights(tmp_path)
 
 

@@ -45,6 +45,7 @@ class SecondPlant:
         self._gust = float(self._air.standard_normal())
         self._next_frame_s = float(timing.uniform(0.0, constants.sensing.frame_s))
         self._next_sample_s = float(timing.uniform(0.0, constants.sensing.period_s))
+        self._hold_phase = float(timing.random())  # of the clock that a hold keeps
         self._commands: deque[tuple[float, float, float]] = deque()
         self._waiting: deque[Sample] = deque()
         self._reading = Sample(math.nan, -math.inf, 255)
@@ -201,7 +202,8 @@ class SecondPlant:
             self._next_sample_s += sensing.period_s
             made_s = taken_s
             if sensing.hold_s > 0.0:  # the sensor makes readings at a pace of its own
-                made_s = sensing.hold_s * math.floor(taken_s / sensing.hold_s)
+                phase_s = self._hold_phase * sensing.hold_s
+                made_s = phase_s + sensing.hold_s * math.floor((taken_s - phase_s) / sensing.hold_s)
             if made_s > self._made_s:
                 self._made_s = made_s
                 self._value_m = self._measured(self._height_at(made_s - sensing.stale_s), made_s)
