@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 import wakedeploy
+from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.physics.body import PlanarBody, thrust_vector_n
 from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
@@ -195,7 +196,7 @@ def make_set(
         force=FORCE,
         window_s=WINDOW_S,
         loss_weights=(1.0, 1.0),
-        split={e.name: _split_of(i, count) for i, e in enumerate(episodes)},
+        split=split_in_order([e.name for e in episodes]),
         episodes=tuple(episodes),
         provenance={
             "generator": f"wakedeploy {wakedeploy.__version__} downwash",
@@ -244,14 +245,6 @@ def _episode(flown: Flights, e: int, number: int) -> Episode:
         flown.observation[:, e].astype(np.float32),
         flown.force_n[:, e].astype(np.float32),
     )
-
-
-def _split_of(index: int, count: int) -> str:
-    """The last 15 % test, 15 % before them validation, at least one each."""
-    held = max(1, round(0.15 * count))
-    if index >= count - held:
-        return "test"
-    return "validation" if index >= count - 2 * held else "train"
 
 
 def _push_air(air: WakeField, world: World, source: FloatArray, thrust_n: FloatArray) -> None:

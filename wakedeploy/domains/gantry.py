@@ -20,6 +20,7 @@ from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, random_plan
 from runtime.run import metadata, require_fit
 from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
+from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.package import Package, read_package
@@ -199,7 +200,7 @@ def _as_set(
         force=tuple(Channel(*pair) for pair in FORCE),
         window_s=WINDOW_S,
         loss_weights=(1.0,),
-        split={e.name: _split_of(i, len(episodes)) for i, e in enumerate(episodes)},
+        split=split_in_order([e.name for e in episodes]),
         episodes=tuple(episodes),
         provenance={
             "generator": f"wakedeploy {wakedeploy.__version__} gantry",
@@ -210,11 +211,3 @@ def _as_set(
             "packages": [read_package(path).manifest.graph_sha256 for path in packages],
         },
     )
-
-
-def _split_of(index: int, count: int) -> str:
-    """70 % training, 15 % validation, 15 % test, at least one of each, kinds of flight in each."""
-    held_out = max(1, round(0.15 * count))
-    if index >= count - held_out:
-        return "test"
-    return "validation" if index >= count - 2 * held_out else "train"

@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 
 import wakedeploy
+from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -111,7 +112,7 @@ def make_set(
         force=FORCE,
         window_s=WINDOW_S,
         loss_weights=(1.0, 1.0),
-        split={e.name: _split_of(i, len(episodes)) for i, e in enumerate(episodes)},
+        split=split_in_order([e.name for e in episodes]),
         episodes=tuple(episodes),
         provenance={
             "generator": f"wakedeploy {wakedeploy.__version__} ship",
@@ -120,14 +121,6 @@ def make_set(
             "level": level,
         },
     )
-
-
-def _split_of(index: int, count: int) -> str:
-    """The last 15 % test, 15 % before them validation, at least one each."""
-    held = max(1, round(0.15 * count))
-    if index >= count - held:
-        return "test"
-    return "validation" if index >= count - 2 * held else "train"
 
 
 def _sail(job: _Job) -> Episode:

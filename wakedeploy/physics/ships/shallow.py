@@ -40,12 +40,11 @@ class Waterway:
 class Loads:
     """On both ships: force across [N], to port of a ship that heads along x, and moment [N·m].
 
-    A positive moment turns x towards y. `jump_m2ps` (2, panels) is the potential's, from the stern.
+    A positive moment turns x towards y.
     """
 
     sway_n: FloatArray
     yaw_nm: FloatArray
-    jump_m2ps: FloatArray
 
 
 class VortexShips:
@@ -186,7 +185,7 @@ class VortexShips:
             sway[i] = depth * (rate[i].sum() * width + carried) + drag.sum() * width
             turned = speed_mps[i] * (ends[0] * jump[i, 0] + jump[i].sum() * width)
             yaw[i] = depth * ((x * rate[i]).sum() * width + turned) + (x * drag).sum() * width
-        return Loads(WATER_KGPM3 * sway, WATER_KGPM3 * heading * yaw, jump)
+        return Loads(WATER_KGPM3 * sway, WATER_KGPM3 * heading * yaw)
 
 
 def _across(at: FloatArray, ends: FloatArray, apart_m: float) -> FloatArray:
