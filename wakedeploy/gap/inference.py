@@ -32,10 +32,10 @@ class Free:
     `step` is how far a finite difference reaches; an infinite `prior_sd` is a flat prior. Two
     parameters with the same `quantity` are the same thing under two names, as a calibrated constant
     and the effect that replaces it; a larger hypothesis then starts from the smaller one's value.
-    `scanned` are sizes to look at before a climb, where a likelihood is jagged, `finest` the least
-    standard error that may be told of it. `adds_to` is the
-    calibrated constant that a parameter moves without replacing it. `first` is
-    where a first fit begins, if not at neutral: loud noise makes outliers of nothing.
+    `scanned` are sizes to look at before a climb, where a likelihood is jagged; `finest` and
+    `finest_share` (of the size) are the least standard error that may be told of it. `adds_to` is
+    the calibrated constant that a parameter moves without replacing it. `first` is where a first
+    fit begins, if not at neutral: loud noise makes outliers of nothing.
     """
 
     name: str
@@ -51,6 +51,7 @@ class Free:
     first: float | None = None
     scanned: tuple[float, ...] = ()
     finest: float = 0.0
+    finest_share: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -157,7 +158,8 @@ class Fit:
         The curvature knows nothing of what the model lacks, and the spread of a few episodes may be
         small by chance; clustered by episode, it is the jackknife's, and the priors' own.
         """
-        finest = self.free[self._index(name)].finest
+        free = self.free[self._index(name)]
+        finest = max(free.finest, free.finest_share * abs(self.value(name)))
         return max(float(np.sqrt(max(self._variances(name)))), finest)
 
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:

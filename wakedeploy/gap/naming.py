@@ -15,7 +15,7 @@ import numpy as np
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
 from wakedeploy.gap.promises import worth_trying
-from wakedeploy.gap.ranking import Candidate, rank_fairly
+from wakedeploy.gap.ranking import Candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.separation import information
 from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.terms import TERMS
@@ -264,8 +264,20 @@ def with_terms(model: GantryModel) -> GantryModel:
 
 def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     """The found hypothesis, everything refitted around the motion that it explains."""
+    around = _refitted(model, found)
+    starts = scanned_starts(around[0], found)
+    if not starts:
+        return around
+    # Of several summits one may be the highest around its own motion and not around another's.
+    fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
+    best = max(fits, key=lambda f: f.objective).objective
+    near = [f for f in fits if f.objective > best - CLASS_NATS]
+    return max((around, *(_refitted(model, f) for f in near)), key=lambda p: p[1].objective)
+
+
+def _refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     near = model.relinearised(found)
-    return near, fit(near, found.hypothesis, range(near.episodes), found.theta)
+    return near, fit(near, found.hypothesis, found.episodes, found.theta)
 
 
 def _without_idle(model: GantryModel, current: Fit) -> Fit:

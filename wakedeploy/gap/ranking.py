@@ -121,6 +121,15 @@ def rank_fairly(
     )
 
 
+def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
+    """The likeliest of the sizes that a fit's jagged parameters ask to be looked at, as starts."""
+    return [
+        start
+        for i, free in enumerate(found.free)
+        for start in _scanned(model, found.episodes, found.hypothesis, found.theta, free, i)
+    ]
+
+
 def _candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
     unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
     return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
@@ -231,27 +240,34 @@ def _starts(
         if here > base.log_likelihood - _ABSURD_NATS:
             starts.append(theta)
     return starts + [
-        start for i in own for start in _scanned(model, base, hypothesis, neutral_point, free[i], i)
+        start
+        for i in own
+        for start in _scanned(model, base.episodes, hypothesis, neutral_point, free[i], i)
     ]
 
 
 def _scanned(
-    model: Model, base: Fit, hypothesis: Hypothesis, theta: FloatArray, free: Free, place: int
+    model: Model,
+    episodes: Sequence[int],
+    hypothesis: Hypothesis,
+    theta: FloatArray,
+    free: Free,
+    place: int,
 ) -> list[FloatArray]:
     """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
 
     All are looked at on one episode, and what is likely there on all.
     """
 
-    def likeliest(starts: list[FloatArray], episodes: Sequence[int], keep: int) -> list[FloatArray]:
+    def likeliest(starts: list[FloatArray], seen: Sequence[int], keep: int) -> list[FloatArray]:
         def density(start: FloatArray) -> float:
-            scores = (model.score(hypothesis, start, e) for e in episodes)
+            scores = (model.score(hypothesis, start, e) for e in seen)
             return sum(float(s.log_density.sum()) for s in scores)
 
         return sorted(starts, key=density)[-keep:]
 
     starts = [np.where(np.arange(len(theta)) == place, size, theta) for size in free.scanned]
-    return likeliest(likeliest(starts, base.episodes[:1], _LIKELY), base.episodes, _SCANNED_CLIMBED)
+    return likeliest(likeliest(starts, episodes[:1], _LIKELY), episodes, _SCANNED_CLIMBED)
 
 
 def _carried_over(

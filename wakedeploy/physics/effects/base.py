@@ -28,7 +28,8 @@ class Parameter:
     `wakedeploy.physics.constants`); its neutral value is then the rig's own, else `neutral`.
     `starts`: how far from neutral (in `scale`) fits begin, where the neutral point itself has no
     slope. `scanned`: least and largest size and their ratio from one to the next, where the
-    likelihood is so jagged that every such size has to be looked at first.
+    likelihood is so jagged that every such size has to be looked at first; its summits stand
+    `summits_apart` (a share of the size) from each other, and no standard error is told below that.
     """
 
     name: str
@@ -40,6 +41,7 @@ class Parameter:
     constant: str | None = None
     starts: tuple[float, ...] = (0.5,)
     scanned: tuple[float, float, float] | None = None
+    summits_apart: float = 0.0
 
 
 @dataclass

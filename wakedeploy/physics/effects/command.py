@@ -47,7 +47,17 @@ class PwmDeadBand(Effect):
     physics = "An ESC ignores a pulse that differs too little from the last one it accepted."
     stage = "command"
     parameters = (
-        Parameter("band_us", "us", scale=5.0, low=0.0, high=50.0, starts=(0.5, 1.0, 2.0)),
+        Parameter(
+            "band_us",
+            "us",
+            scale=5.0,
+            low=0.0,
+            high=50.0,
+            starts=(0.5, 1.0, 2.0),
+            # Which commands it swallows depends on all before: a climb ends on the next ledge.
+            scanned=(2.0, 40.0, 1.005),
+            summits_apart=0.02,
+        ),
     )
     confused_with = ("pwm-quantisation", "stiction")
     split_by = "a slow triangle of the sufferer's command"
