@@ -13,13 +13,12 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.episodes import EpisodeSet
+from wakedeploy.study.runs import trained
 from wakedeploy.study.uncertainty import FloatArray, blocks, r2_with_interval
 
 MEMORYLESS = "agile-mlp"
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
 _BLOCK_WINDOWS = 4.0  # a block of the bootstrap, in windows
-
-Train = Callable[[EpisodeSet, str, int], Any]
 
 
 @dataclass(frozen=True)
@@ -60,15 +59,11 @@ def compare(
 
     `epochs` is how long each is trained, if not as usual. `on_run` is called after each run.
     """
-    from trainers.training import configure, settings_for, train
-
     lines = list(_unlearned(data))
     for arch in architectures:
         for seed in range(seeds):
-            settings = settings_for(arch, epochs=epochs)
-            config = configure(data, arch, seed=seed, lead_s=0.0, settings=settings)
-            trained = train(config, data, runs)
-            lines.append(_scored(data, arch, seed, *predicted(trained.predictor, data)))
+            predictor = trained(data, arch, seed, runs, epochs=epochs)
+            lines.append(_scored(data, arch, seed, *predicted(predictor, data)))
             on_run()
     return lines
 

@@ -21,6 +21,7 @@ _RATES = (
     ("right_15_to_50_nats", "right, 15 to 50 nats", "≥ 80 %"),
     ("false_alarms", "false alarms without an effect", "≤ 5 %"),
     ("unknown_outside", "outside the library, called unknown", "≥ 90 %"),
+    ("unknown_outside_from_15_nats", "the same, 15 nats and above", ""),
     ("unknown_outside_from_50_nats", "the same, 50 nats and above", ""),
     ("pairs_right", "pairs, both found", ""),
     ("pairs_in_part", "pairs, one found and a rest admitted", ""),

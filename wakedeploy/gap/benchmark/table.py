@@ -44,6 +44,9 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         "right_15_to_50_nats": _rate(line["right"] for line in weak),
         "false_alarms": _rate(line["verdict"] != "none" for line in none),
         "unknown_outside": _rate(line["right"] for line in outside),
+        "unknown_outside_from_15_nats": _rate(
+            line["right"] for line in outside if (line.get("nats") or 0.0) >= 15.0
+        ),
         "unknown_outside_from_50_nats": _rate(
             line["right"] for line in outside if (line.get("nats") or 0.0) >= 50.0
         ),

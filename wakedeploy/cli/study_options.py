@@ -1,0 +1,97 @@
+"""What all studies ask for: which models, how many seeds, where the recordings are."""
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import progress
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.episodes import EpisodeSet
+
+_QUICK_EPOCHS = 4
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """The options that every study has, and the folders that follow from them."""
+
+    seeds: int
+    out: Path
+    quick: bool
+
+    @property
+    def runs(self) -> Path:
+        """Where runs lie: those of a quick look apart from the others."""
+        return self.out / ("runs-quick" if self.quick else "runs")
+
+    @property
+    def epochs(self) -> int | None:
+        """How long to train, None for as usual."""
+        return _QUICK_EPOCHS if self.quick else None
+
+    def titled(self, title: str) -> str:
+        """The title, which says so if this is only a quick look."""
+        return title + (" (a quick look)" if self.quick else "")
+
+
+def study_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command `--seeds`, `--out` and `--quick` as one argument `asked`."""
+
+    def with_asked(*, seeds: int, out: Path, quick: bool, **others: Any) -> Any:
+        import torch
+
+        torch.set_num_threads(1)  # small models are slower on several
+        return function(asked=Asked(1 if quick else seeds, out, quick), **others)
+
+    with_asked.__doc__ = function.__doc__
+    with_asked.__name__ = function.__name__
+    folder = click.Path(file_okay=False, path_type=Path)
+    for option in (
+        click.option("--quick", is_flag=True, help="Little data, one seed, few epochs."),
+        click.option("--out", type=folder, default="study", show_default=True),
+        click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True),
+    ):
+        with_asked = option(with_asked)
+    return with_asked
+
+
+def recordings_option(*names: str) -> Decorator:
+    """`--recordings`, a folder that has these in it."""
+    return click.option(
+        "--recordings",
+        type=click.Path(file_okay=False, path_type=Path),
+        help=f"Folder with {', '.join(names)} in it. Default: $WAKEDEPLOY_DATA.",
+    )
+
+
+arch_option: Decorator = click.option(
+    "--arch", default="all", show_default=True, help="all, or NAME[,NAME…]."
+)
+
+
+def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, EpisodeSet]":
+    """The chosen domains' sets, as far as their recordings are there; says what is left out."""
+    from wakedeploy.study.sets import chosen, obtain
+
+    if recordings is None and "WAKEDEPLOY_DATA" in os.environ:
+        recordings = Path(os.environ["WAKEDEPLOY_DATA"])
+    sets = {}
+    for domain in chosen(names):
+        with progress(f"{domain.name}: episodes", 1) as bar:
+            made = obtain(
+                domain, asked.out / "sets", recordings, quick=asked.quick, progress=bar.update
+            )
+        if made is None:
+            click.echo(f"{domain.name}: left out, its recordings are not there (--recordings).")
+        else:
+            sets[domain.name] = made
+    if not sets:
+        raise UnusableInput("No domain is left; give --recordings, or a simulated domain.")
+    return sets
