@@ -58,11 +58,14 @@ class DelayEmbedding(WakeModel):
         delay_s = self.delay_s + shift[:, :1]  # (B, 1)
         return delay_s, (self.log_spread + shift[:, 1:]).exp()  # (B, 1)
 
+    def weigh(self, delay_s: Tensor, spread_s: Tensor) -> Tensor:
+        """Kernels as weights of the past snapshots, which sum to 1: (B, 1), (B, 1) -> (B, P)."""
+        distance = (self.ages_s - delay_s) / spread_s  # (B, P)
+        return torch.softmax(-0.5 * distance.square(), dim=1)
+
     def forward(self, window: Tensor) -> Tensor:
         """(B, K, d), oldest first -> (B, o)."""
-        delay_s, spread_s = self.kernel(window)  # (B, 1)
-        distance = (self.ages_s - delay_s) / spread_s  # (B, P)
-        weights = torch.softmax(-0.5 * distance.square(), dim=1)  # (B, P)
+        weights = self.weigh(*self.kernel(window))  # (B, P)
         delayed = (weights.unsqueeze(2) * window[:, : self.past]).sum(1)  # (B, d)
         force: Tensor = self.head(torch.cat([window[:, -1], delayed], 1))  # (B, o)
         return force

@@ -18,6 +18,7 @@ from torch import Tensor
 
 from trainers.build import build
 from trainers.model import Predictor
+from trainers.present_only import CODE, present_only
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.files import sha256_of, write_text_whole, write_whole
 from wakedeploy.package import ForceChannel, ObservationChannel, Scores
@@ -37,7 +38,8 @@ AnyRecord = TypeVar("AnyRecord", bound=_Record)
 class RunConfig(_Record):
     """What is trained on what; two runs of equal configuration give equal weights.
 
-    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted.
+    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted, and
+    `present_only` the observation channels whose past the model is kept from.
     """
 
     format: Literal[1] = 1
@@ -54,6 +56,7 @@ class RunConfig(_Record):
     data_sha256: str
     seed: int
     settings: dict[str, float | int]
+    present_only: tuple[str, ...] = ()
 
 
 class RunMetrics(_Record):
@@ -93,12 +96,16 @@ def new_predictor(config: RunConfig) -> Predictor:
     core = build(
         config.arch,
         inputs=inputs,
-        outputs=outputs,
+        outputs=CODE if config.present_only else outputs,
         window_s=config.window_s,
         rate_hz=config.rate_hz,
         hyper=config.hyper,
         seed=config.seed,
     )
+    if config.present_only:
+        names = [channel.name for channel in config.observation]
+        hidden = [names.index(name) for name in config.present_only]
+        core = present_only(core, hidden, inputs, outputs, config.seed)
     return Predictor(config.arch, core, inputs, outputs)
 
 

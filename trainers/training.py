@@ -4,7 +4,7 @@ import dataclasses
 import datetime
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +52,15 @@ def configure(
     lead_s: float,
     hyper: Mapping[str, Any] | None = None,
     settings: FitSettings | None = None,
+    present_only: Sequence[str] = (),
 ) -> RunConfig:
-    """The configuration of a run on this set. Raises UnusableInput for what cannot be built."""
+    """The configuration of a run on this set. Raises UnusableInput for what cannot be built.
+
+    The past of the channels `present_only` is kept from the model.
+    """
+    unknown = set(present_only) - {c.name for c in data.observation}
+    if unknown:
+        raise UnusableInput(f"{data.domain} has no channel {', '.join(sorted(unknown))}.")
     values = dataclasses.asdict(hyper_parameters(arch, hyper or {}))
     try:
         return RunConfig(
@@ -70,6 +77,7 @@ def configure(
             data_sha256=data.sha256,
             seed=seed,
             settings=dataclasses.asdict(settings or settings_for(arch)),
+            present_only=tuple(present_only),
         )
     except ValidationError as error:
         raise UnusableInput(f"This {data.domain} set: {first_problem(error)}.") from error

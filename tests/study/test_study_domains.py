@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,9 @@ from scipy.signal import lfilter
 
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.study.domains import Line, compare, sentence
+from wakedeploy.study.domains import SOURCE_ONLY, Line, compare, planned, sentence
+from wakedeploy.study.domains_figure import least_over_kinds
+from wakedeploy.study.runs import train_all
 from wakedeploy.study.sets import DOMAINS, chosen, obtain
 
 
@@ -42,8 +45,11 @@ def test_lines_that_learn_nothing_are_exact(tmp_path) -> None:
 def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_path) -> None:
     data = delayed_set()
     calls: list[int] = []
-    lines = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3,
-                    on_run=lambda: calls.append(1))  # fmt: skip
+    jobs = [(data, wanted) for wanted in planned(data, ["agile-mlp", "esn"], 1, 3)]
+    train_all(jobs, tmp_path, workers=2, on_run=lambda: calls.append(1))
+    trained = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
+    lines = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
+    assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == trained
     named = {line.predictor: line for line in lines}
     assert named["esn"].normalised < 0.5 * named["agile-mlp"].normalised
     assert len(calls) == 2
@@ -51,6 +57,26 @@ def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_pat
     again = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
     assert [line.as_json() for line in again] == [line.as_json() for line in lines]
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == before
+
+
+def test_the_past_of_own_motion_is_hidden_where_a_set_names_it(tmp_path) -> None:
+    """The force is the drive's past; with the drive as own motion nothing is left of memory."""
+    data = delayed_set()
+    kinds = {e.name: "slow" if e.name == "e4" else "fast" for e in data.episodes}
+    data = replace(data, provenance={"own_motion": ["drive"], "manoeuvre": kinds})
+    lines = compare(data, ["agile-mlp", "history-mlp"], 1, tmp_path, epochs=8)
+    share = {line.predictor: line.normalised for line in lines}
+    kept = share["history-mlp" + SOURCE_ONLY]
+    assert share["history-mlp"] < 0.6 * share["agile-mlp"]
+    assert kept == pytest.approx(share["agile-mlp"], rel=0.1)
+    told = sentence("toy", lines)
+    assert f"the best is history-mlp{SOURCE_ONLY} with {kept:.2f}" in told
+    zero = lines[0]
+    warm = data.warm_up_steps
+    for kind, name in (("slow", "e4"), ("fast", "e5")):
+        force = next(e for e in data.episodes if e.name == name).force[warm:]
+        assert zero.groups[kind][0] == pytest.approx(np.sqrt(np.mean(force**2)), rel=1e-6)
+    assert least_over_kinds(lines)[0] == "history-mlp"
 
 
 def line(predictor: str, share: float, seed: int | None = 0) -> Line:

@@ -45,23 +45,25 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
         wakedeploy study domains --domains gantry,ship --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.domains import compare, sentence
+    from wakedeploy.study.domains import compare, planned, sentence
     from wakedeploy.study.domains_figure import parts, summary
     from wakedeploy.study.folder import write_study
+    from wakedeploy.study.runs import train_all
 
     architectures = _architectures(arch)
     sets = sets_of(names, recordings, asked)
     told: dict[str, list[Line]] = {}
-    with progress("Training", len(sets) * len(architectures) * asked.seeds) as bar:
+    jobs = [
+        (made, wanted)
+        for made in sets.values()
+        for wanted in planned(made, architectures, asked.seeds, asked.epochs)
+    ]
+    with progress("Training", len(jobs)) as bar:
+        train_all(jobs, asked.runs, on_run=bar.advance)
+    with progress("Scoring", len(sets)) as bar:
         for name, made in sets.items():
-            told[name] = compare(
-                made,
-                architectures,
-                asked.seeds,
-                asked.runs,
-                epochs=asked.epochs,
-                on_run=bar.advance,
-            )
+            told[name] = compare(made, architectures, asked.seeds, asked.runs, epochs=asked.epochs)
+            bar.advance()
     lines = [line.as_json() for own in told.values() for line in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "lines": lines}
     title = asked.titled("Eight architectures over the domains")
@@ -89,18 +91,15 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     from wakedeploy.study.closed_loop import sentence, track
     from wakedeploy.study.closed_loop_figure import parts, summary
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import trained
+    from wakedeploy.study.runs import Wanted, obtained, train_all
 
     architectures = _architectures(arch)
     data = sets_of("downwash", None, asked)["downwash"]
-    models = []
-    with progress("Training", len(architectures) * asked.seeds) as bar:
-        for name in architectures:
-            own = []
-            for seed in range(asked.seeds):
-                own.append(trained(data, name, seed, asked.runs, epochs=asked.epochs))
-                bar.advance()
-            models.append((name, own))
+    wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
+    jobs = [(data, one) for own in wanted.values() for one in own]
+    with progress("Training", len(jobs)) as bar:
+        train_all(jobs, asked.runs, on_run=bar.advance)
+    models = [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]
     count, seconds = (4, 5.0) if asked.quick else (flights, 20.0)
     with progress("Flying", 2 + len(architectures) * asked.seeds) as bar:
         lines = track(models, count, seconds, on_flight=bar.advance)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import JsonValue
 
 import wakedeploy
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
@@ -37,8 +38,15 @@ OBSERVATION = (
     Channel("source_mass_kg", "kg"),
     Channel("sufferer_mass_kg", "kg"),
 )
+# Channels into which the sufferer's own motion goes: their past tells its acceleration.
+OWN_MOTION = (
+    *(f"d{axis}_m" for axis in "xyz"),
+    *(f"dv{axis}_mps" for axis in "xyz"),
+    "sufferer_command",
+)
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
 
+_SIZE = {MASS_KG["s"]: "small", MASS_KG["l"]: "large"}
 _COLUMNS = {"pos": 3, "vel": 3, "acc": 3, "quat_xyzw": 4, "motor_thrust": 4, "pwm": 4, "vbat": 1}
 _NAME = re.compile(r"swap_(ss|sl|ll)_.+")
 _SHORTEST = 200  # samples
@@ -71,10 +79,12 @@ class _Vehicle:
 def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -> EpisodeSet:
     """Read every flight below `path`; UnusableInput names the file, the key and the reason.
 
-    `progress(done, total)` is called after each flight.
+    `progress(done, total)` is called after each flight. The provenance has who flew by whom in each
+    episode, and which channels tell of the sufferer's own motion.
     """
     files = _find(path)
     episodes, split, splits = list[Episode](), dict[str, str](), _split(files)
+    pairs = dict[str, JsonValue]()
     for done, file in enumerate(files, 1):
         a, b = _read(file)
         for sufferer, source, letter in ((a, b, "a"), (b, a, "b")):
@@ -82,6 +92,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             episode = _episode(f"{plain}-{letter}", source, sufferer)
             episodes.append(episode)
             split[episode.name] = splits[file]
+            pairs[episode.name] = f"{_SIZE[sufferer.mass_kg]} by {_SIZE[source.mass_kg]}"
         if progress is not None:
             progress(done, len(files))
     return EpisodeSet(
@@ -96,6 +107,8 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
         provenance={
             "generator": f"wakedeploy {wakedeploy.__version__} crazyflie",
             "files": {file.name: sha256_of(file.read_bytes()) for file in files},
+            "manoeuvre": pairs,
+            "own_motion": [*OWN_MOTION],
         },
     )
 

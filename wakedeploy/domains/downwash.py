@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import JsonValue
 
 import wakedeploy
 from wakedeploy.domains.split import split_in_order
@@ -169,13 +170,15 @@ def make_set(
     minutes: float,
     seed: int,
     spread: float = 0.0,
+    world: World | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> EpisodeSet:
     """Record `minutes` of flight in episodes of 20 s, at least three; split by episode.
 
     Half of them fly with the true force as feedforward, so that a predictor meets the motion that
     its own will cause. With `spread`, wake speed, diffusivity and separation are drawn anew for
-    each episode, uniformly within that share of their nominal values. `progress(done, total)`.
+    each episode, uniformly within that share of their nominal values, which are those of `world`.
+    `progress(done, total)`.
     """
     count = max(3, round(60.0 * minutes / EPISODE_S))
     episodes: list[Episode] = []
@@ -184,7 +187,9 @@ def make_set(
         for half, expect in enumerate(("nothing", "truth")):
             chosen = [n for n in numbers if n % 2 == half]
             seeds = [1_000_000 * (seed + 1) + n for n in chosen]
-            flown = fly(seeds, world=shifted(seeds, spread), expect=expect) if chosen else None
+            flown = (
+                fly(seeds, world=shifted(seeds, spread, world), expect=expect) if chosen else None
+            )
             episodes += [_episode(flown, e, n) for e, n in enumerate(chosen) if flown is not None]
         if progress is not None:
             progress(numbers.stop, count)
@@ -203,6 +208,7 @@ def make_set(
             "seed": seed,
             "minutes": minutes,
             "spread": spread,
+            **({} if world is None else {"world": _told(world)}),
         },
     )
 
@@ -237,6 +243,13 @@ def shifted(seeds: Sequence[int], spread: float, world: World | None = None) -> 
         spread=spread,
         grid=grid,
     )
+
+
+def _told(world: World) -> dict[str, JsonValue]:
+    """A world as JSON."""
+    plain = {name: value for name, value in vars(world).items() if name != "grid"}
+    told = {name: np.asarray(value, float).tolist() for name, value in plain.items()}
+    return told | {"grid": dict(vars(world.grid))}
 
 
 def _episode(flown: Flights, e: int, number: int) -> Episode:

@@ -40,6 +40,8 @@ OBSERVATION = (
     Channel("sufferer_vz_mps", "m/s"),
     *(Channel(f"{part}_{name}", "1") for name in _ANGLES for part in ("cos", "sin")),
 )
+# Channels into which the sufferer's own motion goes: their past tells its acceleration.
+OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 OBSERVER_S = 0.025  # over which the no-learning observer takes the sufferer's change of speed
 _ROUND = ("train", "test", "validation", "train", "train")
 _MANOEUVRE = re.compile(r"\d_[A-Za-z_]+")  # 1_flybelow, 3_swapping
@@ -53,7 +55,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     Each episode carries, beside the features, what a force observer that learns nothing would say
     (`observer_n`, (T, 3) [N], causal) and whether the thrust curve holds (`thrust_valid`, (T,)).
     `progress(done, total)` is called after each flight. The provenance has each episode's
-    manoeuvre.
+    manoeuvre, and which channels tell of the sufferer's own motion.
     """
     flights = read_flights(path)
     split, manoeuvres = _split(flights), dict[str, JsonValue]()
@@ -79,6 +81,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "generator": f"wakedeploy {wakedeploy.__version__} flaredw",
             "files": {str(p.relative_to(path)): sha256_of(p.read_bytes()) for p in files},
             "manoeuvre": manoeuvres,
+            "own_motion": [*OWN_MOTION],
         },
     )
 

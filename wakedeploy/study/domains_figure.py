@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, sentence
+from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY, Line, by_predictor, sentence
 from wakedeploy.study.folder import Part
 
 if TYPE_CHECKING:
@@ -36,7 +36,8 @@ def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
     with figures.style():
         drawn, grid = figures.figure(down, across, size=(3.1 * across, 2.6 * down), squeeze=False)
         for axes, (domain, lines) in zip(grid.flat, told.items(), strict=False):
-            named = by_predictor([line for line in lines if line.seed is not None])
+            every = by_predictor([line for line in lines if line.seed is not None])
+            named = {name: own for name, own in every.items() if not name.endswith(SOURCE_ONLY)}
             for place, (name, own) in enumerate(named.items()):
                 values = [line.normalised for line in own]
                 plain = name == MEMORYLESS
@@ -49,6 +50,9 @@ def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
                     edgecolor="white",
                     height=0.75,
                 )
+                kept = [line.normalised for line in every.get(name + SOURCE_ONLY, ())]
+                if kept:
+                    axes.plot(float(np.mean(kept)), place, "D", color=figures.SOURCE, markersize=4)
             for line in lines:
                 if line.seed is None and line.predictor != "zero":
                     axes.axvline(line.normalised, color=figures.REFERENCE, linestyle="--")
@@ -63,7 +67,10 @@ def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
             axes.set_yticks(range(len(named)), list(named))
             axes.invert_yaxis()
             axes.set_title(domain)
-            axes.set_xlabel("RMSE / standard deviation")
+            hidden = len(every) > len(named)
+            axes.set_xlabel(
+                "RMSE / standard deviation" + ("; ◆ source's past only" if hidden else "")
+            )
             axes.grid(axis="y", visible=False)
         for axes in list(grid.flat)[len(told) :]:
             axes.set_axis_off()
@@ -80,11 +87,49 @@ def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
         bars(told),
         (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
     )
-    others = [
-        Part(f"domains-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
-        for name, own in told.items()
-    ]
+    others = []
+    for name, own in told.items():
+        others.append(
+            Part(f"domains-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
+        )
+        if own[0].groups:
+            others.append(_kinds(name, own))
     return [first, *others]
+
+
+def _kinds(name: str, lines: Sequence[Line]) -> Part:
+    """The last force channel's RMSE of each kind of test episode, and their mean."""
+    channel = lines[0].channels[-1]
+    kinds = list(lines[0].groups)
+    told = [
+        [line.predictor, line.seed, kind, channel["unit"], line.groups[kind][-1]]
+        for line in lines
+        for kind in kinds
+    ]
+    shown = []
+    for predictor, own in by_predictor(lines).items():
+        each = np.array([[line.groups[kind][-1] for kind in kinds] for line in own])  # (S, G)
+        values = [*each.T, each.mean(axis=1)]
+        shown.append([predictor, *(_spread(list(v), ".3g") for v in values)])
+    best = least_over_kinds(lines)
+    text = (
+        f"{channel['channel']} on {name} by kind of flight, RMSE in {channel['unit']}: {best[0]} "
+        f"has the least mean over the kinds, {best[1]:.2f}."
+    )
+    columns = ("predictor", "seed", "kind", "unit", f"rmse {channel['channel']}")
+    return Part(
+        f"domains-{name}-kinds", text, columns, told, shown=(["predictor", *kinds, "mean"], shown)
+    )
+
+
+def least_over_kinds(lines: Sequence[Line]) -> tuple[str, float]:
+    """The trained predictor with the least mean over kinds of the last channel's RMSE, and that."""
+    means = {
+        name: float(np.mean([[rmse[-1] for rmse in line.groups.values()] for line in own]))
+        for name, own in by_predictor([line for line in lines if line.seed is not None]).items()
+    }
+    best = min(means, key=lambda name: means[name])
+    return best, means[best]
 
 
 def rows(lines: Sequence[Line]) -> list[list[Any]]:
