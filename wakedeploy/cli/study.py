@@ -15,6 +15,7 @@ from wakedeploy.cli.study_options import (
 )
 
 if TYPE_CHECKING:
+    from wakedeploy.episodes import EpisodeSet
     from wakedeploy.study.domains import Line
 
 
@@ -91,15 +92,10 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     from wakedeploy.study.closed_loop import sentence, track
     from wakedeploy.study.closed_loop_figure import parts, summary
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import Wanted, obtained, train_all
 
     architectures = _architectures(arch)
     data = sets_of("downwash", None, asked)["downwash"]
-    wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
-    jobs = [(data, one) for own in wanted.values() for one in own]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
-    models = [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]
+    models = _models(data, architectures, asked)
     count, seconds = (4, 5.0) if asked.quick else (flights, 20.0)
     with progress("Flying", 2 + len(architectures) * asked.seeds) as bar:
         lines = track(models, count, seconds, on_flight=bar.advance)
@@ -109,3 +105,51 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     path = write_study(asked.out / "closed-loop", title, parts(lines), result)
     print_table(sentence(lines), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
+
+
+@command.command("shift")
+@arch_option
+@click.option("--flights", type=click.IntRange(2, 1000), default=8, show_default=True)
+@study_options
+def shift(arch: str, flights: int, asked: Asked) -> None:
+    """Train where the physics varies by ±10 %, and fly where it varies by ±10, ±50 and ±75 %.
+
+    Wake speed, diffusivity and separation differ from flight to flight; no model is told.
+
+    \b
+    Example:
+        wakedeploy study shift --seeds 3 --out study
+        wakedeploy study shift --arch agile-mlp,gru --quick
+    """
+    from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.folder import write_study
+    from wakedeploy.study.shift import FLOWN, fly_shifted, sentence, spread_set
+    from wakedeploy.study.shift_figure import parts, summary
+
+    with progress("Flying what is learned from", 1) as bar:
+        data = spread_set(asked.out / "sets", quick=asked.quick, progress=bar.update)
+    models = _models(data, _architectures(arch), asked)
+    count, seconds = (2, 4.0) if asked.quick else (flights, 20.0)
+    with progress("Flying", len(FLOWN) * (2 + len(models) * asked.seeds)) as bar:
+        told = fly_shifted(models, count, seconds, spreads=FLOWN, on_flight=bar.advance)
+    result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
+    result["rms_m"] = {
+        f"{one.spread:g}": {line.name: line.rms_m.tolist() for line in one.lines} for one in told
+    }
+    title = asked.titled("Trained on one physics, flown in another")
+    path = write_study(asked.out / "shift", title, parts(told), result)
+    print_table(sentence(told), *summary(told))
+    click.echo(f"Figures, tables and the page: {path}")
+
+
+def _models(
+    data: "EpisodeSet", architectures: list[str], asked: Asked
+) -> list[tuple[str, list[Any]]]:
+    """Each architecture's predictors, one per seed, trained as far as they are not yet."""
+    from wakedeploy.study.runs import Wanted, obtained, train_all
+
+    wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
+    jobs = [(data, one) for own in wanted.values() for one in own]
+    with progress("Training", len(jobs)) as bar:
+        train_all(jobs, asked.runs, on_run=bar.advance)
+    return [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]

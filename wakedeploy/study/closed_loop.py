@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.domains.downwash import Predict, World, fly
+from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FloatArray
 
 FIRST_SEED = 900_000_000  # far from every training seed
@@ -59,22 +60,31 @@ def track(
     seconds: float,
     *,
     world: World | None = None,
+    workers: int | None = None,
     on_flight: Callable[[], None] = lambda: None,
 ) -> list[Tracked]:
-    """Fly nothing, the truth, and each model's predictors (one per training seed)."""
-    from trainers.lockstep import Lockstep
+    """Fly nothing, the truth, and each model's predictors (one per training seed).
 
-    lines = []
-    for name, expect in (("no compensation", "nothing"), ("oracle", "truth")):
-        lines.append(Tracked(name, flights(episodes, seconds, expect, world)[None]))
-        on_flight()
-    for name, predictors in models:
-        flown = []
-        for predictor in predictors:
-            flown.append(flights(episodes, seconds, Lockstep(predictor), world))
-            on_flight()
-        lines.append(Tracked(name, np.array(flown)))
-    return lines
+    All fly the same flights, each in its own lockstep, on `workers` processes (None: all cores).
+    """
+    named: list[tuple[str, Any]] = [("no compensation", "nothing"), ("oracle", "truth")]
+    named += [(name, predictor) for name, predictors in models for predictor in predictors]
+    jobs = [(episodes, seconds, expect, world) for _, expect in named]
+    flown = side_by_side(_flown, jobs, workers=workers, on_done=on_flight)
+    found: dict[str, list[FloatArray]] = {}
+    for (name, _), tracking_m in zip(named, flown, strict=True):
+        found.setdefault(name, []).append(tracking_m)
+    return [Tracked(name, np.array(own)) for name, own in found.items()]
+
+
+def _flown(job: tuple[int, float, Any, World | None]) -> FloatArray:
+    """A predictor begins each lockstep without a past."""
+    episodes, seconds, expect, world = job
+    if not isinstance(expect, str):
+        from trainers.lockstep import Lockstep
+
+        expect = Lockstep(expect)
+    return flights(episodes, seconds, expect, world)
 
 
 def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered:

@@ -4,16 +4,13 @@ In: sets and what to train on them. Out: predictors; a stopped run goes on where
 """
 
 import hashlib
-import multiprocessing
-import os
-import signal
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy.episodes import EpisodeSet
+from wakedeploy.study.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
@@ -80,31 +77,8 @@ def train_all(
     on_run: Callable[[], None] = lambda: None,
 ) -> None:
     """Train what is not trained yet, as many runs at once as there are cores (or `workers`)."""
-    workers = min(workers or os.cpu_count() or 1, len(jobs))
-    if workers <= 1:
-        for data, wanted in jobs:
-            obtained(data, wanted, runs)
-            on_run()
-        return
-    # torch does not survive a fork once it has computed; workers end at once when interrupted.
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=fresh, initializer=_begin) as pool:
-        waiting = [pool.submit(_run, data, wanted, runs) for data, wanted in jobs]
-        try:
-            for done in as_completed(waiting):
-                done.result()
-                on_run()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    side_by_side(_run, [(*job, runs) for job in jobs], workers=workers, on_done=on_run)
 
 
-def _begin() -> None:
-    import torch
-
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    torch.set_num_threads(1)
-
-
-def _run(data: EpisodeSet, wanted: Wanted, runs: Path) -> None:
-    obtained(data, wanted, runs)
+def _run(job: tuple[EpisodeSet, Wanted, Path]) -> None:
+    obtained(*job)

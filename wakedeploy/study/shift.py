@@ -1,0 +1,115 @@
+"""Study 6: models trained on one physics, flown in another.
+
+In: predictors trained where wake speed, diffusivity and separation vary by ±10 % from episode to
+episode. Out: how they track where these vary by ±10, ±50 and ±75 %, and whether the order of the
+models stays.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import kendalltau
+
+from wakedeploy.domains.downwash import make_set, shifted
+from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
+from wakedeploy.study.closed_loop import FIRST_SEED, Tracked, recovered, track
+from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.sets import DOMAINS, SEED, OnStep
+
+TRAINED = 0.10
+FLOWN = (0.10, 0.50, 0.75)
+
+
+@dataclass(frozen=True, eq=False)
+class Shifted:
+    """How all flew where the physics varies by `spread` (a share) from flight to flight."""
+
+    spread: float
+    lines: tuple[Tracked, ...]
+
+    @property
+    def models(self) -> tuple[Tracked, ...]:
+        """The lines of trained models."""
+        return self.lines[2:]
+
+    def share(self, name: str) -> float:
+        """What a model reaches of the oracle's gain."""
+        nothing, oracle, *models = self.lines
+        return recovered(next(m for m in models if m.name == name), nothing, oracle).share
+
+
+def spread_set(folder: Path, *, quick: bool, progress: OnStep) -> EpisodeSet:
+    """Flights in physics that vary by ±10 %, made once and kept in `folder`."""
+    place = folder / f"downwash-{100 * TRAINED:.0f}-per-cent{'-quick' if quick else ''}"
+    if not (place / DESCRIPTION).exists():
+        domain = DOMAINS["downwash"]
+        minutes = domain.quick_minutes if quick else domain.minutes
+        make_set(minutes=minutes, seed=SEED, spread=TRAINED, progress=progress).write(place)
+    return read_episode_set(place)
+
+
+def fly_shifted(
+    models: Sequence[tuple[str, Sequence[Any]]],
+    episodes: int,
+    seconds: float,
+    *,
+    spreads: Sequence[float],
+    on_flight: Callable[[], None] = lambda: None,
+) -> list[Shifted]:
+    """Every model at every spread, on the same seeds, so that only the physics differs."""
+    seeds = [FIRST_SEED + i for i in range(episodes)]
+    return [
+        Shifted(
+            spread,
+            tuple(
+                track(models, episodes, seconds, world=shifted(seeds, spread), on_flight=on_flight)
+            ),
+        )
+        for spread in spreads
+    ]
+
+
+def agreement(first: Shifted, other: Shifted) -> float:
+    """Kendall's τ of the models' orders at two spreads: 1 the same, −1 reversed."""
+    errors = {one.name: one.mean_m for one in other.models}
+    order = [(one.mean_m, errors[one.name]) for one in first.models]
+    return float(kendalltau(*zip(*order, strict=True)).statistic) if len(order) > 1 else 1.0
+
+
+def sentence(told: Sequence[Shifted]) -> str:
+    """What the flights say of each spread."""
+    first, *others = told
+    best = min(first.models, key=lambda one: one.mean_m).name
+    parts = []
+    for one in others:
+        now = min(one.models, key=lambda line: line.mean_m).name
+        still = "is still the best" if now == best else f"gives way to {now}"
+        parts.append(
+            f"at ±{100 * one.spread:.0f} % {best} {still} and the orders agree with "
+            f"τ = {agreement(first, one):.2f}"
+        )
+    text = (
+        f"Trained at ±{100 * TRAINED:.0f} % and flown there, {best} tracks best with "
+        f"{100 * first.share(best):.0f} % of the oracle's gain; {'; '.join(parts)}."
+    )
+    return text + _memory(told)
+
+
+def _memory(told: Sequence[Shifted]) -> str:
+    """How the model without memory and the median of those with one fare as physics moves."""
+    names = [line.name for line in told[0].models]
+    if MEMORYLESS not in names or len(names) < 2:
+        return ""
+    with_memory = [name for name in names if name != MEMORYLESS]
+    shares = [
+        f"{100 * float(np.median([one.share(n) for n in with_memory])):.0f} % against "
+        f"{100 * one.share(MEMORYLESS):.0f} % at ±{100 * one.spread:.0f} %"
+        for one in told
+    ]
+    return (
+        f" Of the oracle's gain the median model with memory reaches, against {MEMORYLESS}: "
+        f"{', '.join(shares)}."
+    )

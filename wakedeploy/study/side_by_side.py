@@ -1,0 +1,52 @@
+"""Work that needs nothing of each other, on as many processes as asked for.
+
+In: a function of one job, and jobs. Out: the results in the jobs' order, the same for any number of
+processes.
+"""
+
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from typing import TypeVar
+
+Job = TypeVar("Job")
+Result = TypeVar("Result")
+
+
+def side_by_side(
+    work: Callable[[Job], Result],
+    jobs: Sequence[Job],
+    *,
+    workers: int | None = None,
+    on_done: Callable[[], None] = lambda: None,
+) -> list[Result]:
+    """`work` of each job, on `workers` processes (None: as many as there are cores).
+
+    `work` must be a function of a module. `on_done` is called after each job, in their order.
+    """
+    workers = min(workers or os.cpu_count() or 1, len(jobs))
+    results: list[Result] = []
+    if workers <= 1:
+        for job in jobs:
+            results.append(work(job))
+            on_done()
+        return results
+    # torch does not survive a fork once it has computed; workers end at once when interrupted.
+    fresh = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(workers, mp_context=fresh, initializer=_begin) as pool:
+        try:
+            for result in pool.map(work, jobs):
+                results.append(result)
+                on_done()
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+    return results
+
+
+def _begin() -> None:
+    """One thread per process, which libraries read when they are imported."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    os.environ["OMP_NUM_THREADS"] = "1"
