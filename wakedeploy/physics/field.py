@@ -185,9 +185,15 @@ def _advect_sideways(
     cells_per_mps: float,
 ) -> None:
     """Trace each cell back to x_src = i − v_x·Δt/Δx; between cells the cubic through four."""
-    columns = velocity.shape[1] - 2 * side
+    columns, rows = velocity.shape[1] - 2 * side, velocity.shape[2]
     for i in range(columns):
-        for j in range(velocity.shape[2]):
+        farthest = 0.0
+        for j in range(rows):
+            farthest = max(farthest, abs(velocity[0, side + i, j]))
+        if farthest * cells_per_mps < 1.0:
+            _advect_near(velocity, moved, side + i, cells_per_mps)
+            continue
+        for j in range(rows):
             source = i - velocity[0, side + i, j] * cells_per_mps
             source = min(max(source, -3.0), columns + 2.0)  # further out there is air at rest
             left = math.floor(source)
@@ -204,6 +210,33 @@ def _advect_sideways(
                     + after * velocity[c, k + 1, j]
                     + beyond * velocity[c, k + 2, j]
                 )
+
+
+@_compiled
+def _advect_near(velocity: FloatArray, moved: FloatArray, at: int, cells_per_mps: float) -> None:
+    """A column whose air has gone less than a cell: its four neighbours are known beforehand."""
+    for j in range(velocity.shape[2]):
+        gone = velocity[0, at, j] * cells_per_mps
+        right = gone >= 0.0  # it came from the left
+        f = 1.0 - gone if right else -gone
+        before = -f * (f - 1.0) * (f - 2.0) / 6.0
+        here = (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0
+        after = -(f + 1.0) * f * (f - 2.0) / 2.0
+        beyond = (f + 1.0) * f * (f - 1.0) / 6.0
+        for c in range(2):
+            a, b, m, d, e = (
+                velocity[c, at - 2, j],
+                velocity[c, at - 1, j],
+                velocity[c, at, j],
+                velocity[c, at + 1, j],
+                velocity[c, at + 2, j],
+            )
+            moved[c, at, j] = (
+                before * (a if right else b)
+                + here * (b if right else m)
+                + after * (m if right else d)
+                + beyond * (d if right else e)
+            )
 
 
 @_compiled
