@@ -7,7 +7,7 @@ from recorded import RIG, flown, with_effects
 from wakedeploy.gap.flight import DT_S
 from wakedeploy.gap.gantry import NOISE, GantryModel
 from wakedeploy.gap.inference import Fit, fit
-from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.naming import _settled, fitted_base
 from wakedeploy.gap.ranking import rank
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
@@ -175,3 +175,20 @@ def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
     (found,) = rank(model, base, ("pwm-quantisation",))
     assert found.gain_nats > 8.0
     assert found.fit.value("pwm-quantisation.step_us") == pytest.approx(25.3, abs=0.05)
+
+
+def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
+    truth = with_effects(pwm_dead_band={"band_us": (9.0, "us")})
+    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])
+    near, base = fitted_base(model)
+    (candidate,) = rank(near, base, ("pwm-dead-band",))
+    _, found = _settled(near, candidate.fit)
+    assert (
+        found.objective
+        >= fit(
+            near.relinearised(candidate.fit), found.hypothesis, range(3), candidate.fit.theta
+        ).objective
+    )
+    low, high = found.interval("pwm-dead-band.band_us")
+    assert low < 9.0 < high
+    assert high - low > 0.05 * 9.0  # summits stand so close that no smaller one can be told

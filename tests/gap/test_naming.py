@@ -19,6 +19,7 @@ from wakedeploy.gap.naming import (
     Round,
     Thresholds,
     _needed,
+    _Search,
     _without_idle,
     detectable,
     fitted_base,
@@ -189,6 +190,47 @@ def test_a_class_holds_what_is_within_three_nats_of_the_best() -> None:
     assert [c.name for c in searched.rivals] == ["a", "b"]
     many = Round((), candidates(a=30.0, b=29.9, c=29.8, d=29.7))
     assert [c.name for c in many.rivals] == ["a", "b", "c"]
+
+
+def searched(found: dict[str, float]) -> _Search:
+    """A search that has found these with these gains, and that no expression helps."""
+    search = _Search(None, None, None, LIMITS, CLASS_NATS)  # type: ignore[arg-type]
+    search._gains = found
+    search.expression = lambda current: None  # type: ignore[method-assign]
+    return search
+
+
+def test_the_search_walks_past_a_relative_that_gains_too_little() -> None:
+    """20 nats beside 300 of its relative only mend that one's form; 15 of another are something."""
+    ranked = candidates(**{"esc-frame": 20.0, "ground-effect": 15.0, "crosswind-offset": 9.0})
+    chosen = searched({"command-latency": 300.0})._chosen(ranked)
+    assert chosen is not None
+    assert chosen.name == "ground-effect"
+    first = searched({})._chosen(ranked)
+    assert first is not None
+    assert first.name == "esc-frame"
+    weak = candidates(**{"esc-frame": 20.0, "ground-effect": LIMITS.effect_nats - 0.1})
+    assert searched({"command-latency": 300.0})._chosen(weak) is None
+
+
+def test_what_was_gained_by_the_line_alone_is_ranked_again(late) -> None:
+    """The same candidate found around the line that it moves gains nothing more there."""
+    start = GantryModel(RIG, [flown(seed) for seed in SEEDS])
+    model, base = fitted_base(start)
+    idle = fit(model, ("ground-effect",), range(3))
+    search = _Search(model, base, base, LIMITS, CLASS_NATS)
+    search.rounds.append(Round((), candidates(**{"ground-effect": 20.0})))
+    again = Candidate("ground-effect", idle, np.array([20.0]))
+    assert search._taken(again)
+    assert search.current.hypothesis == ()  # not taken: there was nothing but the line
+    assert search.model is not model
+    assert search.rounds == []
+    moved = search.model
+    search.rounds.append(Round((), candidates(**{"ground-effect": 20.0})))
+    search._taken(again)  # once is enough: what still gains what it must is taken
+    assert search.current.hypothesis == ("ground-effect",)
+    assert len(search.rounds) == 1
+    assert search.model is not moved
 
 
 def test_confidence_is_shared_with_nothing_and_the_rivals() -> None:
