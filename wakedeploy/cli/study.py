@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import print_table, progress
+from wakedeploy.cli.study_delay import basin, delay, fish_scatter
 from wakedeploy.cli.study_options import (
     Asked,
     arch_option,
@@ -153,3 +154,7 @@ def _models(
     with progress("Training", len(jobs)) as bar:
         train_all(jobs, asked.runs, on_run=bar.advance)
     return [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]
+
+
+for _command in (delay, basin, fish_scatter):
+    command.add_command(_command)

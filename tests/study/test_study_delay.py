@@ -1,0 +1,157 @@
+"""Where models look back to: on a set whose delay is known, and the command with its figures."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trainers.build import build
+from trainers.lookback import attention, kernels
+from trainers.model import Predictor
+from trainers.tape import lay_tape
+from wakedeploy.cli.study_delay import delay
+from wakedeploy.domains.downwash import World, make_set
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.rig import default_rig
+from wakedeploy.study import delay as study
+from wakedeploy.study.delay import Attended, Case, Learned, Transport, attended, learned, trend
+from wakedeploy.study.delay_figure import attention_sentence, delay_sentence
+from wakedeploy.study.sets import Domain
+
+RATE_HZ, SPEED_MPS = 20.0, 5.0
+
+
+def late_set(steps: int, domain: str = "toy") -> EpisodeSet:
+    """A force that is the drive of `steps` samples ago, as far below as a wake sinks meanwhile."""
+    rng = np.random.default_rng(steps)
+    distance_m = SPEED_MPS * steps / RATE_HZ
+    made = []
+    for i in range(6):
+        drive = np.convolve(rng.normal(size=453), [0.3, 0.5, 0.7], "valid")
+        below_m = distance_m + 0.01 * rng.normal(size=451)
+        force = np.r_[np.zeros(steps), drive[:-steps]]
+        observation = np.stack([drive, below_m], 1).astype(np.float32)
+        made.append(Episode(f"e{i}", observation, force.astype(np.float32)[:, None]))
+    split = {f"e{i}": ("test", "validation", *["train"] * 4)[i] for i in range(6)}
+    channels = (Channel("drive", "N"), Channel("dz_m", "m"))
+    return EpisodeSet(domain, RATE_HZ, channels, (Channel("force_z_n", "N"),), 0.5, (1.0,), split,
+                      tuple(made))  # fmt: skip
+
+
+CASE = Case(Domain("toy", "force_z_n"), "toy", SPEED_MPS)
+
+
+def test_the_learned_delay_is_the_one_that_the_force_has(tmp_path: Path) -> None:
+    lines = [
+        line for steps in (3, 7) for line in learned(CASE, late_set(steps), 1, tmp_path, epochs=25)
+    ]
+    for line, true_s in zip(lines, (0.15, 0.35), strict=True):
+        assert line.transport.mean_s == pytest.approx(true_s, abs=0.001)
+        assert line.delay_s == pytest.approx(true_s, abs=1.5 / RATE_HZ)
+        assert line.mean_age_s == pytest.approx(true_s, abs=1.0 / RATE_HZ)
+        assert line.r2 > 0.9
+        assert line.outside == 0.0
+    found = trend(lines)
+    assert found.slope == pytest.approx((lines[1].delay_s - lines[0].delay_s) / 0.2, rel=0.01)
+    assert found.off_s == pytest.approx(np.mean([x.delay_s for x in lines]) - 0.25, abs=0.001)
+
+
+def test_attention_peaks_where_the_force_comes_from(tmp_path: Path) -> None:
+    look = attended(CASE, late_set(6), 1, tmp_path, epochs=25)
+    assert look.ages_s[0] == pytest.approx(0.5)
+    assert look.ages_s[-1] == 0.0
+    assert look.weights.sum(1) == pytest.approx([1.0], abs=1e-5)
+    assert look.peak_s == pytest.approx(0.3)
+    assert look.mean_weights.max() > 3.0 * look.present
+
+
+def test_untrained_models_look_where_they_are_told_to_begin() -> None:
+    data = late_set(4)
+    tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
+
+    def fresh(arch: str, **hyper: float) -> Predictor:
+        core = build(arch, inputs=2, outputs=1, window_s=0.5, rate_hz=RATE_HZ, hyper=hyper)
+        return Predictor(arch, core, 2, 1)
+
+    # A narrow kernel weighs the snapshot nearest to its centre; beyond the window, its end.
+    for start_s, nearest_s in ((0.2, 0.2), (2.0, 0.5)):
+        predictor = fresh("delay-embedding", initial_delay_s=start_s, initial_spread_s=0.001)
+        told = kernels(predictor, tape)
+        assert told.delay_s == pytest.approx(np.full(int(tape.scored.sum()), start_s), rel=1e-5)
+        assert told.mean_age_s == pytest.approx(np.full(len(told.delay_s), nearest_s), abs=0.005)
+    weights = attention(fresh("cross-attention"), tape)
+    assert weights.shape == (11, 4)
+    assert weights.sum(0) == pytest.approx(np.ones(4))
+    with pytest.raises(TypeError, match="gru"):
+        kernels(fresh("gru"), tape)
+
+
+def test_a_set_flies_in_the_world_that_it_is_given() -> None:
+    near = make_set(minutes=0.1, seed=3, world=World(separation_m=1.5))
+    assert near.provenance["world"]["separation_m"] == 1.5
+    flown = study.transport(near, 6.0)
+    assert flown.mean_s == pytest.approx(1.5 / 6.0, abs=0.02)
+    assert flown.low_s < flown.mean_s < flown.high_s
+
+
+def test_cases_state_the_delays_that_their_rigs_have() -> None:
+    named = {case.domain.name: case for case in study.cases(quick=False)}
+    assert len(named) == 10
+    assert named["gantry-9mps"].speed_mps == 9.0
+    assert named["downwash-1.7m"].speed_mps == 6.0
+    assert named["downwash-1.7m"].source_lag_s == 0.0
+    late = default_rig().changed(spool={"source": {"up_s": 0.2, "down_s": 0.4}},
+                                 latency={"round_trip_s": 0.04},
+                                 disturbance={"esc_frame_s": 0.02})  # fmt: skip
+    assert study.source_lag_s(late) == pytest.approx(0.3 + 0.02 + 0.01)
+
+
+def line(domain: str, true_s: float, delay_s: float, lag_s: float = 0.0) -> Learned:
+    true = Transport(true_s, true_s - 0.01, true_s + 0.01)
+    return Learned(domain, f"{true_s:g}", 0, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25, 0.9)
+
+
+def test_the_sentences_say_slope_and_distance_as_they_are() -> None:
+    lines = [line("downwash", t, 0.5 * t + 0.3) for t in (0.2, 0.4)]
+    lines += [line("gantry", t, t - 0.05, 0.1) for t in (0.2, 0.3)]
+    told = delay_sentence(lines)
+    assert "On downwash Delay Embedding's delay μ grows by 0.50 s" in told
+    assert "is 0.150 s longer on average" in told
+    assert "On gantry Delay Embedding's delay μ grows by 1.00 s" in told
+    assert "is 0.050 s shorter on average (the source's lag is 0.100 s)" in told
+    ages_s = np.array([0.3, 0.2, 0.1, 0.0])
+    look = Attended("gantry", ages_s, np.array([[0.1, 0.5, 0.2, 0.2]]),
+                    Transport(0.15, 0.1, 0.2), 0.05)  # fmt: skip
+    seen = attention_sentence([look])
+    assert "takes 0.150 s [0.100, 0.200], 0.200 s with the source's lag" in seen
+    assert "20 % of its weight" in seen
+    assert "0.200 s ago" in seen
+    assert "looks 0.150 s back" in seen
+
+
+def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
+    sets = tmp_path / "sets"
+    for name in ("downwash", "gantry"):
+        late_set(6, name).write(sets / f"{name}-quick")
+    for case, steps in zip(study.cases(quick=True), (3, 7, 7, 3), strict=True):
+        domain = case.domain.name.partition("-")[0]
+        late_set(steps, domain).write(sets / f"{case.domain.name}-quick")
+    told = CliRunner().invoke(delay, ["--quick", "--out", str(tmp_path)])
+    assert told.exit_code == 0, told.output
+    folder = tmp_path / "delay"
+    assert {p.name for p in folder.iterdir()} == {
+        "delay.png", "delay.pdf", "delay.csv", "delay-embedding.csv", "study.json", "study.html",
+    }  # fmt: skip
+    weights = list(csv.DictReader((folder / "delay.csv").open()))
+    for domain in ("downwash", "gantry"):
+        own = [float(row["weight"]) for row in weights if row["domain"] == domain]
+        assert len(own) == 11
+        assert sum(own) == pytest.approx(1.0, abs=1e-5)
+    rows = list(csv.DictReader((folder / "delay-embedding.csv").open()))
+    result = json.loads((folder / "study.json").read_text())
+    assert [float(row["delay_s"]) for row in rows] == [x["delay_s"] for x in result["delays"]]
+    assert len(rows) == 4
+    assert "delay μ grows by" in (folder / "study.html").read_text()

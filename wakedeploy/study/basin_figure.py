@@ -1,0 +1,156 @@
+"""The figure, the table and the sentence of the study of basins.
+
+In: where each start ended. Out: final delay over start, R² below it, true delay and alias as lines.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from wakedeploy import figures
+from wakedeploy.study.basin import ALIAS, ELSEWHERE, TRUE, UNHARMED, Echo, End, where
+from wakedeploy.study.folder import Part
+from wakedeploy.study.learned_delays import points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "start_s",
+    "seed",
+    "delay_s",
+    "delay_sd_s",
+    "kernel_width_s",
+    "kernel_mean_age_s",
+    "r2",
+    "r2_behind_best_low",
+    "ended_at",
+)
+_COLOURS = {
+    TRUE: figures.TRUE,
+    ALIAS: figures.PREDICTED,
+    UNHARMED: figures.SOURCE,
+    ELSEWHERE: figures.LIMIT,
+}
+_MARKERS = {TRUE: "o", ALIAS: "s", UNHARMED: "D", ELSEWHERE: "^"}
+
+
+def draw(ends: Sequence[End], echo: Echo) -> "Figure":
+    """Final delay and R² over the start; coloured by where a run ended."""
+    with figures.style():
+        drawn, (upper, lower) = figures.figure(
+            2, 1, size=(5.6, 5.4), sharex=True, height_ratios=(3, 2)
+        )
+        for delay_s, style, name in (
+            (echo.true_s, "-", f"true delay, {echo.true_s:.3f} s"),
+            (echo.alias_s, "--", f"alias, {echo.alias_s:.3f} s"),
+        ):
+            upper.axhline(delay_s, color=figures.REFERENCE, linestyle=style, label=name)
+            lower.axvline(delay_s, color=figures.REFERENCE, linestyle=style)
+        upper.axline((0.0, 0.0), slope=1.0, color=figures.LIMIT, linewidth=0.7, linestyle=":")
+        window_s = float(echo.lags_s[-1])
+        upper.set_ylim(-0.1 * window_s, 1.1 * window_s)
+        for kind in _COLOURS:
+            own = [end for end in ends if where(end, echo) == kind]
+            if own:
+                _points(upper, lower, own, kind)
+        upper.set_ylabel("final delay μ [s]; bars: sd over test")
+        lower.margins(y=0.12)
+        lower.set_ylabel("R² on the test block")
+        lower.set_xlabel("delay μ₀ at the start of training [s]")
+        lower.set_xlim(0.0, window_s)
+        figures.legend(upper, ncols=2)
+    return drawn
+
+
+def _points(upper: "Axes", lower: "Axes", own: Sequence[End], kind: str) -> None:
+    starts = [end.start_s for end in own]
+    points(
+        upper,
+        starts,
+        [end.delay_s for end in own],
+        [end.spread_s for end in own],
+        fmt=_MARKERS[kind],
+        color=_COLOURS[kind],
+        markersize=5,
+        label=f"ended {kind}" if kind == ELSEWHERE else f"ended at {kind}",
+    )
+    lower.plot(starts, [end.r2 for end in own], _MARKERS[kind], color=_COLOURS[kind], markersize=5)
+
+
+def sentence(ends: Sequence[End], echo: Echo) -> str:
+    """How many runs ended where, and what it cost."""
+    by = {kind: [end for end in ends if where(end, echo) == kind] for kind in _COLOURS}
+    best = max(end.r2 for end in ends)
+    told = (
+        f"On the training block the tip follows the foil after {echo.true_s:.3f} s, with an alias "
+        f"at {echo.alias_s:.3f} s; of {len(ends)} runs {len(by[TRUE])} ended at the true delay"
+    )
+    if by[TRUE]:
+        told += f" (R² {_range([end.r2 for end in by[TRUE]])})"
+    if by[ALIAS]:
+        starts = _range([end.start_s for end in by[ALIAS]])
+        told += (
+            f", {len(by[ALIAS])} at the alias (R² {_range([end.r2 for end in by[ALIAS]])}, "
+            f"clearly below the best run's {best:.3f}; started at {starts} s)"
+        )
+    else:
+        told += f" and none at the alias with an R² clearly below the best run's {best:.3f}"
+    if by[UNHARMED]:
+        told += (
+            f"; {len(by[UNHARMED])} more ended at the alias without an R² that is clearly lower "
+            f"({_range([end.r2 for end in by[UNHARMED]])})"
+        )
+    if by[ELSEWHERE]:
+        told += (
+            f"; {len(by[ELSEWHERE])} ended elsewhere, with μ at "
+            f"{_range([end.delay_s for end in by[ELSEWHERE]])} s "
+            f"(R² {_range([end.r2 for end in by[ELSEWHERE]])})"
+        )
+    return told + "."
+
+
+def summary(ends: Sequence[End], echo: Echo) -> tuple[list[str], list[list[str]]]:
+    """One line per start: means over its seeds, and where each of them ended."""
+    columns = ["start μ₀ [s]", "final μ [s]", "kernel's width σ [s]", "mean age weighed [s]"]
+    columns += ["R²", "below the best R² by at least", "ended at, by seed"]
+    rows = []
+    for start_s in dict.fromkeys(end.start_s for end in ends):
+        own = [end for end in ends if end.start_s == start_s]
+        rows.append(
+            [
+                f"{start_s:.3f}",
+                _spread([end.delay_s for end in own]),
+                _spread([end.width_s for end in own]),
+                _spread([end.mean_age_s for end in own]),
+                _spread([end.r2 for end in own]),
+                _range([end.behind_low for end in own]),
+                ", ".join(where(end, echo) for end in own),
+            ]
+        )
+    return columns, rows
+
+
+def parts(ends: Sequence[End], echo: Echo) -> list[Part]:
+    """The study's one figure and table."""
+    rows = [
+        (
+            *(end.start_s, end.seed, end.delay_s, end.spread_s, end.width_s, end.mean_age_s),
+            *(end.r2, end.behind_low, where(end, echo)),
+        )
+        for end in ends
+    ]
+    told = sentence(ends, echo)
+    return [Part("basin", told, COLUMNS, rows, draw(ends, echo), summary(ends, echo))]
+
+
+def _range(values: Sequence[float]) -> str:
+    low, high = (f"{round(value, 3) + 0.0:.3f}" for value in (min(values), max(values)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _spread(values: Sequence[float]) -> str:
+    mean = f"{np.mean(values):.3f}"
+    return mean if len(values) < 2 else f"{mean} ± {np.std(values, ddof=1):.3f}"

@@ -1,0 +1,213 @@
+"""The figure, the tables and the sentences of the study of delays.
+
+In: where models look, and how long the wake is on its way. Out: weights over age with the true
+delay as a line; learned against physical delays.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wakedeploy import figures
+from wakedeploy.study.delay import Attended, Learned, Transport, trend
+from wakedeploy.study.folder import Part
+from wakedeploy.study.learned_delays import points
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+ATTENTION_COLUMNS = ("domain", "seed", "age_s", "weight")
+DELAY_COLUMNS = (
+    "domain",
+    "setting",
+    "seed",
+    "transport_s",
+    "transport_low_s",
+    "transport_high_s",
+    "source_lag_s",
+    "delay_s",
+    "delay_sd_s",
+    "kernel_width_s",
+    "kernel_mean_age_s",
+    "outside_window",
+    "r2",
+)
+_COLOURS = {"downwash": figures.MEASURED, "gantry": figures.PREDICTED}
+_MARKERS = {"downwash": "o", "gantry": "s"}
+
+
+def draw(looks: Sequence[Attended], lines: Sequence[Learned]) -> "Figure":
+    """Left the weights of each domain, right the learned delays."""
+    count = len(looks)
+    with figures.style():
+        drawn, grid = figures.figure(1, count + 1, size=(3.1 * (count + 1), 3.5), squeeze=False)
+        for axes, look in zip(grid[0], looks, strict=False):
+            _weights(axes, look)
+        grid[0, 0].set_ylabel("attention weight / uniform weight")
+        _delays(grid[0, -1], lines)
+    return drawn
+
+
+def _weights(axes: "Axes", look: Attended) -> None:
+    """Weights in units of what each snapshot would have if all had the same."""
+    shares = look.weights * len(look.ages_s)
+    colour = _COLOURS.get(look.domain, figures.MEASURED)
+    for row in shares if len(shares) > 1 else ():
+        axes.plot(look.ages_s, row, color=colour, alpha=0.35, linewidth=0.7)
+    axes.plot(look.ages_s, shares.mean(0), ".-", color=colour, markersize=4)
+    true = look.transport
+    axes.axvspan(true.low_s, true.high_s, color=figures.TRUE, alpha=0.15, linewidth=0)
+    axes.axvline(true.mean_s, color=figures.TRUE, label="transport delay")
+    if look.source_lag_s:
+        late_s = true.mean_s + look.source_lag_s
+        axes.axvline(late_s, color=figures.TRUE, linestyle="--", label="and source's lag")
+    axes.axhline(1.0, color=figures.LIMIT, linewidth=0.8)
+    axes.set_xlim(look.ages_s[0], 0.0)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlabel("age of the snapshot [s]")
+    axes.set_title(f"Cross-Attention, {look.domain}", pad=30)
+    figures.legend(axes, ncols=1)
+
+
+def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
+    """Learned against physical delays with the line on which they would be equal."""
+    longest_s = 1.15 * max(line.transport.mean_s for line in lines)
+    axes.set_xlim(0.0, longest_s)
+    axes.set_ylim(-0.1 * longest_s, 1.15 * longest_s)
+    for domain in dict.fromkeys(line.domain for line in lines):
+        own = [line for line in lines if line.domain == domain]
+        colour, marker = _COLOURS.get(domain, figures.MEASURED), _MARKERS.get(domain, "o")
+        physical_s = [line.transport.mean_s for line in own]
+        points(
+            axes,
+            physical_s,
+            [line.delay_s for line in own],
+            [line.spread_s for line in own],
+            fmt=marker,
+            color=colour,
+            markersize=4,
+            label=f"{domain}, μ",
+        )
+        ages_s = [line.mean_age_s for line in own]
+        hollow: Any = {"color": colour, "markerfacecolor": "white", "markersize": 4}
+        axes.plot(physical_s, ages_s, marker, **hollow, label=f"{domain}, mean age")
+        if own[0].source_lag_s:
+            late: Any = {"slope": 1.0, "color": figures.TRUE, "linestyle": "--", "linewidth": 0.8}
+            axes.axline((0.0, own[0].source_lag_s), **late)
+    axes.axline((0.0, 0.0), slope=1.0, color=figures.TRUE, linewidth=0.8)
+    axes.set_xlabel("transport delay [s]")
+    axes.set_ylabel("learned delay [s]")
+    axes.set_title("Delay Embedding", pad=30)
+    figures.legend(axes, ncols=2, columnspacing=1.0, handletextpad=0.3)
+
+
+def attention_sentence(looks: Sequence[Attended]) -> str:
+    """Where Cross-Attention looks, domain by domain."""
+    told = []
+    for look in looks:
+        uniform_s = float(np.mean(look.ages_s))
+        lag = (
+            f", {look.transport.mean_s + look.source_lag_s:.3f} s with the source's lag"
+            if look.source_lag_s
+            else ""
+        )
+        told.append(
+            f"On {look.domain} the wake takes {_interval(look.transport)}{lag}; Cross-Attention "
+            f"gives the present {100 * look.present:.0f} % of its weight, beyond it most to the "
+            f"snapshot of {look.peak_s:.3f} s ago, and looks {look.mean_age_s:.3f} s back on "
+            f"average ({uniform_s:.3f} s if all weights were equal)."
+        )
+    return " ".join(told)
+
+
+def delay_sentence(lines: Sequence[Learned]) -> str:
+    """How learned delays follow the physical ones, domain by domain."""
+    told = []
+    for domain in dict.fromkeys(line.domain for line in lines):
+        own = [line for line in lines if line.domain == domain]
+        found, weighed = trend(own), trend(own, "mean_age_s")
+        outside = float(np.mean([line.outside for line in own]))
+        lag = f" (the source's lag is {own[0].source_lag_s:.3f} s)" if own[0].source_lag_s else ""
+        told.append(
+            f"On {domain} Delay Embedding's delay μ grows by {found.slope:.2f} s a second of "
+            f"transport delay and is {_apart(found.off_s)} on average{lag}; {100 * outside:.0f} % "
+            f"of all μ lie outside the window. The mean age of what its kernels weigh grows by "
+            f"{weighed.slope:.2f} s and is {_apart(weighed.off_s)}."
+        )
+    return " ".join(told)
+
+
+def attention_summary(looks: Sequence[Attended]) -> tuple[list[str], list[list[str]]]:
+    """One line per domain."""
+    columns = ["domain", "transport delay [s], 5 % to 95 %", "and source's lag [s]"]
+    columns += ["weight of the present", "peak beyond it [s]", "mean age [s]"]
+    rows = [
+        [
+            look.domain,
+            _interval(look.transport, unit=""),
+            f"{look.transport.mean_s + look.source_lag_s:.3f}",
+            f"{look.present:.3f}",
+            f"{look.peak_s:.3f}",
+            f"{look.mean_age_s:.3f}",
+        ]
+        for look in looks
+    ]
+    return columns, rows
+
+
+def delay_summary(lines: Sequence[Learned]) -> tuple[list[str], list[list[str]]]:
+    """One line per setting: means over the seeds."""
+    columns = ["domain", "setting", "transport delay [s], 5 % to 95 %", "learned μ [s]"]
+    columns += ["μ over samples, sd [s]", "kernel's width σ [s]", "mean age weighed [s]"]
+    columns += ["μ outside the window", "R²"]
+    rows = []
+    for domain, setting in dict.fromkeys((line.domain, line.setting) for line in lines):
+        own = [line for line in lines if (line.domain, line.setting) == (domain, setting)]
+        delays = [line.delay_s for line in own]
+        spread = f" ± {np.std(delays, ddof=1):.3f}" if len(own) > 1 else ""
+        row = [domain, setting, _interval(own[0].transport, unit="")]
+        row.append(f"{np.mean(delays):.3f}{spread}")
+        for name in ("spread_s", "width_s", "mean_age_s", "outside", "r2"):
+            row.append(f"{np.mean([getattr(line, name) for line in own]):.3f}")
+        rows.append(row)
+    return columns, rows
+
+
+def parts(looks: Sequence[Attended], lines: Sequence[Learned]) -> list[Part]:
+    """The figure with the attention's table, then the delays' table."""
+    attention_rows = [
+        (look.domain, seed, float(age_s), float(weight))
+        for look in looks
+        for seed, row in enumerate(look.weights)
+        for age_s, weight in zip(look.ages_s, row, strict=True)
+    ]
+    first = Part(
+        "delay",
+        attention_sentence(looks),
+        ATTENTION_COLUMNS,
+        attention_rows,
+        draw(looks, lines),
+        attention_summary(looks),
+    )
+    delay_rows: list[list[Any]] = [
+        [
+            *(line.domain, line.setting, line.seed),
+            *(line.transport.mean_s, line.transport.low_s, line.transport.high_s),
+            *(line.source_lag_s, line.delay_s, line.spread_s, line.width_s, line.mean_age_s),
+            *(line.outside, line.r2),
+        ]
+        for line in lines
+    ]
+    told = delay_sentence(lines)
+    second = Part("delay-embedding", told, DELAY_COLUMNS, delay_rows, shown=delay_summary(lines))
+    return [first, second]
+
+
+def _interval(true: Transport, unit: str = " s") -> str:
+    return f"{true.mean_s:.3f}{unit} [{true.low_s:.3f}, {true.high_s:.3f}]"
+
+
+def _apart(off_s: float) -> str:
+    return f"{abs(off_s):.3f} s {'longer' if off_s >= 0.0 else 'shorter'}"

@@ -1,0 +1,42 @@
+"""Points of learned delays in a figure, of which some may have run far out of the window.
+
+In: axes whose limits are set. Out: points with error bars; those beyond sit at the edge.
+"""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_MARGIN = 0.03  # of the axes' height: a marker there is still whole
+
+
+def points(
+    axes: "Axes",
+    across: Sequence[float],
+    delay_s: Sequence[float],
+    spread_s: Sequence[float],
+    **look: Any,
+) -> None:
+    """Delays (n,) with their spreads (n,); one beyond the axes is written beside its marker."""
+    bottom_s, top_s = axes.get_ylim()
+    margin_s = _MARGIN * (top_s - bottom_s)
+    low_s, high_s = bottom_s + margin_s, top_s - margin_s
+    shown = [min(max(value, low_s), high_s) for value in delay_s]
+    inside = [low_s <= value <= high_s for value in delay_s]
+    bars = [spread if drawn else 0.0 for spread, drawn in zip(spread_s, inside, strict=True)]
+    axes.errorbar(across, shown, yerr=bars, elinewidth=0.8, **look)
+    for place, value, at, drawn in zip(across, delay_s, shown, inside, strict=True):
+        if not drawn:
+            words = f"{value:.2f} s "
+            axes.annotate(
+                words,
+                (place, at),
+                (-4, 0),
+                textcoords="offset points",
+                fontsize=7,
+                ha="right",
+                va="center",
+            )
+    axes.set_ylim(bottom_s, top_s)
