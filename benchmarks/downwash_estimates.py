@@ -80,9 +80,9 @@ def _page(told: dict[str, dict[str, float]]) -> str:
     lines = [
         "# The constants of the 2D downwash simulator that the paper leaves open",
         "",
-        "Made by `python benchmarks/downwash_estimates.py`. The paper gives the wake's speed, 6 m/s,",
-        "its diffusivity, 0.3 m²/s, the separation, 2.3 m, and the rate, 100 Hz. The others are",
-        "estimates, chosen once. Each is made a quarter smaller and a third larger by itself: force",
+        "Made by `python benchmarks/downwash_estimates.py`. The paper gives the speed, 6 m/s, its",
+        "diffusivity, 0.3 m²/s, the separation, 2.3 m, and the rate, 100 Hz. The others are",
+        "estimates, chosen once. Each is made a quarter smaller and a third larger alone: force",
         "errors (over the standard deviation) of a model without memory and of one with, trained",
         f"for {EPOCHS} epochs on {MINUTES:g} minutes, and tracking over {FLIGHTS} flights.",
         "",
