@@ -7,6 +7,7 @@ import click
 
 from wakedeploy.cli.output import print_table, progress
 from wakedeploy.cli.study_delay import basin, delay, fish_scatter
+from wakedeploy.cli.study_horizon import lead, window
 from wakedeploy.cli.study_options import (
     Asked,
     arch_option,
@@ -27,7 +28,7 @@ def command() -> None:
     \b
     Example:
         wakedeploy study domains --recordings ../data --out study
-        wakedeploy study domains --quick
+        wakedeploy study closed-loop --quick
     """
 
 
@@ -156,5 +157,5 @@ def _models(
     return [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]
 
 
-for _command in (delay, basin, fish_scatter):
+for _command in (delay, basin, fish_scatter, window, lead):
     command.add_command(_command)

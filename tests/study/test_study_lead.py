@@ -1,0 +1,184 @@
+"""How far ahead: errors as an AR(1) series has them, oracles as they must be, and the command."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.signal import lfilter
+
+from wakedeploy.cli.study_horizon import lead
+from wakedeploy.domains.downwash import RATE_HZ, fly
+from wakedeploy.domains.gantry_lead import sweep
+from wakedeploy.episodes import Channel, Episode, EpisodeSet, read_episode_set
+from wakedeploy.rig import default_rig
+from wakedeploy.study.closed_loop import FIRST_SEED
+from wakedeploy.study.lead import (
+    NOTHING,
+    SETTLED_S,
+    TRUTH,
+    Flight,
+    Point,
+    best,
+    flown_before,
+    force_error,
+    measure,
+    planned,
+    sentence,
+    shares,
+    track,
+)
+from wakedeploy.study.runs import trained
+
+DELAY, KEEP, SAMPLES = 4, 0.8, 400
+
+
+def delayed_set() -> EpisodeSet:
+    """At 20 Hz a force that is the observation of four samples ago, an AR(1) series."""
+    rng = np.random.default_rng(0)
+    made = []
+    for i in range(12):
+        kicks = rng.normal(0.0, math.sqrt(1.0 - KEEP**2), SAMPLES + 100)
+        driven = lfilter([1.0], [1.0, -KEEP], kicks)[100 - DELAY :, None].astype(np.float32)
+        made.append(Episode(f"e{i}", driven[DELAY:], driven[:-DELAY]))
+    split = {f"e{i}": "train" if i < 8 else "validation" if i == 8 else "test" for i in range(12)}
+    return EpisodeSet("toy", 20.0, (Channel("drive", "N"),), (Channel("force_z_n", "N"),), 0.5,
+                      (1.0,), split, tuple(made))  # fmt: skip
+
+
+def test_memory_loses_nothing_up_to_the_delay_and_then_what_an_ar1_series_loses(tmp_path) -> None:
+    data = delayed_set()
+    for steps in (0, 4, 8):
+        lead_s = steps / 20.0
+        for arch, told in (
+            ("history-mlp", max(0, steps - DELAY)),
+            ("agile-mlp", abs(steps - DELAY)),
+        ):
+            predictor = trained(data, arch, 0, tmp_path, epochs=15, lead_s=lead_s)
+            rmse, sd, scored = force_error(data, "force_z_n", predictor, lead_s)
+            least = math.sqrt(1.0 - KEEP ** (2 * told))
+            assert rmse / sd == pytest.approx(least, abs=0.08), (arch, steps)
+            # Only what has a target is scored: the warm-up and the lead are missing.
+            assert scored == 3 * (SAMPLES - data.warm_up_steps - steps)
+
+
+def test_the_truth_of_a_flight_flown_before_is_the_truth_and_a_lead_shifts_it() -> None:
+    seeds = [FIRST_SEED, FIRST_SEED + 1]
+    settled = round(SETTLED_S * RATE_HZ)
+    at_once = fly(seeds, seconds=5.0, expect="truth")
+    again = flown_before(seeds, 5.0, 0.0)
+    assert again.error_m.shape == at_once.error_m.shape
+    assert np.abs(again.error_m - at_once.error_m)[settled:].max() < 1e-4
+    ahead = flown_before(seeds, 5.0, 0.1)
+    assert np.abs(ahead.expected_n[:-10] - ahead.force_n[10:]).max() < 2e-3
+    assert np.abs(ahead.expected_n[:-10] - ahead.force_n[:-10]).max() > 0.1
+    rms, ended = track(Flight("downwash", 2, 5.0 - SETTLED_S, lead_s=0.0))
+    expected = np.sqrt((at_once.error_m[settled:] ** 2).sum(-1).mean(0))
+    assert rms == pytest.approx(expected, rel=1e-3)
+    assert ended == 0
+
+
+def test_the_gantrys_limits_are_those_of_its_own_sweep(monkeypatch) -> None:
+    monkeypatch.setattr("wakedeploy.domains.gantry_lead._FIRST_SEED", FIRST_SEED)
+    scores = sweep(default_rig(), [0.0, 0.1], flights=2, seconds=5.0)
+    for score in scores:
+        rms, _ = track(Flight("gantry", 2, 5.0, lead_s=score.lead_s))
+        assert np.mean(rms) == pytest.approx(score.rmse_m, rel=1e-12)
+    assert scores[1].rmse_m < 0.8 * scores[0].rmse_m  # motors lag: a lead is worth something
+    nothing, _ = track(Flight("gantry", 2, 5.0))
+    assert np.mean(nothing) > 2.0 * scores[0].rmse_m
+
+
+def points(at: dict[float, tuple[float, ...]], name: str = "gru") -> list[Point]:
+    return [Point("toy", name, lead_s, 0, flown, rmse=0.1 + lead_s, sd=1.0, scored=5)
+            for lead_s, flown in at.items()]  # fmt: skip
+
+
+def test_the_best_lead_and_what_it_gains_over_paired_flights() -> None:
+    rng = np.random.default_rng(0)
+    hard = rng.uniform(0.01, 0.04, 12)  # flights differ more than leads do
+    leads = {0.0: 1.2, 0.1: 1.0, 0.25: 1.5}
+    own = points({lead_s: tuple(factor * hard) for lead_s, factor in leads.items()})
+    found = best(own, "gru")
+    rms_m = math.sqrt(np.mean(hard**2))
+    assert found.lead_s == 0.1
+    assert (found.tracking_m, found.at_zero_m) == pytest.approx((rms_m, 1.2 * rms_m))
+    assert 0.1 * rms_m < found.low_m < 0.2 * rms_m < found.high_m < 0.3 * rms_m
+    assert shares(own, "gru") == {0.0: [0.1], 0.1: [0.2], 0.25: [0.35]}
+    limits = [Point("toy", NOTHING, None, None, (0.05,) * 12),
+              Point("toy", TRUTH, 0.0, None, (0.004,) * 12),
+              Point("toy", TRUTH, 0.1, None, (0.006,) * 12)]  # fmt: skip
+    told = sentence("toy", [*limits, *own])
+    assert "gru tracks best with a lead of 100 ms" in told
+    assert "the true force tracks best without a lead, 4.0 mm" in told
+    assert "no compensation leaves 50.0 mm" in told
+    assert "gru from 0.10 to 0.35" in told
+    edge = points({0.0: tuple(2.0 * hard), 0.1: tuple(hard)})
+    assert not found.longest
+    assert "gru tracks best with the longest lead of 100 ms" in sentence("toy", [*limits, *edge])
+
+
+@pytest.fixture(scope="module")
+def told(tmp_path_factory):
+    """The command on three tiny flights of either simulator."""
+    from wakedeploy.study import sets
+
+    tiny = {
+        "gantry": sets.Domain("gantry", "force_z_n", 1.7, 1.7, make=sets._gantry),
+        "downwash": sets.Domain("downwash", "force_z_n", 1.0, 1.0, make=sets._downwash),
+    }
+    folder = tmp_path_factory.mktemp("study")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sets, "DOMAINS", tiny)
+        patch.setattr("os.cpu_count", lambda: 1)
+        patch.setattr("wakedeploy.study.lead.QUICK_LEADS_S", (0.0, 0.1))
+        result = CliRunner().invoke(
+            lead, ["--quick", "--arch", "agile-mlp,history-mlp", "--out", str(folder)]
+        )
+    assert result.exit_code == 0, result.output
+    return result.output, folder
+
+
+def test_the_command_writes_figures_tables_and_a_page(told) -> None:
+    output, out = told
+    folder = out / "lead"
+    assert {p.name for p in folder.iterdir()} == {
+        "lead.png", "lead.pdf", "lead.csv", "lead-gantry.csv", "lead-downwash.csv",
+        "lead-flights.csv", "study.json", "study.html",
+    }  # fmt: skip
+    result = json.loads((folder / "study.json").read_text())
+    rows = list(csv.DictReader((folder / "lead.csv").open()))
+    # Per domain: nothing, the truth at two leads, two models at two leads.
+    assert len(rows) == len(result["points"]) == 2 * (1 + 2 + 4)
+    per_flight = list(csv.DictReader((folder / "lead-flights.csv").open()))
+    assert len(per_flight) == 2 * len(rows)
+    for row, point in zip(rows, result["points"], strict=True):
+        rms_m = math.sqrt(np.mean(np.square(point["tracking_m"])))
+        assert float(row["tracking_rms_m"]) == pytest.approx(rms_m)
+        assert (row["rmse_n"] == "") == (row["seed"] == "")
+    assert "On gantry, agile-mlp tracks best" in (folder / "study.html").read_text()
+    assert "On downwash, agile-mlp tracks best" in output
+
+
+def test_runs_are_kept_from_those_of_studies_that_train_longer(told) -> None:
+    _, out = told
+    data = read_episode_set(out / "sets" / "gantry-quick")
+    usual = out / "runs-quick"
+    assert list((usual / "lead").rglob("config.json"))
+    trained(data, "agile-mlp", 0, usual, epochs=1)  # refused where a run of four epochs lies
+
+
+def test_flights_side_by_side_are_those_flown_one_after_the_other(told) -> None:
+    _, out = told
+    data = read_episode_set(out / "sets" / "gantry-quick")
+    runs = out / "runs-quick" / "lead"
+    jobs = planned(data, ["history-mlp"], [0.1], 1, 4)
+    again = measure(data, "force_z_n", jobs, [0.1], runs, flights=2, seconds=6.0, workers=2)
+    written = json.loads((out / "lead" / "study.json").read_text())["points"]
+    for point in again:
+        same = [w for w in written if (w["domain"], w["predictor"], w["lead_s"])
+                == ("gantry", point.predictor, point.lead_s)]  # fmt: skip
+        assert [list(point.tracking_m)] == [w["tracking_m"] for w in same]
+        assert [point.rmse] == [w["rmse"] for w in same]

@@ -1,0 +1,166 @@
+"""How much past is needed: shorter windows fail where the delay is longer, all on equal samples."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+import torch
+from click.testing import CliRunner
+from scipy.signal import lfilter
+
+from trainers.cold import predict_from_cold
+from trainers.predict import predict
+from trainers.tape import lay_tape
+from wakedeploy.cli.study_horizon import window
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.study.runs import trained
+from wakedeploy.study.window import (
+    WHOLE,
+    Seen,
+    measure,
+    need,
+    planned,
+    reach,
+    sentence,
+    windows,
+)
+
+DELAY = 6  # samples
+KEEP = 0.7  # from one sample to the next
+
+
+def delayed_set(window_s: float = 0.8) -> EpisodeSet:
+    """At 20 Hz a force that is the observation of six samples ago, an AR(1) series."""
+    rng = np.random.default_rng(0)
+    made = []
+    for i in range(12):
+        kicks = rng.normal(0.0, math.sqrt(1.0 - KEEP**2), 500)
+        driven = lfilter([1.0], [1.0, -KEEP], kicks)[200 - DELAY :, None].astype(np.float32)
+        made.append(Episode(f"e{i}", driven[DELAY:], driven[:-DELAY]))
+    split = {f"e{i}": "train" if i < 8 else "validation" if i == 8 else "test" for i in range(12)}
+    return EpisodeSet("toy", 20.0, (Channel("drive", "N"),), (Channel("force", "N"),), window_s,
+                      (1.0,), split, tuple(made))  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory) -> tuple[EpisodeSet, list[Seen]]:
+    data = delayed_set()
+    folder = tmp_path_factory.mktemp("runs")
+    return data, measure(data, "force", ["history-mlp", "gru"], 1, folder, epochs=25)
+
+
+def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured) -> None:
+    _, points = measured
+    for point in points:
+        if point.arch == "gru" or point.past_s == WHOLE:
+            continue
+        missing = max(0, DELAY - round(20.0 * point.past_s))
+        # From a past that ends `missing` samples too early: the rest is innovation.
+        least = math.sqrt(1.0 - KEEP ** (2 * missing))
+        assert least * 0.93 - 0.01 < point.share < least * 1.07 + 0.15, point
+        assert point.r2 == pytest.approx(1.0 - point.share**2)
+
+
+def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
+    data, points = measured
+    steps = sorted({p.samples - 1 for p in points if p.samples is not None})
+    expected = min(step for step in steps if step >= DELAY)
+    for arch in ("history-mlp", "gru"):
+        found = need([p for p in points if p.arch in ("agile-mlp", arch)], arch)
+        assert found.enough is not None
+        assert found.enough.samples == expected + 1
+        assert found.memoryless > 0.9
+    cut = {p.past_s: p.share for p in points if p.arch == "gru"}
+    assert min(share for past_s, share in cut.items() if 20.0 * past_s < DELAY) > 0.8
+    assert cut[WHOLE] < 0.6
+    assert cut[0.8] == pytest.approx(cut[WHOLE], abs=0.02)
+    assert "The wake is under way" not in sentence("toy", points, data.rate_hz)
+
+
+def test_every_past_is_scored_on_the_same_samples(measured) -> None:
+    data, points = measured
+    longest = max(seen.warm_up_steps for seen in windows(data))
+    tests = data.part("test")
+    assert {p.scored for p in points} == {sum(len(e) - longest for e in tests)}
+    truth = np.concatenate([e.force[longest:] for e in tests])
+    assert all(p.sd == pytest.approx(truth.std(), rel=1e-6) for p in points)
+    assert longest == 24
+    assert [reach(seen) for seen in windows(data)] == [1, 2, 4, 8, 12, 16, 24]
+
+
+def test_the_usual_window_is_the_set_itself_so_that_its_run_is_shared() -> None:
+    data = delayed_set()
+    assert sum(seen is data for seen in windows(data)) == 1
+    jobs = planned(data, ["agile-mlp", "history-mlp", "gru"], 2)
+    assert [w.arch for _, w in jobs].count("agile-mlp") == 2
+    assert [w.arch for _, w in jobs].count("history-mlp") == 14
+    assert [made for made, w in jobs if w.arch == "gru"] == [data, data]
+    short = delayed_set(0.1)  # two samples: several shares of it are one and the same
+    assert [reach(seen) for seen in windows(short)] == [1, 2, 3]
+
+
+def test_a_cut_past_is_cut_and_a_window_model_does_not_mind(tmp_path) -> None:
+    data = delayed_set()
+    tape = lay_tape(data, "test", 0.0, 24)
+    at = np.flatnonzero(tape.scored.numpy())[::37]
+    gru = trained(data, "gru", 0, tmp_path, epochs=1)
+    first = int(tape.first[at[5]])
+    alone = gru.rollout(tape.observation[at[5] - 9 : at[5] + 1].unsqueeze(0))[0, -1]
+    assert torch.allclose(predict_from_cold(gru, tape, at, 9)[5], alone, atol=1e-6)
+    whole = predict_from_cold(gru, tape, at[5:6], int(at[5]) - first)
+    assert torch.allclose(whole, predict(gru, tape)[at[5:6]], atol=1e-5)
+    assert not torch.allclose(whole[0], predict_from_cold(gru, tape, at, 1)[5], atol=1e-4)
+    mlp = trained(data, "history-mlp", 0, tmp_path, epochs=1)
+    assert torch.allclose(predict_from_cold(mlp, tape, at, 16), predict(mlp, tape)[at], atol=1e-6)
+    with pytest.raises(ValueError, match="fewer samples"):
+        predict_from_cold(mlp, tape, np.array([first + 3]), 4)
+
+
+def seen(arch: str, past_s: float, share: float, seed: int = 0) -> Seen:
+    samples = None if past_s == WHOLE else round(100 * past_s) + 1
+    kept = None if samples is None else 4 * samples
+    return Seen("toy", arch, seed, past_s, samples, kept, share, 1.0, 1 - share**2, 10)
+
+
+def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
+    points = [
+        seen("agile-mlp", 0.0, 0.9),
+        *(seen("gru", 0.1, share, s) for s, share in enumerate((0.40, 0.44))),  # mean 0.42
+        *(seen("gru", 0.2, share, s) for s, share in enumerate((0.43, 0.40))),  # 0.415
+        *(seen("gru", WHOLE, share, s) for s, share in enumerate((0.39, 0.41))),  # 0.40
+    ]
+    found = need(points, "gru")
+    assert found.enough is not None
+    assert (found.enough.past_s, found.error, found.least) == (0.1, pytest.approx(0.42), 0.4)
+    assert "gru needs 0.1 s of the past, which is 11 samples or 44 bytes" in sentence(
+        "toy", points, 100.0
+    )
+    slow = [*points[:1], seen("gru", 0.1, 0.8), seen("gru", WHOLE, 0.3)]
+    assert need(slow, "gru").enough is None
+    assert "gru needs more than 0.1 s" in sentence("toy", slow, 100.0)
+    useless = [*points[:1], seen("gru", 0.1, 0.88)]
+    assert need(useless, "gru").enough is points[0]
+    assert "no more than 5 % by the past" in sentence("toy", useless, 100.0)
+
+
+def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    data = delayed_set()
+    data = EpisodeSet("gantry", *list(vars(data).values())[1:])
+    data = EpisodeSet(**{**vars(data), "force": (Channel("force_z_n", "N"),)})
+    data.write(tmp_path / "sets" / "gantry-quick")
+    told = CliRunner().invoke(window, ["--quick", "--domains", "gantry", "--out", str(tmp_path)])
+    assert told.exit_code == 0, told.output
+    folder = tmp_path / "window"
+    assert {p.name for p in folder.iterdir()} == {
+        "window.png", "window.pdf", "window.csv", "window-gantry.csv", "study.json", "study.html",
+    }  # fmt: skip
+    rows = list(csv.DictReader((folder / "window.csv").open()))
+    points = json.loads((folder / "study.json").read_text())["points"]
+    assert len(rows) == len(points) == 1 + 7 + 8
+    assert [row["past_s"] for row in rows].count("") == 1  # the whole past of the recurrent model
+    assert float(rows[3]["rmse"]) == points[3]["rmse"]
+    assert "On gantry, history-mlp" in (folder / "study.html").read_text()
+    assert "On gantry, history-mlp" in told.output

@@ -1,0 +1,122 @@
+"""`wakedeploy study window` and `study lead`: how far back to look, and how far ahead."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wakedeploy.cli.output import print_table, progress
+from wakedeploy.cli.study_options import Asked, recordings_option, sets_of, study_options
+
+if TYPE_CHECKING:
+    from wakedeploy.study.lead import Point
+    from wakedeploy.study.window import Seen
+
+
+@click.command("window")
+@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@click.option("--arch", default="history-mlp,gru", show_default=True, help="all, or NAME[,NAME…].")
+@recordings_option("quadrotor", "fish", "crazyflie")
+@study_options
+def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None:
+    """Find the shortest past that a predictor has to see, domain by domain.
+
+    Window models are trained for every length, from none (agile-mlp) to 1.5 of the domain's usual
+    window; recurrent ones are trained once and their past is cut. A stopped study goes on.
+
+    \b
+    Example:
+        wakedeploy study window --recordings ../data --seeds 3 --out study
+        wakedeploy study window --domains downwash --quick
+    """
+    from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.folder import write_study
+    from wakedeploy.study.runs import train_all
+    from wakedeploy.study.sets import DOMAINS
+    from wakedeploy.study.window import measure, planned, sentence
+    from wakedeploy.study.window_figure import needed, parts
+
+    architectures = _architectures(arch)
+    sets = sets_of(names, recordings, asked)
+    jobs = [
+        job
+        for made in sets.values()
+        for job in planned(made, architectures, asked.seeds, asked.epochs)
+    ]
+    with progress("Training", len(jobs)) as bar:
+        train_all(jobs, asked.runs, on_run=bar.advance)
+    told: dict[str, list[Seen]] = {}
+    mains = {name: DOMAINS[name].main for name in sets}
+    with progress("Scoring", len(sets)) as bar:
+        for name, made in sets.items():
+            told[name] = measure(
+                made, mains[name], architectures, asked.seeds, asked.runs, epochs=asked.epochs
+            )
+            bar.advance()
+    points = [point.as_json() for own in told.values() for point in own]
+    result = {"quick": asked.quick, "seeds": asked.seeds, "channels": mains, "points": points}
+    rates_hz = {name: made.rate_hz for name, made in sets.items()}
+    title = asked.titled("How much of the past a predictor has to see")
+    path = write_study(asked.out / "window", title, parts(told, mains, rates_hz), result)
+    print_table("The shortest past that suffices", *needed(told))
+    for name, own in told.items():
+        click.echo(sentence(name, own, rates_hz[name]))
+    click.echo(f"Figures, tables and the page: {path}")
+
+
+@click.command("lead")
+@click.option(
+    "--arch", default="agile-mlp,history-mlp,gru", show_default=True, help="all, or NAME[,NAME…]."
+)
+@click.option("--flights", type=click.IntRange(2, 1000), default=8, show_default=True)
+@study_options
+def lead(arch: str, flights: int, asked: Asked) -> None:
+    """Find how far ahead to predict the force, on the gantry and on the 2D downwash simulator.
+
+    Trains each architecture at each lead, scores the force and flies it on unseen seeds, beside no
+    compensation and the true force at the same leads. A stopped study trains nothing twice.
+
+    \b
+    Example:
+        wakedeploy study lead --seeds 3 --out study
+        wakedeploy study lead --arch agile-mlp,gru --quick
+    """
+    from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.folder import write_study
+    from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, measure, planned, sentence
+    from wakedeploy.study.lead_figure import parts, summary
+    from wakedeploy.study.runs import train_all
+    from wakedeploy.study.sets import DOMAINS as SETS
+
+    architectures = _architectures(arch)
+    sets = sets_of(",".join(DOMAINS), None, asked)
+    leads_s = QUICK_LEADS_S if asked.quick else LEADS_S
+    count, seconds = (2, 6.0) if asked.quick else (flights, 20.0)
+    jobs = {
+        name: planned(made, architectures, leads_s, asked.seeds, asked.epochs)
+        for name, made in sets.items()
+    }
+    runs = asked.runs / "lead"  # trained for fewer epochs than the other studies' runs
+    with progress("Training", sum(map(len, jobs.values()))) as bar:
+        train_all([job for own in jobs.values() for job in own], runs, on_run=bar.advance)
+    told: dict[str, list[Point]] = {}
+    lines = sum(1 + len(leads_s) + len(own) for own in jobs.values())
+    with progress("Flying", lines) as bar:
+        for name, made in sets.items():
+            told[name] = measure(
+                made,
+                SETS[name].main,
+                jobs[name],
+                leads_s,
+                runs,
+                flights=count,
+                seconds=seconds,
+                on_flown=bar.advance,
+            )
+    points = [vars(point) for own in told.values() for point in own]
+    result = {"quick": asked.quick, "flights": count, "seconds": seconds, "points": points}
+    title = asked.titled("How far ahead to predict the force")
+    path = write_study(asked.out / "lead", title, parts(told), result)
+    for name, own in told.items():
+        print_table(sentence(name, own), *summary(own))
+    click.echo(f"Figures, tables and the page: {path}")

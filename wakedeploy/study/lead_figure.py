@@ -1,0 +1,147 @@
+"""The figure and the tables of the study of the lead.
+
+In: points of both domains. Out: force error and tracking error against the lead, domain by domain,
+between the limits.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wakedeploy import figures
+from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.folder import Part
+from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
+from wakedeploy.study.window_figure import COLOURS, spread
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "domain",
+    "predictor",
+    "lead_s",
+    "seed",
+    "rmse_n",
+    "sd_n",
+    "scored",
+    "tracking_rms_m",
+    "failsafes",
+)
+PER_FLIGHT = ("domain", "predictor", "lead_s", "seed", "flight", "tracking_rms_m")
+
+
+def curves(told: Mapping[str, Sequence[Point]]) -> "Figure":
+    """Force error above, tracking below, against the lead [s]; a column for each domain."""
+    with figures.style():
+        drawn, grid = figures.figure(2, len(told), size=(3.4 * len(told), 5.2), squeeze=False,
+                                     sharex=True)  # fmt: skip
+        for (above, below), (domain, points) in zip(grid.T, told.items(), strict=True):
+            _forces(above, points)
+            _tracks(below, points)
+            above.set_title(domain)
+            below.set_xlabel("lead [s]")
+        grid[0, 0].set_ylabel("force RMSE / standard deviation")
+        grid[1, 0].set_ylabel("tracking error, rms [mm]")
+        handles = {
+            label: handle
+            for axes in grid.flat
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        drawn.legend(list(handles.values()), list(handles), loc="outside upper center", ncols=3)
+    return drawn
+
+
+def _forces(axes: "Axes", points: Sequence[Point]) -> None:
+    for name, colour, line in _styles(points):
+        told = shares(points, name)
+        mean, deviation = [np.mean(v) for v in told.values()], [np.std(v) for v in told.values()]
+        axes.errorbar(list(told), mean, deviation, color=colour, linestyle=line, marker=".",
+                      elinewidth=0.8, label=name)  # fmt: skip
+    axes.set_ylim(bottom=0.0)
+
+
+def _tracks(axes: "Axes", points: Sequence[Point]) -> None:
+    """Every model's mean with its spread over seeds; a ring where it is best."""
+    for name, colour, line in [*_styles(points), (TRUTH, figures.TRUE, "-")]:
+        own = [p for p in points if p.predictor == name]
+        leads = sorted({p.lead_s for p in own if p.lead_s is not None})
+        at = [[p for p in own if p.lead_s == lead_s] for lead_s in leads]
+        deviation = [1e3 * np.std([tracking([p]) for p in same]) for same in at]
+        axes.errorbar(leads, [1e3 * tracking(same) for same in at], deviation, color=colour,
+                      linestyle=line, marker=".", elinewidth=0.8, label=name)  # fmt: skip
+        found = best(points, name)
+        axes.plot(found.lead_s, 1e3 * found.tracking_m, "o", markersize=8, markerfacecolor="none",
+                  color=colour, label="_nolegend_")  # fmt: skip
+    nothing = tracking([p for p in points if p.predictor == NOTHING])
+    axes.axhline(1e3 * nothing, color=figures.REFERENCE, linestyle=":", label=NOTHING)
+    axes.set_ylim(bottom=0.0)
+
+
+def _styles(points: Sequence[Point]) -> list[tuple[str, str, str]]:
+    """Name, colour and line of each model, the memoryless one in grey."""
+    names = models(points)
+    remembering = [name for name in names if name != MEMORYLESS]
+    colours = dict(zip(remembering, COLOURS * len(remembering), strict=False))
+    return [
+        (name, figures.LIMIT, "--") if name == MEMORYLESS else (name, colours[name], "-")
+        for name in names
+    ]
+
+
+def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
+    """The figure with each domain's sentence, each domain's table, and every flight."""
+    said = {domain: sentence(domain, points) for domain, points in told.items()}
+    every = [p for points in told.values() for p in points]
+    first = Part(
+        "lead",
+        "Force error and tracking error against how far ahead the force is predicted; rings mark "
+        "each line's best lead.",
+        COLUMNS,
+        rows(every),
+        curves(told),
+        (["domain", "what it says"], [[domain, text] for domain, text in said.items()]),
+    )
+    tables = [
+        Part(f"lead-{domain}", said[domain], COLUMNS, rows(points), shown=summary(points))
+        for domain, points in told.items()
+    ]
+    flights = [
+        [p.domain, p.predictor, p.lead_s, p.seed, flight, value]
+        for p in every
+        for flight, value in enumerate(p.tracking_m)
+    ]
+    shown = ["flights", "lines"], [[f"{len(flights)}", f"{len(every)}"]]
+    last = Part("lead-flights", "Every flight is in lead-flights.csv.", PER_FLIGHT, flights,
+                shown=shown)  # fmt: skip
+    return [first, *tables, last]
+
+
+def rows(points: Sequence[Point]) -> list[list[Any]]:
+    """Every point under `COLUMNS`."""
+    return [
+        [
+            *(p.domain, p.predictor, p.lead_s, p.seed),
+            *(p.rmse, p.sd, p.scored, tracking([p]), p.failsafes),
+        ]
+        for p in points
+    ]
+
+
+def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
+    """One domain's table: mean ± spread over seeds, at each lead."""
+    columns = ["predictor", "lead [ms]", "force RMSE / sd", "tracking rms [mm]", "failsafes"]
+    lines = []
+    for name, lead_s in dict.fromkeys((p.predictor, p.lead_s) for p in points):
+        own = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
+        errors = shares(own, name).get(lead_s, []) if lead_s is not None else []
+        lines.append([
+            name,
+            "–" if lead_s is None else f"{1e3 * lead_s:.0f}",
+            spread(errors, ".3f") if errors else "–",
+            spread([1e3 * tracking([p]) for p in own], ".2f"),
+            f"{sum(p.failsafes for p in own)}",
+        ])  # fmt: skip
+    return columns, lines

@@ -1,0 +1,251 @@
+"""Study: how much of the past a predictor has to see.
+
+In: episode sets. Out: for each domain the error of its main force channel against the past that is
+seen, from none (the memoryless model) to one and a half of the domain's usual window, all on the
+same test samples: those that have the longest window before them.
+
+A window model is trained anew for each length. It sees snapshots as everywhere, at most 45, so that
+long windows are coarser. It learns from every sample that has its own window before it, which gives
+short windows a few more samples in training, never in the test.
+
+A recurrent model is trained once, as usual, and then its past is cut: each scored sample is
+predicted from a state that began anew that long before. It was trained with states that have run
+longer, so what it needs is an upper bound of what the domain needs; one trained to start anew could
+need less, at the price of a training for each length. Its error with the state carried on from the
+episode's start stands beside it.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.episodes import EpisodeSet, window_shape
+from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.runs import Wanted, obtained
+from wakedeploy.study.uncertainty import FloatArray
+
+SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0, 1.5)  # of the domain's usual window
+WHOLE = math.inf  # the past since the episode's start
+TOLERANCE = 1.05  # how much above the least error a window may be that suffices
+_FISH_DELAY_S = 0.333  # at which foil and flag tip of the recording go together best
+_MOST_SCORED = 3000  # neighbouring samples err alike: more would say little
+_FLOAT_BYTES = 4
+
+
+@dataclass(frozen=True)
+class Seen:
+    """One point: the error of one trained model that sees `past_s` seconds of the past.
+
+    `past_s` is 0 for the present alone and `WHOLE` for a state carried on from the episode's start;
+    `samples` and `bytes` are the history that is, the present included (None for `WHOLE`). Error
+    and `sd` are those of the domain's main channel in its unit; `scored` counts samples.
+    """
+
+    domain: str
+    arch: str
+    seed: int
+    past_s: float
+    samples: int | None
+    bytes: int | None
+    rmse: float
+    sd: float
+    r2: float
+    scored: int
+
+    @property
+    def share(self) -> float:
+        """The error over the channel's standard deviation."""
+        return self.rmse / self.sd
+
+    def as_json(self) -> dict[str, Any]:
+        """Every number; `past_s` is None for the whole past."""
+        return vars(self) | {"past_s": None if self.past_s == WHOLE else self.past_s}
+
+
+@dataclass(frozen=True)
+class Need:
+    """The shortest past with which an architecture comes within `TOLERANCE` of its least error.
+
+    Errors are means over seeds, over the standard deviation; `least` over every past it was given.
+    `enough` is None where only the whole past suffices.
+    """
+
+    arch: str
+    enough: Seen | None
+    error: float
+    least: float
+    memoryless: float
+
+
+def planned(
+    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None = None
+) -> list[tuple[EpisodeSet, Wanted]]:
+    """The runs that `measure` asks for, each with the set that gives it its window."""
+    jobs = [(data, Wanted(MEMORYLESS, seed, epochs)) for seed in range(seeds)]
+    for arch in _with_memory(architectures):
+        sets = windows(data) if _kind(arch, data) == "window" else [data]
+        jobs += [(seen, Wanted(arch, seed, epochs)) for seen in sets for seed in range(seeds)]
+    return jobs
+
+
+def windows(data: EpisodeSet) -> list[EpisodeSet]:
+    """The set with each window of `SHARES`, shortest first; its own where the share is 1."""
+    usual = data.window_s * data.rate_hz
+    steps = {max(1, round(share * usual)): share for share in SHARES}
+    return [
+        data if share == 1.0 else replace(data, window_s=count / data.rate_hz)
+        for count, share in steps.items()
+    ]
+
+
+def reach(data: EpisodeSet) -> int:
+    """How many samples before the present the oldest snapshot of the set's window lies."""
+    k, stride = window_shape(data.window_s, data.rate_hz)
+    return (k - 1) * stride
+
+
+def measure(
+    data: EpisodeSet,
+    main: str,
+    architectures: Sequence[str],
+    seeds: int,
+    runs: Path,
+    *,
+    epochs: int | None = None,
+) -> list[Seen]:
+    """Score the channel `main` for every past, memoryless first; trains what is not trained yet.
+
+    Raises UnusableInput where no test episode is longer than the longest window.
+    """
+    scale = _Scale(data, main)
+    points = []
+    for made, wanted in planned(data, architectures, seeds, epochs):
+        predictor = obtained(made, wanted, runs)
+        for past, error in scale.errors(predictor, made):
+            points.append(scale.point(wanted, past, error))
+    return points
+
+
+def need(points: Sequence[Seen], arch: str) -> Need:
+    """What one domain's points say of an architecture, the memoryless model its shortest past."""
+    own = [p for p in points if p.arch in (arch, MEMORYLESS)]
+    mean = {
+        past: float(np.mean([p.share for p in own if p.past_s == past]))
+        for past in sorted({p.past_s for p in own})
+    }
+    least = min(mean.values())
+    shortest = next(past for past in mean if mean[past] <= TOLERANCE * least)
+    found = next(p for p in own if p.past_s == shortest)
+    enough = None if shortest == WHOLE else found
+    return Need(arch, enough, mean[shortest], least, mean[0.0])
+
+
+def architectures_of(points: Sequence[Seen]) -> list[str]:
+    """Those with memory, in the order in which they came."""
+    return list(dict.fromkeys(p.arch for p in points if p.arch != MEMORYLESS))
+
+
+def transport_delay_s(domain: str) -> float | None:
+    """How long the wake is under way, where that is one known number."""
+    if domain == "downwash":
+        from wakedeploy.domains.downwash import NOMINAL_DELAY_S
+
+        return NOMINAL_DELAY_S
+    return _FISH_DELAY_S if domain == "fish" else None
+
+
+def sentence(domain: str, points: Sequence[Seen], rate_hz: float) -> str:
+    """What a domain's points say, in one sentence."""
+    longest = max((p.past_s for p in points if p.past_s < WHOLE), default=0.0)
+    told = [_told(need(points, arch), rate_hz, longest) for arch in architectures_of(points)]
+    if not told:
+        return f"On {domain}, no model with memory was trained."
+    delay_s = transport_delay_s(domain)
+    known = "" if delay_s is None else f" The wake is under way for {delay_s:.3f} s."
+    return f"On {domain}, {'; '.join(told)}.{known}"
+
+
+def _told(found: Need, rate_hz: float, longest_s: float) -> str:
+    errors = f"{found.error:.2f} of the standard deviation"
+    if found.enough is None:
+        return (
+            f"{found.arch} needs more than {longest_s:.3g} s of the past: only with all of it is "
+            f"its error {errors}"
+        )
+    if found.enough.past_s == 0.0:
+        return (
+            f"{found.arch} gains no more than 5 % by the past: {found.least:.2f} of the standard "
+            f"deviation with it, {found.memoryless:.2f} without"
+        )
+    return (
+        f"{found.arch} needs {found.enough.past_s:.3g} s of the past, which is "
+        f"{found.enough.samples} samples or {found.enough.bytes:,} bytes at {rate_hz:g} Hz, for an "
+        f"error within 5 % of its least ({errors}, {found.memoryless:.2f} without memory)"
+    )
+
+
+def _with_memory(architectures: Sequence[str]) -> list[str]:
+    return [arch for arch in architectures if arch != MEMORYLESS]
+
+
+def _kind(arch: str, data: EpisodeSet) -> str:
+    from trainers.build import build
+
+    inputs, outputs = len(data.observation), len(data.force)
+    core = build(arch, inputs=inputs, outputs=outputs, window_s=data.window_s, rate_hz=data.rate_hz)
+    return core.memory.kind
+
+
+class _Scale:
+    """The test samples that everything is scored on: those after the longest window's warm-up."""
+
+    def __init__(self, data: EpisodeSet, main: str) -> None:
+        from trainers.tape import lay_tape
+
+        self.data, self.lengths = data, [reach(seen) for seen in windows(data)]
+        warm_up = max(data.warm_up_steps, *(seen.warm_up_steps for seen in windows(data)))
+        self.tape = lay_tape(data, "test", 0.0, warm_up)
+        scored = np.flatnonzero(self.tape.scored.numpy())
+        self.chosen: npt.NDArray[np.int64] = scored[:: -(-len(scored) // _MOST_SCORED)]
+        self.channel = [channel.name for channel in data.force].index(main)
+        self.truth = self._of(self.tape.force[self.chosen])
+
+    def errors(self, predictor: Any, seen: EpisodeSet) -> Iterator[tuple[int | None, FloatArray]]:
+        """The past in samples (None: all) and the errors (M,), for each past to score it with."""
+        from trainers.cold import predict_from_cold
+        from trainers.predict import predict
+
+        if predictor.memory.kind == "state":
+            for past in self.lengths:
+                cut = predict_from_cold(predictor, self.tape, self.chosen, past)
+                yield past, self._of(cut) - self.truth
+            past_or_all = None
+        else:
+            past_or_all = reach(seen) if predictor.memory.kind == "window" else 0
+        yield past_or_all, self._of(predict(predictor, self.tape)[self.chosen]) - self.truth
+
+    def point(self, wanted: Wanted, past: int | None, error: FloatArray) -> Seen:
+        """The errors (M,) as one point."""
+        samples = None if past is None else past + 1
+        width = len(self.data.observation) * _FLOAT_BYTES
+        rmse, sd = float(np.sqrt(np.mean(error**2))), float(self.truth.std())
+        return Seen(
+            self.data.domain,
+            wanted.arch,
+            wanted.seed,
+            WHOLE if past is None else past / self.data.rate_hz,
+            samples,
+            None if samples is None else samples * width,
+            rmse,
+            sd,
+            1.0 - (rmse / sd) ** 2,
+            len(error),
+        )
+
+    def _of(self, forces: Any) -> FloatArray:
+        return np.asarray(forces.double().numpy()[:, self.channel])

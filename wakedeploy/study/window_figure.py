@@ -1,0 +1,175 @@
+"""The figure and the tables of the study of the past that is seen.
+
+In: points of all domains. Out: for each domain the error against the past, with the shortest that
+suffices marked.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wakedeploy import figures
+from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.folder import Part
+from wakedeploy.study.window import (
+    WHOLE,
+    Seen,
+    architectures_of,
+    need,
+    sentence,
+    transport_delay_s,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLUMNS = (
+    "domain",
+    "arch",
+    "seed",
+    "past_s",
+    "samples",
+    "bytes",
+    "rmse",
+    "sd",
+    "r2",
+    "scored",
+)
+COLOURS = (
+    figures.PREDICTED,
+    figures.MEASURED,
+    figures.SOURCE,
+    figures.SUFFERER,
+    figures.TRUE,
+    figures.REFERENCE,
+)
+
+
+def curves(told: Mapping[str, Sequence[Seen]]) -> "Figure":
+    """Error over the channel's standard deviation against the past [s], domain by domain."""
+    across = min(len(told), 3)
+    down = -(-len(told) // across)
+    size = (3.1 * across, 0.4 + 2.4 * down)
+    with figures.style():
+        drawn, grid = figures.figure(down, across, size=size, squeeze=False)
+        for axes, (domain, points) in zip(grid.flat, told.items(), strict=False):
+            _panel(axes, domain, points)
+        for axes in list(grid.flat)[len(told) :]:
+            axes.set_axis_off()
+        for axes in grid[:, 0]:
+            axes.set_ylabel("RMSE / standard deviation")
+        handles = {
+            label: handle
+            for axes in grid.flat
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        columns = 6 if across == 3 else 2
+        drawn.legend(list(handles.values()), list(handles), loc="outside upper center",
+                     ncols=columns)  # fmt: skip
+    return drawn
+
+
+def _panel(axes: "Axes", domain: str, points: Sequence[Seen]) -> None:
+    plain = float(np.mean([p.share for p in points if p.arch == MEMORYLESS]))
+    axes.axhline(plain, color=figures.LIMIT, linestyle="--", label=f"{MEMORYLESS} (no memory)")
+    delay_s = transport_delay_s(domain)
+    if delay_s is not None:
+        axes.axvline(delay_s, color=figures.REFERENCE, linestyle=":", label="transport delay")
+    for arch, colour in zip(architectures_of(points), COLOURS, strict=False):
+        own = [p for p in points if p.arch == arch]
+        pasts = sorted({p.past_s for p in own if p.past_s < WHOLE})
+        values = [[p.share for p in own if p.past_s == past] for past in pasts]
+        mean, deviation = [float(np.mean(v)) for v in values], [float(np.std(v)) for v in values]
+        axes.errorbar([0.0, *pasts], [plain, *mean], [0.0, *deviation], color=colour, marker=".",
+                      markersize=4, elinewidth=0.8, label=arch)  # fmt: skip
+        whole = [p.share for p in own if p.past_s == WHOLE]
+        if whole:
+            axes.axhline(float(np.mean(whole)), color=colour, linestyle=":", linewidth=0.9,
+                         label=f"{arch}, whole past")  # fmt: skip
+        found = need(points, arch)
+        if found.enough is not None:
+            axes.plot(found.enough.past_s, found.error, "o", markersize=8, markerfacecolor="none",
+                      color=colour, clip_on=False)  # fmt: skip
+    axes.plot([], [], "o", markersize=8, markerfacecolor="none", color=figures.REFERENCE,
+              label="shortest that suffices")  # fmt: skip
+    axes.set_title(domain)
+    axes.set_ylim(bottom=0.0)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("past that is seen [s]")
+
+
+def parts(
+    told: Mapping[str, Sequence[Seen]], mains: Mapping[str, str], rates_hz: Mapping[str, float]
+) -> list[Part]:
+    """The figure over all domains with what is needed, then each domain's table.
+
+    `mains` and `rates_hz` are each domain's channel and rate.
+    """
+    said = {name: sentence(name, points, rates_hz[name]) for name, points in told.items()}
+    first = Part(
+        "window",
+        "Error against how much of the past is seen; a ring marks the shortest past with which the "
+        "error is within 5 % of the least.",
+        COLUMNS,
+        rows([p for points in told.values() for p in points]),
+        curves(told),
+        needed(told),
+    )
+    return [first] + [
+        Part(f"window-{name}", said[name], COLUMNS, rows(points),
+             shown=summary(points, mains[name]))
+        for name, points in told.items()
+    ]  # fmt: skip
+
+
+def rows(points: Sequence[Seen]) -> list[list[Any]]:
+    """Every point under `COLUMNS`; the whole past is an empty cell."""
+    return [[point.as_json()[name] for name in COLUMNS] for point in points]
+
+
+def needed(told: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str]]]:
+    """What a computer on board has to keep: one row per domain and architecture."""
+    columns = ["domain", "predictor", "past [s]", "samples", "bytes", "error", "least",
+               "without memory"]  # fmt: skip
+    lines = []
+    for name, points in told.items():
+        for arch in architectures_of(points):
+            found = need(points, arch)
+            enough = found.enough
+            kept = (
+                ["whole", "–", "–"]
+                if enough is None
+                else [f"{enough.past_s:.3g}", f"{enough.samples}", f"{enough.bytes:,}"]
+            )
+            errors = (found.error, found.least, found.memoryless)
+            lines.append([name, arch, *kept, *(f"{value:.3f}" for value in errors)])
+    return columns, lines
+
+
+def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str]]]:
+    """One domain's table: mean ± spread over seeds for every past."""
+    columns = ["predictor", "past [s]", "samples", "bytes", f"RMSE {main}", "RMSE / sd", "R²"]
+    lines = []
+    for arch, past in dict.fromkeys((p.arch, p.past_s) for p in points):
+        own = [p for p in points if (p.arch, p.past_s) == (arch, past)]
+        one = own[0]
+        kept = ["whole", "–", "–"] if one.samples is None or one.bytes is None else [
+            f"{past:.3g}", f"{one.samples}", f"{one.bytes:,}"]  # fmt: skip
+        lines.append([
+            arch,
+            *kept,
+            spread([p.rmse for p in own], ".4g"),
+            spread([p.share for p in own], ".3f"),
+            spread([p.r2 for p in own], ".3f"),
+        ])  # fmt: skip
+    return columns, lines
+
+
+def spread(values: Sequence[float], form: str) -> str:
+    """Mean ± standard deviation over seeds."""
+    mean = format(float(np.mean(values)), form)
+    if len(values) < 2:
+        return mean
+    return f"{mean} ± {format(float(np.std(values, ddof=1)), '.1g')}"
