@@ -38,12 +38,9 @@ OBSERVATION = (
     Channel("source_mass_kg", "kg"),
     Channel("sufferer_mass_kg", "kg"),
 )
-# Channels into which the sufferer's own motion goes: their past tells its acceleration.
-OWN_MOTION = (
-    *(f"d{axis}_m" for axis in "xyz"),
-    *(f"dv{axis}_mps" for axis in "xyz"),
-    "sufferer_command",
-)
+# Channels into which the sufferer's own motion goes: their past tells its acceleration. Its battery
+# sags with its own thrust.
+OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
 
 _SIZE = {MASS_KG["s"]: "small", MASS_KG["l"]: "large"}

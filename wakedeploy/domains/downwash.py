@@ -6,7 +6,7 @@ prediction serves them all. The transport delay is nowhere put in: it comes out 
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -73,6 +73,11 @@ class World:
         """The longest transport delay that its spread allows."""
         return NOMINAL_DELAY_S * (1.0 + self.spread) / (1.0 - self.spread)
 
+    @property
+    def settling_s(self) -> float:
+        """Until the wake is there in its full width, at the nominal delay and largest spread."""
+        return 1.0 + _SETTLING_DELAYS * self.slowest_s
+
     def field(self, episodes: int) -> WakeField:
         """The air at rest."""
         physics = FieldPhysics(
@@ -124,16 +129,18 @@ def fly(
     world: World | None = None,
     seconds: float = EPISODE_S,
     expect: Predict | str = "nothing",
+    settling_s: float | None = None,
 ) -> Flights:
     """Fly one episode per seed in lockstep; an episode does not depend on its companions.
 
     `expect` is what the sufferer compensates: "nothing", "truth" (the oracle, which knows the force
-    of this very step), or a function from observations (E, 8) to forces (E, 2) that is called once
-    a step, from the first step of the flight on.
+    of this very step), "roughly" (the truth times a factor and with an error, as a predictor's that
+    is not trained yet), or a function from observations (E, 8) to forces (E, 2) that is called
+    once a step, from the first step of the flight on. Nothing is recorded for `settling_s`, by
+    default until the slowest wake has arrived.
     """
     world = world if world is not None else World()
-    # The nominal delay at the largest spread, so that companions change nothing.
-    settling = round((1.0 + _SETTLING_DELAYS * world.slowest_s) * RATE_HZ)
+    settling = round((world.settling_s if settling_s is None else settling_s) * RATE_HZ)
     episodes = len(seeds)
     steps = settling + round(seconds * RATE_HZ)
     source_way, sufferer_way = _ways(seeds, world, steps)
@@ -142,6 +149,7 @@ def fly(
         world.inertia_kgm2 * np.gradient(way[..., 5], DT_S, axis=0)
         for way in (source_way, sufferer_way)
     ]
+    factor, error_n = _mistakes(seeds, steps)
     body, regulator = PlanarBody(world.mass_kg, world.inertia_kgm2), world.regulator()
     air = world.field(episodes)
     source, sufferer = source_way[0].copy(), sufferer_way[0].copy()
@@ -152,7 +160,10 @@ def fly(
         air_mps = air.velocity(sufferer[:, 0], sufferer[:, 1])
         force = drag_force_n(air_mps, world.drag_area_m2)
         observed = _observed(source, sufferer, pushes)
-        expected = _expected(expect, observed, force, nothing)
+        about = factor * force + error_n[k]
+        expected = _expected(
+            expect, observed, {"nothing": nothing, "truth": force, "roughly": about}
+        )
         told.observation[k], told.force_n[k], told.expected_n[k] = observed, force, expected
         told.error_m[k] = (sufferer - sufferer_way[k])[:, :2]
         up, turn = regulator.control(source, source_way[k], nothing)
@@ -175,16 +186,17 @@ def make_set(
 ) -> EpisodeSet:
     """Record `minutes` of flight in episodes of 20 s, at least three; split by episode.
 
-    Half of them fly with the true force as feedforward, so that a predictor meets the motion that
-    its own will cause. With `spread`, wake speed, diffusivity and separation are drawn anew for
-    each episode, uniformly within that share of their nominal values, which are those of `world`.
-    `progress(done, total)`.
+    Half of them fly with roughly the true force as feedforward, so that a predictor meets the
+    motion that its own will cause. It has to be wrong: after an exact one the sufferer's own thrust
+    tells the force, and a predictor that has learned so believes itself in flight. With `spread`,
+    wake speed, diffusivity and separation are drawn anew for each episode, uniformly within that
+    share of their nominal values, which are those of `world`. `progress(done, total)`.
     """
     count = max(3, round(60.0 * minutes / EPISODE_S))
     episodes: list[Episode] = []
     for first in range(0, count, _LOCKSTEP):
         numbers = range(first, min(first + _LOCKSTEP, count))
-        for half, expect in enumerate(("nothing", "truth")):
+        for half, expect in enumerate(("nothing", "roughly")):
             chosen = [n for n in numbers if n % 2 == half]
             seeds = [1_000_000 * (seed + 1) + n for n in chosen]
             flown = (
@@ -278,13 +290,31 @@ def _observed(source: FloatArray, sufferer: FloatArray, thrusts: FloatArray) -> 
 
 
 def _expected(
-    expect: Predict | str, observed: FloatArray, force: FloatArray, nothing: FloatArray
+    expect: Predict | str, observed: FloatArray, known: Mapping[str, FloatArray]
 ) -> FloatArray:
     if callable(expect):
         return np.asarray(expect(observed), dtype=float)
-    if expect not in ("nothing", "truth"):
-        raise ValueError(f"expect={expect!r}: must be 'nothing', 'truth' or a function")
-    return force if expect == "truth" else nothing
+    if expect not in known:
+        raise ValueError(f"expect={expect!r}: must be {', '.join(known)} or a function")
+    return known[expect]
+
+
+def _mistakes(seeds: Sequence[int], steps: int) -> tuple[FloatArray, FloatArray]:
+    """By how much "roughly" is wrong: factors (E, 1), and errors [N] (T, E, 2).
+
+    Slow sines, and white noise: without it nothing in a set says that a thrust which changes fast
+    is not the force, and a linear readout's gain from one to the other may exceed one in flight.
+    """
+    time_s = np.arange(steps)[:, None, None] * DT_S
+    factor, error = np.empty((len(seeds), 1)), np.zeros((steps, len(seeds), 2))
+    for e, seed in enumerate(seeds):
+        rng = np.random.default_rng([seed, 78])
+        factor[e] = rng.uniform(0.3, 1.5)
+        size_n = rng.uniform(0.0, 0.3, 2) * np.sqrt(2.0 / 3.0)
+        rate, phase = rng.uniform(0.5, 8.0, (3, 2)), rng.uniform(0.0, 2.0 * np.pi, (3, 2))
+        error[:, e] = (size_n * np.sin(rate * time_s + phase)).sum(1)
+        error[:, e] += rng.uniform(0.0, 0.15) * rng.standard_normal((steps, 2))
+    return factor, error
 
 
 def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, FloatArray]:

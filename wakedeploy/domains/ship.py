@@ -105,14 +105,17 @@ def make_set(
                     done_s += len(episode.force) / RATE_HZ
             if progress is not None:
                 progress(min(round(done_s), round(wanted_s)), round(wanted_s))
+    split = split_in_order([e.name for e in episodes])
+    learned = np.concatenate([e.force for e in episodes if split[e.name] == "train"]).astype(float)
     return EpisodeSet(
         domain="ship",
         rate_hz=RATE_HZ,
         observation=OBSERVATION,
         force=FORCE,
         window_s=WINDOW_S,
-        loss_weights=(1.0, 1.0),
-        split=split_in_order([e.name for e in episodes]),
+        # A force and a moment have no common unit: each counts by its own spread.
+        loss_weights=tuple(float(v) for v in learned.var(axis=0)[0] / learned.var(axis=0)),
+        split=split,
         episodes=tuple(episodes),
         provenance={
             "generator": f"wakedeploy {wakedeploy.__version__} ship",
