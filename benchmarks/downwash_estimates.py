@@ -1,6 +1,6 @@
 """What hangs on the constants of the 2D downwash simulator that the paper leaves open.
 
-Each estimate is made a third smaller and a third larger, one at a time; a small set is flown, a
+Each estimate is made a quarter smaller and a third larger, one at a time; a small set is flown, a
 model without memory and one with are trained, and what they are worth is told. Writes a table that
 says for each estimate what was chosen and why, and how the two findings move with it.
 
@@ -17,7 +17,7 @@ import numpy as np
 import torch
 
 from wakedeploy.domains.downwash import World, make_set
-from wakedeploy.study.closed_loop import recovered, track
+from wakedeploy.study.closed_loop import LIMITS, mean_force, recovered, track
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained
 from wakedeploy.study.side_by_side import side_by_side
@@ -67,9 +67,9 @@ def measured(job: tuple[str, str | None, float]) -> dict[str, float]:
             shares = np.sqrt(np.mean((forces - truth) ** 2, axis=0)) / truth.std(axis=0)
             result[f"{arch} share"] = float(np.sqrt(np.mean(shares**2)))
             models.append((arch, [predictor]))
-    lines = track(models, FLIGHTS, FLIGHT_S, world=world, workers=1)
+    lines = track(models, FLIGHTS, FLIGHT_S, constant=mean_force(data), world=world, workers=1)
     result |= {f"{line.name} mm": 1e3 * line.mean_m for line in lines}
-    for line in lines[2:]:
+    for line in lines[len(LIMITS) :]:
         result[f"{line.name} gain"] = recovered(line, lines[0], lines[1]).share
     return result
 

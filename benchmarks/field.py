@@ -1,6 +1,8 @@
 """The compiled wake field beside its plain twin: microseconds a step, ratio, arithmetic, traffic.
 
-Both are timed in turns in one process, so that what else runs on the machine slows both alike.
+All are timed in turns in one process, so that what else runs on the machine slows all alike. Two
+loops compiled in the same way say what the core can do: multiply-adds on numbers that stay in the
+first cache, and copies between arrays as large as the field's.
 
     python benchmarks/field.py --json docs/field.json
 """
@@ -11,6 +13,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import numpy as np
 
 from wakedeploy.physics.field import WakeField
@@ -26,7 +29,14 @@ PAPER = FieldPhysics(
     reference_thrust_n=4.41,
 )
 DT_S = 0.01
-STEPS = {"numba": 100, "numpy": 10, "dense blur": 100}  # a turn's, some ten milliseconds each
+FMA_NUMBERS, FMA_ROUNDS = 1024, 1000
+STEPS = {
+    "numba": 100,
+    "numpy": 10,
+    "dense blur": 100,
+    "multiply-adds": 20,
+    "copies": 200,
+}  # a turn's, some ten milliseconds each
 
 
 def main() -> None:
@@ -58,6 +68,8 @@ def measured(grid: FieldGrid, turns: int) -> dict[str, int | float]:
         "numba": lambda: fast.step(0.0, 0.0, 0.2, 4.41),
         "numpy": lambda: plain.step(0.0, 0.0, 0.2, 4.41),
         "dense blur": _dense_blur(grid),
+        "multiply-adds": _multiply_adds(),
+        "copies": _copies(grid),
     }
     us = {name: [] for name in steps}
     for _ in range(turns):
@@ -72,7 +84,7 @@ def measured(grid: FieldGrid, turns: int) -> dict[str, int | float]:
         "ratio": float(np.median(ratios)),
         "ratio_worst_turn": float(ratios.min()),
         "dense_blur_alone_us": float(np.median(us["dense blur"])),
-    } | _work(grid, float(np.median(us["numba"])))
+    } | _work(grid, {name: float(np.median(values)) for name, values in us.items()})
 
 
 def _microseconds(step: Callable[[], object], count: int) -> float:
@@ -96,23 +108,52 @@ def _band_matrix(cells: int, variance_cells2: float) -> np.ndarray:
     return np.where(apart < len(weights), weights[np.minimum(apart, len(weights) - 1)], 0.0)
 
 
-def _work(grid: FieldGrid, step_us: float) -> dict[str, int | float]:
+@numba.njit(fastmath={"contract"})
+def _fma(values: np.ndarray, rounds: int) -> None:
+    for _ in range(rounds):
+        for i in range(len(values)):
+            values[i] = values[i] * 0.999 + 0.001
+
+
+def _multiply_adds() -> Callable[[], object]:
+    """Rounds of one multiply-add for each of some numbers that fit into the first cache."""
+    values = np.zeros(FMA_NUMBERS)
+    return lambda: _fma(values, FMA_ROUNDS)
+
+
+def _copies(grid: FieldGrid) -> Callable[[], object]:
+    """One copy of both components, read and written."""
+    here, there = np.ones((2, grid.columns, grid.rows)), np.empty((2, grid.columns, grid.rows))
+    return lambda: np.copyto(there, here)
+
+
+def _work(grid: FieldGrid, us: dict[str, float]) -> dict[str, int | float]:
     """Floating-point operations and bytes of one compiled step, counted from its source.
 
     Per cell: injecting 4; tracing back 5, the cubic's weights 18, its sums 2 × 7; each of the two
     blurs of two components 1 + 3 R. Bytes: each operation reads and writes both components once.
+    `times_least` is how much longer a step takes than its arithmetic at the measured rate of
+    multiply-adds or its traffic at that of copies, whichever is more.
     """
     cells = grid.columns * grid.rows
     reach = blur_weights(np.array([2 * 0.3 * DT_S / grid.cell_x_m**2])).shape[1] - 1
     flops = cells * (4 + 5 + 18 + 14 + 2 * 2 * (1 + 3 * reach))
     passed_bytes = cells * 2 * 8 * 2 * 3
+    flops_per_us = 2 * FMA_NUMBERS * FMA_ROUNDS / us["multiply-adds"]
+    bytes_per_us = cells * 2 * 8 * 2 / us["copies"]
+    least_us = max(flops / flops_per_us, passed_bytes / bytes_per_us)
     return {
         "blur_reach_cells": reach,
         "flops": flops,
         "bytes_between_operations": passed_bytes,
         "working_set_bytes": cells * 2 * 8 * 2,
-        "gflops_per_s": flops / step_us * 1e-3,
-        "gbytes_per_s": passed_bytes / step_us * 1e-3,
+        "gflops_per_s": flops / us["numba"] * 1e-3,
+        "gbytes_per_s": passed_bytes / us["numba"] * 1e-3,
+        "multiply_adds_gflops_per_s": flops_per_us * 1e-3,
+        "copies_gbytes_per_s": bytes_per_us * 1e-3,
+        "arithmetic_alone_us": flops / flops_per_us,
+        "traffic_alone_us": passed_bytes / bytes_per_us,
+        "times_least": us["numba"] / least_us,
     }
 
 

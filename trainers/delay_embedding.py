@@ -5,6 +5,7 @@ observations; the head sees the present and the delayed one (Yang et al. 2019; p
 Embedding).
 """
 
+import math
 from dataclasses import dataclass
 
 import torch
@@ -13,6 +14,8 @@ from torch import Tensor, nn
 from trainers.agile_mlp import mlp
 from trainers.memory import Sizes
 from trainers.model import WakeModel
+
+_NARROWEST = 0.1  # of the time between snapshots
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,7 @@ class DelayEmbedding(WakeModel):
         ages_s = sizes.ages_s
         gap_s = min(hyper.gap_s if hyper.gap_s is not None else 1e-9, ages_s[0])
         self.past = sum(age_s >= gap_s for age_s in ages_s)  # how many snapshots may be chosen
+        self.apart_s = ages_s[-2] - ages_s[-1]
         self.register_buffer("ages_s", torch.tensor(ages_s[: self.past]), persistent=False)
         self.delay_s = nn.Parameter(torch.tensor(_or(hyper.initial_delay_s, ages_s[0] / 2)))
         spread_s = max(_or(hyper.initial_spread_s, ages_s[0] / 8), 1 / sizes.rate_hz)
@@ -56,7 +60,9 @@ class DelayEmbedding(WakeModel):
         """The delay μ and the width σ chosen for each window, in seconds: (B, K, d) -> (B, 1)."""
         shift = self.selector(window.flatten(1))  # (B, 2)
         delay_s = self.delay_s + shift[:, :1]  # (B, 1)
-        return delay_s, (self.log_spread + shift[:, 1:]).exp()  # (B, 1)
+        # Far narrower than the snapshots stand apart, every weight would be 0 over 0.
+        narrowest = math.log(_NARROWEST * self.apart_s)
+        return delay_s, (self.log_spread + shift[:, 1:]).clamp(min=narrowest).exp()  # (B, 1)
 
     def weigh(self, delay_s: Tensor, spread_s: Tensor) -> Tensor:
         """Kernels as weights of the past snapshots, which sum to 1: (B, 1), (B, 1) -> (B, P)."""

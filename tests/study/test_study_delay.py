@@ -132,6 +132,39 @@ def test_the_sentences_say_slope_and_distance_as_they_are() -> None:
     assert "looks 0.150 s back" in seen
 
 
+@pytest.mark.parametrize(
+    ("delay_s", "slope", "said"),
+    [(0.10, 1.0, ("agrees", "agrees")), (0.02, 0.5, ("does not agree", "does not agree"))],
+)
+def test_the_papers_shift_stands_beside_the_learned_one(
+    delay_s: float, slope: float, said: tuple[str, str]
+) -> None:
+    lines = [line("downwash", t, delay_s + 0.3 + slope * (t - 0.3)) for t in (0.2, 0.3, 0.4)]
+    told = delay_sentence(lines).partition("In the paper")[2]
+    assert "0.12 s longer" in told
+    assert f"{delay_s:.3f} s longer, which {said[0]} within 0.05 s" in told
+    assert f"slope of {slope:.2f}, which {said[1]} within 0.25" in told
+    assert "In the paper" not in delay_sentence([line("gantry", t, t, 0.1) for t in (0.2, 0.3)])
+
+
+def test_the_papers_peak_stands_beside_the_attention() -> None:
+    ages_s = np.array([0.6, 0.5, 0.4, 0.2, 0.0])
+    true = Transport(0.38, 0.35, 0.41)
+
+    def told(domain: str, *weights: float) -> str:
+        return attention_sentence([Attended(domain, ages_s, np.array([weights]), true, 0.0)])
+
+    alike = told("downwash", 0.2, 0.6, 0.18, 0.01, 0.01)
+    assert "the weights peak 0.5 s ago, 0.12 s longer than" in alike
+    assert "here they peak 0.500 s ago, 0.120 s longer" in alike
+    assert alike.count("which agrees") == 2
+    other = told("downwash", 0.1, 0.1, 0.2, 0.1, 0.5)
+    assert "here they peak at the present, 0.380 s shorter" in other
+    assert other.count("which does not agree") == 2
+    assert "2.5 times the uniform weight" in other
+    assert "paper" not in told("gantry", 0.2, 0.6, 0.18, 0.01, 0.01)
+
+
 def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
     sets = tmp_path / "sets"
     for name in ("downwash", "gantry"):

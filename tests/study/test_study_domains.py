@@ -11,10 +11,12 @@ from scipy.signal import lfilter
 
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import sha256_of
 from wakedeploy.study.domains import SOURCE_ONLY, Line, compare, planned, sentence
-from wakedeploy.study.domains_figure import least_over_kinds
+from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.runs import train_all
-from wakedeploy.study.sets import DOMAINS, chosen, obtain
+from wakedeploy.study.sets import DOMAINS, Domain, chosen, obtain
 
 
 def delayed_set(episodes: int = 6) -> EpisodeSet:
@@ -70,27 +72,48 @@ def test_the_past_of_own_motion_is_hidden_where_a_set_names_it(tmp_path) -> None
     assert share["history-mlp"] < 0.6 * share["agile-mlp"]
     assert kept == pytest.approx(share["agile-mlp"], rel=0.1)
     told = sentence("toy", lines)
-    assert f"the best is history-mlp{SOURCE_ONLY} with {kept:.2f}" in told
+    assert f"the best is history-mlp{SOURCE_ONLY} with {kept:.2f}: at least" in told
     zero = lines[0]
     warm = data.warm_up_steps
     for kind, name in (("slow", "e4"), ("fast", "e5")):
         force = next(e for e in data.episodes if e.name == name).force[warm:]
         assert zero.groups[kind][0] == pytest.approx(np.sqrt(np.mean(force**2)), rel=1e-6)
-    assert least_over_kinds(lines)[0] == "history-mlp"
+    best, mean = best_over_kinds(lines)
+    assert best == "history-mlp"
+    own = next(x for x in lines if x.predictor == "history-mlp")
+    assert mean == pytest.approx(np.mean([own.groups[k][0] for k in ("slow", "fast")]))
 
 
-def line(predictor: str, share: float, seed: int | None = 0) -> Line:
-    return Line("toy", predictor, seed, ({"rmse": share, "sd": 1.0},))
+def line(
+    predictor: str, share: float, seed: int | None = 0, validation: float | None = None
+) -> Line:
+    loss = None if seed is None else share if validation is None else validation
+    return Line("toy", predictor, seed, ({"rmse": share, "sd": 1.0},), validation=loss)
 
 
 def test_the_sentence_says_who_wins_and_also_when_no_memory_helps() -> None:
     won = sentence("toy", [line("zero", 1.0, None), line("agile-mlp", 0.8), line("gru", 0.2),
                            line("tcn", 0.9)])  # fmt: skip
-    assert "gru has the least error, 0.20" in won
+    assert "gru is the best, with an error of 0.20" in won
     assert "a factor of 4.0" in won
     assert "1 of 2 models with memory" in won
+    assert "constant" not in won
     lost = sentence("toy", [line("agile-mlp", 0.2), line("gru", 0.3)])
     assert "no memory helps" in lost
+    nothing = sentence("toy", [line("zero", 1.0, None), line("agile-mlp", 3.0), line("gru", 1.1)])
+    assert "no better than a constant would" in nothing
+
+
+def test_the_best_is_chosen_on_validation_and_told_on_test() -> None:
+    told = sentence("toy", [line("agile-mlp", 0.8), line("gru", 0.30, validation=0.1),
+                            line("tcn", 0.25, validation=0.2)])  # fmt: skip
+    assert "gru is the best, with an error of 0.30" in told
+    kept = [
+        line("gru" + SOURCE_ONLY, 0.9, validation=0.3),
+        line("tcn" + SOURCE_ONLY, 0.5, validation=0.4),
+    ]
+    told = sentence("toy", [line("agile-mlp", 0.8), line("gru", 0.3), *kept])
+    assert f"the best is gru{SOURCE_ONLY} with 0.90: at least 0 % of what memory gains" in told
 
 
 def test_recordings_that_are_not_there_are_left_out(tmp_path) -> None:
@@ -120,7 +143,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     assert len(rows) == len(lines) == 4
     assert float(rows[-1]["rmse"]) == lines[-1]["channels"][0]["rmse"]
     page = (folder / "study.html").read_text()
-    assert "On gantry, esn has the least error" in page
+    assert "On gantry, esn is the best" in page
     assert "data:image/png;base64" in page
 
 
@@ -130,3 +153,47 @@ def test_wrong_names_are_refused_in_one_sentence(tmp_path) -> None:
                                   env={"WAKEDEPLOY_DATA": str(tmp_path)})  # fmt: skip
         assert told.exit_code == 2, told.output
         assert "Traceback" not in told.output
+
+
+def quiet(done: int, total: int) -> None:
+    """No progress to show."""
+
+
+def test_a_set_that_would_now_be_another_is_refused(tmp_path) -> None:
+    made = replace(delayed_set(), provenance={"minutes": 2.0})
+    calls: list[float] = []
+
+    def make(minutes: float, progress: object) -> EpisodeSet:
+        calls.append(minutes)
+        return replace(made, provenance={"minutes": minutes})
+
+    domain = Domain("toy", "force", 2.0, 1.0, make=make)
+    obtain(domain, tmp_path, None, quick=False, progress=quiet)
+    again = obtain(domain, tmp_path, None, quick=False, progress=quiet)
+    assert again is not None
+    assert again.sha256 == made.sha256
+    assert calls == [2.0]
+    with pytest.raises(UnusableInput, match=r"has 2.0 minutes, not 3.0; delete .*toy"):
+        obtain(replace(domain, minutes=3.0), tmp_path, None, quick=False, progress=quiet)
+    older = replace(made, provenance={"generator": "wakedeploy 0.0.0 toy", "minutes": 2.0})
+    older.write(tmp_path / "toy")
+    with pytest.raises(UnusableInput, match=r"was made by wakedeploy 0.0.0 toy"):
+        obtain(domain, tmp_path, None, quick=False, progress=quiet)
+
+
+def test_a_set_of_other_recordings_is_refused(tmp_path) -> None:
+    record = tmp_path / "data" / "toys" / "one.npz"
+    record.parent.mkdir(parents=True)
+    record.write_bytes(b"first")
+
+    def read(path: object, progress: object) -> EpisodeSet:
+        files = {"one.npz": sha256_of(record.read_bytes())}
+        return replace(delayed_set(), provenance={"files": files})
+
+    domain = Domain("toy", "force", recordings="toys", read=read)
+    for _ in range(2):
+        assert obtain(domain, tmp_path, tmp_path / "data", quick=True, progress=quiet) is not None
+    record.write_bytes(b"second")
+    assert obtain(domain, tmp_path, None, quick=True, progress=quiet) is not None  # not at hand
+    with pytest.raises(UnusableInput, match=r"was imported from another one\.npz"):
+        obtain(domain, tmp_path, tmp_path / "data", quick=True, progress=quiet)

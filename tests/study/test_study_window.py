@@ -26,6 +26,7 @@ from wakedeploy.study.window import (
     sentence,
     windows,
 )
+from wakedeploy.study.window_figure import curves, looks, needed
 
 DELAY = 6  # samples
 KEEP = 0.7  # from one sample to the next
@@ -120,8 +121,9 @@ def test_a_cut_past_is_cut_and_a_window_model_does_not_mind(tmp_path) -> None:
 
 def seen(arch: str, past_s: float, share: float, seed: int = 0) -> Seen:
     samples = None if past_s == WHOLE else round(100 * past_s) + 1
-    kept = None if samples is None else 4 * samples
-    return Seen("toy", arch, seed, past_s, samples, kept, share, 1.0, 1 - share**2, 10)
+    memory = {"agile-mlp": "none", "gru": "state"}.get(arch, "window")
+    kept = 512 if memory == "state" else 4 * (samples or 0)
+    return Seen("toy", arch, seed, past_s, memory, samples, kept, share, 1.0, 1 - share**2, 10)
 
 
 def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
@@ -134,15 +136,51 @@ def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
     found = need(points, "gru")
     assert found.enough is not None
     assert (found.enough.past_s, found.error, found.least) == (0.1, pytest.approx(0.42), 0.4)
-    assert "gru needs 0.1 s of the past, which is 11 samples or 44 bytes" in sentence(
-        "toy", points, 100.0
-    )
+    told = sentence("toy", points, 100.0)
+    assert "gru needs 0.1 s of the past, of which it keeps a state of 512 bytes" in told
+    assert "samples" not in told
+    told = sentence("toy", [points[0], seen("history-mlp", 0.1, 0.4)], 100.0)
+    assert "needs 0.1 s of the past, a history of 11 samples or 44 bytes at 100 Hz, for" in told
     slow = [*points[:1], seen("gru", 0.1, 0.8), seen("gru", WHOLE, 0.3)]
     assert need(slow, "gru").enough is None
     assert "gru needs more than 0.1 s" in sentence("toy", slow, 100.0)
     useless = [*points[:1], seen("gru", 0.1, 0.88)]
     assert need(useless, "gru").enough is points[0]
     assert "no more than 5 % by the past" in sentence("toy", useless, 100.0)
+
+
+def test_a_model_that_loses_to_the_present_alone_is_told_so() -> None:
+    points = [seen("agile-mlp", 0.0, 0.8), seen("history-mlp", 0.1, 0.95)]
+    points.append(seen("history-mlp", 0.2, 0.9))
+    found = need(points, "history-mlp")
+    assert (found.least, found.memoryless, found.loses) == (0.9, 0.8, True)
+    told = sentence("toy", points, 100.0)
+    assert "loses to the memoryless model: 0.90 of the standard deviation at best, 0.80" in told
+    assert "gains" not in told
+    better = [points[0], seen("history-mlp", 0.1, 0.79)]
+    told = sentence("toy", better, 100.0)
+    assert "by the past: 0.79 of the standard deviation with it, 0.80 without" in told
+
+
+def test_states_and_histories_have_the_bytes_that_are_kept(measured) -> None:
+    data, points = measured
+    assert {p.bytes for p in points if p.arch == "gru"} == {4 * 128}  # float32, hidden units
+    for point in points:
+        if point.memory == "window":
+            assert point.bytes == 4 * point.samples * len(data.observation)
+    _, lines = needed({"toy": points})
+    assert [line[1:2] + line[4:6] for line in lines] == [
+        ["history-mlp", "history", f"{4 * 9}"], ["gru", "state", "512"],
+    ]  # fmt: skip
+
+
+def test_seven_architectures_have_seven_lines() -> None:
+    names = [f"model-{i}" for i in range(7)]
+    points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names)]
+    drawn = curves({"toy": points})
+    labels = drawn.axes[0].get_legend_handles_labels()[1]
+    assert set(names) <= set(labels)
+    assert len(set(looks(names).values())) == 7
 
 
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:

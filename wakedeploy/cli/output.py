@@ -1,7 +1,6 @@
 """What commands print: tables, progress bars, and results as JSON for other programs."""
 
 import contextlib
-import json
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -32,7 +31,13 @@ def progress(description: str, total: int) -> Iterator[Bar]:
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    shown = Progress(console=console, transient=True, disable=not console.is_terminal)
+    # Steps may take minutes: time left is told from all of them, not from the last half minute's.
+    shown = Progress(
+        console=console,
+        transient=True,
+        disable=not console.is_terminal,
+        speed_estimate_period=86_400.0,
+    )
     with shown:
         task = shown.add_task(description, total=total)
         yield Bar(lambda done, of: shown.update(task, completed=done, total=of), total)
@@ -58,26 +63,12 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
 def write_json(path: Path, result: Any) -> None:
     """Write a result as JSON, whole or not at all; NaN and infinity become null."""
-    from wakedeploy.files import write_text_whole
+    from wakedeploy.files import json_text, write_text_whole
 
-    text = json.dumps(_finite(result), indent=2, allow_nan=False)
-    write_text_whole(path, text + "\n")
+    write_text_whole(path, json_text(result))
 
 
 def _side(rows: Sequence[Sequence[str]], index: int) -> Any:
     """Right for a column of numbers, left for words."""
     cells = [row[index].strip() for row in rows]
     return "right" if all(cell == "" or cell[0] in "-+−.—0123456789" for cell in cells) else "left"
-
-
-def _finite(value: Any) -> Any:
-    """The value with what JSON cannot say as null: NaN, infinities; NumPy numbers as Python's."""
-    if isinstance(value, dict):
-        return {str(key): _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(entry) for entry in value]
-    if hasattr(value, "tolist"):
-        return _finite(value.tolist())
-    if isinstance(value, float) and (value != value or value in (float("inf"), float("-inf"))):
-        return None
-    return str(value) if isinstance(value, Path) else value

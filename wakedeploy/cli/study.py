@@ -14,6 +14,7 @@ from wakedeploy.cli.study_options import (
     recordings_option,
     sets_of,
     study_options,
+    train_with_bar,
 )
 
 if TYPE_CHECKING:
@@ -51,7 +52,6 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
     from wakedeploy.study.domains import compare, planned, sentence
     from wakedeploy.study.domains_figure import parts, summary
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import train_all
 
     architectures = _architectures(arch)
     sets = sets_of(names, recordings, asked)
@@ -61,8 +61,7 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
         for made in sets.values()
         for wanted in planned(made, architectures, asked.seeds, asked.epochs)
     ]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
+    train_with_bar(jobs, asked.runs)
     with progress("Scoring", len(sets)) as bar:
         for name, made in sets.items():
             told[name] = compare(made, architectures, asked.seeds, asked.runs, epochs=asked.epochs)
@@ -78,7 +77,13 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
 
 @command.command("closed-loop")
 @arch_option
-@click.option("--flights", type=click.IntRange(2, 1000), default=16, show_default=True)
+@click.option(
+    "--flights",
+    type=click.IntRange(2, 1000),
+    default=16,
+    show_default=True,
+    help="Flights of 20 s; 4 of 5 s with --quick.",
+)
 @study_options
 def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     """Fly the 2D simulator with no compensation, with the truth and with each architecture.
@@ -91,27 +96,33 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study closed-loop --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.closed_loop import sentence, track
+    from wakedeploy.study.closed_loop import LIMITS, mean_force, sentence, track
     from wakedeploy.study.closed_loop_figure import parts, summary
     from wakedeploy.study.folder import write_study
 
     architectures = _architectures(arch)
     data = sets_of("downwash", None, asked)["downwash"]
-    models = _models(data, architectures, asked)
+    models, chosen = _models(data, architectures, asked)
     count, seconds = (4, 5.0) if asked.quick else (flights, 20.0)
-    with progress("Flying", 2 + len(architectures) * asked.seeds) as bar:
-        lines = track(models, count, seconds, on_flight=bar.advance)
+    with progress("Flying", len(LIMITS) + len(architectures) * asked.seeds) as bar:
+        lines = track(models, count, seconds, constant=mean_force(data), on_flight=bar.advance)
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
     result |= {"rms_m": {line.name: line.rms_m.tolist() for line in lines}}
     title = asked.titled("Closed loop on the 2D downwash simulator")
-    path = write_study(asked.out / "closed-loop", title, parts(lines), result)
-    print_table(sentence(lines), *summary(lines))
+    path = write_study(asked.out / "closed-loop", title, parts(lines, chosen), result)
+    print_table(sentence(lines, chosen), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 
 
 @command.command("shift")
 @arch_option
-@click.option("--flights", type=click.IntRange(2, 1000), default=8, show_default=True)
+@click.option(
+    "--flights",
+    type=click.IntRange(2, 1000),
+    default=8,
+    show_default=True,
+    help="Flights of 20 s; 2 of 4 s with --quick.",
+)
 @study_options
 def shift(arch: str, flights: int, asked: Asked) -> None:
     """Train where the physics varies by ±10 %, and fly where it varies by ±10, ±50 and ±75 %.
@@ -124,37 +135,46 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study shift --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.closed_loop import LIMITS, mean_force
     from wakedeploy.study.folder import write_study
     from wakedeploy.study.shift import FLOWN, fly_shifted, sentence, spread_set
     from wakedeploy.study.shift_figure import parts, summary
 
     with progress("Flying what is learned from", 1) as bar:
         data = spread_set(asked.out / "sets", quick=asked.quick, progress=bar.update)
-    models = _models(data, _architectures(arch), asked)
+    models, chosen = _models(data, _architectures(arch), asked)
     count, seconds = (2, 4.0) if asked.quick else (flights, 20.0)
-    with progress("Flying", len(FLOWN) * (2 + len(models) * asked.seeds)) as bar:
-        told = fly_shifted(models, count, seconds, spreads=FLOWN, on_flight=bar.advance)
+    with progress("Flying", len(FLOWN) * (len(LIMITS) + len(models) * asked.seeds)) as bar:
+        told = fly_shifted(
+            models,
+            count,
+            seconds,
+            constant=mean_force(data),
+            spreads=FLOWN,
+            on_flight=bar.advance,
+        )
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
     result["rms_m"] = {
         f"{one.spread:g}": {line.name: line.rms_m.tolist() for line in one.lines} for one in told
     }
     title = asked.titled("Trained on one physics, flown in another")
-    path = write_study(asked.out / "shift", title, parts(told), result)
-    print_table(sentence(told), *summary(told))
+    path = write_study(asked.out / "shift", title, parts(told, chosen), result)
+    print_table(sentence(told, chosen), *summary(told))
     click.echo(f"Figures, tables and the page: {path}")
 
 
 def _models(
     data: "EpisodeSet", architectures: list[str], asked: Asked
-) -> list[tuple[str, list[Any]]]:
-    """Each architecture's predictors, one per seed, trained as far as they are not yet."""
-    from wakedeploy.study.runs import Wanted, obtained, train_all
+) -> tuple[list[tuple[str, list[Any]]], str]:
+    """Each architecture's predictors, one per seed, and which is the best on validation."""
+    from wakedeploy.study.runs import Wanted, obtained_run
 
     wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
-    jobs = [(data, one) for own in wanted.values() for one in own]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
-    return [(a, [obtained(data, w, asked.runs) for w in own]) for a, own in wanted.items()]
+    train_with_bar([(data, one) for own in wanted.values() for one in own], asked.runs)
+    runs = {a: [obtained_run(data, w, asked.runs) for w in own] for a, own in wanted.items()}
+    losses = {a: sum(min(run.metrics.history) for run in own) for a, own in runs.items()}
+    models = [(a, [run.predictor for run in own]) for a, own in runs.items()]
+    return models, min(losses, key=lambda a: losses[a])
 
 
 for _command in (delay, basin, fish_scatter, window, lead):

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import print_table, progress
-from wakedeploy.cli.study_options import Asked, recordings_option, sets_of, study_options
+from wakedeploy.cli.study_options import (
+    Asked,
+    recordings_option,
+    sets_of,
+    study_options,
+    train_with_bar,
+)
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
@@ -38,7 +44,6 @@ def delay(asked: Asked) -> None:
         parts,
     )
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import train_all
     from wakedeploy.study.sets import DOMAINS
 
     whole = sets_of(",".join(_SIMULATED), None, asked)
@@ -48,8 +53,7 @@ def delay(asked: Asked) -> None:
     delaying = study.planned(study.DELAYING, asked.seeds, asked.epochs)
     jobs = [(made, wanted) for _, made in nominal for wanted in attending]
     jobs += [(made, wanted) for _, made in varied for wanted in delaying]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
+    train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs, asked.epochs)
     looks = [study.attended(case, made, *common) for case, made in nominal]
     lines = [line for case, made in varied for line in study.learned(case, made, *common)]
@@ -85,12 +89,10 @@ def basin(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study import basin as study
     from wakedeploy.study.basin_figure import parts, sentence, summary
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import train_all
 
     data = sets_of("fish", recordings, asked)["fish"]
     wanted = study.planned(asked.seeds, asked.epochs, quick=asked.quick)
-    with progress("Training", len(wanted)) as bar:
-        train_all([(data, one) for one in wanted], asked.runs, on_run=bar.advance)
+    train_with_bar([(data, one) for one in wanted], asked.runs)
     echo = study.echo_of(data)
     ends = study.ended(data, wanted, asked.runs)
     result = {
@@ -124,28 +126,22 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.fish_scatter_figure import parts, sentence, summary
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import train_all
 
     data = sets_of("fish", recordings, asked)["fish"]
     jobs = [(data, one) for one in planned(data, [*ARCHITECTURES], asked.seeds, asked.epochs)]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
+    train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs)
     lines = compare(data, [*ARCHITECTURES], *common, epochs=asked.epochs)
-    held_out = study.validation_r2(data, [*ARCHITECTURES], *common, asked.epochs)
-    shown = study.shown(data, lines, held_out, asked.runs, asked.epochs)
+    shown = study.shown(data, lines, asked.runs)
     result = {
         "quick": asked.quick,
         "seeds": asked.seeds,
         "best": shown[1].arch,
-        "validation_r2": held_out,
         "lines": [line.as_json() for line in lines],
     }
     title = asked.titled("The fish's flag, true and predicted")
-    path = write_study(
-        asked.out / "fish-scatter", title, parts(lines, held_out, shown, data.rate_hz), result
-    )
-    print_table(sentence(shown), *summary(lines, held_out))
+    path = write_study(asked.out / "fish-scatter", title, parts(lines, shown, data.rate_hz), result)
+    print_table(sentence(shown), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 
 

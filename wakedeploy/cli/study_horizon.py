@@ -6,7 +6,13 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import print_table, progress
-from wakedeploy.cli.study_options import Asked, recordings_option, sets_of, study_options
+from wakedeploy.cli.study_options import (
+    Asked,
+    recordings_option,
+    sets_of,
+    study_options,
+    train_with_bar,
+)
 
 if TYPE_CHECKING:
     from wakedeploy.study.lead import Point
@@ -31,7 +37,6 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     """
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.runs import train_all
     from wakedeploy.study.sets import DOMAINS
     from wakedeploy.study.window import measure, planned, sentence
     from wakedeploy.study.window_figure import needed, parts
@@ -43,8 +48,7 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
         for made in sets.values()
         for job in planned(made, architectures, asked.seeds, asked.epochs)
     ]
-    with progress("Training", len(jobs)) as bar:
-        train_all(jobs, asked.runs, on_run=bar.advance)
+    train_with_bar(jobs, asked.runs)
     told: dict[str, list[Seen]] = {}
     mains = {name: DOMAINS[name].main for name in sets}
     with progress("Scoring", len(sets)) as bar:
@@ -85,7 +89,6 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     from wakedeploy.study.folder import write_study
     from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, measure, planned, sentence
     from wakedeploy.study.lead_figure import parts, summary
-    from wakedeploy.study.runs import train_all
     from wakedeploy.study.sets import DOMAINS as SETS
 
     architectures = _architectures(arch)
@@ -97,8 +100,7 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
         for name, made in sets.items()
     }
     runs = asked.runs / "lead"  # trained for fewer epochs than the other studies' runs
-    with progress("Training", sum(map(len, jobs.values()))) as bar:
-        train_all([job for own in jobs.values() for job in own], runs, on_run=bar.advance)
+    train_with_bar([job for own in jobs.values() for job in own], runs)
     told: dict[str, list[Point]] = {}
     lines = sum(1 + len(leads_s) + len(own) for own in jobs.values())
     with progress("Flying", lines) as bar:

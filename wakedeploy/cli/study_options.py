@@ -1,7 +1,7 @@
 """What all studies ask for: which models, how many seeds, where the recordings are."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.study.runs import Wanted
 
 _QUICK_EPOCHS = 4
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -55,8 +56,20 @@ def study_options(function: Callable[..., Any]) -> Callable[..., Any]:
     folder = click.Path(file_okay=False, path_type=Path)
     for option in (
         click.option("--quick", is_flag=True, help="Little data, one seed, few epochs."),
-        click.option("--out", type=folder, default="study", show_default=True),
-        click.option("--seeds", type=click.IntRange(1, 100), default=3, show_default=True),
+        click.option(
+            "--out",
+            type=folder,
+            default="study",
+            show_default=True,
+            help="Folder for sets, runs and results; what is there is used.",
+        ),
+        click.option(
+            "--seeds",
+            type=click.IntRange(1, 100),
+            default=3,
+            show_default=True,
+            help="Training seeds; 1 with --quick.",
+        ),
     ):
         with_asked = option(with_asked)
     return with_asked
@@ -82,6 +95,10 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
 
     if recordings is None and "WAKEDEPLOY_DATA" in os.environ:
         recordings = Path(os.environ["WAKEDEPLOY_DATA"])
+    if recordings is not None and not recordings.is_dir():
+        raise UnusableInput(
+            f"{recordings}: is no folder; give --recordings the one with them in it."
+        )
     sets = {}
     for domain in chosen(names):
         with progress(f"{domain.name}: episodes", 1) as bar:
@@ -95,3 +112,13 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
     if not sets:
         raise UnusableInput("No domain is left; give --recordings, or a simulated domain.")
     return sets
+
+
+def train_with_bar(jobs: "Sequence[tuple[EpisodeSet, Wanted]]", runs: Path) -> None:
+    """Train what is not there yet, and show how long is left."""
+    from wakedeploy.study.runs import train_all, untrained
+
+    left = untrained(jobs, runs)
+    if left:
+        with progress("Training", len(left)) as bar:
+            train_all(left, runs, on_run=bar.advance)

@@ -8,6 +8,7 @@ happen; forces come from `wakedeploy.physics.ships`.
 
 import itertools
 import math
+import signal
 from collections.abc import Callable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -97,14 +98,20 @@ def make_set(
     wanted_s, done_s = 60.0 * minutes, 0.0
     jobs = (_Job(level, 1_000_000 * (seed + 1) + i, f"pass{i:04d}") for i in itertools.count())
     episodes: list[Episode] = []
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        while done_s < wanted_s or len(episodes) < 3:
-            for episode in pool.map(_sail, itertools.islice(jobs, 4 * workers)):
-                if done_s < wanted_s or len(episodes) < 3:
-                    episodes.append(episode)
-                    done_s += len(episode.force) / RATE_HZ
-            if progress is not None:
-                progress(min(round(done_s), round(wanted_s)), round(wanted_s))
+    # Workers end at once when interrupted; the parent says so.
+    defaults = (signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
+        try:
+            while done_s < wanted_s or len(episodes) < 3:
+                for episode in pool.map(_sail, itertools.islice(jobs, 4 * workers)):
+                    if done_s < wanted_s or len(episodes) < 3:
+                        episodes.append(episode)
+                        done_s += len(episode.force) / RATE_HZ
+                if progress is not None:
+                    progress(min(round(done_s), round(wanted_s)), round(wanted_s))
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
     split = split_in_order([e.name for e in episodes])
     learned = np.concatenate([e.force for e in episodes if split[e.name] == "train"]).astype(float)
     return EpisodeSet(

@@ -15,15 +15,16 @@ import numpy.typing as npt
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import predicted
-from wakedeploy.study.runs import Wanted, obtained
-from wakedeploy.study.uncertainty import FloatArray, blocks
+from wakedeploy.study.runs import Wanted, obtained_run
+from wakedeploy.study.uncertainty import FloatArray, blocks, r2_with_interval
 
 STARTS_S = (0.04, 0.095, 0.15, 0.205, 0.26, 0.315, 0.37, 0.425, 0.48)  # the window is 0.5 s long
 QUICK_STARTS_S = (0.04, 0.15, 0.37)
 START = "initial_delay_s"
 TRUE, ALIAS, UNHARMED, ELSEWHERE = "true delay", "alias", "alias at no clear cost", "elsewhere"
 _BLOCK_WINDOWS = 4.0  # a block of the bootstrap, in windows
-_DRAWS = 2000
+_DRAWS = 20_000  # so many that the tail that each run gets has some of them
+_RISK = 0.05  # of calling any run at all worse that is not
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +46,10 @@ class End:
     """One run: its start μ₀, the delay it ended with and that delay's width [s], its test R².
 
     `delay_s`, `spread_s`: mean and standard deviation of μ over the test samples. `width_s`: mean σ
-    of the kernel. `mean_age_s`: the mean age of what the kernel weighs. `behind_low`: by how much
-    R² is at least below the best run's, the lower end of a 90 % interval (5 %) over blocks of time.
+    of the kernel. `mean_age_s`: the mean age of what the kernel weighs. `r2_low`, `r2_high`: the
+    90 % interval over blocks of time, None with too few. `validation`: the least loss on the
+    validation block. `behind_low`: by how much R² is at least below that of the run whose
+    validation loss is least; 5 % is the risk that this is wrong of any of the runs.
     """
 
     start_s: float
@@ -56,6 +59,9 @@ class End:
     width_s: float
     mean_age_s: float
     r2: float
+    r2_low: float | None
+    r2_high: float | None
+    validation: float
     behind_low: float
 
 
@@ -102,16 +108,18 @@ def ended(data: EpisodeSet, runs: Sequence[Wanted], folder: Path) -> list[End]:
     from trainers.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
-    predictors = [obtained(data, wanted, folder) for wanted in runs]
-    forecasts = [predicted(predictor, data) for predictor in predictors]
+    trained = [obtained_run(data, wanted, folder) for wanted in runs]
+    forecasts = [predicted(run.predictor, data) for run in trained]
     truth, episode = forecasts[0][0][:, 0], forecasts[0][2]
     length = max(1, round(_BLOCK_WINDOWS * data.window_s * data.rate_hz))
     errors = np.array([forces[:, 0] for _, forces, _ in forecasts]) - truth
-    r2 = 1.0 - np.mean(errors**2, axis=1) / truth.var()
-    low = behind(truth, errors, blocks(np.asarray(episode, np.int64), length))
+    block = blocks(np.asarray(episode, np.int64), length)
+    losses = [min(run.metrics.history) for run in trained]
+    low = behind(truth, errors, block, int(np.argmin(losses)))
     ends = []
     for i, wanted in enumerate(runs):
-        chosen = kernels(predictors[i], tape)
+        chosen = kernels(trained[i].predictor, tape)
+        r2 = r2_with_interval(truth, errors[i], block)
         ends.append(
             End(
                 float(wanted.hyper[START]),
@@ -120,36 +128,51 @@ def ended(data: EpisodeSet, runs: Sequence[Wanted], folder: Path) -> list[End]:
                 float(chosen.delay_s.std()),
                 float(chosen.width_s.mean()),
                 float(chosen.mean_age_s.mean()),
-                float(r2[i]),
+                *(r2.value, r2.low, r2.high),
+                losses[i],
                 float(low[i]),
             )
         )
     return ends
 
 
-def behind(truth: FloatArray, errors: FloatArray, block: npt.NDArray[np.int64]) -> FloatArray:
-    """By how much each run's R² is at least below the best run's, (R,): 5 % of the draws are less.
+def reference(ends: Sequence[End]) -> End:
+    """The run that others are compared with: the best one on validation, not on the test block."""
+    return min(ends, key=lambda end: end.validation)
+
+
+def behind(
+    truth: FloatArray, errors: FloatArray, block: npt.NDArray[np.int64], reference: int
+) -> FloatArray:
+    """By how much each run's R² is at least below that of the run `reference`, (R,).
 
     `truth` (n,), `errors` (R, n), `block` (n,). Whole blocks are drawn, the same for all runs: what
-    is hard for one is hard for all, so that their difference is surer than either.
+    is hard for one is hard for all, so that their difference is surer than either. In 5 % of the
+    draws over the number of comparisons (Bonferroni) it is less: among many equal runs one would
+    otherwise look worse by chance.
     """
     _, index = np.unique(block, return_inverse=True)
     count = int(index.max()) + 1
     squares = np.array([np.bincount(index, error**2, count) for error in errors])  # (R, blocks)
     spread = np.bincount(index, (truth - truth.mean()) ** 2, count)
-    drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))
-    lost = squares[:, drawn].sum(2) / spread[drawn].sum(1)  # (R, draws): 1 − R²
-    best = int(np.argmin(squares.sum(1)))
-    return np.asarray(np.quantile(lost - lost[best], 0.05, axis=1))
+    even = np.full(count, 1.0 / count)
+    times = np.random.default_rng(0).multinomial(count, even, _DRAWS)  # each block is drawn
+    lost = (squares @ times.T) / (times @ spread)  # (R, draws): 1 − R²
+    tail = _RISK / max(1, len(errors) - 1)
+    return np.asarray(np.quantile(lost - lost[reference], tail, axis=1))
 
 
 def where(end: End, echo: Echo) -> str:
     """Whether a run ended at the true delay, at the alias, or elsewhere.
 
-    At either means nearer to it than half of their distance. A run at the alias whose R² is not
-    clearly below the best run's is told apart: the alias did it no harm that the block would show.
+    At either means nearer to it than half of their distance, and that the delay varies by less over
+    the samples: a mean between two delays that are both used is not at either. A run at the alias
+    whose R² is not clearly below the reference's is told apart: the alias did it no harm that the
+    block would show.
     """
     reach_s = 0.5 * abs(echo.true_s - echo.alias_s)
+    if end.spread_s >= reach_s:
+        return ELSEWHERE
     if abs(end.delay_s - echo.true_s) < reach_s:
         return TRUE
     if abs(end.delay_s - echo.alias_s) < reach_s:

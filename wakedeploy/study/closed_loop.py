@@ -12,10 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.domains.downwash import Predict, World, fly
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FloatArray
 
 FIRST_SEED = 900_000_000  # far from every training seed
+LIMITS = ("no compensation", "oracle", "mean force")
 _DRAWS = 2000
 
 
@@ -47,11 +50,33 @@ class Recovered:
 
 
 def flights(
-    episodes: int, seconds: float, expect: Predict | str, world: World | None = None
+    episodes: int,
+    seconds: float,
+    expect: Predict | str,
+    world: World | None = None,
+    settling_s: float | None = None,
 ) -> FloatArray:
     """Tracking errors (episodes,) [m] of the study's flights, in one lockstep."""
     seeds = [FIRST_SEED + i for i in range(episodes)]
-    return fly(seeds, world=world, seconds=seconds, expect=expect).tracking_m
+    flown = fly(seeds, world=world, seconds=seconds, expect=expect, settling_s=settling_s)
+    return flown.tracking_m
+
+
+@dataclass(frozen=True)
+class Always:
+    """Expects the same force [N] at every step."""
+
+    force_n: tuple[float, ...]
+
+    def __call__(self, observation: FloatArray) -> FloatArray:
+        """(E, d) -> (E, o)."""
+        return np.tile(self.force_n, (len(observation), 1))
+
+
+def mean_force(data: EpisodeSet) -> Always:
+    """The mean force of the training episodes: what needs neither a model nor an observation."""
+    learned = np.concatenate([e.force for e in data.part("train")]).astype(float)
+    return Always(tuple(float(v) for v in learned.mean(axis=0)))
 
 
 def track(
@@ -59,17 +84,19 @@ def track(
     episodes: int,
     seconds: float,
     *,
+    constant: Always,
     world: World | None = None,
+    settling_s: float | None = None,
     workers: int | None = None,
     on_flight: Callable[[], None] = lambda: None,
 ) -> list[Tracked]:
-    """Fly nothing, the truth, and each model's predictors (one per training seed).
+    """Fly the `LIMITS` (nothing, the truth, a constant force), then each model's predictors.
 
     All fly the same flights, each in its own lockstep, on `workers` processes (None: all cores).
     """
-    named: list[tuple[str, Any]] = [("no compensation", "nothing"), ("oracle", "truth")]
+    named: list[tuple[str, Any]] = list(zip(LIMITS, ("nothing", "truth", constant), strict=True))
     named += [(name, predictor) for name, predictors in models for predictor in predictors]
-    jobs = [(episodes, seconds, expect, world) for _, expect in named]
+    jobs = [(episodes, seconds, expect, world, settling_s) for _, expect in named]
     flown = side_by_side(_flown, jobs, workers=workers, on_done=on_flight)
     found: dict[str, list[FloatArray]] = {}
     for (name, _), tracking_m in zip(named, flown, strict=True):
@@ -77,14 +104,14 @@ def track(
     return [Tracked(name, np.array(own)) for name, own in found.items()]
 
 
-def _flown(job: tuple[int, float, Any, World | None]) -> FloatArray:
+def _flown(job: tuple[int, float, Any, World | None, float | None]) -> FloatArray:
     """A predictor begins each lockstep without a past."""
-    episodes, seconds, expect, world = job
-    if not isinstance(expect, str):
+    episodes, seconds, expect, world, settling_s = job
+    if not isinstance(expect, str | Always):
         from trainers.lockstep import Lockstep
 
         expect = Lockstep(expect)
-    return flights(episodes, seconds, expect, world)
+    return flights(episodes, seconds, expect, world, settling_s)
 
 
 def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered:
@@ -103,19 +130,34 @@ def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered:
     return Recovered(float(share(np.arange(count, dtype=np.int64))), float(low), float(high))
 
 
-def sentence(lines: Sequence[Tracked]) -> str:
-    """What the flights say, in one sentence."""
-    nothing, oracle, *models = lines
+def sentence(lines: Sequence[Tracked], chosen: str | None = None) -> str:
+    """What the flights say of the model `chosen` on validation forces, and of a constant."""
+    nothing, oracle, constant, *models = lines
     told = (
         f"Without compensation the sufferer is {1e3 * nothing.mean_m:.1f} mm from its reference, "
-        f"with the true force {1e3 * oracle.mean_m:.1f} mm"
+        f"with the true force {1e3 * oracle.mean_m:.1f} mm. The training flights' mean force, a "
+        f"constant, already reaches {_share(constant, nothing, oracle)} of that gain"
     )
-    if not models:
+    named = {line.name: line for line in models}
+    if chosen is None or chosen not in named:
         return f"{told}."
-    best = min(models, key=lambda line: line.mean_m)
-    share = recovered(best, nothing, oracle)
-    return (
-        f"{told}; {best.name} is the best model with {1e3 * best.mean_m:.1f} mm, which is "
-        f"{100 * share.share:.0f} % of the oracle's gain "
-        f"[{100 * share.low:.0f}, {100 * share.high:.0f}]."
+    best, plain = named[chosen], named.get(MEMORYLESS)
+    text = (
+        f"{told}; {chosen}, the best on validation, tracks to {1e3 * best.mean_m:.1f} mm, which is "
+        f"{_share(best, nothing, oracle)}."
     )
+    if plain is not None and plain is not best:
+        beaten = sum(line.mean_m < plain.mean_m for line in models)
+        text += (
+            f" The memoryless {MEMORYLESS} tracks to {1e3 * plain.mean_m:.1f} mm, "
+            f"{_share(plain, nothing, oracle)}; {beaten} of {len(models) - 1} models with memory "
+            "do better."
+        )
+    if min(line.mean_m for line in models) < oracle.mean_m:
+        text += " Who passes the oracle tracks better by chance or by its errors, not by knowing."
+    return text
+
+
+def _share(line: Tracked, nothing: Tracked, oracle: Tracked) -> str:
+    share = recovered(line, nothing, oracle)
+    return f"{100 * share.share:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"

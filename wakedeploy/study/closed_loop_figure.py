@@ -19,7 +19,7 @@ COLUMNS = ("predictor", "training seed", "flight", "tracking_rms_m")
 
 def bars(lines: Sequence[Tracked]) -> "Figure":
     """Tracking error of each model, every flight a point, limits as lines."""
-    nothing, oracle, *models = lines
+    nothing, oracle, constant, *models = lines
     with figures.style():
         drawn, axes = figures.figure(size=(5.4, 0.9 + 0.32 * max(len(models), 1)))
         for place, line in enumerate(models):
@@ -34,7 +34,8 @@ def bars(lines: Sequence[Tracked]) -> "Figure":
             )
             points = 1e3 * line.per_flight_m
             axes.plot(points, [place] * len(points), ".", color=figures.REFERENCE, markersize=2.5)
-        for line, colour in ((nothing, figures.MEASURED), (oracle, figures.TRUE)):
+        limits = (nothing, figures.MEASURED), (oracle, figures.TRUE), (constant, figures.SOURCE)
+        for line, colour in limits:
             axes.axvline(1e3 * line.mean_m, color=colour, label=line.name)
         axes.set_yticks(range(len(models)), [line.name for line in models])
         axes.invert_yaxis()
@@ -57,7 +58,7 @@ def summary(lines: Sequence[Tracked]) -> tuple[list[str], list[list[str]]]:
     return ["predictor", "tracking RMSE [mm]", "of the oracle's gain, 90 %"], rows
 
 
-def parts(lines: Sequence[Tracked]) -> list[Part]:
+def parts(lines: Sequence[Tracked], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
     rows = [
         (line.name, seed, flight, float(value))
@@ -65,5 +66,5 @@ def parts(lines: Sequence[Tracked]) -> list[Part]:
         for seed, flown in enumerate(line.rms_m)
         for flight, value in enumerate(flown)
     ]
-    told = sentence(lines)
+    told = sentence(lines, chosen)
     return [Part("closed-loop", told, COLUMNS, rows, bars(lines), summary(lines))]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.delay import Attended, Learned, Transport, trend
+from wakedeploy.study.delay import Attended, Learned, Transport, Trend, trend
 from wakedeploy.study.folder import Part
 from wakedeploy.study.learned_delays import points
 
@@ -34,6 +34,10 @@ DELAY_COLUMNS = (
     "outside_window",
     "r2",
 )
+PAPER_DOMAIN = "downwash"  # the one whose delays the paper shows
+PAPER_TRUE_S, PAPER_PEAK_S, PAPER_SHIFT_S = 0.38, 0.5, 0.12
+_ALIKE_S = 0.05  # less than half of the paper's shift
+_ALIKE_SLOPE = 0.25
 _COLOURS = {"downwash": figures.MEASURED, "gantry": figures.PREDICTED}
 _MARKERS = {"downwash": "o", "gantry": "s"}
 
@@ -104,7 +108,7 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
 
 
 def attention_sentence(looks: Sequence[Attended]) -> str:
-    """Where Cross-Attention looks, domain by domain."""
+    """Where Cross-Attention looks, domain by domain, and the paper's figure where it has one."""
     told = []
     for look in looks:
         uniform_s = float(np.mean(look.ages_s))
@@ -119,11 +123,27 @@ def attention_sentence(looks: Sequence[Attended]) -> str:
             f"snapshot of {look.peak_s:.3f} s ago, and looks {look.mean_age_s:.3f} s back on "
             f"average ({uniform_s:.3f} s if all weights were equal)."
         )
+        if look.domain == PAPER_DOMAIN:
+            told.append(_attention_in_the_paper(look))
     return " ".join(told)
 
 
+def _attention_in_the_paper(look: Attended) -> str:
+    """The paper's figure of the weights, and whether this one agrees."""
+    peak_s = float(look.ages_s[np.argmax(look.mean_weights)])
+    share = look.present * len(look.ages_s)  # of the weight that it would have if all were equal
+    agrees = abs(peak_s - look.transport.mean_s - PAPER_SHIFT_S) <= _ALIKE_S
+    return (
+        f"In the paper the weights peak {PAPER_PEAK_S:g} s ago, {PAPER_SHIFT_S:g} s longer than "
+        f"the transport delay of {PAPER_TRUE_S:g} s, and recent snapshots have next to none: here "
+        f"they peak {_age(peak_s)}, {_apart(peak_s - look.transport.mean_s)} than the transport "
+        f"delay, which {_verdict(agrees)} within {_ALIKE_S:g} s, and the present has {share:.1f} "
+        f"times the uniform weight, which {_verdict(share < 0.5)}."
+    )
+
+
 def delay_sentence(lines: Sequence[Learned]) -> str:
-    """How learned delays follow the physical ones, domain by domain."""
+    """How learned delays follow the physical ones, and the paper's figure where it has one."""
     told = []
     for domain in dict.fromkeys(line.domain for line in lines):
         own = [line for line in lines if line.domain == domain]
@@ -136,7 +156,21 @@ def delay_sentence(lines: Sequence[Learned]) -> str:
             f"of all μ lie outside the window. The mean age of what its kernels weigh grows by "
             f"{weighed.slope:.2f} s and is {_apart(weighed.off_s)}."
         )
+        if domain == PAPER_DOMAIN:
+            told.append(_delay_in_the_paper(found))
     return " ".join(told)
+
+
+def _delay_in_the_paper(found: Trend) -> str:
+    """The paper's figure of learned over physical delays, and whether this one agrees."""
+    shifted = abs(found.off_s - PAPER_SHIFT_S) <= _ALIKE_S
+    follows = abs(found.slope - 1.0) <= _ALIKE_SLOPE
+    return (
+        f"In the paper μ is {PAPER_SHIFT_S:g} s longer than the transport delay at all five "
+        f"separations, which is a slope of 1: here it is {_apart(found.off_s)}, which "
+        f"{_verdict(shifted)} within {_ALIKE_S:g} s, with a slope of {found.slope:.2f}, which "
+        f"{_verdict(follows)} within {_ALIKE_SLOPE:g}."
+    )
 
 
 def attention_summary(looks: Sequence[Attended]) -> tuple[list[str], list[list[str]]]:
@@ -207,6 +241,14 @@ def parts(looks: Sequence[Attended], lines: Sequence[Learned]) -> list[Part]:
 
 def _interval(true: Transport, unit: str = " s") -> str:
     return f"{true.mean_s:.3f}{unit} [{true.low_s:.3f}, {true.high_s:.3f}]"
+
+
+def _verdict(agrees: bool) -> str:
+    return "agrees" if agrees else "does not agree"
+
+
+def _age(age_s: float) -> str:
+    return "at the present" if age_s == 0.0 else f"{age_s:.3f} s ago"
 
 
 def _apart(off_s: float) -> str:

@@ -9,7 +9,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY, Line, by_predictor, sentence
+from wakedeploy.study.domains import (
+    MEMORYLESS,
+    SOURCE_ONLY,
+    VALID_ONLY,
+    Line,
+    by_predictor,
+    held_out,
+    sentence,
+)
 from wakedeploy.study.folder import Part
 
 if TYPE_CHECKING:
@@ -44,7 +52,7 @@ def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
                 axes.barh(
                     place,
                     float(np.mean(values)),
-                    xerr=float(np.std(values)) if len(values) > 1 else None,
+                    xerr=float(np.std(values, ddof=1)) if len(values) > 1 else None,
                     color=figures.LIMIT if plain else figures.PREDICTED,
                     hatch="///" if plain else None,
                     edgecolor="white",
@@ -98,38 +106,40 @@ def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
 
 
 def _kinds(name: str, lines: Sequence[Line]) -> Part:
-    """The last force channel's RMSE of each kind of test episode, and their mean."""
-    channel = lines[0].channels[-1]
-    kinds = list(lines[0].groups)
+    """RMSE of each kind of test episode; the page shows the last force channel, the file all."""
+    channels, kinds = lines[0].channels, list(lines[0].groups)
     told = [
-        [line.predictor, line.seed, kind, channel["unit"], line.groups[kind][-1]]
+        [line.predictor, line.seed, kind, channel["channel"], channel["unit"], rmse]
         for line in lines
         for kind in kinds
+        for channel, rmse in zip(channels, line.groups[kind], strict=True)
     ]
+    means = [kind for kind in kinds if kind != VALID_ONLY]
     shown = []
     for predictor, own in by_predictor(lines).items():
-        each = np.array([[line.groups[kind][-1] for kind in kinds] for line in own])  # (S, G)
-        values = [*each.T, each.mean(axis=1)]
-        shown.append([predictor, *(_spread(list(v), ".3g") for v in values)])
-    best = least_over_kinds(lines)
+        each = {kind: [line.groups[kind][-1] for line in own] for kind in kinds}
+        mean = np.mean([each[kind] for kind in means], axis=0)
+        shown.append(
+            [predictor, *(_spread(v, ".3g") for v in each.values()), _spread(list(mean), ".3g")]
+        )
+    best, least = best_over_kinds(lines)
     text = (
-        f"{channel['channel']} on {name} by kind of flight, RMSE in {channel['unit']}: {best[0]} "
-        f"has the least mean over the kinds, {best[1]:.2f}."
+        f"{channels[-1]['channel']} on {name} by kind of flight, RMSE in {channels[-1]['unit']}: "
+        f"{best}, the best on validation, has a mean of {least:.2f} over the kinds."
     )
-    columns = ("predictor", "seed", "kind", "unit", f"rmse {channel['channel']}")
+    columns = ("predictor", "seed", "kind", "channel", "unit", "rmse")
     return Part(
         f"domains-{name}-kinds", text, columns, told, shown=(["predictor", *kinds, "mean"], shown)
     )
 
 
-def least_over_kinds(lines: Sequence[Line]) -> tuple[str, float]:
-    """The trained predictor with the least mean over kinds of the last channel's RMSE, and that."""
-    means = {
-        name: float(np.mean([[rmse[-1] for rmse in line.groups.values()] for line in own]))
-        for name, own in by_predictor([line for line in lines if line.seed is not None]).items()
-    }
-    best = min(means, key=lambda name: means[name])
-    return best, means[best]
+def best_over_kinds(lines: Sequence[Line]) -> tuple[str, float]:
+    """The predictor that is best on validation, and its last channel's RMSE, mean over kinds."""
+    validation = held_out(lines)
+    best = min(validation, key=lambda name: validation[name])
+    own = [line for line in lines if line.predictor == best]
+    kinds = [kind for kind in lines[0].groups if kind != VALID_ONLY]
+    return best, float(np.mean([[line.groups[kind][-1] for kind in kinds] for line in own]))
 
 
 def rows(lines: Sequence[Line]) -> list[list[Any]]:
@@ -147,22 +157,26 @@ def rows(lines: Sequence[Line]) -> list[list[Any]]:
 
 
 def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
-    """One domain's table: mean ± spread over seeds, R² of the first seed with its interval."""
+    """One domain's table: mean ± spread over seeds, and the first seed's R² with its interval."""
     channels = lines[0].channels
     columns = ["predictor"]
     for channel in channels:
-        columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "R², first seed, 90 %"]
+        columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "R² of one seed [90 %]"]
     told = []
     for name, own in by_predictor(lines).items():
         row = [f"{name} (no memory)" if name == MEMORYLESS else name]
         for i in range(len(channels)):
             row.append(_spread([line.channels[i]["rmse"] for line in own], ".4g"))
             row.append(_spread([line.channels[i]["r2"] for line in own], ".3f"))
-            first = own[0].channels[i]
-            interval = first["r2_low"] is not None
-            row.append(f"{first['r2_low']:.3f}–{first['r2_high']:.3f}" if interval else "–")
+            row.append(_one_seed(own[0].channels[i]))
         told.append(row)
     return columns, told
+
+
+def _one_seed(channel: Mapping[str, Any]) -> str:
+    if channel["r2_low"] is None:
+        return f"{channel['r2']:.3f}"
+    return f"{channel['r2']:.3f} [{channel['r2_low']:.3f}, {channel['r2_high']:.3f}]"
 
 
 def _spread(values: Sequence[float], form: str) -> str:

@@ -4,13 +4,13 @@ In: predictions of the test block by two models. Out: two scatters with the line
 below them five seconds of the block.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor
+from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, held_out
 from wakedeploy.study.fish_scatter import Shown
 from wakedeploy.study.folder import Part
 from wakedeploy.study.uncertainty import R2
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMNS = ("predictor", "seed", "rmse_mm", "r2", "r2_low", "r2_high", "validation_r2_mean")
+COLUMNS = ("predictor", "seed", "rmse_mm", "r2", "r2_low", "r2_high", "validation_loss")
 _EXCERPT_S = 5.0  # from the middle of the block
 
 
@@ -77,13 +77,11 @@ def sentence(shown: Sequence[Shown]) -> str:
     )
 
 
-def summary(
-    lines: Sequence[Line], held_out: Mapping[str, float]
-) -> tuple[list[str], list[list[str]]]:
+def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
     """One line per architecture: R² over the seeds, and of the first with its interval."""
     columns = ["predictor", "R², mean ± sd over seeds", "R², first seed, 90 %", "RMSE [mm]"]
-    columns.append("R² on validation, mean")
-    rows = []
+    columns.append("loss on validation, mean")
+    rows, losses = [], held_out(lines)
     for arch, own in by_predictor([line for line in lines if line.seed is not None]).items():
         tips = [line.channels[0] for line in own]
         values = [tip["r2"] for tip in tips]
@@ -95,15 +93,13 @@ def summary(
                 f"{np.mean(values):.3f}{spread}",
                 _told(first),
                 f"{1e3 * np.mean([tip['rmse'] for tip in tips]):.2f}",
-                f"{held_out[arch]:.3f}",
+                f"{losses[arch]:.3f}",
             ]
         )
     return columns, rows
 
 
-def parts(
-    lines: Sequence[Line], held_out: Mapping[str, float], shown: Sequence[Shown], rate_hz: float
-) -> list[Part]:
+def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list[Part]:
     """The figure with the table of all architectures, and the predictions that were drawn."""
     rows = [
         (
@@ -111,7 +107,7 @@ def parts(
             line.seed,
             1e3 * line.channels[0]["rmse"],
             *(line.channels[0][name] for name in ("r2", "r2_low", "r2_high")),
-            held_out[line.predictor],
+            line.validation,
         )
         for line in lines
         if line.seed is not None
@@ -123,7 +119,7 @@ def parts(
             COLUMNS,
             rows,
             draw(shown, rate_hz),
-            summary(lines, held_out),
+            summary(lines),
         )
     ]
 

@@ -6,18 +6,19 @@ run, each whole.
 
 import csv
 import io
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import json_text, write_text_whole
 from wakedeploy.markup import Markup, element, page, picture, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_KINDS = {".png", ".pdf", ".csv", ".json", ".html"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,8 +37,16 @@ class Part:
 
 
 def write_study(folder: Path, title: str, parts: Sequence[Part], result: Any) -> Path:
-    """Write everything and return the page's path. `result` goes into `study.json`."""
+    """Write everything and return the page's path. `result` goes into `study.json`.
+
+    What an earlier run left in the folder and this one does not write is removed.
+    """
     folder.mkdir(parents=True, exist_ok=True)
+    names = {"study.json", "study.html"}
+    names |= {f"{part.name}.{kind}" for part in parts for kind in ("png", "pdf", "csv")}
+    for path in folder.iterdir():
+        if path.suffix in _KINDS and path.name not in names:
+            path.unlink()
     body: list[Markup] = [element("h1", title)]
     for part in parts:
         body.append(element("p", part.sentence))
@@ -48,7 +57,7 @@ def write_study(folder: Path, title: str, parts: Sequence[Part], result: Any) ->
         write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
         columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
         body.append(table(list(columns), [list(row) for row in rows]))
-    write_text_whole(folder / "study.json", json.dumps(result, indent=1) + "\n")
+    write_text_whole(folder / "study.json", json_text(result))
     path = folder / "study.html"
     write_text_whole(path, page(title, *body))
     return path

@@ -13,6 +13,7 @@ flights there are scored from `SETTLED_S` on.
 """
 
 import itertools
+import math
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -37,6 +38,8 @@ SETTLED_S = 2.0
 _PASSES = 3
 _DRAWS = 2000
 
+Tracked = tuple[float | None, ...]
+
 
 @dataclass(frozen=True)
 class Point:
@@ -44,19 +47,24 @@ class Point:
 
     `rmse` and `sd` are those of the domain's main force [N] `lead_s` ahead over `scored` samples,
     None for limits. `tracking_m` has the root mean square distance from the reference of each
-    flight, as far as it was flown: `failsafes` counts those that ended early. `seed` is None for
-    limits, `lead_s` for no compensation.
+    flight as far as it was flown, None where it never was: `failsafes` counts those that ended
+    early or never began. `seed` is None for limits, `lead_s` for no compensation.
     """
 
     domain: str
     predictor: str
     lead_s: float | None
     seed: int | None
-    tracking_m: tuple[float, ...]
+    tracking_m: Tracked
     failsafes: int = 0
     rmse: float | None = None
     sd: float | None = None
     scored: int | None = None
+
+    @property
+    def whole(self) -> bool:
+        """Whether every flight was flown to its end, so that it compares with others."""
+        return self.failsafes == 0 and None not in self.tracking_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,16 +84,19 @@ class Flight:
 class Best:
     """The lead with the least tracking error, and what it gains over lead 0 [m].
 
-    The 90 % interval is over the flights, which are drawn in pairs. `longest` says that no longer
-    lead was flown, so that the best may lie beyond.
+    The 90 % interval includes the choice: in each bootstrap draw of flights the lead is chosen
+    anew, and its gain is that on the flights which were not drawn. Chosen and measured on the same
+    flights, the best of many equal leads would gain on every draw. `longest` says that no longer
+    lead was flown, so that the best may lie beyond. `at_zero_m` is None where flights without a
+    lead ended early, and the interval as well; it alone where there is but one flight.
     """
 
     lead_s: float
     longest: bool
     tracking_m: float
-    at_zero_m: float
-    low_m: float
-    high_m: float
+    at_zero_m: float | None
+    low_m: float | None
+    high_m: float | None
 
 
 def planned(
@@ -147,12 +158,15 @@ def force_error(
     return float(np.sqrt(np.mean(error**2))), float(truth.std()), len(truth)
 
 
-def track(flight: Flight) -> tuple[tuple[float, ...], int]:
-    """Root mean square distance from the reference [m] of each flight, and how many ended early."""
+def track(flight: Flight) -> tuple[Tracked, int]:
+    """Root mean square distance from the reference [m] of each flight, and how many ended early.
+
+    None for a flight that never began, which is one of those.
+    """
     return _gantry(flight) if flight.domain == "gantry" else _downwash(flight)
 
 
-def _gantry(flight: Flight) -> tuple[tuple[float, ...], int]:
+def _gantry(flight: Flight) -> tuple[Tracked, int]:
     """The rig's own loop on the default rig, with the run exported as it would be deployed."""
     from wakedeploy.domains.gantry import record
 
@@ -170,8 +184,10 @@ def _gantry(flight: Flight) -> tuple[tuple[float, ...], int]:
             )
             for number in range(flight.flights)
         ]
-    ended = sum(bool((log["mode"] == "FAILSAFE").any()) for log in logs)
-    return tuple(log.tracking_rmse_m("true_z_m") for log in logs), ended
+    flown = [log.tracking_rmse_m("true_z_m") for log in logs]  # NaN where it never flew
+    told = tuple(value if math.isfinite(value) else None for value in flown)
+    failed = [bool((log["mode"] == "FAILSAFE").any()) for log in logs]
+    return told, sum(f or value is None for f, value in zip(failed, told, strict=True))
 
 
 def _exported(flight: Flight, path: Path) -> Any:
@@ -186,7 +202,7 @@ def _exported(flight: Flight, path: Path) -> Any:
     return export_run(load_run(folder), data, path)
 
 
-def _downwash(flight: Flight) -> tuple[tuple[float, ...], int]:
+def _downwash(flight: Flight) -> tuple[Tracked, int]:
     from trainers.lockstep import Lockstep
 
     seconds = flight.seconds + SETTLED_S
@@ -234,31 +250,52 @@ class _Told:
         return np.zeros((len(observation), 2))
 
 
-def best(points: Sequence[Point], predictor: str) -> Best:
-    """The lead at which a predictor tracks best, over the flights and seeds of one domain."""
+def best(points: Sequence[Point], predictor: str) -> Best | None:
+    """The lead at which a predictor tracks best, over the flights and seeds of one domain.
+
+    None where each lead has a flight that ended early: what was flown of it may be its easy part.
+    """
     own = [p for p in points if p.predictor == predictor and p.lead_s is not None]
-    squares = {
-        lead_s: np.mean([np.square(p.tracking_m) for p in own if p.lead_s == lead_s], axis=0)
-        for lead_s in sorted({p.lead_s for p in own if p.lead_s is not None})
-    }  # (flights,) each
-    chosen = min(squares, key=lambda lead_s: float(squares[lead_s].mean()))
-    zero = squares[min(squares)]
-    drawn = np.random.default_rng(0).integers(0, len(zero), (_DRAWS, len(zero)))
-    gains = np.sqrt(zero[drawn].mean(-1)) - np.sqrt(squares[chosen][drawn].mean(-1))
-    low_m, high_m = np.quantile(gains, [0.05, 0.95])
-    return Best(
-        chosen,
-        chosen == max(squares),
-        float(np.sqrt(squares[chosen].mean())),
-        float(np.sqrt(zero.mean())),
-        float(low_m),
-        float(high_m),
-    )
+    leads = sorted({p.lead_s for p in own if p.lead_s is not None})
+    whole = [at for at in leads if all(p.whole for p in own if p.lead_s == at)]
+    if not whole:
+        return None
+    squares = np.array(
+        [np.mean([_squares(p) for p in own if p.lead_s == at], axis=0) for at in whole]
+    )  # (leads, flights)
+    mean_m = np.sqrt(squares.mean(-1))
+    chosen = int(np.argmin(mean_m))
+    found = whole[chosen], whole[chosen] == leads[-1], float(mean_m[chosen])
+    if whole[0] != leads[0]:
+        return Best(*found, None, None, None)
+    return Best(*found, float(mean_m[0]), *_gain(squares))
 
 
-def tracking(points: Sequence[Point]) -> float:
-    """Root mean square over the flights of some points [m]."""
-    return float(np.sqrt(np.mean([np.square(p.tracking_m) for p in points])))
+def _gain(squares: FloatArray) -> tuple[float, float] | tuple[None, None]:
+    """90 % interval of what the best of the leads (leads, flights) gains over the first [m]."""
+    flights = squares.shape[1]
+    even = np.full(flights, 1.0 / flights)
+    times = np.random.default_rng(0).multinomial(flights, even, _DRAWS)  # each flight is drawn
+    times = times[(times == 0).any(1)]
+    if len(times) == 0:
+        return None, None
+    chosen = np.argmin(times @ squares.T, axis=1)
+    out = (times == 0).astype(float)
+    left_m = np.sqrt(out @ squares.T / out.sum(1, keepdims=True))  # (draws, leads)
+    low_m, high_m = np.quantile(left_m[:, 0] - left_m[np.arange(len(out)), chosen], [0.05, 0.95])
+    return float(low_m), float(high_m)
+
+
+def _squares(point: Point) -> FloatArray:
+    """Per flight, NaN for one that never began."""
+    return np.asarray(np.square(np.array(point.tracking_m, dtype=float)))
+
+
+def tracking(points: Sequence[Point]) -> float | None:
+    """Root mean square over the flights of some points [m], those that never began left out."""
+    squares = np.concatenate([_squares(p) for p in points])
+    flown = squares[np.isfinite(squares)]
+    return float(np.sqrt(flown.mean())) if len(flown) else None
 
 
 def shares(points: Sequence[Point], predictor: str) -> Mapping[float, list[float]]:
@@ -280,23 +317,41 @@ def sentence(domain: str, points: Sequence[Point]) -> str:
     names = models(points)
     told = [_worth(best(points, name), name) for name in names]
     nothing_m = tracking([p for p in points if p.predictor == NOTHING])
-    limits = (
-        f"{_worth(best(points, TRUTH), f'the {TRUTH}')}; no compensation leaves "
-        f"{1e3 * nothing_m:.1f} mm"
-    )
-    return f"On {domain}, {'; '.join([*told, limits])}. {_costs(points, names)}"
+    left = "was never flown" if nothing_m is None else f"leaves {1e3 * nothing_m:.1f} mm"
+    limits = f"{_worth(best(points, TRUTH), f'the {TRUTH}')}; no compensation {left}"
+    said = f"On {domain}, {'; '.join([*told, limits])}. {_costs(points, names)}"
+    return f"{said} {_early(points)}".rstrip()
 
 
-def _worth(found: Best, name: str) -> str:
+def _worth(found: Best | None, name: str) -> str:
+    if found is None:
+        return f"{name} has no lead at which every flight was flown to its end"
     if found.lead_s == 0.0:
         return f"{name} tracks best without a lead, {1e3 * found.tracking_m:.1f} mm"
-    gain_m = found.at_zero_m - found.tracking_m
-    return (
+    told = (
         f"{name} tracks best with {'the longest' if found.longest else 'a'} lead of "
-        f"{1e3 * found.lead_s:.0f} ms, "
-        f"{1e3 * found.tracking_m:.1f} mm, {1e3 * gain_m:.1f} mm "
-        f"[{1e3 * found.low_m:.1f}, {1e3 * found.high_m:.1f}] less than without"
+        f"{1e3 * found.lead_s:.0f} ms, {1e3 * found.tracking_m:.1f} mm"
     )
+    if found.at_zero_m is None:
+        return f"{told} (without one, flights ended early)"
+    told += f", {1e3 * (found.at_zero_m - found.tracking_m):.1f} mm"
+    if found.low_m is not None and found.high_m is not None:
+        told += f" [{1e3 * found.low_m:.1f}, {1e3 * found.high_m:.1f}]"
+    return f"{told} less than without"
+
+
+def _early(points: Sequence[Point]) -> str:
+    """How many flights of what ended early; nothing where none did."""
+    told = []
+    for name, lead_s in dict.fromkeys((p.predictor, p.lead_s) for p in points):
+        own = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
+        ended, flown = sum(p.failsafes for p in own), sum(len(p.tracking_m) for p in own)
+        if ended:
+            at = "" if lead_s is None else f" at {1e3 * lead_s:.0f} ms"
+            told.append(f"{ended} of {flown} with {name}{at}")
+    if not told:
+        return ""
+    return f"Flights ended early: {', '.join(told)}; a lead with such flights is never called best."
 
 
 def _costs(points: Sequence[Point], names: Sequence[str]) -> str:

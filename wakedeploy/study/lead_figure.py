@@ -13,7 +13,7 @@ from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
-from wakedeploy.study.window_figure import COLOURS, spread
+from wakedeploy.study.window_figure import looks, spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,40 +55,57 @@ def curves(told: Mapping[str, Sequence[Point]]) -> "Figure":
 
 
 def _forces(axes: "Axes", points: Sequence[Point]) -> None:
-    for name, colour, line in _styles(points):
+    for name, (colour, marker, line) in _styles(points).items():
         told = shares(points, name)
         mean, deviation = [np.mean(v) for v in told.values()], [np.std(v) for v in told.values()]
-        axes.errorbar(list(told), mean, deviation, color=colour, linestyle=line, marker=".",
-                      elinewidth=0.8, label=name)  # fmt: skip
+        axes.errorbar(list(told), mean, deviation, color=colour, linestyle=line, marker=marker,
+                      markersize=4, elinewidth=0.8, label=name)  # fmt: skip
     axes.set_ylim(bottom=0.0)
 
 
 def _tracks(axes: "Axes", points: Sequence[Point]) -> None:
     """Every model's mean with its spread over seeds; a ring where it is best."""
-    for name, colour, line in [*_styles(points), (TRUTH, figures.TRUE, "-")]:
+    limits = {TRUTH: (figures.TRUE, "*", "-")}
+    for name, (colour, marker, line) in (_styles(points) | limits).items():
         own = [p for p in points if p.predictor == name]
         leads = sorted({p.lead_s for p in own if p.lead_s is not None})
         at = [[p for p in own if p.lead_s == lead_s] for lead_s in leads]
-        deviation = [1e3 * np.std([tracking([p]) for p in same]) for same in at]
-        axes.errorbar(leads, [1e3 * tracking(same) for same in at], deviation, color=colour,
-                      linestyle=line, marker=".", elinewidth=0.8, label=name)  # fmt: skip
+        mean = [_mm(same) for same in at]
+        deviation = [float(np.std(seeds)) if (seeds := _each_mm(same)) else 0.0 for same in at]
+        axes.errorbar(leads, mean, deviation, color=colour, linestyle=line, marker=marker,
+                      markersize=4, elinewidth=0.8, label=name)  # fmt: skip
+        early = [i for i, same in enumerate(at) if not all(p.whole for p in same)]
+        if early:
+            axes.plot([leads[i] for i in early], [mean[i] for i in early], "x", markersize=9,
+                      color=figures.REFERENCE, label="flights ended early")  # fmt: skip
         found = best(points, name)
-        axes.plot(found.lead_s, 1e3 * found.tracking_m, "o", markersize=8, markerfacecolor="none",
-                  color=colour, label="_nolegend_")  # fmt: skip
-    nothing = tracking([p for p in points if p.predictor == NOTHING])
-    axes.axhline(1e3 * nothing, color=figures.REFERENCE, linestyle=":", label=NOTHING)
+        if found is not None:
+            axes.plot(found.lead_s, 1e3 * found.tracking_m, "o", markersize=8,
+                      markerfacecolor="none", color=colour, label="_nolegend_")  # fmt: skip
+    nothing_mm = _mm([p for p in points if p.predictor == NOTHING])
+    axes.axhline(nothing_mm, color=figures.REFERENCE, linestyle=":", label=NOTHING)
     axes.set_ylim(bottom=0.0)
 
 
-def _styles(points: Sequence[Point]) -> list[tuple[str, str, str]]:
-    """Name, colour and line of each model, the memoryless one in grey."""
+def _mm(points: Sequence[Point]) -> float:
+    """Tracking in millimetres, NaN (which is not drawn) where nothing was flown."""
+    tracked_m = tracking(points)
+    return float("nan") if tracked_m is None else 1e3 * tracked_m
+
+
+def _each_mm(points: Sequence[Point]) -> list[float]:
+    """Tracking of each seed in millimetres, of those that flew."""
+    return [1e3 * value for p in points if (value := tracking([p])) is not None]
+
+
+def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str, str]]:
+    """Colour, marker and line of each model, the memoryless one in grey."""
     names = models(points)
-    remembering = [name for name in names if name != MEMORYLESS]
-    colours = dict(zip(remembering, COLOURS * len(remembering), strict=False))
-    return [
-        (name, figures.LIMIT, "--") if name == MEMORYLESS else (name, colours[name], "-")
+    told = looks([name for name in names if name != MEMORYLESS])
+    return {
+        name: (figures.LIMIT, ".", "--") if name == MEMORYLESS else (*told[name], "-")
         for name in names
-    ]
+    }
 
 
 def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
@@ -141,7 +158,7 @@ def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
             name,
             "–" if lead_s is None else f"{1e3 * lead_s:.0f}",
             spread(errors, ".3f") if errors else "–",
-            spread([1e3 * tracking([p]) for p in own], ".2f"),
+            spread(_each_mm(own), ".2f") if _each_mm(own) else "–",
             f"{sum(p.failsafes for p in own)}",
         ])  # fmt: skip
     return columns, lines

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy.episodes import EpisodeSet
+from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.study.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
+    from trainers.runs import RunConfig, TrainedRun
 
 
 @dataclass(frozen=True)
@@ -55,9 +57,32 @@ def trained(
 
 def obtained(data: EpisodeSet, wanted: Wanted, runs: Path) -> "Predictor":
     """The predictor of a wanted run, trained now if it is not there."""
-    from trainers.training import configure, settings_for, train
+    return obtained_run(data, wanted, runs).predictor
 
-    config = configure(
+
+def obtained_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "TrainedRun":
+    """A wanted run, trained now if it is not there.
+
+    Raises UnusableInput, and CheckFailed where training diverged, with the folder to delete.
+    """
+    from trainers.runs import run_folder
+    from trainers.training import train
+
+    config = _configured(data, wanted)
+    root = wanted.folder(data, runs)
+    try:
+        return train(config, data, root)
+    except (UnusableInput, CheckFailed) as error:
+        reason, _, _ = str(error).partition(";")
+        raise type(error)(
+            f"{reason}; delete {run_folder(root, config)} and start the study again."
+        ) from error
+
+
+def _configured(data: EpisodeSet, wanted: Wanted) -> "RunConfig":
+    from trainers.training import configure, settings_for
+
+    return configure(
         data,
         wanted.arch,
         seed=wanted.seed,
@@ -66,7 +91,20 @@ def obtained(data: EpisodeSet, wanted: Wanted, runs: Path) -> "Predictor":
         settings=settings_for(wanted.arch, epochs=wanted.epochs),
         present_only=wanted.present_only,
     )
-    return train(config, data, wanted.folder(data, runs)).predictor
+
+
+def untrained(
+    jobs: Sequence[tuple[EpisodeSet, Wanted]], runs: Path
+) -> list[tuple[EpisodeSet, Wanted]]:
+    """The jobs of which no finished run is there, each once."""
+    from trainers.runs import METRICS, run_folder
+
+    left: dict[Path, tuple[EpisodeSet, Wanted]] = {}
+    for data, wanted in jobs:
+        folder = run_folder(wanted.folder(data, runs), _configured(data, wanted))
+        if not (folder / METRICS).exists():
+            left.setdefault(folder, (data, wanted))
+    return list(left.values())
 
 
 def train_all(

@@ -7,8 +7,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import wakedeploy
 from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
 from wakedeploy.errors import UnusableInput
+from wakedeploy.files import sha256_of
 
 OnStep = Callable[[int, int], None]
 Make = Callable[[float, OnStep], EpisodeSet]
@@ -88,21 +90,48 @@ def obtain(
     """The domain's set from `folder`, where it is made or imported on the first call.
 
     None for recordings that are not below `recordings`. The simulated sets of a quick look lie
-    apart from the full ones.
+    apart from the full ones. Raises UnusableInput for a set that was made of other recordings, by
+    another version or for another time.
     """
     place = folder / (f"{domain.name}-quick" if quick and domain.make else domain.name)
+    minutes = domain.quick_minutes if quick else domain.minutes
+    path = None if recordings is None else recordings / domain.recordings
     if (place / DESCRIPTION).exists():
-        return read_episode_set(place)
+        found = read_episode_set(place)
+        _require_same(place, found, domain, minutes, path)
+        return found
     if domain.make is not None:
-        minutes = domain.quick_minutes if quick else domain.minutes
         made = domain.make(minutes, progress)
     else:
-        path = None if recordings is None else recordings / domain.recordings
         if path is None or not path.is_dir() or domain.read is None:
             return None
         made = domain.read(path, progress)
     made.write(place)
     return made
+
+
+def _require_same(
+    place: Path, found: EpisodeSet, domain: Domain, minutes: float, path: Path | None
+) -> None:
+    """What lies there has to be what would be made or imported now."""
+    told = found.provenance
+    advice = f"delete {place}, or choose another --out"
+    version = wakedeploy.__version__
+    if str(told.get("generator", version)).split()[1:2] not in ([], [version]):
+        raise UnusableInput(
+            f"{place} was made by {told['generator']}, this is {version}; {advice}."
+        )
+    if domain.make is not None:
+        if told.get("minutes", minutes) != minutes:
+            raise UnusableInput(f"{place} has {told['minutes']} minutes, not {minutes}; {advice}.")
+        return
+    files = told.get("files")
+    if path is None or not path.is_dir() or not isinstance(files, dict):
+        return  # the recordings are not at hand: what was imported has to do
+    for name, sha256 in files.items():
+        there = next((p for p in path.rglob(Path(name).name) if str(p).endswith(name)), None)
+        if there is None or sha256_of(there.read_bytes()) != sha256:
+            raise UnusableInput(f"{place} was imported from another {name}; {advice}.")
 
 
 def chosen(names: str) -> list[Domain]:

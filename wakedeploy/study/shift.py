@@ -15,12 +15,13 @@ from scipy.stats import kendalltau
 
 from wakedeploy.domains.downwash import make_set, shifted
 from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
-from wakedeploy.study.closed_loop import FIRST_SEED, Tracked, recovered, track
+from wakedeploy.study.closed_loop import FIRST_SEED, LIMITS, Always, Tracked, recovered, track
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.sets import DOMAINS, SEED, OnStep
 
 TRAINED = 0.10
 FLOWN = (0.10, 0.50, 0.75)
+_KEPT = 0.8  # Kendall's τ from which on an order counts as kept: one pair of ten turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,12 +34,12 @@ class Shifted:
     @property
     def models(self) -> tuple[Tracked, ...]:
         """The lines of trained models."""
-        return self.lines[2:]
+        return self.lines[len(LIMITS) :]
 
     def share(self, name: str) -> float:
         """What a model reaches of the oracle's gain."""
-        nothing, oracle, *models = self.lines
-        return recovered(next(m for m in models if m.name == name), nothing, oracle).share
+        nothing, oracle, *others = self.lines
+        return recovered(next(m for m in others if m.name == name), nothing, oracle).share
 
 
 def spread_set(folder: Path, *, quick: bool, progress: OnStep) -> EpisodeSet:
@@ -56,20 +57,30 @@ def fly_shifted(
     episodes: int,
     seconds: float,
     *,
+    constant: Always,
     spreads: Sequence[float],
     on_flight: Callable[[], None] = lambda: None,
 ) -> list[Shifted]:
-    """Every model at every spread, on the same seeds, so that only the physics differs."""
+    """Every model at every spread, on the same seeds and the same stretch of their references.
+
+    Physics is drawn in the same direction at every spread, only farther.
+    """
     seeds = [FIRST_SEED + i for i in range(episodes)]
-    return [
-        Shifted(
-            spread,
-            tuple(
-                track(models, episodes, seconds, world=shifted(seeds, spread), on_flight=on_flight)
-            ),
+    worlds = {spread: shifted(seeds, spread) for spread in spreads}
+    settling_s = max(world.settling_s for world in worlds.values())
+    told = []
+    for spread, world in worlds.items():
+        lines = track(
+            models,
+            episodes,
+            seconds,
+            constant=constant,
+            world=world,
+            settling_s=settling_s,
+            on_flight=on_flight,
         )
-        for spread in spreads
-    ]
+        told.append(Shifted(spread, tuple(lines)))
+    return told
 
 
 def agreement(first: Shifted, other: Shifted) -> float:
@@ -79,23 +90,27 @@ def agreement(first: Shifted, other: Shifted) -> float:
     return float(kendalltau(*zip(*order, strict=True)).statistic) if len(order) > 1 else 1.0
 
 
-def sentence(told: Sequence[Shifted]) -> str:
-    """What the flights say of each spread."""
+def sentence(told: Sequence[Shifted], chosen: str | None = None) -> str:
+    """What the flights say of each spread; `chosen` is the best on validation forces."""
     first, *others = told
-    best = min(first.models, key=lambda one: one.mean_m).name
+    if chosen is None or not first.models:
+        return f"Flown at {len(told)} spreads of the physics."
     parts = []
     for one in others:
-        now = min(one.models, key=lambda line: line.mean_m).name
-        still = "is still the best" if now == best else f"gives way to {now}"
+        rank = sorted(one.models, key=lambda line: line.mean_m)
+        place = [line.name for line in rank].index(chosen) + 1
         parts.append(
-            f"at ±{100 * one.spread:.0f} % {best} {still} and the orders agree with "
-            f"τ = {agreement(first, one):.2f}"
+            f"at ±{100 * one.spread:.0f} % it is number {place} of {len(rank)} with "
+            f"{100 * one.share(chosen):.0f} %, and the orders agree with τ = "
+            f"{agreement(first, one):.2f}"
         )
     text = (
-        f"Trained at ±{100 * TRAINED:.0f} % and flown there, {best} tracks best with "
-        f"{100 * first.share(best):.0f} % of the oracle's gain; {'; '.join(parts)}."
+        f"Trained at ±{100 * TRAINED:.0f} %, {chosen}, the best on validation, reaches "
+        f"{100 * first.share(chosen):.0f} % of the oracle's gain there; {'; '.join(parts)}."
     )
-    return text + _memory(told)
+    kept = all(agreement(first, one) >= _KEPT for one in others)
+    verdict = "so it does here" if kept else "here it does not"
+    return f"{text}{_memory(told)} In the paper the order stays; {verdict}."
 
 
 def _memory(told: Sequence[Shifted]) -> str:

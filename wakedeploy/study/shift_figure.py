@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from wakedeploy import figures
+from wakedeploy.study.closed_loop import LIMITS
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.shift import Shifted, agreement, sentence
@@ -25,14 +26,14 @@ def lines_over_spreads(told: Sequence[Shifted]) -> "Figure":
         at = [f"±{100 * one.spread:.0f} %" for one in told]
         for number, line in enumerate(told[0].lines):
             errors = [1e3 * one.lines[number].mean_m for one in told]
-            limit = number < 2
-            colour = (figures.MEASURED, figures.TRUE)[number] if limit else None
+            limit = number < len(LIMITS)
+            colour = (figures.MEASURED, figures.TRUE, figures.SOURCE)[number] if limit else None
             plain = line.name == MEMORYLESS
             axes.plot(
                 at,
                 errors,
                 "--" if limit else "-",
-                marker=None if limit else _MARKS[(number - 2) % len(_MARKS)],
+                marker=None if limit else _MARKS[number % len(_MARKS)],
                 color=figures.LIMIT if plain else colour,
                 label=line.name,
                 markersize=4,
@@ -53,13 +54,13 @@ def summary(told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
         for one in told:
             value = one.lines[number].mean_m
             rank = 1 + sum(other.mean_m < value for other in one.models)
-            cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number > 1 else ""))
+            cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
     rows.append(["Kendall's τ with the first", *(f"{agreement(told[0], one):.2f}" for one in told)])
     return columns, rows
 
 
-def parts(told: Sequence[Shifted]) -> list[Part]:
+def parts(told: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
     rows = [
         (one.spread, line.name, seed, flight, float(value))
@@ -69,4 +70,4 @@ def parts(told: Sequence[Shifted]) -> list[Part]:
         for flight, value in enumerate(flown)
     ]
     drawn = lines_over_spreads(told)
-    return [Part("shift", sentence(told), COLUMNS, rows, drawn, summary(told))]
+    return [Part("shift", sentence(told, chosen), COLUMNS, rows, drawn, summary(told))]

@@ -8,7 +8,7 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from typing import TypeVar
 
 Job = TypeVar("Job")
@@ -24,7 +24,7 @@ def side_by_side(
 ) -> list[Result]:
     """`work` of each job, on `workers` processes (None: as many as there are cores).
 
-    `work` must be a function of a module. `on_done` is called after each job, in their order.
+    `work` must be a function of a module. `on_done` is called whenever a job is done.
     """
     workers = min(workers or os.cpu_count() or 1, len(jobs))
     results: list[Result] = []
@@ -36,14 +36,15 @@ def side_by_side(
     # torch does not survive a fork once it has computed; workers end at once when interrupted.
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=fresh, initializer=_begin) as pool:
+        waiting = [pool.submit(work, job) for job in jobs]
         try:
-            for result in pool.map(work, jobs):
-                results.append(result)
+            for done in as_completed(waiting):
+                done.result()  # the first failure ends it
                 on_done()
+            return [one.result() for one in waiting]
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-    return results
 
 
 def _begin() -> None:

@@ -12,7 +12,8 @@ A recurrent model is trained once, as usual, and then its past is cut: each scor
 predicted from a state that began anew that long before. It was trained with states that have run
 longer, so what it needs is an upper bound of what the domain needs; one trained to start anew could
 need less, at the price of a training for each length. Its error with the state carried on from the
-episode's start stands beside it.
+episode's start stands beside it. On board it keeps its state, however long that past is; a window
+model keeps the samples of its window.
 """
 
 import math
@@ -42,16 +43,19 @@ class Seen:
     """One point: the error of one trained model that sees `past_s` seconds of the past.
 
     `past_s` is 0 for the present alone and `WHOLE` for a state carried on from the episode's start;
-    `samples` and `bytes` are the history that is, the present included (None for `WHOLE`). Error
-    and `sd` are those of the domain's main channel in its unit; `scored` counts samples.
+    `samples` counts what is seen, the present included (None for `WHOLE`). `bytes` is what has to
+    be kept from one sample to the next, by `memory`: the carried state of a "state" model, those
+    samples of a "window" model; of "none", the one that is seen. Error and `sd` are those of the
+    domain's main channel in its unit; `scored` counts samples.
     """
 
     domain: str
     arch: str
     seed: int
     past_s: float
+    memory: str
     samples: int | None
-    bytes: int | None
+    bytes: int
     rmse: float
     sd: float
     r2: float
@@ -71,8 +75,9 @@ class Seen:
 class Need:
     """The shortest past with which an architecture comes within `TOLERANCE` of its least error.
 
-    Errors are means over seeds, over the standard deviation; `least` over every past it was given.
-    `enough` is None where only the whole past suffices.
+    Errors are means over seeds, over the standard deviation; `least` over every past it was given,
+    without the memoryless model. `enough` is None where only the whole past suffices, and the
+    memoryless model where that does.
     """
 
     arch: str
@@ -80,6 +85,11 @@ class Need:
     error: float
     least: float
     memoryless: float
+
+    @property
+    def loses(self) -> bool:
+        """Whether the memoryless model is better than it is with any past."""
+        return self.least > self.memoryless
 
 
 def planned(
@@ -127,7 +137,7 @@ def measure(
     for made, wanted in planned(data, architectures, seeds, epochs):
         predictor = obtained(made, wanted, runs)
         for past, error in scale.errors(predictor, made):
-            points.append(scale.point(wanted, past, error))
+            points.append(scale.point(wanted, predictor.memory, past, error))
     return points
 
 
@@ -138,7 +148,7 @@ def need(points: Sequence[Seen], arch: str) -> Need:
         past: float(np.mean([p.share for p in own if p.past_s == past]))
         for past in sorted({p.past_s for p in own})
     }
-    least = min(mean.values())
+    least = min(value for past, value in mean.items() if past > 0.0)
     shortest = next(past for past in mean if mean[past] <= TOLERANCE * least)
     found = next(p for p in own if p.past_s == shortest)
     enough = None if shortest == WHOLE else found
@@ -172,6 +182,11 @@ def sentence(domain: str, points: Sequence[Seen], rate_hz: float) -> str:
 
 def _told(found: Need, rate_hz: float, longest_s: float) -> str:
     errors = f"{found.error:.2f} of the standard deviation"
+    if found.loses:
+        return (
+            f"{found.arch} loses to the memoryless model: {found.least:.2f} of the standard "
+            f"deviation at best, {found.memoryless:.2f} without memory"
+        )
     if found.enough is None:
         return (
             f"{found.arch} needs more than {longest_s:.3g} s of the past: only with all of it is "
@@ -183,10 +198,17 @@ def _told(found: Need, rate_hz: float, longest_s: float) -> str:
             f"deviation with it, {found.memoryless:.2f} without"
         )
     return (
-        f"{found.arch} needs {found.enough.past_s:.3g} s of the past, which is "
-        f"{found.enough.samples} samples or {found.enough.bytes:,} bytes at {rate_hz:g} Hz, for an "
-        f"error within 5 % of its least ({errors}, {found.memoryless:.2f} without memory)"
+        f"{found.arch} needs {found.enough.past_s:.3g} s of the past, "
+        f"{_kept(found.enough, rate_hz)}, for an error within 5 % of its least ({errors}, "
+        f"{found.memoryless:.2f} without memory)"
     )
+
+
+def _kept(seen: Seen, rate_hz: float) -> str:
+    """What a computer on board has to keep for it."""
+    if seen.memory == "state":
+        return f"of which it keeps a state of {seen.bytes:,} bytes and no history"
+    return f"a history of {seen.samples} samples or {seen.bytes:,} bytes at {rate_hz:g} Hz"
 
 
 def _with_memory(architectures: Sequence[str]) -> list[str]:
@@ -229,18 +251,20 @@ class _Scale:
             past_or_all = reach(seen) if predictor.memory.kind == "window" else 0
         yield past_or_all, self._of(predict(predictor, self.tape)[self.chosen]) - self.truth
 
-    def point(self, wanted: Wanted, past: int | None, error: FloatArray) -> Seen:
-        """The errors (M,) as one point."""
+    def point(self, wanted: Wanted, memory: Any, past: int | None, error: FloatArray) -> Seen:
+        """The errors (M,) of a predictor with this memory as one point."""
         samples = None if past is None else past + 1
-        width = len(self.data.observation) * _FLOAT_BYTES
+        carried = sum(math.prod(shape) for shape in memory.states.values())
+        history = (samples or 0) * len(self.data.observation)
         rmse, sd = float(np.sqrt(np.mean(error**2))), float(self.truth.std())
         return Seen(
             self.data.domain,
             wanted.arch,
             wanted.seed,
             WHOLE if past is None else past / self.data.rate_hz,
+            memory.kind,
             samples,
-            None if samples is None else samples * width,
+            _FLOAT_BYTES * (carried if memory.kind == "state" else history),
             rmse,
             sd,
             1.0 - (rmse / sd) ** 2,

@@ -4,6 +4,7 @@ In: points of all domains. Out: for each domain the error against the past, with
 suffices marked.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,7 @@ COLUMNS = (
     "arch",
     "seed",
     "past_s",
+    "memory",
     "samples",
     "bytes",
     "rmse",
@@ -45,6 +47,13 @@ COLOURS = (
     figures.TRUE,
     figures.REFERENCE,
 )
+MARKERS = (".", "s", "^", "v", "D")  # one fewer than colours, so that pairs repeat late
+
+
+def looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
+    """A colour and a marker for each line, no two alike among the first thirty."""
+    cycled = zip(itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False)
+    return dict(zip(names, cycled, strict=False))
 
 
 def curves(told: Mapping[str, Sequence[Seen]]) -> "Figure":
@@ -77,19 +86,19 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen]) -> None:
     delay_s = transport_delay_s(domain)
     if delay_s is not None:
         axes.axvline(delay_s, color=figures.REFERENCE, linestyle=":", label="transport delay")
-    for arch, colour in zip(architectures_of(points), COLOURS, strict=False):
+    for arch, (colour, marker) in looks(architectures_of(points)).items():
         own = [p for p in points if p.arch == arch]
         pasts = sorted({p.past_s for p in own if p.past_s < WHOLE})
         values = [[p.share for p in own if p.past_s == past] for past in pasts]
         mean, deviation = [float(np.mean(v)) for v in values], [float(np.std(v)) for v in values]
-        axes.errorbar([0.0, *pasts], [plain, *mean], [0.0, *deviation], color=colour, marker=".",
+        axes.errorbar([0.0, *pasts], [plain, *mean], [0.0, *deviation], color=colour, marker=marker,
                       markersize=4, elinewidth=0.8, label=arch)  # fmt: skip
         whole = [p.share for p in own if p.past_s == WHOLE]
         if whole:
             axes.axhline(float(np.mean(whole)), color=colour, linestyle=":", linewidth=0.9,
                          label=f"{arch}, whole past")  # fmt: skip
         found = need(points, arch)
-        if found.enough is not None:
+        if found.enough is not None and not found.loses:
             axes.plot(found.enough.past_s, found.error, "o", markersize=8, markerfacecolor="none",
                       color=colour, clip_on=False)  # fmt: skip
     axes.plot([], [], "o", markersize=8, markerfacecolor="none", color=figures.REFERENCE,
@@ -131,40 +140,42 @@ def rows(points: Sequence[Seen]) -> list[list[Any]]:
 
 def needed(told: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str]]]:
     """What a computer on board has to keep: one row per domain and architecture."""
-    columns = ["domain", "predictor", "past [s]", "samples", "bytes", "error", "least",
-               "without memory"]  # fmt: skip
+    columns = ["domain", "predictor", "past [s]", "samples seen", "kept", "bytes kept", "error",
+               "least", "without memory"]  # fmt: skip
     lines = []
     for name, points in told.items():
         for arch in architectures_of(points):
             found = need(points, arch)
             enough = found.enough
-            kept = (
-                ["whole", "–", "–"]
-                if enough is None
-                else [f"{enough.past_s:.3g}", f"{enough.samples}", f"{enough.bytes:,}"]
-            )
+            # Only a state is ever carried on from the start, and it is as large as with any past.
+            one = enough or next(p for p in points if (p.arch, p.past_s) == (arch, WHOLE))
             errors = (found.error, found.least, found.memoryless)
-            lines.append([name, arch, *kept, *(f"{value:.3f}" for value in errors)])
+            lines.append([name, arch, *_kept(one), *(f"{value:.3f}" for value in errors)])
     return columns, lines
 
 
 def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str]]]:
     """One domain's table: mean ± spread over seeds for every past."""
-    columns = ["predictor", "past [s]", "samples", "bytes", f"RMSE {main}", "RMSE / sd", "R²"]
+    columns = ["predictor", "past [s]", "samples seen", "kept", "bytes kept", f"RMSE {main}",
+               "RMSE / sd", "R²"]  # fmt: skip
     lines = []
     for arch, past in dict.fromkeys((p.arch, p.past_s) for p in points):
         own = [p for p in points if (p.arch, p.past_s) == (arch, past)]
-        one = own[0]
-        kept = ["whole", "–", "–"] if one.samples is None or one.bytes is None else [
-            f"{past:.3g}", f"{one.samples}", f"{one.bytes:,}"]  # fmt: skip
         lines.append([
             arch,
-            *kept,
+            *_kept(own[0]),
             spread([p.rmse for p in own], ".4g"),
             spread([p.share for p in own], ".3f"),
             spread([p.r2 for p in own], ".3f"),
         ])  # fmt: skip
     return columns, lines
+
+
+def _kept(one: Seen) -> list[str]:
+    """How long a past, of how many samples, what is kept of it, and its bytes."""
+    what = {"state": "state", "window": "history"}.get(one.memory, "present")
+    past = "whole" if one.samples is None else f"{one.past_s:.3g}"
+    return [past, "–" if one.samples is None else f"{one.samples}", what, f"{one.bytes:,}"]
 
 
 def spread(values: Sequence[float], form: str) -> str:

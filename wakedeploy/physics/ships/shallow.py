@@ -88,21 +88,6 @@ class VortexShips:
         self._jump = jump
         return loads
 
-    def circulation(self) -> tuple[FloatArray, FloatArray]:
-        """Circulation [m²/s] that is bound to each hull, and that lies in its wake, (2,) each.
-
-        Anticlockwise. What the wake's oldest end takes out of sight is not counted.
-        """
-        if self._jump is None:
-            return np.zeros(SHIPS), np.zeros(SHIPS)
-        bound, shed = np.zeros(SHIPS), np.zeros(SHIPS)
-        for i in range(SHIPS):
-            vortices = -np.diff(self._jump[i], append=0.0)
-            bound[i] = vortices.sum()
-            wake = self._wake[i]
-            shed[i] = -np.diff(wake[:, 3], prepend=0.0).sum() if len(wake) else 0.0
-        return bound, shed
-
     def _solved(
         self,
         x_m: FloatArray,
