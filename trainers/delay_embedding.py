@@ -47,7 +47,7 @@ class DelayEmbedding(WakeModel):
         ages_s = sizes.ages_s
         gap_s = min(hyper.gap_s if hyper.gap_s is not None else 1e-9, ages_s[0])
         self.past = sum(age_s >= gap_s for age_s in ages_s)  # how many snapshots may be chosen
-        self.apart_s = ages_s[-2] - ages_s[-1]
+        self.apart_s = sizes.stride / sizes.rate_hz
         self.register_buffer("ages_s", torch.tensor(ages_s[: self.past]), persistent=False)
         self.delay_s = nn.Parameter(torch.tensor(_or(hyper.initial_delay_s, ages_s[0] / 2)))
         spread_s = max(_or(hyper.initial_spread_s, ages_s[0] / 8), 1 / sizes.rate_hz)

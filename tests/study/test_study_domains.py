@@ -13,7 +13,7 @@ from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
-from wakedeploy.study.domains import SOURCE_ONLY, Line, compare, planned, sentence
+from wakedeploy.study.domains import RESERVOIRS, SOURCE_ONLY, Line, compare, planned, sentence
 from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.runs import train_all
 from wakedeploy.study.sets import DOMAINS, Domain, chosen, obtain
@@ -54,7 +54,7 @@ def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_pat
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == trained
     named = {line.predictor: line for line in lines}
     assert named["esn"].normalised < 0.5 * named["agile-mlp"].normalised
-    assert len(calls) == 2
+    assert len(calls) == len(jobs) == 2 + len(RESERVOIRS)
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
     again = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
     assert [line.as_json() for line in again] == [line.as_json() for line in lines]

@@ -96,9 +96,7 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
     if recordings is None and "WAKEDEPLOY_DATA" in os.environ:
         recordings = Path(os.environ["WAKEDEPLOY_DATA"])
     if recordings is not None and not recordings.is_dir():
-        raise UnusableInput(
-            f"{recordings}: is no folder; give --recordings the one with them in it."
-        )
+        raise UnusableInput(f"{recordings} is no folder; give --recordings one that is there.")
     sets = {}
     for domain in chosen(names):
         with progress(f"{domain.name}: episodes", 1) as bar:

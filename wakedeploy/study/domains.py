@@ -38,9 +38,9 @@ class Line:
 
     `seed` is None for what learns nothing. `groups` has the RMSE per channel of each kind of test
     episode, where the set tells kinds apart, and of samples at which its label holds. `validation`
-    is the loss on validation episodes, by which the best is chosen, `wanted` the run. `normalised` is the root mean
-    square over the channels of RMSE over the channel's standard deviation: 1 for predicting the
-    mean.
+    is the loss on validation episodes, by which the best is chosen, `wanted` the run. `normalised`
+    is the root mean square over the channels of RMSE over the channel's standard deviation: 1 for
+    predicting the mean.
     """
 
     domain: str
