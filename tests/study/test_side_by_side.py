@@ -1,0 +1,66 @@
+"""Work on several processes: results in order, failures told, nobody left behind."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from wakedeploy.study.side_by_side import side_by_side
+
+SCRIPT = """
+import os
+import time
+from wakedeploy.study.side_by_side import side_by_side
+
+def work(job):
+    print(os.getpid(), flush=True)
+    time.sleep(60.0)
+
+if __name__ == "__main__":
+    side_by_side(work, [0, 1], workers=2)
+"""
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_results_are_in_the_jobs_order_and_each_is_counted(workers: int) -> None:
+    done: list[int] = []
+    told = side_by_side(math.sqrt, [9.0, 1.0, 4.0], workers=workers, on_done=lambda: done.append(1))
+    assert told == [3.0, 1.0, 2.0]
+    assert len(done) == 3
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_a_failure_is_raised(workers: int) -> None:
+    with pytest.raises(ValueError, match="math domain error"):
+        side_by_side(math.sqrt, [1.0, -1.0], workers=workers)
+
+
+def test_workers_end_with_a_parent_that_is_killed(tmp_path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(SCRIPT)
+    parent = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True)
+    assert parent.stdout is not None
+    workers = [int(parent.stdout.readline()) for _ in range(2)]
+    parent.send_signal(signal.SIGKILL)
+    parent.wait()
+    for _ in range(100):
+        left = [pid for pid in workers if _is_there(pid)]
+        if not left:
+            break
+        time.sleep(0.1)
+    for pid in left:
+        os.kill(pid, signal.SIGKILL)
+    assert left == []
+
+
+def _is_there(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    with open(f"/proc/{pid}/stat") as stat:  # who is dead but not yet waited for is gone
+        return stat.read().rpartition(")")[2].split()[0] != "Z"
