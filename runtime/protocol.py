@@ -15,6 +15,7 @@ from typing import ClassVar, Self
 PROTOCOL_VERSION = 1
 BAUD = 250_000  # exact on a 16 MHz UNO (115,200 is off by 2 %), 40 µs a byte
 MAX_FRAME_BYTES = 64  # with its ending zero; the UNO's receive buffer holds this many
+SHORTEST_PULSE_US, LONGEST_PULSE_US = 500.0, 2500.0  # beyond these no ESC understands a pulse
 TIME_WRAP_US = 1 << 32
 SEQUENCE_WRAP = 1 << 16
 
@@ -130,9 +131,10 @@ class Arm:
 
     @property
     def is_usable(self) -> bool:
-        """Whether an MCU may arm with them: a range of pulses, and descents that take time."""
+        """Whether an MCU may arm with them: pulses for an ESC, and descents that take time."""
         descents_ms = (self.source_descent_ms, self.sufferer_descent_ms)
-        return self.low_us < self.high_us and min(descents_ms) > 0
+        is_range = SHORTEST_PULSE_US <= self.low_us < self.high_us <= LONGEST_PULSE_US
+        return is_range and min(descents_ms) > 0
 
 
 @dataclass(frozen=True)

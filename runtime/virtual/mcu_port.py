@@ -80,8 +80,8 @@ class McuPort:
         message = frame.message
         if isinstance(message, Hello):
             return self._hello(frame.sequence, message)
-        if not self._is_new(frame.sequence):
-            self._refused += 1  # duplicated or overtaken on the way, or before any handshake
+        if isinstance(message, HelloReply | Status) or not self._is_new(frame.sequence):
+            self._refused += 1  # echoed, duplicated or overtaken on the way, or before a handshake
             return None
         self._last_sequence = frame.sequence
         if isinstance(message, Command):

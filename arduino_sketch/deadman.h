@@ -1,0 +1,48 @@
+// What silence does: the ladder of a flight without commands, and of a main loop that hangs.
+
+#ifndef DEADMAN_H
+#define DEADMAN_H
+
+#include <stdint.h>
+
+// The host commands 32 times a second: a period is 312.5 ticks, 1250 quarters of a tick.
+const int16_t PERIOD_QUARTERS = 1250;
+const uint32_t HOLD_AFTER_TICKS = 625;   // 2 periods
+const uint32_t RAMP_AFTER_TICKS = 1250;  // 4 periods, 125 ms
+const uint16_t HUNG_AFTER_TICKS = 1000;
+
+enum Rung : uint8_t {
+  FOLLOW,  // commands come
+  HOLD,    // pulses stay, the carriage stops
+  RAMP,    // each motor goes to idle within its descent time
+  LATCH    // off until armed anew
+};
+
+// Counts ticks of silence and the periods in which a command was missed.
+class Deadman {
+ public:
+  void start();  // an armed flight begins
+  void heard();  // a command came
+  Rung watch(uint32_t latch_after_ticks);  // once a tick
+
+  uint16_t missed() const { return missed_; }
+
+ private:
+  uint32_t silent_ticks_ = 0;
+  int16_t expected_in_quarters_ = 0;
+  uint16_t missed_ = 0;
+};
+
+// Whether the chip's watchdog may be fed. A main loop that hangs in flight must not reset the board:
+// without pulses the sufferer falls, while the deadman brings it down. Once nothing flies, it may.
+class MainLoopWatch {
+ public:
+  void turned() { has_turned_ = 1; }      // by the main loop, each time round
+  bool may_feed(bool is_flying);          // once a tick
+
+ private:
+  volatile uint8_t has_turned_ = 0;
+  uint16_t quiet_ticks_ = 0;
+};
+
+#endif

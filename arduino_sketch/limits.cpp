@@ -1,0 +1,63 @@
+#include "limits.h"
+
+#include "deadman.h"
+
+namespace {
+
+const uint16_t SHORTEST_HALF_US = 2 * 500;
+const uint16_t LONGEST_HALF_US = 2 * 2500;
+
+// At these a tick covers the whole range, a carriage's from full speed to full speed back. Beyond
+// them the products below would not fit 32 bits.
+const uint32_t FASTEST_SLEW_US_PER_S = 2500UL * TICKS_PER_S;
+const uint32_t FASTEST_ACCEL_STEPS_PER_S2 = 2UL * MOST_STEPS_PER_S * TICKS_PER_S;
+
+uint32_t smaller(uint32_t one, uint32_t other) { return one < other ? one : other; }
+
+// value * 2^bits / 625, rounded down: 10 000 ticks are 2^4 times 625.
+int32_t over_625(uint32_t value, uint8_t bits) {
+  return static_cast<int32_t>(((value / 625) << bits) + ((value % 625) << bits) / 625);
+}
+
+int32_t descent(uint32_t range_q16, uint16_t descent_ms) {
+  const uint32_t ticks = static_cast<uint32_t>(descent_ms) * TICKS_PER_MS;
+  return static_cast<int32_t>((range_q16 + ticks - 1) / ticks);  // rather early than late
+}
+
+}  // namespace
+
+bool is_usable(const Arm &arm) {
+  return SHORTEST_HALF_US <= arm.low_half_us && arm.low_half_us < arm.high_half_us &&
+         arm.high_half_us <= LONGEST_HALF_US && arm.source_descent_ms > 0 &&
+         arm.sufferer_descent_ms > 0;
+}
+
+Limits limits_of(const Arm &arm) {
+  Limits limits;
+  const uint16_t range_half_us = arm.high_half_us - arm.low_half_us;
+  const uint32_t range_q16 = static_cast<uint32_t>(range_half_us) << 16;
+  const bool source_is_slower = arm.source_descent_ms > arm.sufferer_descent_ms;
+  const uint32_t longest_ms = source_is_slower ? arm.source_descent_ms : arm.sufferer_descent_ms;
+  limits.low_q16 = static_cast<int32_t>(arm.low_half_us) << 16;
+  limits.high_q16 = static_cast<int32_t>(arm.high_half_us) << 16;
+  limits.slew_q16 = over_625(smaller(arm.slew_us_per_s, FASTEST_SLEW_US_PER_S), 13);
+  limits.descent_q16[SOURCE] = descent(range_q16, arm.source_descent_ms);
+  limits.descent_q16[SUFFERER] = descent(range_q16, arm.sufferer_descent_ms);
+  limits.latch_after_ticks = RAMP_AFTER_TICKS + longest_ms * TICKS_PER_MS;
+  limits.max_speed_q16 =
+      static_cast<int32_t>(smaller(arm.max_speed_steps_per_s, MOST_STEPS_PER_S) << 16);
+  limits.accel_q16 =
+      over_625(smaller(arm.max_accel_steps_per_s2, FASTEST_ACCEL_STEPS_PER_S2), 12);
+  return limits;
+}
+
+int32_t clamped(int32_t value, int32_t low, int32_t high) {
+  if (value < low) {
+    return low;
+  }
+  return value > high ? high : value;
+}
+
+int32_t towards(int32_t now, int32_t target, int32_t most) {
+  return clamped(target, now - most, now + most);
+}

@@ -1,0 +1,95 @@
+#include "mcu.h"
+
+namespace {
+
+// Until a host says otherwise: idle at 1 ms, as ESCs expect, and a carriage that stands.
+const Arm AT_BOOT = {2 * 1000, 2 * 2000, 20000, 250, 1000, 0, 0};
+
+}  // namespace
+
+Mcu::Mcu() : limits_(limits_of(AT_BOOT)) {
+  disarm();
+  frame_began(0);
+}
+
+void Mcu::arm(const Limits &limits) {
+  limits_ = limits;
+  disarm();
+  armed_ = true;
+  latched_ = false;
+  ramping_ = false;
+  deadman_.start();
+}
+
+void Mcu::disarm() {
+  armed_ = false;
+  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
+    pulse_q16_[motor] = limits_.low_q16;
+    target_q16_[motor] = limits_.low_q16;
+  }
+  stepper_.stop();
+}
+
+void Mcu::command(const Command &command) {
+  if (!is_flying()) {
+    return;
+  }
+  deadman_.heard();
+  ramping_ = false;
+  const uint16_t asked_half_us[MOTORS] = {command.source_half_us, command.sufferer_half_us};
+  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
+    // Clamped before the shift: a wire's 16 bits with 16 places do not fit a signed number.
+    const int32_t low = limits_.low_q16 >> 16;
+    const int32_t high = limits_.high_q16 >> 16;
+    target_q16_[motor] = clamped(asked_half_us[motor], low, high) << 16;
+  }
+  const int32_t asked_q16 = static_cast<int32_t>(command.carriage_steps_per_s) * 65536;
+  stepper_.aim(clamped(asked_q16, -limits_.max_speed_q16, limits_.max_speed_q16));
+}
+
+int8_t Mcu::tick() {
+  if (is_flying()) {
+    watch();
+  }
+  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
+    const int32_t most = ramping_ ? limits_.descent_q16[motor] : limits_.slew_q16;
+    pulse_q16_[motor] = towards(pulse_q16_[motor], target_q16_[motor], most);
+  }
+  return stepper_.tick(limits_.accel_q16);
+}
+
+void Mcu::watch() {
+  const Rung rung = deadman_.watch(limits_.latch_after_ticks);
+  if (rung == FOLLOW) {
+    return;
+  }
+  stepper_.aim(0);
+  if (rung == HOLD) {
+    return;
+  }
+  ramping_ = true;
+  latched_ = rung == LATCH;
+  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
+    target_q16_[motor] = limits_.low_q16;
+  }
+}
+
+void Mcu::frame_began(uint32_t now_us) {
+  applied_time_us_ = now_us;
+  applied_half_us_[SOURCE] = offered_half_us(SOURCE);
+  applied_half_us_[SUFFERER] = offered_half_us(SUFFERER);
+}
+
+uint16_t Mcu::offered_half_us(Motor motor) const {
+  return static_cast<uint16_t>((pulse_q16_[motor] + 0x8000) >> 16);
+}
+
+void Mcu::fill(Status &status) const {
+  status.faults = latched_ ? FAULT_DEADMAN : FAULT_NONE;
+  status.armed = is_flying();
+  status.source_half_us = applied_half_us_[SOURCE];
+  status.sufferer_half_us = applied_half_us_[SUFFERER];
+  status.steps = stepper_.steps();
+  status.missed = deadman_.missed();
+  status.applied_time_us = applied_time_us_;
+}

@@ -1,0 +1,328 @@
+"""The firmware decides as runtime/mcu.py and runtime/virtual/mcu_port.py do, within limits."""
+
+import math
+import random
+
+import numpy as np
+import pytest
+from decisions_library import (
+    FRAME_TICKS,
+    TICKS_PER_S,
+    Board,
+    LoopWatch,
+    library,
+    needs_compiler,
+)
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from runtime.protocol import (
+    SEQUENCE_WRAP,
+    Arm,
+    Command,
+    Disarm,
+    Fault,
+    Frame,
+    FrameDecoder,
+    Hello,
+    Status,
+    encode_frame,
+)
+from runtime.virtual.mcu_port import McuPort
+from wakedeploy.rig import default_rig
+
+pytestmark = needs_compiler
+
+RESOLUTION_US = 0.5
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+AT_ONCE = Arm(1000, 2000, 2**32 - 1, 1, 1, 2**16 - 1, 2**32 - 1)
+PERIOD_TICKS = TICKS_PER_S / 32
+RIG = default_rig().changed(latency={"round_trip_s": 0.0})
+TICK_S = 1.0 / TICKS_PER_S
+LATER_S = 1e-9  # a frame arrives between two ticks, where rounding decides nothing
+
+
+def flying(limits: Arm = LIMITS, **board) -> Board:
+    board = Board(**board)
+    board.send(1, Hello())
+    assert board.send(2, limits).armed
+    return board
+
+
+class Twin:
+    """The virtual gantry's board at the firmware's tick; its plant only counts and remembers."""
+
+    def __init__(self) -> None:
+        self.port = McuPort(RIG, boot_s=0.0)
+        self.port.opened(0.0)
+        self.decoder = FrameDecoder()
+        self.tick = 0
+        self.x_m, self.steps = 0.0, 0
+        self.source_applied_us = self.sufferer_applied_us = 1000.0
+        self.pulse_applied_s = LATER_S
+
+    def hear(self, data: bytes) -> list[Frame]:
+        now_s = self.tick * TICK_S + LATER_S
+        self.port.receive(now_s, data)
+        return list(self.decoder.feed(self.port.answer(now_s, self)))
+
+    def run(self, ticks: int) -> None:
+        for _ in range(ticks):
+            if self.tick % FRAME_TICKS == 0:
+                self.source_applied_us, self.sufferer_applied_us = self.port._mcu._pulses
+                self.pulse_applied_s = self.tick * TICK_S + LATER_S
+            self.x_m += self.port.advance(self.tick * TICK_S, TICK_S).carriage_mps * TICK_S
+            self.steps = math.floor(self.x_m * RIG.stepper.steps_per_m + 1e-6)
+            self.tick += 1
+
+
+def assert_same(ours: list[Frame], theirs: list[Frame]) -> None:
+    """The two boards' answers, but for what they call themselves and what a pulse can resolve."""
+    assert len(ours) == len(theirs)
+    for our, their in zip(ours, theirs, strict=True):
+        assert (our.sequence, our.time_us) == (their.sequence, their.time_us)
+        if not isinstance(our.message, Status):
+            assert our.message.version == their.message.version
+            continue
+        for name in ("sequence", "boot", "faults", "armed", "missed", "malformed"):
+            assert getattr(our.message, name) == getattr(their.message, name), name
+        assert our.message.applied_time_us == their.message.applied_time_us
+        for name in ("source_us", "sufferer_us"):
+            gap_us = abs(getattr(our.message, name) - getattr(their.message, name))
+            assert gap_us <= RESOLUTION_US, name
+        assert abs(our.message.steps - their.message.steps) <= 1
+
+
+# Rates that the tick divides: the rest is rounded down, which has its own test.
+ARMS = st.builds(
+    Arm,
+    st.sampled_from([1000.0, 1050.5, 900.0, 2000.0, 499.5]),
+    st.sampled_from([2000.0, 1800.5, 1000.0, 2500.0, 2500.5]),
+    st.integers(0, 80).map(lambda n: 625 * n),
+    st.integers(0, 700),
+    st.integers(0, 700),
+    st.integers(0, 10_000),
+    st.integers(0, 60).map(lambda n: 625 * n),
+)
+MESSAGES = st.one_of(
+    st.builds(
+        Command,
+        st.integers(0, 2**16 - 1).map(lambda half: half / 2),
+        st.floats(900, 2100),
+        st.integers(-12_000, 12_000),
+    ),
+    st.builds(Command, st.floats(900, 2100), st.floats(900, 2100), st.integers(-2500, 2500)),
+    st.just(LIMITS),
+    ARMS,
+    st.just(Disarm()),
+    st.sampled_from([Hello(), Hello(), Hello(0, 9), Hello(2, 5), Hello(0, 0)]),
+)
+AHEAD = st.sampled_from([1, 1, 1, 1, 1, 2, 0, -1, SEQUENCE_WRAP // 2, -SEQUENCE_WRAP // 2 + 1])
+SENT = st.tuples(MESSAGES, AHEAD, st.sampled_from([None] * 9 + [3, 9]))
+WAITS = st.one_of(st.integers(0, 700), st.integers(1200, 1300), st.integers(2000, 9000))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.booleans(),
+    st.integers(0, SEQUENCE_WRAP - 1),
+    st.lists(st.tuples(SENT, WAITS), min_size=1, max_size=12),
+)
+def test_over_any_conversation_both_boards_say_the_same(greeted, sequence, conversation):
+    ours, theirs = Board(), Twin()
+    opening = [((Hello(), 1, None), 3), ((LIMITS, 1, None), 50)] if greeted else []
+    for (message, ahead, damaged), wait in opening + conversation:
+        sequence = (sequence + ahead) % SEQUENCE_WRAP
+        wire = bytearray(encode_frame(Frame(sequence, 0, message)))
+        if damaged is not None:
+            wire[damaged] ^= 0x55
+        assert_same(ours.hear(bytes(wire)), theirs.hear(bytes(wire)))
+        ours.run(wait)
+        theirs.run(wait)
+    last = encode_frame(Frame(sequence + 1, 0, Command(1500, 1500, 0)))
+    assert_same(ours.hear(last), theirs.hear(last))
+    assert not library().unbalanced_interrupts()
+
+
+def test_unarmed_it_offers_idle_and_stands():
+    board = Board()
+    board.send(1, Hello())
+    assert not board.send(2, Command(2000, 2000, 2000)).armed
+    trace = board.run(5000)
+    assert set(trace["source_half_us"]) == set(trace["sufferer_half_us"]) == {2000}
+    assert not trace["step"].any()
+
+
+def test_the_deadman_holds_then_ramps_then_latches_to_the_tick():
+    board = flying(AT_ONCE)
+    board.send(3, Command(1800, 1700, 5000))
+    trace = board.run(626)
+    assert np.abs(np.diff(np.flatnonzero(trace["step"]))).max() == 2
+    stopped = board.run(624)
+    assert not stopped["step"].any()  # 2 periods of silence and the carriage stands
+    assert set(stopped["source_half_us"]) == {3600}  # while the pulses are held
+    ramped = board.run(11)
+    assert ramped["source_half_us"][0] == 3600
+    assert ramped["source_half_us"][1] < 3600  # 4 periods have passed, 125 ms
+    assert board.is_flying
+    board.run(1)
+    assert not board.is_flying  # and the descent's millisecond
+
+
+def test_each_motor_takes_its_own_descent_time():
+    board = flying()
+    board.send(3, Command(2000, 2000, 0))
+    trace = board.run(1251 + 10_000 + 10)
+    for name, descent_ms in (("source_half_us", 250), ("sufferer_half_us", 1000)):
+        moving = np.flatnonzero(trace[name][1000:] != 4000)
+        idle = np.flatnonzero(trace[name][1000:] == 2000)
+        assert moving[0] + 1000 == pytest.approx(1251, abs=descent_ms / 100)
+        assert (idle[0] - moving[0]) / 10 == pytest.approx(descent_ms, rel=0.01)
+    assert not board.is_flying
+
+
+def test_after_the_latch_only_a_handshake_helps():
+    board = flying()
+    board.send(3, Command(1300, 1600, 0))
+    board.run(20_000)
+    status = board.send(4, Command(1300, 1600, 0))
+    assert (status.faults, status.armed, status.source_us) == (Fault.DEADMAN, False, 1000)
+    assert not board.send(5, LIMITS).armed
+    board.send(6, Hello())
+    assert board.send(7, LIMITS).faults == Fault.NONE
+
+
+def test_a_reset_by_the_watchdog_is_told_until_the_host_arms():
+    board = Board(reset_faults=Fault.WATCHDOG | Fault.BROWNOUT)
+    board.send(1, Hello())
+    assert board.send(2, Disarm()).faults == Fault.WATCHDOG | Fault.BROWNOUT
+    assert board.send(3, Arm(1000, 1000, 1, 1, 1, 1, 1)).faults == Fault.WATCHDOG | Fault.BROWNOUT
+    assert board.send(4, LIMITS).faults == Fault.NONE
+
+
+def test_a_board_tells_where_it_is():
+    board = Board()
+    board.place(boot=517, homed=False, battery_mv=12_345)
+    assert board.send(1, Hello()).boot == 517
+    status = board.send(2, Disarm())
+    assert (status.boot, status.homed, status.battery_mv) == (517, False, 12_345)
+
+
+def test_limits_that_no_motor_understands_are_refused():
+    for low, high, source_ms, sufferer_ms in (
+        (499.5, 2000, 250, 1000),
+        (1000, 2500.5, 250, 1000),
+        (1500, 1500, 250, 1000),
+        (1000, 2000, 0, 1000),
+        (1000, 2000, 250, 0),
+    ):
+        board = Board()
+        board.send(1, Hello())
+        refused = Arm(low, high, 20_000, source_ms, sufferer_ms, 2100, 8400)
+        assert not refused.is_usable
+        assert not board.send(2, refused).armed
+        assert board.send(3, LIMITS).armed
+    widest = Arm(500, 2500, 2**32 - 1, 2**16 - 1, 1, 2**16 - 1, 2**32 - 1)
+    assert flying(widest).is_flying
+
+
+@given(
+    st.integers(1000, 5000), st.integers(1, 4000), st.integers(1, 2**32 - 1),
+    st.lists(st.tuples(st.integers(0, 2**16 - 1), st.integers(1, 400)), max_size=10),
+)  # fmt: skip
+def test_no_command_passes_a_limit_or_outruns_the_slew(low, span, slew, commands):
+    high = min(low + span, 5000)
+    if low == high:
+        return
+    board = flying(Arm(low / 2, high / 2, slew, 250, 1000, 2100, 8400))
+    seen = [np.array([low])]
+    for number, (half_us, wait) in enumerate(commands):
+        board.send(3 + number, Command(half_us / 2, 1000, 0))
+        seen.append(board.run(wait)["source_half_us"])
+    pulses = np.concatenate(seen).astype(int)
+    assert low <= pulses.min() <= pulses.max() <= high
+    for over in (1, 10, 100):
+        moved = np.abs(pulses[over:] - pulses[:-over])
+        assert (moved <= 2 * slew * over * TICK_S + 1).all()  # a pulse is rounded by half a step
+
+
+def test_a_slow_slew_arrives_in_time():
+    board = flying(Arm(1000, 2000, 100, 250, 1000, 2100, 8400))
+    for tick in range(320):
+        board.send(3 + tick, Command(2000, 1000, 0))
+        board.run(312)
+    seconds = 320 * 312 * TICK_S
+    assert board.run(1)["source_half_us"][0] / 2 == pytest.approx(1000 + 100 * seconds, abs=1.0)
+
+
+def test_the_step_count_is_exact_over_a_minute_of_changing_speeds():
+    """Without an acceleration limit, v steps/s over n ticks are v·n / 10,000 steps, exactly."""
+    rng, board, travelled, stepped = random.Random(5), flying(AT_ONCE), 0, 0
+    for number in range(60 * 32):
+        speed, ticks = rng.randint(-10_000, 10_000), rng.choice([312, 313])
+        board.send(3 + number, Command(1000, 1000, speed))
+        stepped += int(board.run(ticks)["step"].sum())
+        travelled += speed * ticks
+        assert stepped == travelled // TICKS_PER_S
+    assert board.send(30_000, Disarm()).steps == stepped
+
+
+def test_the_carriage_never_accelerates_faster_than_the_host_allows():
+    """From the step pulses alone: over windows of w, second differences are at most a·w²."""
+    rng, board, steps = random.Random(7), flying(), []
+    for number in range(10 * 32):
+        speed = rng.choice([-3000, -2100, 0, 700, 2100, 3000])
+        board.send(3 + number, Command(1000, 1000, speed))
+        steps.append(board.run(313)["step"])
+    position = np.concatenate(steps).astype(int).cumsum()
+    for window in (100, 500, 1000):
+        second = position[2 * window :] - 2 * position[window:-window] + position[: -2 * window]
+        assert np.abs(second).max() <= 8400 * (window * TICK_S) ** 2 + 2
+    fastest = position[1000:] - position[:-1000]
+    assert np.abs(fastest).max() <= 210 + 1
+
+
+def test_the_carriage_follows_the_runtimes_planner_for_a_minute():
+    rng, ours, theirs = random.Random(11), flying(), Twin()
+    theirs.hear(encode_frame(Frame(1, 0, Hello())) + encode_frame(Frame(2, 0, LIMITS)))
+    for number in range(60 * 32):
+        wire = encode_frame(Frame(3 + number, 0, Command(1000, 1000, rng.randint(-2200, 2200))))
+        (our,), (their,) = ours.hear(wire), theirs.hear(wire)
+        assert abs(our.message.steps - their.message.steps) <= 1
+        ours.run(312)
+        theirs.run(312)
+
+
+@pytest.mark.parametrize("opening", [[], [Hello()], [Hello(), LIMITS]])
+def test_a_hundred_thousand_random_bytes_move_nothing(opening):
+    board, rng = Board(), random.Random(len(opening))
+    for number, message in enumerate(opening):
+        board.send(1 + number, message)
+    for _ in range(1000):
+        board.hear(rng.randbytes(100))
+        trace = board.run(40)  # as long as the bytes take on the wire
+        assert set(trace["source_half_us"]) == set(trace["sufferer_half_us"]) == {2000}
+        assert not trace["step"].any()
+    board.hear(b"\0")
+    board.send(9, Hello())
+    assert board.send(10, LIMITS).malformed > 100
+
+
+def test_the_count_of_missed_commands_stays_at_its_end():
+    board = flying(Arm(1000, 2000, 20_000, 1, 2**16 - 1, 2100, 8400))
+    for sequence in range(3, 40):
+        board.run(600_000)
+        missed = board.send(sequence, Command(1000, 1000, 0)).missed
+        assert missed == min((sequence - 2) * 1919, 0xFFFF)
+
+
+def test_the_watchdog_starves_when_the_main_loop_hangs_but_never_in_flight():
+    watch = LoopWatch()
+    for _ in range(3):
+        watch.turned()
+        fed = [watch.may_feed(is_flying=False) for _ in range(1002)]
+        assert fed == [True] * 1000 + [False] * 2  # 100 ms
+        assert watch.may_feed(is_flying=True)
+    watch.turned()
+    assert all(watch.may_feed(is_flying=True) for _ in range(5000))
+    assert not watch.may_feed(is_flying=False)
