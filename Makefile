@@ -13,7 +13,7 @@ INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
 	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
 
-.PHONY: help venv demo test check format lint bench clean
+.PHONY: help venv demo test check format lint bench firmware clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
@@ -22,6 +22,7 @@ help:
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
+	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make venv    only the environment, in .venv"
 	@echo "make clean   remove the environment and what the tools cached"
 	@echo "Settings: PYTHON=/path/to/python3, WHEEL_INDEX=URL of a further package index"
@@ -59,6 +60,9 @@ lint: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/wakedeploy bench latency
+
+firmware: $(INSTALLED)
+	$(BIN)/python -m runtime.virtual.firmware_build
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \

@@ -9,8 +9,10 @@ import contextlib
 import hashlib
 import shutil
 import subprocess
+import sys
 import tempfile
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from wakedeploy.errors import UnusableInput
@@ -23,7 +25,30 @@ DECISIONS = ("deadman", "frames", "limits", "mcu", "session", "stepper")
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Werror")
 _DIALECT = ("-std=c++11", "-fno-exceptions", "-fno-rtti")
 
+# The core where Debian's arduino-core-avr puts it, compiled as the Arduino IDE does.
+CORE = Path("/usr/share/arduino/hardware/arduino/avr")
+SIMAVR = Path("/usr/include/simavr")
+SIMULATOR_HOST = Path(__file__).with_name("simavr_host.c")
+AVR_TOOLS = ("avr-gcc", "avr-g++", "avr-gcc-ar", "avr-objcopy", "avr-size")
+_UNO = (
+    *("-mmcu=atmega328p", "-DF_CPU=16000000L", "-DARDUINO=10819", "-DARDUINO_AVR_UNO"),
+    *("-DARDUINO_ARCH_AVR", "-DDECIMAL_DIG=__DECIMAL_DIG__", "-Os", "-flto"),
+    *("-ffunction-sections", "-fdata-sections"),
+    *("-I", CORE / "cores/arduino", "-I", CORE / "variants/standard"),
+)
+_AVR_CPP = ("avr-g++", *_UNO, "-std=gnu++11", "-fno-exceptions", "-fno-threadsafe-statics")
+
 Command = Sequence[str | Path]
+
+
+@dataclass(frozen=True)
+class Firmware:
+    """The compiled sketch, and the bytes that it takes of the chip's memories."""
+
+    elf: Path
+    hex: Path
+    flash_bytes: int
+    ram_bytes: int  # without the stack
 
 
 def host_library(shim: Path, *, coverage: bool = False) -> Path:
@@ -52,6 +77,86 @@ def host_library(shim: Path, *, coverage: bool = False) -> Path:
     return _built("host-coverage" if coverage else "host", made_of, command, compile_into) / (
         "decisions.so"
     )
+
+
+def firmware() -> Firmware:
+    """The sketch compiled for the UNO, as the Arduino IDE would.
+
+    Raises UnusableInput without `missing_for_the_uno`, or when the compiler refuses.
+    """
+    if (missing := missing_for_the_uno()) is not None:
+        raise UnusableInput(f"The firmware cannot be built: {missing}.")
+    made_of = [path for path in SKETCH.iterdir() if path.suffix in (".ino", ".h", ".cpp")]
+    folder = _built("uno", made_of, _AVR_CPP, _compile_sketch)
+    sizes = _run(["avr-size", "-A", "sketch.elf"], folder)
+    sections = {line.split()[0]: int(line.split()[1]) for line in sizes.splitlines()[2:-2]}
+    data = sections.get(".data", 0)
+    return Firmware(
+        folder / "sketch.elf",
+        folder / "sketch.hex",
+        flash_bytes=sections[".text"] + data,
+        ram_bytes=data + sections.get(".bss", 0) + sections.get(".noinit", 0),
+    )
+
+
+def simulator_library() -> Path:
+    """The simulator with an UNO around it, as a shared library; one process can use it once.
+
+    Raises UnusableInput without `missing_for_the_simulator`, or when the compiler refuses.
+    """
+    if (missing := missing_for_the_simulator()) is not None:
+        raise UnusableInput(f"The firmware cannot be simulated: {missing}.")
+    command = ["gcc", "-std=gnu11", "-Wall", "-Wextra", "-Werror", "-O2", "-fPIC", "-shared"]
+
+    def compile_into(folder: Path) -> None:
+        places: Command = ("-isystem", SIMAVR, SIMULATOR_HOST, "-o", "simulator.so")
+        _run([*command, *places, "-lsimavr", "-lelf"], folder)
+
+    return _built("simulator", [SIMULATOR_HOST], command, compile_into) / "simulator.so"
+
+
+def missing_for_the_simulator() -> str | None:
+    """What is not installed of what simulates the UNO, as a sentence; None when all is."""
+    missing = missing_for_the_uno() or missing_tools("gcc")
+    if missing is None and not (SIMAVR / "sim_avr.h").is_file():
+        return "simavr not installed (Debian's libsimavr-dev)"
+    return missing
+
+
+def missing_for_the_uno() -> str | None:
+    """What is not installed of what compiles the sketch, as a sentence; None when all is."""
+    missing = missing_tools(*AVR_TOOLS)
+    if missing is None and not CORE.is_dir():
+        return "the Arduino core not installed (Debian's arduino-core-avr)"
+    return missing
+
+
+def _compile_sketch(folder: Path) -> None:
+    """The core goes into an archive: linked whole, its Tone.cpp would take Timer2's interrupt."""
+    objects: list[Path] = []
+    dialects: dict[str, Command] = {
+        ".cpp": _AVR_CPP,
+        ".c": ("avr-gcc", *_UNO),
+        ".S": ("avr-gcc", *_UNO, "-x", "assembler-with-cpp"),
+    }
+    for source in sorted((CORE / "cores/arduino").iterdir()):
+        if source.suffix in dialects:
+            objects.append(folder / f"{source.name}.o")
+            _run([*dialects[source.suffix], "-w", "-c", source, "-o", objects[-1]], folder)
+    _run(["avr-gcc-ar", "rcs", "core.a", *objects], folder)
+    sources = [SKETCH / f"{name}.cpp" for name in DECISIONS]
+    ino: Command = (
+        "-x",
+        "c++",
+        "-include",
+        "Arduino.h",
+        SKETCH / "arduino_sketch.ino",
+        "-x",
+        "none",
+    )
+    link = ["-Wall", "-Wextra", "-Wl,--gc-sections", "-fuse-linker-plugin"]
+    _run([*_AVR_CPP, *link, *sources, *ino, "core.a", "-lm", "-o", "sketch.elf"], folder)
+    _run(["avr-objcopy", "-O", "ihex", "-R", ".eeprom", "sketch.elf", "sketch.hex"], folder)
 
 
 def missing_tools(*tools: str) -> str | None:
@@ -90,3 +195,19 @@ def _run(command: Command, folder: Path) -> str:
     if ended.returncode != 0:
         raise UnusableInput(f"{tool} refuses the firmware:\n{ended.stderr.strip()}")
     return ended.stdout
+
+
+def main() -> None:
+    """Build the sketch and tell how much of the UNO it takes."""
+    try:
+        built = firmware()
+    except UnusableInput as error:
+        sys.exit(str(error))
+    sys.stdout.write(
+        f"{built.hex}\n{built.flash_bytes} of 32256 bytes of flash, "
+        f"{built.ram_bytes} of 2048 bytes of RAM without the stack\n"
+    )
+
+
+if __name__ == "__main__":
+    main()

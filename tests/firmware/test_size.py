@@ -1,0 +1,18 @@
+"""The sketch compiles without the Arduino IDE and leaves the UNO room."""
+
+import pytest
+
+from runtime.virtual.firmware_build import firmware, missing_for_the_uno
+
+MISSING = missing_for_the_uno()
+pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+
+MOST_FLASH_BYTES = 8 * 1024  # of 31.5 KiB; about 7 KiB are used
+MOST_RAM_BYTES = 512  # of 2 KiB, the stack not counted; the deepest call takes about 200 more
+
+
+def test_flash_and_ram_stay_below_their_ceilings():
+    built = firmware()
+    assert 2000 < built.flash_bytes <= MOST_FLASH_BYTES
+    assert 100 < built.ram_bytes <= MOST_RAM_BYTES
+    assert built.hex.read_text().startswith(":10000000")
