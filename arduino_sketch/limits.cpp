@@ -59,5 +59,8 @@ int32_t clamped(int32_t value, int32_t low, int32_t high) {
 }
 
 int32_t towards(int32_t now, int32_t target, int32_t most) {
+  if (now == target) {
+    return now;  // as most of the time, and the interrupt is the shorter for it
+  }
   return clamped(target, now - most, now + most);
 }

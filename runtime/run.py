@@ -60,7 +60,8 @@ class RunRequest:
     """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth.
 
     `reference`, a file, replaces the random plan of `seconds` and `seed`. `range_socket` beside a
-    `port` reads range samples from a plant process instead of I²C.
+    `port` reads range samples from a plant process instead of I²C. With `firmware` the virtual
+    gantry's UNO is the compiled sketch on a simulated chip.
     """
 
     rig: Rig
@@ -72,6 +73,7 @@ class RunRequest:
     range_socket: Path | None = None
     plant_rig: Rig | None = None
     hooks: str | None = None
+    firmware: bool = False
     log: Path | None = None
     realtime: bool = False
     allow_lead_mismatch: bool = False
@@ -158,7 +160,9 @@ def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
     if request.port is not None:
         return request.port, request.range_socket
     truth = request.plant_rig or request.rig
-    gantry = VirtualGantryProcess(truth, seed=request.seed, hooks=request.hooks)
+    gantry = VirtualGantryProcess(
+        truth, seed=request.seed, hooks=request.hooks, firmware=request.firmware
+    )
     opened.callback(gantry.close)
     return gantry.port, gantry.range_socket
 

@@ -84,6 +84,8 @@ def firmware() -> Firmware:
 
     Raises UnusableInput without `missing_for_the_uno`, or when the compiler refuses.
     """
+    if not SKETCH.is_dir():
+        raise UnusableInput("The firmware is not part of an installation; use a checkout.")
     if (missing := missing_for_the_uno()) is not None:
         raise UnusableInput(f"The firmware cannot be built: {missing}.")
     made_of = [path for path in SKETCH.iterdir() if path.suffix in (".ino", ".h", ".cpp")]

@@ -17,10 +17,13 @@ class VirtualGantryProcess:
     """A running plant process: `port` and `range_socket` are where to connect. A context manager.
 
     `rig` is the plant's truth; `hooks` names a function as MODULE:FUNCTION (see
-    `runtime.virtual.hooks`). Raises UnusableInput when the process cannot use either.
+    `runtime.virtual.hooks`); with `firmware` the compiled sketch answers, on a simulated UNO.
+    Raises UnusableInput when the process cannot use one of them.
     """
 
-    def __init__(self, rig: Rig, *, seed: int, hooks: str | None = None) -> None:
+    def __init__(
+        self, rig: Rig, *, seed: int, hooks: str | None = None, firmware: bool = False
+    ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="wakedeploy-")
         self._process = subprocess.Popen(
             [sys.executable, "-m", "runtime.virtual"],
@@ -30,7 +33,13 @@ class VirtualGantryProcess:
             env=os.environ | {"OMP_NUM_THREADS": "1"},
         )
         where = self._ask(
-            {"rig": rig.text, "seed": seed, "hooks": hooks, "folder": self._folder.name}
+            {
+                "rig": rig.text,
+                "seed": seed,
+                "hooks": hooks,
+                "firmware": firmware,
+                "folder": self._folder.name,
+            }
         )
         self.port: str = where["port"]
         self.range_socket = Path(where["range_socket"])

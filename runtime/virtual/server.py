@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
+from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.errors import UnusableInput
@@ -96,8 +97,12 @@ class VirtualGantry:
     def __init__(self, request: dict[str, Any], folder: Path) -> None:
         rig = parse_rig(request["rig"], "plant rig")
         hooks = load_hooks(request["hooks"]) if request["hooks"] else {}
+        self._mcu: McuPort | FirmwarePort = McuPort(rig)
+        if request.get("firmware"):
+            self._mcu = FirmwarePort(rig)
+            # The sketch makes servo frames of its own; the plant must not wait for others.
+            rig = rig.changed(disturbance={"esc_frame_s": 0.0})
         self._plant = GantryPlant(rig, seed=request["seed"], **hooks)
-        self._mcu = McuPort(rig)
         self.port = PtyPort()
         self.ranges = RangeServer(folder)
         self._sample = NO_SAMPLE

@@ -42,6 +42,7 @@ static Edge edges[EDGES];
 static uint32_t edge_count, edges_lost;
 static uint8_t levels[20];
 static int64_t steps;
+static uint64_t awake_cycles;
 
 /* Timer1 */
 
@@ -192,7 +193,10 @@ int sim_run(uint64_t until) {
   if (avr->cycle < until) avr_cycle_timer_register(avr, until - avr->cycle, stop_here, NULL);
   while (avr->cycle < until) {
     if (avr->state != cpu_Running && avr->state != cpu_Sleeping) return -1;
+    const avr_cycle_count_t before = avr->cycle;
+    const int was_awake = avr->state == cpu_Running;
     avr_run(avr);
+    if (was_awake) awake_cycles += avr->cycle - before;
   }
   return 0;
 }
@@ -237,6 +241,9 @@ int sim_edges(Edge *into, int room) {
 
 /* Bytes on their way to the board. */
 int sim_pending(void) { return (int)(to_tail - to_head); }
+
+/* Cycles in which the chip computed and did not sleep. */
+uint64_t sim_awake_cycles(void) { return awake_cycles; }
 
 /* Pulses on the step pin since the start, each counted with its direction. */
 int64_t sim_steps(void) { return steps; }

@@ -52,6 +52,11 @@ class SimulatedUno:
         return float(self._simulator.sim_cycle()) / CYCLES_PER_S
 
     @property
+    def awake_s(self) -> float:
+        """Of this time [s] the chip computed; the rest it slept."""
+        return float(self._simulator.sim_awake_cycles()) / CYCLES_PER_S
+
+    @property
     def is_booting(self) -> bool:
         """Whether the bootloader runs, which hears nothing."""
         return bool(self._simulator.sim_is_booting())
@@ -120,6 +125,7 @@ def _loaded(path: str) -> ctypes.CDLL:
     library = ctypes.CDLL(path)
     library.sim_start.argtypes = [ctypes.c_char_p]
     library.sim_cycle.restype = ctypes.c_uint64
+    library.sim_awake_cycles.restype = ctypes.c_uint64
     library.sim_steps.restype = ctypes.c_int64
     library.sim_run.argtypes = [ctypes.c_uint64]
     library.sim_open_port.argtypes = [ctypes.c_uint64]

@@ -1,24 +1,20 @@
 """The compiled sketch on a simulated chip, in virtual time: what its pins and its port do."""
 
-import functools
 import random
 
 import numpy as np
 import pytest
+from simulated import needs_simulator, the_uno
 
 from runtime.protocol import Arm, Command, Disarm, Fault, Frame, FrameDecoder, Hello, encode_frame
-from runtime.virtual.firmware_build import missing_for_the_simulator
-from runtime.virtual.simulated_uno import SOURCE_PIN, STEP_PIN, SUFFERER_PIN, SimulatedUno
+from runtime.virtual.simulated_uno import SOURCE_PIN, STEP_PIN, SUFFERER_PIN
 
-MISSING = missing_for_the_simulator()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = needs_simulator
 
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 AT_ONCE = Arm(1000, 2000, 2**32 - 1, 250, 1000, 2100, 2**32 - 1)
 PERIOD_S = 1.0 / 32.0
 BOOT_S = 0.01  # a bootloader in a hurry
-
-the_uno = functools.cache(SimulatedUno)  # a process can have one
 
 
 class Bench:
@@ -260,6 +256,15 @@ def test_the_step_count_is_that_of_the_pulses():
 @pytest.mark.slow
 def test_the_step_count_is_that_of_the_pulses_for_a_minute():
     step_for(60.0)
+
+
+def test_the_interrupt_leaves_the_main_loop_room():
+    bench = Bench().armed()
+    start_s, awake_s = bench.uno.t_s, bench.uno.awake_s
+    for tick in range(32):  # both pulses slew, the carriage accelerates
+        bench.send(Command(1000 + 1000 * (tick % 2), 2000 - 1000 * (tick % 2), 2100), PERIOD_S)
+        bench.uno.edges()
+    assert (bench.uno.awake_s - awake_s) / (bench.uno.t_s - start_s) < 0.5
 
 
 def test_a_constant_speed_is_exact():

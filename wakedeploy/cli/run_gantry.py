@@ -21,6 +21,7 @@ _BAR_WIDTH = 30
 @click.option("--baseline", is_flag=True, help="PID alone, no package.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
 @click.option("--virtual", is_flag=True, help="Fly the virtual gantry.")
+@click.option("--firmware", is_flag=True, help="With --virtual: the sketch on a simulated UNO.")
 @click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0.")
 @click.option("--range-socket", type=_FILE, help="With --port: range samples from here, not I²C.")
 @click.option(
@@ -69,6 +70,8 @@ def command(
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
     if port is None and options["range_socket"]:
         raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
+    if port is not None and options["firmware"]:
+        raise UnusableInput("--firmware belongs to --virtual; the UNO at a port has its own.")
     if port is not None and (plant_rig or options["hooks"]):
         raise UnusableInput("--plant-rig and --hooks belong to --virtual; a real rig is as it is.")
     if seconds is not None and options["reference"]:

@@ -1,0 +1,113 @@
+"""The plant behind the compiled sketch: it gets what the pins do."""
+
+import pytest
+from click.testing import CliRunner
+from simulated import needs_simulator, the_uno
+
+from runtime import protocol
+from runtime.link import Link
+from runtime.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
+from runtime.virtual.firmware_port import FirmwarePort
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.cli import main
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import default_rig
+
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+
+
+class Rig:
+    """FirmwarePort and plant without a process; time moves when the test says so."""
+
+    def __init__(self):
+        self.rig = default_rig().changed(disturbance={"esc_frame_s": 0.0})
+        self.plant = GantryPlant(self.rig, seed=0)
+        self.port = FirmwarePort(self.rig, the_uno())
+        self.decoder = FrameDecoder()
+        self.sequence = 0
+        self.port.opened(0.0)
+        self.run(1.8)
+
+    def run(self, seconds):
+        heard, end_s = [], self.plant.t_s + seconds
+        while self.plant.t_s < end_s:
+            heard += self.decoder.feed(self.port.answer(self.plant.t_s, self.plant))
+            out = self.port.advance(self.plant.t_s, self.plant.dt_s)
+            self.plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
+        return heard
+
+    def send(self, message, seconds=1.0 / 32.0):
+        self.sequence += 1
+        data = encode_frame(Frame(self.sequence, 0, message))
+        self.port.receive(self.plant.t_s, data)
+        heard = self.run(seconds)
+        return heard[-1].message if heard else None
+
+    def flying(self):
+        assert self.send(Hello()).board == protocol.Board.UNO
+        assert self.send(LIMITS).armed
+        return self
+
+
+@needs_simulator
+def test_thrust_comes_from_the_pulses_and_position_from_the_steps():
+    rig = Rig().flying()
+    for _ in range(48):
+        status = rig.send(Command(1400, 1600, 1050))
+    assert rig.plant.source_applied_us == pytest.approx(1400, abs=0.2)
+    assert rig.plant.sufferer_applied_us == pytest.approx(1600, abs=0.2)
+    assert rig.plant.source_thrust_n == pytest.approx(1.44, abs=0.01)
+    for _ in range(16):  # the carriage stops
+        status = rig.send(Command(1400, 1600, 0))
+    assert status.steps == rig.plant.steps == round(rig.plant.x_m * rig.rig.stepper.steps_per_m)
+    assert status.steps > 1000
+    assert status.applied_time_us > 0
+    assert not status.homed
+
+
+@needs_simulator
+def test_silence_brings_the_sufferer_down_and_latches():
+    rig = Rig().flying()
+    for _ in range(40):
+        status = rig.send(Command(1000, 1800, 0))
+    assert status.homed
+    assert rig.plant.z_m > 0.1
+    rig.run(0.5)
+    assert 1000 < rig.plant.sufferer_applied_us < 1800  # on its bounded ramp
+    rig.run(1.5)
+    assert rig.plant.sufferer_applied_us == pytest.approx(1000, abs=0.2)
+    assert rig.send(Command(1800, 1800, 0)).faults == Fault.DEADMAN
+
+
+@needs_simulator
+def test_a_reboot_takes_the_pulses_away_and_starts_idle():
+    rig = Rig().flying()
+    for _ in range(16):
+        rig.send(Command(1500, 1500, 0))
+    rig.port.opened(rig.plant.t_s)
+    rig.run(1.0)
+    assert (rig.plant.source_applied_us, rig.plant.sufferer_applied_us) == (0, 0)
+    assert rig.plant.sufferer_thrust_n == pytest.approx(0.0, abs=1e-3)
+    rig.run(1.0)
+    assert rig.plant.source_applied_us == pytest.approx(1000, abs=0.2)
+    assert rig.send(Command(1500, 1500, 0)) is None
+
+
+@needs_simulator
+def test_the_sketch_answers_over_a_real_pseudo_terminal():
+    with (
+        VirtualGantryProcess(default_rig(), seed=0, firmware=True) as gantry,
+        Link(gantry.port) as link,
+    ):
+        assert link.handshake().board == protocol.Board.UNO
+        assert link.arm(LIMITS).homed
+        answer = link.wait_for(link.send(Command(1234.5, 1000, 420)), 2.0)
+        assert answer.status.armed
+        link.disarm()
+        assert link.malformed == 0
+
+
+def test_a_real_board_has_its_own_firmware():
+    told = CliRunner().invoke(main, ["run-gantry", "--baseline", "--port", "/x", "--firmware"])
+    assert told.exit_code != 0
+    assert "--firmware belongs to --virtual" in told.output
