@@ -1,8 +1,8 @@
 // The UNO of the gantry: pulses for two ESCs, steps for the carriage, a deadman.
 //
-// This file is the electronics: timers, pins, serial port, watchdog. What is decided, and when, is in
-// the other files, which know of no Arduino and are tested on a PC. Open it in the Arduino IDE, choose
-// "Arduino Uno", upload; it needs no library.
+// This file is the electronics: timers, pins, serial port, watchdog. What is decided, and when, is
+// in the other files, which know of no Arduino and are tested on a PC. Open it in the Arduino IDE,
+// choose "Arduino Uno", upload; it needs no library.
 //
 // Timer1  50 Hz frames of both pulses, made by the hardware alone, in half microseconds.
 // Timer2  10 kHz: steps, slew, deadman. It goes on when the main loop hangs.
@@ -20,9 +20,9 @@
 #include "pins.h"
 #include "session.h"
 
-// 250,000 baud is exact on 16 MHz (115,200 is off by 2 %). A command and its answer take 2.1 ms on the
-// wire, of 31 ms. 500,000 would save half of it, but leaves 40 us in which the chip can hold two bytes
-// while the 10 kHz interrupt runs; here it is 80 us.
+// 250,000 baud is exact on 16 MHz (115,200 is off by 2 %). A command and its answer take 2.1 ms on
+// the wire, of the loop's 31 ms. 500,000 would save half of it, but leave 40 us in which the chip
+// holds two bytes for a 10 kHz interrupt that takes up to 41 us; here it is 80 us.
 const uint32_t BAUD = 250000;
 
 const uint16_t FRAME_TOP = 39999;     // 20 ms in half microseconds

@@ -33,12 +33,12 @@ class Deadman {
   uint16_t missed_ = 0;
 };
 
-// Whether the chip's watchdog may be fed. A main loop that hangs in flight must not reset the board:
-// without pulses the sufferer falls, while the deadman brings it down. Once nothing flies, it may.
+// Whether the chip's watchdog may be fed. A main loop that hangs in flight must not reset the
+// board: without pulses the sufferer falls, while the deadman brings it down. Afterwards it may.
 class MainLoopWatch {
  public:
-  void turned() { has_turned_ = 1; }      // by the main loop, each time round
-  bool may_feed(bool is_flying);          // once a tick
+  void turned() { has_turned_ = 1; }  // by the main loop, each time round
+  bool may_feed(bool is_flying);      // once a tick
 
  private:
   volatile uint8_t has_turned_ = 0;

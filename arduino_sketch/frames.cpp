@@ -163,7 +163,7 @@ bool FrameDecoder::complete(Frame &frame) {
   if (length < HEADER_BYTES + CRC_BYTES) {
     return false;
   }
-  const uint8_t body = length - CRC_BYTES;
+  const uint8_t body = static_cast<uint8_t>(length - CRC_BYTES);
   if (crc16(pending_, body) != Reader(pending_ + body).u16()) {
     return false;
   }
@@ -172,7 +172,7 @@ bool FrameDecoder::complete(Frame &frame) {
   frame.sequence = header.u16();
   frame.time_us = header.u32();
   // A payload shorter than its type says is read past its end, within the buffer, and refused.
-  return read_payload(header, body - HEADER_BYTES, frame);
+  return read_payload(header, static_cast<uint8_t>(body - HEADER_BYTES), frame);
 }
 
 uint8_t encode(uint16_t sequence, uint32_t time_us, const HelloReply &reply, uint8_t *wire) {

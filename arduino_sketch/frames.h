@@ -1,8 +1,8 @@
 // The wire between Pi and UNO, byte for byte that of runtime/protocol.py.
 //
-// A frame before byte stuffing, little-endian: type u8, sequence u16, sender's time u32 [us], payload,
-// CRC-16/CCITT u16 over everything before it. Stuffed (COBS) and ended by a zero byte. Pulse widths
-// travel in half microseconds, the resolution of Timer1.
+// A frame before byte stuffing, little-endian: type u8, sequence u16, sender's time u32 [us],
+// payload, CRC-16/CCITT u16 over everything before it. Stuffed (COBS) and ended by a zero byte.
+// Pulse widths travel in half microseconds, the resolution of Timer1.
 
 #ifndef FRAMES_H
 #define FRAMES_H

@@ -9,7 +9,7 @@
 
 #include "deadman.h"
 #include "frames.h"
-#include "limits.h"
+#include "tick_limits.h"
 #include "stepper.h"
 
 class Mcu {

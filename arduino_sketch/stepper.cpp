@@ -1,6 +1,6 @@
 #include "stepper.h"
 
-#include "limits.h"
+#include "tick_limits.h"
 
 namespace {
 

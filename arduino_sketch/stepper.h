@@ -5,8 +5,8 @@
 
 #include <stdint.h>
 
-// Each tick adds the speed to a phase that wraps at one step. Both are whole numbers and a step is an
-// exact multiple of the speed's unit, so that v steps/s are v steps in every second, without drift.
+// Each tick adds the speed to a phase that wraps at one step. Both are whole numbers and a step is
+// an exact multiple of the speed's unit: v steps/s are v steps in every second, without drift.
 class Stepper {
  public:
   void aim(int32_t speed_q16) { target_q16_ = speed_q16; }

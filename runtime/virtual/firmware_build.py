@@ -20,7 +20,7 @@ from wakedeploy.errors import UnusableInput
 ROOT = Path(__file__).parents[2]
 SKETCH = ROOT / "arduino_sketch"
 BUILD = ROOT / "build" / "firmware"
-DECISIONS = ("deadman", "frames", "limits", "mcu", "session", "stepper")
+DECISIONS = ("deadman", "frames", "mcu", "session", "stepper", "tick_limits")
 
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Werror")
 _DIALECT = ("-std=c++11", "-fno-exceptions", "-fno-rtti")

@@ -21,7 +21,7 @@
 #include <simavr/sim_io.h>
 
 enum { BYTE_CYCLES = 12 * 64, QUEUE = 1 << 16, EDGES = 1 << 16 };
-enum { OCR1AL = 0x88, OCR1BL = 0x8A };
+enum { OCR1AL = 0x88, OCR1BL = 0x8A, TIMER2_COMPA = 7 };
 enum { SOURCE_BIT = 1, SUFFERER_BIT = 2, STEP_BIT = 2, DIRECTION_BIT = 3, HOME_BIT = 4 };
 
 typedef struct {
@@ -42,7 +42,7 @@ static Edge edges[EDGES];
 static uint32_t edge_count, edges_lost;
 static uint8_t levels[20];
 static int64_t steps;
-static uint64_t awake_cycles;
+static uint64_t tick_began, longest_tick;
 
 /* Timer1 */
 
@@ -122,7 +122,17 @@ static avr_irq_t *pin_irq(char port, int bit) {
   return avr_io_getirq(avr, AVR_IOCTL_IOPORT_GETIRQ(port), bit);
 }
 
+static void tick_changed(avr_irq_t *irq, uint32_t is_running, void *param) {
+  (void)irq, (void)param;
+  if (is_running)
+    tick_began = avr->cycle;
+  else if (avr->cycle - tick_began > longest_tick)
+    longest_tick = avr->cycle - tick_began;
+}
+
 static void watch_pins(void) {
+  avr_irq_register_notify(avr_get_interrupt_irq(avr, TIMER2_COMPA) + AVR_INT_IRQ_RUNNING,
+                          tick_changed, NULL);
   avr_irq_register_notify(pin_irq('B', SOURCE_BIT), esc_changed, (void *)9);
   avr_irq_register_notify(pin_irq('B', SUFFERER_BIT), esc_changed, (void *)10);
   avr_irq_register_notify(pin_irq('D', STEP_BIT), step_changed, NULL);
@@ -193,10 +203,7 @@ int sim_run(uint64_t until) {
   if (avr->cycle < until) avr_cycle_timer_register(avr, until - avr->cycle, stop_here, NULL);
   while (avr->cycle < until) {
     if (avr->state != cpu_Running && avr->state != cpu_Sleeping) return -1;
-    const avr_cycle_count_t before = avr->cycle;
-    const int was_awake = avr->state == cpu_Running;
     avr_run(avr);
-    if (was_awake) awake_cycles += avr->cycle - before;
   }
   return 0;
 }
@@ -242,8 +249,12 @@ int sim_edges(Edge *into, int room) {
 /* Bytes on their way to the board. */
 int sim_pending(void) { return (int)(to_tail - to_head); }
 
-/* Cycles in which the chip computed and did not sleep. */
-uint64_t sim_awake_cycles(void) { return awake_cycles; }
+/* Cycles of the longest run of the 10 kHz interrupt since the last call. */
+uint64_t sim_longest_tick(void) {
+  const uint64_t longest = longest_tick;
+  longest_tick = 0;
+  return longest;
+}
 
 /* Pulses on the step pin since the start, each counted with its direction. */
 int64_t sim_steps(void) { return steps; }
@@ -260,7 +271,7 @@ void sim_set_battery_pin(uint32_t millivolts) {
 }
 
 
-/* Puts another instruction where the main loop sleeps; -1 unless there is exactly one such place. */
+/* Puts another instruction where the main loop sleeps; -1 unless there is one such place. */
 int sim_replace_sleep(uint16_t instruction) {
   enum { SLEEP = 0x9588 };
   static uint32_t place, places;

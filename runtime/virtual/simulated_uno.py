@@ -52,11 +52,6 @@ class SimulatedUno:
         return float(self._simulator.sim_cycle()) / CYCLES_PER_S
 
     @property
-    def awake_s(self) -> float:
-        """Of this time [s] the chip computed; the rest it slept."""
-        return float(self._simulator.sim_awake_cycles()) / CYCLES_PER_S
-
-    @property
     def is_booting(self) -> bool:
         """Whether the bootloader runs, which hears nothing."""
         return bool(self._simulator.sim_is_booting())
@@ -100,6 +95,10 @@ class SimulatedUno:
         seen = into[:count]
         return Edges(seen["cycle"] / CYCLES_PER_S, seen["pin"], seen["level"] == 1)
 
+    def longest_tick_us(self) -> float:
+        """The longest run of the 10 kHz interrupt since the last call [µs]."""
+        return 1e6 * float(self._simulator.sim_longest_tick()) / CYCLES_PER_S
+
     def set_home(self, is_closed: bool) -> None:
         """The home switch."""
         self._simulator.sim_set_home(is_closed)
@@ -125,7 +124,7 @@ def _loaded(path: str) -> ctypes.CDLL:
     library = ctypes.CDLL(path)
     library.sim_start.argtypes = [ctypes.c_char_p]
     library.sim_cycle.restype = ctypes.c_uint64
-    library.sim_awake_cycles.restype = ctypes.c_uint64
+    library.sim_longest_tick.restype = ctypes.c_uint64
     library.sim_steps.restype = ctypes.c_int64
     library.sim_run.argtypes = [ctypes.c_uint64]
     library.sim_open_port.argtypes = [ctypes.c_uint64]

@@ -63,7 +63,8 @@ void board_run(Board *board, uint32_t ticks, uint32_t frame_ticks, Trace *trace)
     const int8_t step = board->mcu.tick();
     ++board->tick;
     if (trace != nullptr) {
-      trace[i] = Trace{board->mcu.offered_half_us(SOURCE), board->mcu.offered_half_us(SUFFERER), step};
+      const Mcu &mcu = board->mcu;
+      trace[i] = Trace{mcu.offered_half_us(SOURCE), mcu.offered_half_us(SUFFERER), step};
     }
   }
 }
@@ -73,7 +74,9 @@ int board_is_flying(const Board *board) { return board->mcu.is_flying(); }
 MainLoopWatch *loop_watch_new() { return new MainLoopWatch; }
 void loop_watch_delete(MainLoopWatch *watch) { delete watch; }
 void loop_watch_turned(MainLoopWatch *watch) { watch->turned(); }
-int loop_watch_may_feed(MainLoopWatch *watch, int is_flying) { return watch->may_feed(is_flying != 0); }
+int loop_watch_may_feed(MainLoopWatch *watch, int is_flying) {
+  return watch->may_feed(is_flying != 0);
+}
 
 uint16_t crc16_of(const uint8_t *bytes, int length) {
   return crc16(bytes, static_cast<uint8_t>(length));
@@ -86,7 +89,8 @@ int decoder_take(FrameDecoder *decoder, uint8_t byte, Frame *frame) {
   return decoder->take(byte, *frame);
 }
 
-int encode_hello_reply(uint16_t sequence, uint32_t time_us, const HelloReply *reply, uint8_t *wire) {
+int encode_hello_reply(uint16_t sequence, uint32_t time_us, const HelloReply *reply,
+                       uint8_t *wire) {
   return encode(sequence, time_us, *reply, wire);
 }
 int encode_status(uint16_t sequence, uint32_t time_us, const Status *status, uint8_t *wire) {

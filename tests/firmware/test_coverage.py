@@ -29,7 +29,15 @@ def counted(folder: Path) -> dict[str, list[dict]]:
         "PYTHONPATH": str(ROOT),
     }
     tests = [str(HERE / name) for name in DRIVERS]
-    pytest_alone = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    pytest_alone = [
+        sys.executable,
+        "-m",
+        "pytest",
+        "-q",
+        "-p",
+        "no:cacheprovider",
+        "--hypothesis-seed=0",
+    ]
     ended = subprocess.run(
         [*pytest_alone, *tests], cwd=ROOT, env=environment, capture_output=True, text=True
     )

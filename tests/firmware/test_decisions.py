@@ -208,6 +208,31 @@ def test_a_board_tells_where_it_is():
     assert (status.boot, status.homed, status.battery_mv) == (517, False, 12_345)
 
 
+@pytest.mark.parametrize(
+    ("oldest", "newest", "chosen"), [(0, 0, 0), (0, 1, 1), (1, 1, 1), (1, 9, 1), (2, 9, 0)]
+)
+def test_a_foreign_version_is_told_that_none_fits_and_cannot_arm(oldest, newest, chosen):
+    board = Board()
+    assert board.send(1, Hello(oldest, newest)).version == chosen
+    assert board.send(2, LIMITS).armed == bool(chosen)
+
+
+def test_before_a_handshake_nothing_is_answered_but_all_is_counted():
+    board = Board()
+    assert board.send(1, LIMITS) is None
+    assert board.send(2, Command(1500, 1500, 0)) is None
+    board.send(3, Hello())
+    assert board.send(4, Disarm()).malformed == 2
+
+
+def test_duplicated_and_overtaken_frames_are_counted():
+    board = flying()
+    assert board.send(2, Command(1500, 1500, 0)) is None
+    assert board.send(1, Command(1500, 1500, 0)) is None
+    assert board.send(2 + SEQUENCE_WRAP // 2, Command(1500, 1500, 0)) is None
+    assert board.send(1 + SEQUENCE_WRAP // 2, Disarm()).malformed == 3
+
+
 def test_limits_that_no_motor_understands_are_refused():
     for low, high, source_ms, sufferer_ms in (
         (499.5, 2000, 250, 1000),

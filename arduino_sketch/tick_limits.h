@@ -1,10 +1,10 @@
 // The host's limits in the units of the 10 kHz tick, converted once, when the host arms.
 //
-// Pulse widths are half microseconds, speeds steps per second; both carry 16 binary places, so that a
-// slow ramp moves by less than the timer can show in each tick and still arrives in time.
+// Pulse widths are half microseconds, speeds steps per second; both carry 16 binary places, so that
+// a slow ramp moves by less than the timer can show in each tick and still arrives in time.
 
-#ifndef LIMITS_H
-#define LIMITS_H
+#ifndef TICK_LIMITS_H
+#define TICK_LIMITS_H
 
 #include <stdint.h>
 

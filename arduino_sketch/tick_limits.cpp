@@ -1,4 +1,4 @@
-#include "limits.h"
+#include "tick_limits.h"
 
 #include "deadman.h"
 
