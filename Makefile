@@ -13,7 +13,7 @@ INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
 	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
 
-.PHONY: help venv demo test check format lint bench firmware clean
+.PHONY: help venv demo test check format lint bench firmware mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
@@ -23,6 +23,7 @@ help:
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
+	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"
 	@echo "make clean   remove the environment and what the tools cached"
 	@echo "Settings: PYTHON=/path/to/python3, WHEEL_INDEX=URL of a further package index"
@@ -63,6 +64,9 @@ bench: $(INSTALLED)
 
 firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build
+
+mutants: $(INSTALLED)
+	$(BIN)/python tests/firmware/mutants.py
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \

@@ -6,6 +6,7 @@ import os
 from ctypes import c_int, c_uint8, c_uint16, c_uint32, c_void_p
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -14,6 +15,12 @@ from runtime.virtual.firmware_build import host_library, missing_tools
 
 TICKS_PER_S = 10_000
 FRAME_TICKS = 200  # 50 Hz
+
+if "WAKEDEPLOY_DECISIONS" in os.environ:  # that a mutant fails is enough, no example need be small
+    hypothesis.settings.register_profile(
+        "mutant", phases=[hypothesis.Phase.explicit, hypothesis.Phase.generate], derandomize=True
+    )
+    hypothesis.settings.load_profile("mutant")
 
 NO_COMPILER = missing_tools("g++")
 needs_compiler = pytest.mark.skipif(NO_COMPILER is not None, reason=str(NO_COMPILER))
@@ -109,9 +116,11 @@ class CStatus(ctypes.Structure):
 
 @functools.cache
 def library() -> ctypes.CDLL:
-    """The compiled decisions; the build that counts lines and branches when a test asks for it."""
+    """The compiled decisions; a mutant of them, or the build that counts lines, when asked for."""
     shim = Path(__file__).with_name("decisions.cpp")
-    path = host_library(shim, coverage="WAKEDEPLOY_COUNT_LINES" in os.environ)
+    path = os.environ.get("WAKEDEPLOY_DECISIONS") or host_library(
+        shim, coverage="WAKEDEPLOY_COUNT_LINES" in os.environ
+    )
     compiled = ctypes.CDLL(str(path))
     for name, arguments in _POINTERS.items():
         getattr(compiled, name).restype = c_void_p

@@ -155,9 +155,8 @@ def test_unarmed_it_offers_idle_and_stands():
 
 def test_the_deadman_holds_then_ramps_then_latches_to_the_tick():
     board = flying(AT_ONCE)
-    board.send(3, Command(1800, 1700, 5000))
-    trace = board.run(626)
-    assert np.abs(np.diff(np.flatnonzero(trace["step"]))).max() == 2
+    board.send(3, Command(1800, 1700, 10_000))
+    assert (board.run(626)["step"] == 1).all()  # a step a tick, the fastest there is
     stopped = board.run(624)
     assert not stopped["step"].any()  # 2 periods of silence and the carriage stands
     assert set(stopped["source_half_us"]) == {3600}  # while the pulses are held
@@ -167,6 +166,18 @@ def test_the_deadman_holds_then_ramps_then_latches_to_the_tick():
     assert board.is_flying
     board.run(1)
     assert not board.is_flying  # and the descent's millisecond
+
+
+def test_commands_are_missed_to_the_tick_half_a_period_after_they_were_due():
+    board, sequence = flying(), 3
+    for number in range(1, 9):
+        due_tick = math.ceil((number + 0.5) * PERIOD_TICKS)
+        board.run(due_tick - board.tick)
+        asked = [board.send(sequence, LIMITS).missed]  # an Arm without a handshake is a question
+        board.run(1)
+        asked.append(board.send(sequence + 1, LIMITS).missed)
+        assert asked == [number - 1, number]
+        sequence += 2
 
 
 def test_each_motor_takes_its_own_descent_time():
@@ -189,7 +200,8 @@ def test_after_the_latch_only_a_handshake_helps():
     assert (status.faults, status.armed, status.source_us) == (Fault.DEADMAN, False, 1000)
     assert not board.send(5, LIMITS).armed
     board.send(6, Hello())
-    assert board.send(7, LIMITS).faults == Fault.NONE
+    armed = board.send(7, LIMITS)
+    assert (armed.faults, armed.missed) == (Fault.NONE, 0)
 
 
 def test_a_reset_by_the_watchdog_is_told_until_the_host_arms():
@@ -202,10 +214,11 @@ def test_a_reset_by_the_watchdog_is_told_until_the_host_arms():
 
 def test_a_board_tells_where_it_is():
     board = Board()
-    board.place(boot=517, homed=False, battery_mv=12_345)
-    assert board.send(1, Hello()).boot == 517
-    status = board.send(2, Disarm())
-    assert (status.boot, status.homed, status.battery_mv) == (517, False, 12_345)
+    assert board.send(1, Hello()).boot == 1
+    for sequence, homed in ((2, False), (3, True), (4, False)):
+        board.place(boot=517, homed=homed, battery_mv=12_345)
+        status = board.send(sequence, Disarm())
+        assert (status.boot, status.homed, status.battery_mv) == (517, homed, 12_345)
 
 
 @pytest.mark.parametrize(

@@ -107,6 +107,19 @@ def test_the_sketch_answers_over_a_real_pseudo_terminal():
         assert link.malformed == 0
 
 
+@needs_simulator
+def test_behind_the_sketch_the_sufferer_hovers():
+    rig, aim_m, heights_m = Rig().flying(), 0.6, []
+    hover_n = 9.81 * rig.rig.sufferer.mass_kg
+    for _ in range(32 * 5):
+        error_m, speed_mps = aim_m - rig.plant.z_m, rig.plant.vz_mps
+        asked_n = hover_n + 8.0 * error_m - 3.2 * speed_mps
+        status = rig.send(Command(1000, rig.rig.thrust.sufferer.pulse(asked_n), 0))
+        heights_m.append(rig.plant.z_m)
+    assert heights_m[-32:] == pytest.approx([aim_m] * 32, abs=0.05)
+    assert (status.missed, status.malformed) == (0, 0)
+
+
 def test_a_real_board_has_its_own_firmware():
     told = CliRunner().invoke(main, ["run-gantry", "--baseline", "--port", "/x", "--firmware"])
     assert told.exit_code != 0
