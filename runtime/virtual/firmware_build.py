@@ -121,16 +121,15 @@ def missing_for_the_simulator() -> str | None:
     """What is not installed of what simulates the UNO, as a sentence; None when all is."""
     missing = missing_for_the_uno() or missing_tools("gcc")
     if missing is None and not (SIMAVR / "sim_avr.h").is_file():
-        return "simavr not installed (Debian's libsimavr-dev)"
+        return "no simavr installed (Debian's libsimavr-dev and libelf-dev)"
     return missing
 
 
 def missing_for_the_uno() -> str | None:
     """What is not installed of what compiles the sketch, as a sentence; None when all is."""
-    missing = missing_tools(*AVR_TOOLS)
-    if missing is None and not CORE.is_dir():
-        return "the Arduino core not installed (Debian's arduino-core-avr)"
-    return missing
+    if (missing := missing_tools(*AVR_TOOLS)) is not None:
+        return f"{missing} (Debian's gcc-avr, binutils-avr and avr-libc)"
+    return None if CORE.is_dir() else "no Arduino core installed (Debian's arduino-core-avr)"
 
 
 def _compile_sketch(folder: Path) -> None:

@@ -356,6 +356,7 @@ def test_the_count_of_missed_commands_stays_at_its_end():
 
 def test_the_watchdog_starves_when_the_main_loop_hangs_but_never_in_flight():
     watch = LoopWatch()
+    assert [watch.may_feed(is_flying=False) for _ in range(1000)] == [True] * 999 + [False]
     for _ in range(3):
         watch.turned()
         fed = [watch.may_feed(is_flying=False) for _ in range(1002)]
