@@ -2,12 +2,13 @@
 
 namespace {
 
-// Until a host says otherwise: idle at 1 ms, as ESCs expect, and a carriage that stands.
-const Arm AT_BOOT = {2 * 1000, 2 * 2000, 20000, 250, 1000, 0, 0};
+// Idle until a host says otherwise: 1 ms, as ESCs expect.
+const int32_t IDLE_AT_BOOT_HALF_US = 2 * 1000;
 
 }  // namespace
 
-Mcu::Mcu() : limits_(limits_of(AT_BOOT)) {
+Mcu::Mcu() : limits_() {
+  limits_.low_q16 = IDLE_AT_BOOT_HALF_US << 16;
   disarm();
   frame_began(0);
 }
@@ -17,7 +18,6 @@ void Mcu::arm(const Limits &limits) {
   disarm();
   armed_ = true;
   latched_ = false;
-  ramping_ = false;
   deadman_.start();
 }
 

@@ -78,6 +78,10 @@ int loop_watch_may_feed(MainLoopWatch *watch, int is_flying) {
   return watch->may_feed(is_flying != 0);
 }
 
+void fault_bits(uint8_t *into) {
+  into[0] = FAULT_NONE, into[1] = FAULT_DEADMAN, into[2] = FAULT_WATCHDOG, into[3] = FAULT_BROWNOUT;
+}
+
 uint16_t crc16_of(const uint8_t *bytes, int length) {
   return crc16(bytes, static_cast<uint8_t>(length));
 }

@@ -22,6 +22,8 @@ if "WAKEDEPLOY_DECISIONS" in os.environ:  # that a mutant fails is enough, no ex
     )
     hypothesis.settings.load_profile("mutant")
 
+unhurried = hypothesis.settings(deadline=None)  # the first example may have to compile
+
 NO_COMPILER = missing_tools("g++")
 needs_compiler = pytest.mark.skipif(NO_COMPILER is not None, reason=str(NO_COMPILER))
 
@@ -44,6 +46,7 @@ _OTHERS = {
     "decoder_delete": (None, [c_void_p]),
     "decoder_dropped": (c_uint16, [c_void_p]),
     "decoder_take": (c_int, [c_void_p, c_uint8, c_void_p]),
+    "fault_bits": (None, [c_void_p]),
     "crc16_of": (c_uint16, [c_void_p, c_int]),
     "encode_hello_reply": (c_int, [c_uint16, c_uint32, c_void_p, c_void_p]),
     "encode_status": (c_int, [c_uint16, c_uint32, c_void_p, c_void_p]),
@@ -239,3 +242,10 @@ def encoded_by_the_firmware(frame: Frame) -> bytes:
 def checksum(data: bytes) -> int:
     """CRC-16 as the firmware computes it."""
     return int(library().crc16_of(data, len(data)))
+
+
+def fault_bits() -> list[int]:
+    """None, deadman, watchdog and brownout as the firmware numbers them."""
+    into = (c_uint8 * 4)()
+    library().fault_bits(into)
+    return list(into)

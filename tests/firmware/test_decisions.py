@@ -12,6 +12,7 @@ from decisions_library import (
     LoopWatch,
     library,
     needs_compiler,
+    unhurried,
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -153,6 +154,30 @@ def test_unarmed_it_offers_idle_and_stands():
     assert not trace["step"].any()
 
 
+def test_from_the_first_moment_a_board_idles():
+    board = Board()
+    first = board.run(1)
+    assert (first["source_half_us"], first["sufferer_half_us"]) == (2000, 2000)
+    untouched = Board()
+    untouched.send(1, Hello())
+    status = untouched.send(2, Disarm())
+    assert (status.source_us, status.sufferer_us, status.applied_time_us) == (1000, 1000, 0)
+
+
+@pytest.mark.parametrize("ending", [Hello(), Disarm()])
+def test_disarming_idles_the_motors_and_stops_the_carriage_at_once(ending):
+    board = flying()
+    for sequence in range(3, 35):
+        board.send(sequence, Command(1800, 1700, -2000))
+        moving = board.run(312)
+    assert moving["step"].sum() < -55
+    assert moving["source_half_us"][-1] == 3600
+    board.send(35, ending)
+    after = board.run(1000)
+    assert set(after["source_half_us"]) == set(after["sufferer_half_us"]) == {2000}
+    assert not after["step"].any()
+
+
 def test_the_deadman_holds_then_ramps_then_latches_to_the_tick():
     board = flying(AT_ONCE)
     board.send(3, Command(1800, 1700, 10_000))
@@ -264,6 +289,7 @@ def test_limits_that_no_motor_understands_are_refused():
     assert flying(widest).is_flying
 
 
+@unhurried
 @given(
     st.integers(1000, 5000), st.integers(1, 4000), st.integers(1, 2**32 - 1),
     st.lists(st.tuples(st.integers(0, 2**16 - 1), st.integers(1, 400)), max_size=10),

@@ -7,7 +7,9 @@ from decisions_library import (
     Decoder,
     checksum,
     encoded_by_the_firmware,
+    fault_bits,
     needs_compiler,
+    unhurried,
 )
 from hypothesis import given
 from hypothesis import strategies as st
@@ -76,22 +78,29 @@ def from_host(frames):
     return [frame for frame in frames if not isinstance(frame.message, HelloReply | Status)]
 
 
+@unhurried
 @given(st.binary(max_size=200))
 def test_the_checksum_is_the_runtimes(data):
     assert checksum(data) == crc16(data)
 
 
+@unhurried
 @given(st.builds(Frame, U16, U32, FROM_BOARD))
 def test_what_a_board_says_has_the_same_bytes(frame):
     assert encoded_by_the_firmware(frame) == encode_frame(frame)
 
 
+@unhurried
 @given(st.lists(HOST_FRAMES, max_size=5))
 def test_what_a_host_says_is_read_as_it_was_meant(frames):
     decoder = Decoder()
     heard = decoder.feed(b"".join(map(encode_frame, frames)))
     assert [as_python(frame) for frame in heard] == frames
     assert decoder.dropped == 0
+
+
+def test_faults_have_the_runtimes_bits():
+    assert fault_bits() == [Fault.NONE, Fault.DEADMAN, Fault.WATCHDOG, Fault.BROWNOUT]
 
 
 PIECES = st.one_of(
@@ -104,6 +113,7 @@ PIECES = st.one_of(
 )
 
 
+@unhurried
 @given(st.lists(PIECES, max_size=8), st.data())
 def test_both_decoders_take_and_drop_the_same(pieces, data):
     wire = bytearray(b"".join(pieces) + b"\0")
