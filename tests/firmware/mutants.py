@@ -72,6 +72,14 @@ EQUIVALENT = {
     "mcu.cpp: stepper_.aim(0); -> stepper_.aim(1);": "a 65,536th of a step in a second",
     "stepper.cpp: speed_q16_ = 0; -> speed_q16_ = 1;": "a 65,536th of a step in a second",
     "stepper.cpp: target_q16_ = 0; -> target_q16_ = 1;": "a 65,536th of a step in a second",
+    "stepper.h: int32_t target_q16_ = 0; ->": "the constructor disarms, which stops the carriage",
+    "stepper.h: int32_t speed_q16_ = 0; ->": "the constructor disarms, which stops the carriage",
+    "tick_limits.cpp: const uint32_t FASTEST_SLEW_US_PER_S = 2500UL * TICKS_PER_S; -> "
+    "const uint32_t FASTEST_SLEW_US_PER_S = 2501UL": "either covers the whole range in a tick",
+    "tick_limits.cpp: uint32_t smaller(uint32_t one, uint32_t other) { return one < other ? one : "
+    "other; } -> uint32_t smaller(uint32_t one, uint32_t other) { return one <=": "equal is equal",
+    "tick_limits.cpp: return value > high ? high : value; -> return value >=": "equal is equal",
+    "tick_limits.cpp: if (value < low) { -> if (value <= low) {": "equal is equal",
     "frames.cpp: const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES": "a buffer's size",
     "frames.cpp: return 0; -> return 1;": "too short for a frame, too",
     "frames.cpp: oversized_ = true; ->": "what fits of an oversized frame is no frame either",

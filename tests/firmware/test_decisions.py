@@ -217,6 +217,18 @@ def test_each_motor_takes_its_own_descent_time():
     assert not board.is_flying
 
 
+def test_the_slowest_descent_has_arrived_when_the_latch_falls():
+    """A tick's share is rounded: over 655,350 ticks that must not leave the motors above idle."""
+    board = flying(Arm(1000, 1999.5, 2**32 - 1, 2**16 - 1, 2**16 - 1, 2100, 8400))
+    board.send(3, Command(2000, 2000, 0))
+    board.run(1251)
+    ramp = board.run(655_351)
+    assert not board.is_flying
+    for name in ("source_half_us", "sufferer_half_us"):
+        assert ramp[name][-1] == 2000
+        assert ramp[name][-2000] > 2000
+
+
 def test_after_the_latch_only_a_handshake_helps():
     board = flying()
     board.send(3, Command(1300, 1600, 0))
@@ -329,6 +341,17 @@ def test_the_step_count_is_exact_over_a_minute_of_changing_speeds():
         travelled += speed * ticks
         assert stepped == travelled // TICKS_PER_S
     assert board.send(30_000, Disarm()).steps == stepped
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_speed_beyond_a_step_a_tick_is_a_step_a_tick(sign):
+    board, stepped = flying(AT_ONCE), 0
+    for sequence in range(3, 103):
+        board.send(sequence, Command(1000, 1000, sign * 12_000))
+        stepped += int(board.run(300)["step"].sum())
+    assert stepped in (sign * 30_000, sign * 30_000 + 1)  # at most one short, of the first
+    board.send(103, Command(1000, 1000, 0))
+    assert not board.run(100)["step"].any()  # no step is owed
 
 
 def test_the_carriage_never_accelerates_faster_than_the_host_allows():
