@@ -9,7 +9,7 @@ const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES - 2;  // stuffing adds one byt
 uint16_t crc16_with(uint16_t crc, uint8_t byte) {
   crc = static_cast<uint16_t>((crc >> 8) | (crc << 8));
   crc ^= byte;
-  crc ^= static_cast<uint8_t>(crc) >> 4;
+  crc ^= static_cast<uint16_t>((crc & 0xFF) >> 4);
   crc ^= static_cast<uint16_t>(crc << 12);
   crc ^= static_cast<uint16_t>((crc & 0xFF) << 5);
   return crc;

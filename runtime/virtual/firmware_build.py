@@ -22,6 +22,9 @@ SKETCH = ROOT / "arduino_sketch"
 BUILD = ROOT / "build" / "firmware"
 DECISIONS = ("deadman", "frames", "mcu", "session", "stepper", "tick_limits")
 
+# What C++ leaves undefined (an index out of bounds, an overflow) ends the program at once.
+UNDEFINED_TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error")
+
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Werror")
 _DIALECT = ("-std=c++11", "-fno-exceptions", "-fno-rtti")
 
@@ -58,7 +61,7 @@ def host_library(shim: Path, *, coverage: bool = False) -> Path:
     without a compiler, or when it refuses.
     """
     sources = [SKETCH / f"{name}.cpp" for name in DECISIONS]
-    flags = ["-O0", "--coverage"] if coverage else ["-O2"]
+    flags = ["-O0", "--coverage"] if coverage else ["-O2", *UNDEFINED_TRAPS]
     command: list[str | Path] = [
         "g++",
         *_DIALECT,

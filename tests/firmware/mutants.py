@@ -21,7 +21,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
-from runtime.virtual.firmware_build import DECISIONS, SKETCH  # noqa: E402
+from runtime.virtual.firmware_build import DECISIONS, SKETCH, UNDEFINED_TRAPS  # noqa: E402
 
 HERE = Path(__file__).parent
 LEAST_SHARE = 0.9
@@ -67,6 +67,9 @@ EQUIVALENT = {
     "deadman.h: uint32_t silent_ticks_ = 0; ->": "starting a flight sets it",
     "deadman.h: int16_t expected_in_quarters_ = 0; ->": "starting a flight sets it",
     "deadman.h: uint16_t missed_ = 0; -> uint16_t missed_ = 1;": "starting a flight sets it",
+    "deadman.h: void turned() { has_turned_ = 1; } -> void turned() { has_turned_ = 2; }": (
+        "any number but zero says so"
+    ),
     "mcu.h: bool armed_ = false; ->": "the constructor disarms",
     "mcu.h: bool ramping_ = false; ->": "the first command clears it, and nothing moves before",
     "mcu.cpp: stepper_.aim(0); -> stepper_.aim(1);": "a 65,536th of a step in a second",
@@ -80,7 +83,9 @@ EQUIVALENT = {
     "other; } -> uint32_t smaller(uint32_t one, uint32_t other) { return one <=": "equal is equal",
     "tick_limits.cpp: return value > high ? high : value; -> return value >=": "equal is equal",
     "tick_limits.cpp: if (value < low) { -> if (value <= low) {": "equal is equal",
-    "frames.cpp: const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES": "a buffer's size",
+    "frames.cpp: const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES - 2; -> "
+    "const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES + 2": "a larger buffer",
+    "frames.h: const uint8_t STATUS_FRAME_BYTES = 35; ->": "a larger buffer",
     "frames.cpp: return 0; -> return 1;": "too short for a frame, too",
     "frames.cpp: oversized_ = true; ->": "what fits of an oversized frame is no frame either",
     "frames.cpp: if (length < HEADER_BYTES + CRC_BYTES) { ->": (
@@ -138,7 +143,8 @@ def fate(mutant: Mutant, folder: Path) -> str:
     (sketch / mutant.file).write_text("\n".join(lines) + "\n")
     library = folder / "decisions.so"
     sources = [sketch / f"{name}.cpp" for name in DECISIONS]
-    flags = ["-std=c++11", "-fno-exceptions", "-w", "-O1", "-fPIC", "-shared", "-I", sketch]
+    flags = ["-std=c++11", "-fno-exceptions", "-fno-rtti", "-w", "-O1", *UNDEFINED_TRAPS]
+    flags += ["-fPIC", "-shared", "-I", sketch]
     compiled = subprocess.run(
         ["g++", *flags, *sources, HERE / "decisions.cpp", "-o", library], capture_output=True
     )
