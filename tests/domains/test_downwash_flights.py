@@ -5,7 +5,15 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.domains.downwash import DT_S, OBSERVATION, World, fly, make_set, shifted
+from wakedeploy.domains.downwash import (
+    DT_S,
+    OBSERVATION,
+    OWN_MOTION,
+    World,
+    fly,
+    make_set,
+    shifted,
+)
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.physics.field_grid import drag_force_n
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -100,6 +108,19 @@ def test_a_set_has_both_kinds_of_flight_and_repeats_exactly() -> None:
     assert len(one.episodes) == 3
     assert set(one.split.values()) == {"train", "validation", "test"}
     assert one.sha256 != make_set(minutes=0.5, seed=2, spread=0.1).sha256
+
+
+def test_differences_of_own_motion_tell_most_of_the_force() -> None:
+    """m·(a_source − a_sufferer), less the thrusts: why a table has lines kept from that past."""
+    world = World()
+    flown = fly([5], world=world, seconds=3.0)
+    seen = dict(zip((c.name for c in OBSERVATION), flown.observation[:, 0].T, strict=True))
+    told = seen["source_thrust_z_n"] - seen["sufferer_thrust_z_n"]
+    told = told[:-1] - world.mass_kg * np.diff(seen["dvz_mps"]) / DT_S
+    force_n = flown.force_n[:-1, 0, 1]
+    assert np.sqrt(np.mean((told - force_n) ** 2)) < 0.3 * force_n.std()
+    assert {"dvz_mps", "sufferer_thrust_z_n"} <= set(OWN_MOTION)
+    assert "source_thrust_z_n" not in OWN_MOTION
 
 
 def test_the_command_writes_a_set(tmp_path) -> None:
