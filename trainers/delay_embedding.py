@@ -62,7 +62,8 @@ class DelayEmbedding(WakeModel):
         delay_s = self.delay_s + shift[:, :1]  # (B, 1)
         # Far narrower than the snapshots stand apart, every weight would be 0 over 0.
         narrowest = math.log(_NARROWEST * self.apart_s)
-        return delay_s, (self.log_spread + shift[:, 1:]).clamp(min=narrowest).exp()  # (B, 1)
+        log_spread = self.log_spread + shift[:, 1:]  # (B, 1)
+        return delay_s, torch.where(log_spread > narrowest, log_spread, narrowest).exp()  # (B, 1)
 
     def weigh(self, delay_s: Tensor, spread_s: Tensor) -> Tensor:
         """Kernels as weights of the past snapshots, which sum to 1: (B, 1), (B, 1) -> (B, P)."""
