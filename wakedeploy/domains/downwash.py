@@ -146,36 +146,31 @@ def fly(
     settling = round((world.settling_s if settling_s is None else settling_s) * RATE_HZ)
     episodes = len(seeds)
     steps = settling + round(seconds * RATE_HZ)
-    source_way, sufferer_way = _ways(seeds, world, steps)
+    ways = np.concatenate(_ways(seeds, world, steps), axis=1)  # (T, 2 E, 6), sources first
     # What turns the bodies along their references is planned with them.
-    planned_nm = [
-        world.inertia_kgm2 * np.gradient(way[..., 5], DT_S, axis=0)
-        for way in (source_way, sufferer_way)
-    ]
+    planned_nm = world.inertia_kgm2 * np.gradient(ways[..., 5], DT_S, axis=0)
     factor, error_n = _mistakes(seeds, steps)
     body, regulator = PlanarBody(world.mass_kg, world.inertia_kgm2), world.regulator()
     air = world.field(episodes)
-    source, sufferer = source_way[0].copy(), sufferer_way[0].copy()
+    states = ways[0].copy()
     nothing = np.zeros((episodes, 2))
     told = Flights(*(np.empty((steps, episodes, n)) for n in (8, 2, 2, 2)))
-    pushes = np.full((2, episodes), world.mass_kg * GRAVITY_MPS2)  # thrusts of source and sufferer
+    thrusts = np.full(2 * episodes, world.mass_kg * GRAVITY_MPS2)
     for k in range(steps):
+        source, sufferer = states[:episodes], states[episodes:]
         air_mps = air.velocity(sufferer[:, 0], sufferer[:, 1])
         force = drag_force_n(air_mps, world.drag_area_m2)
-        observed = _observed(source, sufferer, pushes)
+        observed = _observed(source, sufferer, thrusts.reshape(2, episodes))
         about = factor * force + error_n[k]
         expected = _expected(
             expect, observed, {"nothing": nothing, "truth": force, "roughly": about}
         )
         told.observation[k], told.force_n[k], told.expected_n[k] = observed, force, expected
-        told.error_m[k] = (sufferer - sufferer_way[k])[:, :2]
-        up, turn = regulator.control(source, source_way[k], nothing)
-        own_up, own_turn = regulator.control(sufferer, sufferer_way[k], expected)
-        turn, own_turn = turn + planned_nm[0][k], own_turn + planned_nm[1][k]
-        pushes = np.stack([up, own_up])
-        _push_air(air, world, source, up)
-        source = body.step(source, up, turn, nothing, DT_S)
-        sufferer = body.step(sufferer, own_up, own_turn, force, DT_S)
+        told.error_m[k] = (sufferer - ways[k, episodes:])[:, :2]
+        thrusts, turns = regulator.control(states, ways[k], np.concatenate([nothing, expected]))
+        _push_air(air, world, source, thrusts[:episodes])
+        pushed = np.concatenate([nothing, force])
+        states = body.step(states, thrusts, turns + planned_nm[k], pushed, DT_S)
     return Flights(*(getattr(told, name)[settling:] for name in vars(told)))
 
 
