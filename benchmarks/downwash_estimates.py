@@ -27,7 +27,7 @@ MODELS = ("agile-mlp", "history-mlp")
 FACTORS = (0.75, 4.0 / 3.0)
 ESTIMATES = {  # field of World: symbol and unit, and why this value
     "strength": (
-        "S [1/s²·m]",
+        "S [m/s²]",
         "a hovering source pushes a tenth of the sufferer's weight at 2.3 m",
     ),
     "width_m": ("σ [m]", "the jet's Gaussian as wide as the rotors of a 1 kg multicopter"),
