@@ -53,6 +53,7 @@ def test_the_learned_delay_is_the_one_that_the_force_has(tmp_path: Path) -> None
         assert line.delay_s == pytest.approx(true_s, abs=1.5 / RATE_HZ)
         assert line.mean_age_s == pytest.approx(true_s, abs=1.0 / RATE_HZ)
         assert line.r2 > 0.9
+        assert line.r2_low < line.r2 < line.r2_high < 1.0
         assert line.outside == 0.0
     found = trend(lines)
     assert found.slope == pytest.approx((lines[1].delay_s - lines[0].delay_s) / 0.2, rel=0.01)
@@ -111,7 +112,8 @@ def test_cases_state_the_delays_that_their_rigs_have() -> None:
 
 def line(domain: str, true_s: float, delay_s: float, lag_s: float = 0.0) -> Learned:
     true = Transport(true_s, true_s - 0.01, true_s + 0.01)
-    return Learned(domain, f"{true_s:g}", 0, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25, 0.9)
+    return Learned(domain, f"{true_s:g}", 0, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25,
+                   0.9, 0.88, 0.92)  # fmt: skip
 
 
 def test_the_sentences_say_slope_and_distance_as_they_are() -> None:

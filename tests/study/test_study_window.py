@@ -62,6 +62,7 @@ def test_a_past_shorter_than_the_delay_is_worth_what_an_ar1_series_says(measured
         least = math.sqrt(1.0 - KEEP ** (2 * missing))
         assert least * 0.93 - 0.01 < point.share < least * 1.07 + 0.15, point
         assert point.r2 == pytest.approx(1.0 - point.share**2)
+        assert point.r2_low < point.r2 < point.r2_high
 
 
 def test_the_shortest_that_suffices_is_the_delay(measured) -> None:
@@ -123,7 +124,9 @@ def seen(arch: str, past_s: float, share: float, seed: int = 0) -> Seen:
     samples = None if past_s == WHOLE else round(100 * past_s) + 1
     memory = {"agile-mlp": "none", "gru": "state"}.get(arch, "window")
     kept = 512 if memory == "state" else 4 * (samples or 0)
-    return Seen("toy", arch, seed, past_s, memory, samples, kept, share, 1.0, 1 - share**2, 10)
+    r2 = 1 - share**2
+    return Seen("toy", arch, seed, past_s, memory, samples, kept, share, 1.0, r2, r2 - 0.02,
+                r2 + 0.01, 10)  # fmt: skip
 
 
 def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:

@@ -98,7 +98,8 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
     if recordings is not None and not recordings.is_dir():
         raise UnusableInput(f"{recordings} is no folder; give --recordings one that is there.")
     sets = {}
-    for domain in chosen(names):
+    domains = chosen(names)
+    for domain in domains:
         with progress(f"{domain.name}: episodes", 1) as bar:
             made = obtain(
                 domain, asked.out / "sets", recordings, quick=asked.quick, progress=bar.update
@@ -108,7 +109,8 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
         else:
             sets[domain.name] = made
     if not sets:
-        raise UnusableInput("No domain is left; give --recordings, or a simulated domain.")
+        missing = ", ".join(domain.recordings for domain in domains)
+        raise UnusableInput(f"No recordings are there: give --recordings a folder with {missing}.")
     return sets
 
 

@@ -16,13 +16,12 @@ from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained_run
-from wakedeploy.study.uncertainty import FloatArray, blocks, r2_with_interval
+from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
 
 STARTS_S = (0.04, 0.095, 0.15, 0.205, 0.26, 0.315, 0.37, 0.425, 0.48)  # the window is 0.5 s long
 QUICK_STARTS_S = (0.04, 0.15, 0.37)
 START = "initial_delay_s"
 TRUE, ALIAS, UNHARMED, ELSEWHERE = "true delay", "alias", "alias at no clear cost", "elsewhere"
-_BLOCK_WINDOWS = 4.0  # a block of the bootstrap, in windows
 _DRAWS = 20_000  # so many that the tail that each run gets has some of them
 _RISK = 0.05  # of calling any run at all worse that is not
 
@@ -111,9 +110,8 @@ def ended(data: EpisodeSet, runs: Sequence[Wanted], folder: Path) -> list[End]:
     trained = [obtained_run(data, wanted, folder) for wanted in runs]
     forecasts = [predicted(run.predictor, data) for run in trained]
     truth, episode = forecasts[0][0][:, 0], forecasts[0][2]
-    length = max(1, round(_BLOCK_WINDOWS * data.window_s * data.rate_hz))
     errors = np.array([forces[:, 0] for _, forces, _ in forecasts]) - truth
-    block = blocks(np.asarray(episode, np.int64), length)
+    block = blocks_of(data, episode)
     losses = [min(run.metrics.history) for run in trained]
     low = behind(truth, errors, block, int(np.argmin(losses)))
     ends = []

@@ -21,6 +21,7 @@ from wakedeploy.study.basin import (
 )
 from wakedeploy.study.folder import Part
 from wakedeploy.study.learned_delays import points
+from wakedeploy.study.uncertainty import R2
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -177,7 +178,7 @@ def summary(ends: Sequence[End], echo: Echo) -> tuple[list[str], list[list[str]]
                 _spread([end.delay_s for end in own]),
                 _spread([end.width_s for end in own]),
                 _spread([end.mean_age_s for end in own]),
-                ", ".join(_r2(end) for end in own),
+                ", ".join(R2(end.r2, end.r2_low, end.r2_high).text for end in own),
                 _range([end.behind_low for end in own]),
                 ", ".join(where(end, echo) for end in own),
             ]
@@ -196,12 +197,6 @@ def parts(ends: Sequence[End], echo: Echo) -> list[Part]:
     ]
     told = sentence(ends, echo)
     return [Part("basin", told, COLUMNS, rows, draw(ends, echo), summary(ends, echo))]
-
-
-def _r2(end: End) -> str:
-    if end.r2_low is None or end.r2_high is None:
-        return f"{end.r2:.3f}"
-    return f"{end.r2:.3f} [{end.r2_low:.3f}, {end.r2_high:.3f}]"
 
 
 def _range(values: Sequence[float]) -> str:

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.episodes import EpisodeSet, window_shape
+from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained
 from wakedeploy.study.sets import SEED, Domain, OnStep
-from wakedeploy.study.uncertainty import FloatArray
+from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
 
 ATTENDING, DELAYING = "cross-attention", "delay-embedding"
 TRENDS = ("delay_s", "mean_age_s")  # of what trends are told
@@ -95,8 +96,8 @@ class Learned:
 
     `delay_s` and `spread_s` are mean and standard deviation of the kernel's centre μ, `width_s` is
     its mean σ, `mean_age_s` the mean age of what it weighs. `outside` is the share of samples whose
-    μ lies outside the window: there the kernel weighs the window's end. `r2` is the mean over the
-    channels.
+    μ lies outside the window: there the kernel weighs the window's end. `r2` is that of the
+    domain's main channel; `r2_low` and `r2_high` bound its 90 % interval.
     """
 
     domain: str
@@ -110,6 +111,8 @@ class Learned:
     mean_age_s: float
     outside: float
     r2: float
+    r2_low: float | None
+    r2_high: float | None
 
 
 @dataclass(frozen=True)
@@ -191,16 +194,18 @@ def learned(
 ) -> list[Learned]:
     """Delay Embedding's delays on a set, one line per seed; trains what is not trained yet."""
     from trainers.lookback import kernels
-    from trainers.score import score
     from trainers.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
+    channel = [c.name for c in data.force].index(case.domain.main)
     lines = []
     for wanted in planned(DELAYING, seeds, epochs):
         predictor = obtained(data, wanted, runs)
         chosen = kernels(predictor, tape)
         outside = (chosen.delay_s < 0.0) | (chosen.delay_s > data.window_s)
-        r2 = [v for v in score(predictor, data, "test", 0.0).r2.values() if v is not None]
+        truth, forces, episode = predicted(predictor, data)
+        error = (forces - truth)[:, channel]
+        r2 = r2_with_interval(truth[:, channel], error, blocks_of(data, episode))
         lines.append(
             Learned(
                 data.domain,
@@ -213,7 +218,7 @@ def learned(
                 float(chosen.width_s.mean()),
                 float(chosen.mean_age_s.mean()),
                 float(outside.mean()),
-                float(np.mean(r2)),
+                *(r2.value, r2.low, r2.high),
             )
         )
     return lines

@@ -13,6 +13,7 @@ from wakedeploy import figures
 from wakedeploy.study.delay import Attended, Learned, Transport, Trend, trend
 from wakedeploy.study.folder import Part
 from wakedeploy.study.learned_delays import points
+from wakedeploy.study.uncertainty import R2
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,6 +34,8 @@ DELAY_COLUMNS = (
     "kernel_mean_age_s",
     "outside_window",
     "r2",
+    "r2_low",
+    "r2_high",
 )
 PAPER_DOMAIN = "downwash"  # the one whose delays the paper shows
 PAPER_TRUE_S, PAPER_PEAK_S, PAPER_SHIFT_S = 0.38, 0.5, 0.12
@@ -203,8 +206,9 @@ def delay_summary(lines: Sequence[Learned]) -> tuple[list[str], list[list[str]]]
         spread = f" ± {np.std(delays, ddof=1):.3f}" if len(own) > 1 else ""
         row = [domain, setting, _interval(own[0].transport, unit="")]
         row.append(f"{np.mean(delays):.3f}{spread}")
-        for name in ("spread_s", "width_s", "mean_age_s", "outside", "r2"):
+        for name in ("spread_s", "width_s", "mean_age_s", "outside"):
             row.append(f"{np.mean([getattr(line, name) for line in own]):.3f}")
+        row.append(", ".join(R2(line.r2, line.r2_low, line.r2_high).text for line in own))
         rows.append(row)
     return columns, rows
 
@@ -230,7 +234,7 @@ def parts(looks: Sequence[Attended], lines: Sequence[Learned]) -> list[Part]:
             *(line.domain, line.setting, line.seed),
             *(line.transport.mean_s, line.transport.low_s, line.transport.high_s),
             *(line.source_lag_s, line.delay_s, line.spread_s, line.width_s, line.mean_age_s),
-            *(line.outside, line.r2),
+            *(line.outside, line.r2, line.r2_low, line.r2_high),
         ]
         for line in lines
     ]

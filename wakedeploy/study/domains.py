@@ -14,7 +14,7 @@ import numpy as np
 
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.runs import Wanted, obtained_run
-from wakedeploy.study.uncertainty import FloatArray, blocks, r2_with_interval
+from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
 
 MEMORYLESS = "agile-mlp"
 RESERVOIRS = ({"input_scale": 0.03}, {"input_scale": 0.001, "leak": 0.3})  # beside the usual
@@ -29,7 +29,6 @@ PUBLISHED = {  # what is known from elsewhere, to be read beside the lines
     ),
 }
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
-_BLOCK_WINDOWS = 4.0  # a block of the bootstrap, in windows
 
 
 @dataclass(frozen=True)
@@ -164,8 +163,7 @@ def _scored(
     forces: FloatArray,
     episode: FloatArray,
 ) -> Line:
-    length = max(1, round(_BLOCK_WINDOWS * data.window_s * data.rate_hz))
-    block = blocks(np.asarray(episode, np.int64), length)
+    block = blocks_of(data, episode)
     channels = []
     for i, channel in enumerate(data.force):
         error = forces[:, i] - truth[:, i]

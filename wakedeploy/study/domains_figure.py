@@ -19,6 +19,7 @@ from wakedeploy.study.domains import (
     sentence,
 )
 from wakedeploy.study.folder import Part
+from wakedeploy.study.uncertainty import R2
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -168,15 +169,10 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
         for i in range(len(channels)):
             row.append(_spread([line.channels[i]["rmse"] for line in own], ".4g"))
             row.append(_spread([line.channels[i]["r2"] for line in own], ".3f"))
-            row.append(_one_seed(own[0].channels[i]))
+            first = own[0].channels[i]
+            row.append(R2(first["r2"], first["r2_low"], first["r2_high"]).text)
         told.append(row)
     return columns, told
-
-
-def _one_seed(channel: Mapping[str, Any]) -> str:
-    if channel["r2_low"] is None:
-        return f"{channel['r2']:.3f}"
-    return f"{channel['r2']:.3f} [{channel['r2_low']:.3f}, {channel['r2_high']:.3f}]"
 
 
 def _spread(values: Sequence[float], form: str) -> str:

@@ -49,7 +49,7 @@ def _scatter(axes: "Axes", one: Shown, colour: str, reach_mm: float) -> None:
     axes.set_aspect("equal")
     axes.set_xlabel("true tip [mm]")
     axes.set_title(one.arch + (" (no memory)" if one.arch == MEMORYLESS else ""))
-    axes.text(0.04, 0.95, f"R² {_told(one.r2)}", transform=axes.transAxes, va="top", fontsize=8)
+    axes.text(0.04, 0.95, f"R² {one.r2.text}", transform=axes.transAxes, va="top", fontsize=8)
 
 
 def _excerpt(axes: "Axes", shown: Sequence[Shown], colours: Sequence[str], rate_hz: float) -> None:
@@ -71,8 +71,8 @@ def sentence(shown: Sequence[Shown]) -> str:
     plain, best = shown
     apart = plain.r2.high is not None and best.r2.low is not None and plain.r2.high < best.r2.low
     return (
-        f"Without memory {plain.arch} explains R² {_told(plain.r2)} of the flag tip's motion; "
-        f"{best.arch}, the best memory on the validation block, {_told(best.r2)}; their 90 % "
+        f"Without memory {plain.arch} explains R² {plain.r2.text} of the flag tip's motion; "
+        f"{best.arch}, the best memory on the validation block, {best.r2.text}; their 90 % "
         f"intervals {'lie apart' if apart else 'overlap or are unknown'}."
     )
 
@@ -91,7 +91,7 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
             [
                 f"{arch} (no memory)" if arch == MEMORYLESS else arch,
                 f"{np.mean(values):.3f}{spread}",
-                _told(first),
+                first.text,
                 f"{1e3 * np.mean([tip['rmse'] for tip in tips]):.2f}",
                 f"{losses[arch]:.3f}",
             ]
@@ -122,9 +122,3 @@ def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list
             summary(lines),
         )
     ]
-
-
-def _told(r2: R2) -> str:
-    if r2.low is None or r2.high is None:
-        return f"{r2.value:.3f}"
-    return f"{r2.value:.3f} [{r2.low:.3f}, {r2.high:.3f}]"

@@ -25,7 +25,7 @@ import numpy as np
 from wakedeploy.domains.downwash import RATE_HZ, Flights, World, fly
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.closed_loop import FIRST_SEED
-from wakedeploy.study.runs import Wanted, obtained
+from wakedeploy.study.runs import Wanted, obtained, obtained_run
 from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FloatArray
 
@@ -192,14 +192,11 @@ def _gantry(flight: Flight) -> tuple[Tracked, int]:
 
 def _exported(flight: Flight, path: Path) -> Any:
     from export.packaging import export_run
-    from trainers.runs import load_run
 
     data, wanted = flight.data, flight.wanted
     if data is None or wanted is None:
         raise ValueError("there is no run to export")
-    obtained(data, wanted, flight.runs)
-    folder = wanted.folder(data, flight.runs) / data.domain / wanted.arch / f"s{wanted.seed}"
-    return export_run(load_run(folder), data, path)
+    return export_run(obtained_run(data, wanted, flight.runs), data, path)
 
 
 def _downwash(flight: Flight) -> tuple[Tracked, int]:

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.episodes import EpisodeSet
+
 FloatArray = npt.NDArray[np.float64]
 
+_BLOCK_WINDOWS = 4.0  # a block is so many windows long: longer than errors stay alike
 _DRAWS = 2000
 _FEWEST_BLOCKS = 8  # with fewer, the spread of the blocks says little
 
@@ -21,6 +24,13 @@ class R2:
     value: float
     low: float | None
     high: float | None
+
+    @property
+    def text(self) -> str:
+        """The value, and its interval where there is one."""
+        if self.low is None or self.high is None:
+            return f"{self.value:.3f}"
+        return f"{self.value:.3f} [{self.low:.3f}, {self.high:.3f}]"
 
 
 def r2_with_interval(
@@ -52,6 +62,12 @@ def blocks(episode: npt.NDArray[np.int64], samples: int) -> npt.NDArray[np.int64
     within = (np.arange(len(episode)) - first) // samples
     fresh = starts | np.r_[True, np.diff(within) != 0]
     return np.asarray(np.cumsum(fresh) - 1, dtype=np.int64)
+
+
+def blocks_of(data: EpisodeSet, episode: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Blocks (n,) of successive samples, four of the set's windows long, by their episode (n,)."""
+    length = max(1, round(_BLOCK_WINDOWS * data.window_s * data.rate_hz))
+    return blocks(np.asarray(episode, np.int64), length)
 
 
 def _r2(

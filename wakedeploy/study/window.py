@@ -28,7 +28,7 @@ import numpy.typing as npt
 from wakedeploy.episodes import EpisodeSet, window_shape
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.runs import Wanted, obtained
-from wakedeploy.study.uncertainty import FloatArray
+from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
 
 SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0, 1.5)  # of the domain's usual window
 WHOLE = math.inf  # the past since the episode's start
@@ -46,7 +46,8 @@ class Seen:
     `samples` counts what is seen, the present included (None for `WHOLE`). `bytes` is what has to
     be kept from one sample to the next, by `memory`: the carried state of a "state" model, those
     samples of a "window" model; of "none", the one that is seen. Error and `sd` are those of the
-    domain's main channel in its unit; `scored` counts samples.
+    domain's main channel in its unit; `scored` counts samples, and `r2_low` and
+    `r2_high` bound the 90 % interval of R².
     """
 
     domain: str
@@ -59,6 +60,8 @@ class Seen:
     rmse: float
     sd: float
     r2: float
+    r2_low: float | None
+    r2_high: float | None
     scored: int
 
     @property
@@ -233,7 +236,9 @@ class _Scale:
         warm_up = max(data.warm_up_steps, *(seen.warm_up_steps for seen in windows(data)))
         self.tape = lay_tape(data, "test", 0.0, warm_up)
         scored = np.flatnonzero(self.tape.scored.numpy())
-        self.chosen: npt.NDArray[np.int64] = scored[:: -(-len(scored) // _MOST_SCORED)]
+        every = -(-len(scored) // _MOST_SCORED)
+        self.chosen: npt.NDArray[np.int64] = scored[::every]
+        self.blocks = blocks_of(data, self.tape.first[scored].numpy())[::every]
         self.channel = [channel.name for channel in data.force].index(main)
         self.truth = self._of(self.tape.force[self.chosen])
 
@@ -257,6 +262,7 @@ class _Scale:
         carried = sum(math.prod(shape) for shape in memory.states.values())
         history = (samples or 0) * len(self.data.observation)
         rmse, sd = float(np.sqrt(np.mean(error**2))), float(self.truth.std())
+        r2 = r2_with_interval(self.truth, error, self.blocks)
         return Seen(
             self.data.domain,
             wanted.arch,
@@ -267,7 +273,7 @@ class _Scale:
             _FLOAT_BYTES * (carried if memory.kind == "state" else history),
             rmse,
             sd,
-            1.0 - (rmse / sd) ** 2,
+            *(r2.value, r2.low, r2.high),
             len(error),
         )
 

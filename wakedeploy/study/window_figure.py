@@ -13,6 +13,7 @@ import numpy as np
 from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
+from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window import (
     WHOLE,
     Seen,
@@ -37,6 +38,8 @@ COLUMNS = (
     "rmse",
     "sd",
     "r2",
+    "r2_low",
+    "r2_high",
     "scored",
 )
 COLOURS = (
@@ -157,7 +160,7 @@ def needed(told: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str
 def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str]]]:
     """One domain's table: mean ± spread over seeds for every past."""
     columns = ["predictor", "past [s]", "samples seen", "kept", "bytes kept", f"RMSE {main}",
-               "RMSE / sd", "R²"]  # fmt: skip
+               "RMSE / sd", "R²", "R² of the first seed, 90 %"]  # fmt: skip
     lines = []
     for arch, past in dict.fromkeys((p.arch, p.past_s) for p in points):
         own = [p for p in points if (p.arch, p.past_s) == (arch, past)]
@@ -167,6 +170,7 @@ def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str
             spread([p.rmse for p in own], ".4g"),
             spread([p.share for p in own], ".3f"),
             spread([p.r2 for p in own], ".3f"),
+            R2(own[0].r2, own[0].r2_low, own[0].r2_high).text,
         ])  # fmt: skip
     return columns, lines
 
