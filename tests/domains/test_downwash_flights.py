@@ -123,6 +123,19 @@ def test_differences_of_own_motion_tell_most_of_the_force() -> None:
     assert "source_thrust_z_n" not in OWN_MOTION
 
 
+def test_ways_go_as_far_and_as_fast_as_the_world_says() -> None:
+    column = {channel.name: i for i, channel in enumerate(OBSERVATION)}
+
+    def spread(name: str, **estimates: float) -> float:
+        flown = fly([1, 2, 3, 4], seconds=8.0, expect="truth", world=World(**estimates))
+        return float(flown.observation[..., column[name]].std())
+
+    assert spread("dx_m", sway_m=0.2) == pytest.approx(0.5 * spread("dx_m"), rel=0.1)
+    assert spread("dvx_mps", turning_rad_ps=1.75) < 0.65 * spread("dvx_mps")
+    still = spread("source_thrust_z_n", heave_m=0.0, sway_m=0.0)
+    assert still < 0.2 * spread("source_thrust_z_n", sway_m=0.0)
+
+
 def test_the_command_writes_a_set(tmp_path) -> None:
     out = tmp_path / "downwash"
     told = CliRunner().invoke(main, ["data", "make", "downwash", "--out", str(out), "--minutes",

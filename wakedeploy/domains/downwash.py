@@ -55,8 +55,11 @@ class World:
     The paper gives `speed_mps`, `diffusivity_m2ps` and `separation_m`. The others are estimates:
     a small multicopter of 1 kg; a jet whose Gaussian is as wide as its rotors; strength and drag
     area for a hovering source to push a tenth of the sufferer's weight 2.3 m below; a decay that
-    takes 11 % on the way there and leaves nothing at the grid's edge. `spread` is how far speed and
-    separation may be from the paper's, as a share; see `shifted`.
+    takes 11 % on the way there and leaves nothing at the grid's edge. Both wander sideways by
+    some `sway_m`, as wide as the wake is where it arrives, so that the sufferer is now in it and
+    now beside it; the source also up and down by `heave_m`, which moves its thrust by a
+    tenth; neither at more than `turning_rad_ps`. `spread` is how far speed and separation may be
+    from the paper's, as a share; see `shifted`.
     """
 
     speed_mps: float | FloatArray = 6.0
@@ -68,6 +71,9 @@ class World:
     drag_area_m2: float = 0.06
     mass_kg: float = 1.0
     inertia_kgm2: float = 0.02
+    sway_m: float = 0.4
+    heave_m: float = 0.1
+    turning_rad_ps: float = 3.5
     spread: float = 0.0
     grid: FieldGrid = field(default_factory=FieldGrid)
 
@@ -319,19 +325,18 @@ def _mistakes(seeds: Sequence[int], steps: int) -> tuple[FloatArray, FloatArray]
 def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, FloatArray]:
     """References (T, E, 6) of source and sufferer: random, smooth, planned before the flight.
 
-    Both wander sideways by some 0.4 m, as wide as the wake is where it arrives, so that the
-    sufferer is now in it and now beside it; the source also up and down, by 0.1 m, which moves its
-    thrust by a tenth. Each is a sum of three sines of 1 to 3.5 rad/s: while the wake sinks to the
-    sufferer the source goes as far as the wake is wide. With half these rates the present tells
-    nearly all of the force, and no memory is worth anything.
+    Each is a sum of three sines between the fastest rate and 2/7 of it. At 3.5 rad/s the source
+    goes as far as the wake is wide while the wake sinks to the sufferer; the slower it goes, the
+    more the present tells of the force (docs/downwash-estimates.md).
     """
     time_s = np.arange(steps) * DT_S
     source, sufferer = (np.zeros((steps, len(seeds), 6)) for _ in range(2))
     separation = np.broadcast_to(np.asarray(world.separation_m, float), (len(seeds),))
     for e, seed in enumerate(seeds):
         rng = np.random.default_rng(seed)
-        for way, axis, size_m in ((source, 0, 0.4), (sufferer, 0, 0.4), (source, 1, 0.1)):
-            rate = rng.uniform(1.0, 3.5, 3)
+        sizes = (source, 0, world.sway_m), (sufferer, 0, world.sway_m), (source, 1, world.heave_m)
+        for way, axis, size_m in sizes:
+            rate = rng.uniform(world.turning_rad_ps / 3.5, world.turning_rad_ps, 3)
             phase = rng.uniform(0.0, 2.0 * np.pi, 3)
             share = size_m * rng.dirichlet(np.ones(3)) * math.sqrt(2.0)
             angle = rate * time_s[:, None] + phase
