@@ -39,6 +39,8 @@ _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
+_STILL_NATS = 0.5  # a fit that gains less by a new motion has found its own
+_MOST_MOTIONS = 8
 
 
 def sealed_count(flights: int) -> int:
@@ -127,11 +129,11 @@ class Answer:
 def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     """The base hypothesis, fitted around the motion that it and the readings agree on."""
     everything = range(model.episodes)
-    first = fit(model, (), everything, model.start(()))
-    near = model.relinearised(first)
-    starts = first.theta, near.start(())  # either climb may end on a ledge
-    fits = [fit(near, (), everything, theta) for theta in starts]
-    return near, max(fits, key=lambda f: f.objective)
+    near, first = refitted(model, fit(model, (), everything, model.start(())))
+    again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
+    return (
+        refitted(near, again) if again.objective > first.objective + _STILL_NATS else (near, first)
+    )
 
 
 def name_effects(
@@ -264,7 +266,7 @@ def with_terms(model: GantryModel) -> GantryModel:
 
 def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     """The found hypothesis, everything refitted around the motion that it explains."""
-    around = _refitted(model, found)
+    around = refitted(model, found)
     starts = scanned_starts(around[0], found)
     if not starts:
         return around
@@ -272,12 +274,27 @@ def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
     best = max(fits, key=lambda f: f.objective).objective
     near = [f for f in fits if f.objective > best - CLASS_NATS]
-    return max((around, *(_refitted(model, f) for f in near)), key=lambda p: p[1].objective)
+    return max((around, *(refitted(model, f) for f in near)), key=lambda p: p[1].objective)
 
 
-def _refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
-    near = model.relinearised(found)
-    return near, fit(near, found.hypothesis, found.episodes, found.theta)
+def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
+    """A hypothesis, everything refitted around the motion that it explains.
+
+    Motion and fit take turns until they agree: around the motion of another hypothesis the same
+    one may seem tens of nats less likely, which whatever bends the motion back would seem to gain.
+    """
+
+    def around(line: GantryModel, before: Fit) -> tuple[GantryModel, Fit]:
+        near = line.relinearised(before)
+        return near, fit(near, found.hypothesis, found.episodes, before.theta)
+
+    best = around(model, found)
+    for _ in range(_MOST_MOTIONS):
+        again = around(*best)
+        if again[1].objective < best[1].objective + _STILL_NATS:
+            break  # friction's corners may throw the motion to and fro, without a gain
+        best = again
+    return best
 
 
 def _without_idle(model: GantryModel, current: Fit) -> Fit:

@@ -28,6 +28,8 @@ _TRACE_S = 10.0
 _MOST_MAPS = 6
 _HELPS_NATS = 3.0
 _USED_NATS = 0.5  # gained where it was fitted
+_STILL_NATS = 0.5  # a motion under which the readings are hardly more likely is the fit's own
+_MOST_MOTIONS = 8
 _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
@@ -98,8 +100,25 @@ def gaps(before: Shown, after: Shown) -> dict[str, Any]:
 
 def _shown(model: GantryModel, fitted: Fit) -> Shown:
     """The sealed flights scored under a fit's parameters; none of them is fitted to these."""
-    near = model.relinearised(_applied(model, fitted))
+    near = around_own_motion(model, fitted)
     return Shown(near, _applied(near, fitted))
+
+
+def around_own_motion(model: GantryModel, fitted: Fit) -> GantryModel:
+    """The same flights around the motion that a fit of other flights explains, fitted to nothing.
+
+    Motion and forces take turns until they agree: friction pushes against a speed that is only
+    known once friction is.
+    """
+    best, before = model, -np.inf
+    for _ in range(_MOST_MOTIONS):
+        applied = _applied(model, fitted)
+        density = float(applied.per_episode.sum())
+        if density < before + _STILL_NATS:
+            break
+        best, before = model, density
+        model = model.relinearised(applied)
+    return best
 
 
 def _applied(model: GantryModel, fitted: Fit) -> Fit:

@@ -39,7 +39,7 @@ FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of nami
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
-_VERSION = 4  # of what is simulated; another one starts the cache anew
+_VERSION = 5  # of what is simulated; another one starts the cache anew
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 

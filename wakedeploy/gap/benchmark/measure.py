@@ -16,8 +16,10 @@ from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit, held_out
+from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.ranking import rank
 from wakedeploy.gap.residuals import AHEAD_S
+from wakedeploy.gap.showing import around_own_motion
 from wakedeploy.rig import Rig
 
 Values = Mapping[str, Mapping[str, float]]
@@ -63,10 +65,7 @@ class Measured:
     def __init__(self, rig: Rig, flights: Sequence[Flight]) -> None:
         extra = {name: one.effect for name, one in OUTSIDE.items()}
         self._episodes = range(len(flights))
-        model = GantryModel(rig, flights, extra)
-        first = fit(model, (), self._episodes, model.start(()))
-        self.model = model.relinearised(first)
-        self.base = fit(self.model, (), self._episodes, first.theta)
+        self.model, self.base = fitted_base(GantryModel(rig, flights, extra))
 
     def strength(self, truth: Values, outside: Mapping[str, float] | None = None) -> Strength:
         """The gain of all hidden effects together, fitted from their true values."""
@@ -115,7 +114,7 @@ class Measured:
 
 def _squares(model: GantryModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
     """Squared errors [m²] of all forecasts (n,), NaN where none is known, and their blocks (n,)."""
-    near = model.relinearised(fitted)
+    near = around_own_motion(model, fitted)
     blocks, squares, first = [], [], 0.0
     for episode in range(near.episodes):
         ahead = near.forecasts(fitted, episode, (AHEAD_S,))
