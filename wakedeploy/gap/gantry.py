@@ -130,14 +130,18 @@ class GantryModel:
         noise = _reading_noise(flight, fitted.theta, self.rig)
         return _compared(flight, forces, steps, ahead, noise)
 
-    def relinearised(self, fitted: Fit) -> "GantryModel":
-        """The same flights around the motion that the fitted model and all samples agree on."""
+    def relinearised(self, fitted: Fit, share: float = 1.0) -> "GantryModel":
+        """The same flights around the motion that the fitted model and all samples agree on.
+
+        With a `share` below 1 only so far on the way there from the present motion.
+        """
         constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
         flights = []
         for flight, physics in zip(self.flights, self._physics, strict=True):
             forces = physics.forces(constants, effects)
             motion = self._smooth(flight, forces, constants, fitted.theta)
-            flights.append(replace(flight, nominal=motion))
+            moved = flight.nominal + share * (motion - flight.nominal)
+            flights.append(replace(flight, nominal=moved))
         return GantryModel(self.rig, flights, self.extra)
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":

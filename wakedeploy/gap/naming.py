@@ -39,8 +39,9 @@ _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
-_STILL_NATS = 0.5  # a fit that gains less by a new motion has found its own
-_MOST_MOTIONS = 8
+STILL_NATS = 0.5  # a fit that gains less by a new motion has found its own
+MOST_MOTIONS = 8
+HALF_WAY = 0.5  # the whole way, friction's corners would throw the motion to and fro
 
 
 def sealed_count(flights: int) -> int:
@@ -132,7 +133,7 @@ def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     near, first = refitted(model, fit(model, (), everything, model.start(())))
     again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
     return (
-        refitted(near, again) if again.objective > first.objective + _STILL_NATS else (near, first)
+        refitted(near, again) if again.objective > first.objective + STILL_NATS else (near, first)
     )
 
 
@@ -284,15 +285,15 @@ def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     one may seem tens of nats less likely, which whatever bends the motion back would seem to gain.
     """
 
-    def around(line: GantryModel, before: Fit) -> tuple[GantryModel, Fit]:
-        near = line.relinearised(before)
+    def around(line: GantryModel, before: Fit, share: float) -> tuple[GantryModel, Fit]:
+        near = line.relinearised(before, share)
         return near, fit(near, found.hypothesis, found.episodes, before.theta)
 
-    best = around(model, found)
-    for _ in range(_MOST_MOTIONS):
-        again = around(*best)
-        if again[1].objective < best[1].objective + _STILL_NATS:
-            break  # friction's corners may throw the motion to and fro, without a gain
+    best = around(model, found, 1.0)
+    for _ in range(MOST_MOTIONS):
+        again = around(*best, HALF_WAY)
+        if again[1].objective < best[1].objective + STILL_NATS:
+            break
         best = again
     return best
 

@@ -16,7 +16,7 @@ from wakedeploy.gap.finding import HORIZONS_S
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, fit
-from wakedeploy.gap.naming import Answer, with_terms
+from wakedeploy.gap.naming import HALF_WAY, MOST_MOTIONS, STILL_NATS, Answer, with_terms
 from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
@@ -28,8 +28,6 @@ _TRACE_S = 10.0
 _MOST_MAPS = 6
 _HELPS_NATS = 3.0
 _USED_NATS = 0.5  # gained where it was fitted
-_STILL_NATS = 0.5  # a motion under which the readings are hardly more likely is the fit's own
-_MOST_MOTIONS = 8
 _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
@@ -39,6 +37,12 @@ class Shown:
 
     model: GantryModel
     fit: Fit
+
+    @classmethod
+    def of(cls, model: GantryModel, fitted: Fit) -> "Shown":
+        """Sealed flights scored under a fit's parameters; none of them is fitted to these."""
+        near = around_own_motion(model, fitted)
+        return cls(near, _applied(near, fitted))
 
 
 def show(
@@ -57,7 +61,8 @@ def show(
     after_fit = corrected if corrected is not None else answer.base
     extra = {**with_terms(answer.model).extra, **answer.model.extra}
     model = GantryModel(answer.model.rig, sealed, extra)
-    before, after = _shown(model, answer.base), _shown(model, after_fit)
+    before = Shown.of(model, answer.base)
+    after = Shown.of(before.model, after_fit)
     gain = _log_density(after) - _log_density(before)
     result: dict[str, Any] = {
         "shown_on": [flight.name for flight in sealed],
@@ -65,7 +70,7 @@ def show(
         "in_sample": in_sample,
         "gap": gaps(before, after),
         "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": _placebo(answer, after_fit.hypothesis, model, before, gain),
+        "placebo": _placebo(answer, after_fit.hypothesis, before, gain),
         "white": {"before": _white(before, answer), "after": _white(after, answer)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),
@@ -98,26 +103,20 @@ def gaps(before: Shown, after: Shown) -> dict[str, Any]:
     return table
 
 
-def _shown(model: GantryModel, fitted: Fit) -> Shown:
-    """The sealed flights scored under a fit's parameters; none of them is fitted to these."""
-    near = around_own_motion(model, fitted)
-    return Shown(near, _applied(near, fitted))
-
-
 def around_own_motion(model: GantryModel, fitted: Fit) -> GantryModel:
     """The same flights around the motion that a fit of other flights explains, fitted to nothing.
 
     Motion and forces take turns until they agree: friction pushes against a speed that is only
-    known once friction is.
+    known once friction is. It begins around the motion that `model` has: best that of the base.
     """
-    best, before = model, -np.inf
-    for _ in range(_MOST_MOTIONS):
+    best, before, share = model, -np.inf, 1.0
+    for _ in range(MOST_MOTIONS):
         applied = _applied(model, fitted)
         density = float(applied.per_episode.sum())
-        if density < before + _STILL_NATS:
+        if density < before + STILL_NATS:
             break
         best, before = model, density
-        model = model.relinearised(applied)
+        model, share = model.relinearised(applied, share), HALF_WAY
     return best
 
 
@@ -200,7 +199,7 @@ def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
 
 
 def _placebo(
-    answer: Answer, hypothesis: Hypothesis, sealed: GantryModel, before: Shown, found_nats: float
+    answer: Answer, hypothesis: Hypothesis, before: Shown, found_nats: float
 ) -> dict[str, Any]:
     """A wrong effect in the place of what was found, fitted and shown likewise; {} without any."""
     wrong = wrong_effects(answer, hypothesis)
@@ -209,7 +208,7 @@ def _placebo(
     chosen = wrong[len(wrong) // 2]
     near = answer.model
     fitted = fit(near, (chosen.name,), range(near.episodes), chosen.fit.theta)
-    shown = _shown(sealed, fitted)
+    shown = Shown.of(before.model, fitted)
     gain = _log_density(shown) - _log_density(before)
     return {
         "name": chosen.name,
