@@ -16,7 +16,7 @@ from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit, held_out
-from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.naming import fitted_base, refitted
 from wakedeploy.gap.ranking import rank
 from wakedeploy.gap.residuals import AHEAD_S
 from wakedeploy.gap.showing import around_own_motion
@@ -29,8 +29,9 @@ _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 @dataclass(frozen=True, eq=False)
 class Strength:
-    """What the truth gains over the rig file as it is, [nats], and its fit.
+    """What the truth gains over the rig file as it is, [nats], and its fit around its own motion.
 
+    Base and truth are compared around the motion that the base explains, as the workflow does:
     `nats` is the gain on flights left out and what the calibration's priors gain besides: an effect
     on a calibrated constant shows in nothing but a constant far from its prior.
     """
@@ -82,7 +83,8 @@ class Measured:
         fitted = max(fits, key=lambda one: one.per_episode.sum() + one.log_prior)
         gains = held_out(self.base, fitted)
         unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
-        return Strength(float(gains.sum()) + unbent, tuple(float(g) for g in gains), fitted)
+        nats, per_flight = float(gains.sum()) + unbent, tuple(float(g) for g in gains)
+        return Strength(nats, per_flight, refitted(self.model, fitted)[1])
 
     def gains(self, candidates: Sequence[str], given: Fit | None = None) -> dict[str, float]:
         """What each effect alone gains on top of a fit (of the base, if none is given), [nats]."""
@@ -98,7 +100,8 @@ class Measured:
         chosen = [i for i, f in enumerate(self.model.flights) if Path(f.name).name in wanted]
         others = [i for i in self._episodes if i not in chosen] or chosen
         model = self.model.only(chosen)
-        fitted, base = (fit(self.model, f.hypothesis, others, f.theta) for f in (fitted, self.base))
+        fits = (fit(self.model, f.hypothesis, others, f.theta) for f in (fitted, self.base))
+        fitted, base = (refitted(self.model, one)[1] for one in fits)
         block, left = _squares(model, fitted)
         _, before = _squares(model, base)
         excess = before - left
