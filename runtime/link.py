@@ -3,6 +3,7 @@
 In: a port's name. Out: the newest status and when it came. A thread reads; it only ever waits.
 """
 
+import errno
 import os
 import select
 import threading
@@ -32,7 +33,10 @@ from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 HANDSHAKE_LIMIT_S = 5.0  # opening the port reboots an UNO, which takes about 1.7 s
 HELLO_PERIOD_S = 0.1
 ANSWER_LIMIT_S = 0.5
+SKETCH = "arduino_sketch/arduino_sketch.ino"
 _REMEMBERED = 256  # commands whose sending times are kept
+_FIRST_BYTES = 200  # of what comes in, kept to tell what is there if it is not the board
+_QUOTED = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,6 +60,8 @@ class Link:
         self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._news = threading.Condition()
         self._reply: HelloReply | None = None
+        self._first_bytes = b""
+        self._echoes = 0
         self._answer: Answer | None = None
         self._last_answered: int | None = None
         self._failure: str | None = None
@@ -182,6 +188,8 @@ class Link:
                 self._fail(error)
                 return
             now_s = time.monotonic()
+            if len(self._first_bytes) < _FIRST_BYTES:
+                self._first_bytes += data[:_FIRST_BYTES]
             for frame in self._decoder.feed(data):
                 self._take(frame, now_s)
 
@@ -193,6 +201,8 @@ class Link:
                 trip_s = now_s - self._sent_s.pop(frame.sequence, float("nan"))
                 self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
                 self._last_answered = frame.sequence
+            else:
+                self._echoes += 1  # no board says what only a host does
             self._news.notify_all()
 
     def _fail(self, error: Exception) -> None:
@@ -210,23 +220,40 @@ class Link:
             raise kind(self._failure)
 
     def _silence(self, limit_s: float) -> str:
+        """What is there instead of the board, and what to do about it."""
+        if self._echoes:
+            return (
+                f"{self.port}: what is there sends back what it is sent, as a modem does, and does "
+                "not speak wakedeploy's protocol; name the UNO's port ('wakedeploy doctor' lists "
+                "them)."
+            )
         if self._decoder.bytes_seen:
             return (
                 f"{self.port}: what answers does not speak wakedeploy's protocol "
-                f"({self._decoder.bytes_seen} bytes, no valid frame in {limit_s:g} s); check that "
-                "it is the UNO and that the sketch is uploaded."
+                f"({_quoted(self._first_bytes)}, no valid frame in {limit_s:g} s); check that it "
+                f"is the UNO, and upload {SKETCH} to it."
             )
         return (
-            f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that the "
-            "sketch is uploaded."
+            f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that it is "
+            f"the UNO, and upload {SKETCH} to it."
         )
+
+
+def _quoted(data: bytes) -> str:
+    """What was heard, as a person can read it: text where it is text, else its size."""
+    text = " ".join(data.decode("ascii", "replace").split())
+    if text and text.isprintable() and "\ufffd" not in text:
+        return f"it says '{text[:_QUOTED]}'" + ("…" if len(text) > _QUOTED else "")
+    return f"it sends other bytes, 0x{data[:4].hex()} first"
 
 
 def _agreed(reply: HelloReply, port: str) -> HelloReply:
     if reply.version != PROTOCOL_VERSION:
+        said = f"answers in version {reply.version}" if reply.version else "speaks another version"
         raise UnusableInput(
-            f"{port}: the board's firmware {reply.firmware} does not speak protocol version "
-            f"{PROTOCOL_VERSION}; upload the sketch that belongs to this wakedeploy."
+            f"{port}: the board's firmware {reply.firmware} {said} of the protocol, and this "
+            f"wakedeploy speaks version {PROTOCOL_VERSION}; upload the sketch that belongs to it, "
+            f"{SKETCH}."
         )
     return reply
 
@@ -239,11 +266,14 @@ def _opened(port: str) -> serial.Serial:
 
 
 def _why_not_open(error: Exception) -> str:
-    text = one_line(error)
-    if "Permission denied" in text:
+    number, text = getattr(error, "errno", None), one_line(error)
+    if number in (errno.EACCES, errno.EPERM):
         return "no permission; add yourself to the group dialout and log in again."
-    if "exclusively lock" in text or "busy" in text.lower():
+    # Another program's lock is refused as a try that would block, its exclusive mode as busy.
+    if number in (errno.EAGAIN, errno.EBUSY) or "exclusively lock" in text:
         return "the port is used by another program; close it (a serial monitor, another run)."
-    if "No such file" in text or "could not open port" in text:
+    if number in (errno.ENOENT, errno.ENODEV, errno.ENXIO):
         return "no such port; plug the board in, or list the ports with 'wakedeploy doctor'."
+    if number == errno.EIO:
+        return "the port is there but nothing is behind it; unplug the board and plug it in again."
     return f"cannot be used as a serial port ({text})."

@@ -53,6 +53,22 @@ def test_a_silent_port_is_told_apart_from_one_that_answers_garbage(far_end):
             link.handshake(limit_s=0.4)
 
 
+def test_what_is_there_instead_of_the_board_is_told(far_end):
+    said = {
+        "nothing answered": lambda data: b"",
+        "sends back what it is sent": lambda data: data,
+        "it says 'AT ERROR": lambda data: b"\r\nAT\r\nERROR\r\n",
+        "other bytes, 0xff80fe01 first": lambda data: b"\xff\x80\xfe\x01",
+    }
+    for words, answer in said.items():
+        end = far_end(answer)
+        with Link(end.name) as link, pytest.raises(UnusableInput) as caught:
+            link.handshake(limit_s=0.3)
+        assert words in str(caught.value)
+        assert str(caught.value).startswith(end.name)
+        assert "the UNO" in str(caught.value)
+
+
 def test_firmware_of_another_version_is_refused(far_end):
     def answer(data):
         (frame,) = FrameDecoder().feed(data)
@@ -61,7 +77,18 @@ def test_firmware_of_another_version_is_refused(far_end):
 
     with (
         Link(far_end(answer).name) as link,
-        pytest.raises(UnusableInput, match="upload the sketch"),
+        pytest.raises(UnusableInput, match="upload the sketch") as caught,
+    ):
+        link.handshake()
+    assert "firmware 9 speaks another version" in str(caught.value)
+    assert "this wakedeploy speaks version 1" in str(caught.value)
+
+
+def test_a_board_that_answers_in_a_version_not_asked_for_is_refused_by_number(far_end):
+    reply = encode_frame(Frame(1, 0, HelloReply(3, 1, 1, 12)))
+    with (
+        Link(far_end(lambda _: reply).name) as link,
+        pytest.raises(UnusableInput, match=r"firmware 12 answers in version 3 .* speaks version 1"),
     ):
         link.handshake()
 
