@@ -22,6 +22,7 @@ from runtime.range_source import RangeReading, RangeSource
 from runtime.realtime import Clock, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Gate, Mode, SafetyState
+from runtime.signs import SignReader, Signs
 from runtime.tally import Tally
 from runtime.watch import GapWatch
 from wakedeploy.errors import UnusableInput
@@ -132,6 +133,7 @@ class Loop:
         self._wait_s = prediction_wait_s(rig)
         self._limits = arm_limits(rig)
         self._safety, self._gate = SafetyState(), Gate()
+        self._sign_reader, self._signs = SignReader(rig), Signs()
         self._descent: safety.Descent | None = None
         self._last_range_us, self._range_repeats = -1, 0
         self._last_sequence: int | None = None
@@ -257,7 +259,15 @@ class Loop:
 
     def _supervise(self, prediction: Prediction, answer: Answer, measured: Measurement) -> None:
         now_s = measured.t_s + self._origin_s
-        status = answer.status
+        status, estimate = answer.status, self._state.estimate
+        self._signs = signs = self._sign_reader.step(
+            self._signs,
+            t_s=measured.t_s,
+            range_m=measured.range_m,
+            z_m=estimate.z_m,
+            thrust_n=estimate.rotor_speed**2,
+            battery_v=status.battery_mv / 1000.0,
+        )
         found = Findings(
             late=prediction.late,
             bad_prediction=prediction.bad_prediction,
@@ -269,8 +279,12 @@ class Loop:
             rebooted=status.boot != self._boot,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
-            z_m=self._state.estimate.z_m,
-            x_m=self._state.estimate.x_m,
+            range_frozen_s=signs.range_frozen_s,
+            not_lifting_s=signs.not_lifting_s,
+            thrust_share=signs.thrust_share,
+            battery_gone_s=signs.battery_gone_s,
+            z_m=estimate.z_m,
+            x_m=estimate.x_m,
         )
         self._safety = safety.watch(self._safety, found, self._rig.limits)
 
@@ -309,8 +323,9 @@ class Loop:
 
     def _began_descent(self, t_s: float) -> safety.Descent:
         """The way down, begun anew when the height gets lost on it."""
-        blind = {"sensor_lost", "link_lost", "mcu_reboot"} & set(self._safety.faults)
-        known = not blind and math.isfinite(self._state.estimate.z_m)
+        known = safety.BLINDING.isdisjoint(self._safety.faults) and math.isfinite(
+            self._state.estimate.z_m
+        )
         before = self._descent
         if before is None or (before.height_known and not known):
             now = self._state

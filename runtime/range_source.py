@@ -77,8 +77,9 @@ def wait_for_first(source: RangeSource, limit_s: float = FIRST_SAMPLE_S) -> Rang
         if reading is not None and reading.status == 0:
             return reading
         time.sleep(0.01)
+    failure = source.failure
     raise UnusableInput(
-        source.failure
+        (failure and failure[0].upper() + failure[1:])
         or f"The range sensor gave no valid reading within {limit_s:g} s; check that it sees the "
         "reflector and that its wires are connected."
     )
@@ -90,6 +91,7 @@ class SocketRangeSource:
     def __init__(self, path: Path) -> None:
         self.newest: RangeReading | None = None
         self.failure: str | None = None
+        self._is_closing = False
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         try:
             self._socket.connect(str(path))
@@ -103,6 +105,7 @@ class SocketRangeSource:
 
     def close(self) -> None:
         """Stop reading."""
+        self._is_closing = True
         with contextlib.suppress(OSError):
             self._socket.shutdown(socket.SHUT_RDWR)
         self._thread.join(timeout=1.0)
@@ -113,7 +116,8 @@ class SocketRangeSource:
             while packet := self._socket.recv(SOCKET_LAYOUT.size + 1):
                 if len(packet) == SOCKET_LAYOUT.size:
                     self.newest = RangeReading(*SOCKET_LAYOUT.unpack(packet))
-        self.failure = "The plant process stopped sending range samples."
+        if not self._is_closing:
+            self.failure = "the plant process stopped sending range samples."
 
 
 class I2cRangeSource:
@@ -145,7 +149,9 @@ class I2cRangeSource:
             except (OSError, RuntimeError) as error:
                 errors += 1
                 if errors > BUS_RETRIES:
-                    self.failure = f"The range sensor stopped answering ({one_line(error)})."
+                    self.failure = (
+                        f"the range sensor stopped answering ({one_line(error)}); check its wires."
+                    )
                     return
                 self._closing.wait(POLL_S)
 

@@ -45,7 +45,11 @@ Warn = Callable[[str], None]
 
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
+    "battery_lost": "the board measures the battery no more: check its plug and its charge",
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
+    "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",
+    "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "
+    "propeller, that nothing covers the range sensor, and that the wake is not stronger than it",
     "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",
     "mcu_reboot": "the board restarted: check its power supply",
     "recorder_failed": "the run could not be recorded any further: check the disk's free space",
@@ -123,7 +127,7 @@ def fly(
             if tell is not None and loop.tally.ticks:
                 tell(loop.tally)
     _judge_recording(report)
-    _judge(loop, link)
+    _judge(loop, link, ranges)
     return loop.tally
 
 
@@ -293,11 +297,13 @@ def _stopping_by_hand(loop: Loop) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _judge(loop: Loop, link: Link) -> None:
+def _judge(loop: Loop, link: Link, ranges: RangeSource) -> None:
     """CheckFailed naming what ended the flight and what to do about it."""
     cause = loop.failsafe_cause
     if "operator_stop" in cause:
         raise KeyboardInterrupt
     if cause:
-        why = link.failure or HINTS[cause[0]]  # a port that is gone explains whatever else is
+        # A port that is gone explains whatever else is, then a sensor that says why it stopped.
+        failed = ranges.failure if "sensor_lost" in cause else None
+        why = link.failure or failed or HINTS[cause[0]]
         raise CheckFailed(f"The flight ended in a failsafe ({'+'.join(cause)}): {why}")

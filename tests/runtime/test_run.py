@@ -246,6 +246,9 @@ def test_a_lead_close_to_the_rigs_fits_and_another_one_by_permission():
 def test_every_fault_that_ends_a_flight_comes_with_a_hint():
     everything = Findings(
         range_silence_s=9.0,
+        range_frozen_s=9.0,
+        not_lifting_s=9.0,
+        battery_gone_s=9.0,
         link_silence_s=9.0,
         mcu_fault=True,
         rebooted=True,

@@ -85,6 +85,11 @@ def test_recovery_needs_a_clean_second():
     assert run(degraded, [CLEAN] * 31 + [LATE] + [CLEAN] * 31).mode is Mode.DEGRADED
 
 
+def test_what_passes_soon_ends_no_flight():
+    soon = Findings(range_frozen_s=0.7, not_lifting_s=0.9, battery_gone_s=0.2, thrust_share=2.0)
+    assert run(RUNNING, [soon]).mode is Mode.RUNNING
+
+
 @pytest.mark.parametrize(
     ("found", "name"),
     [
@@ -93,6 +98,12 @@ def test_recovery_needs_a_clean_second():
         (Findings(range_silence_s=0.3), "sensor_lost"),
         (Findings(mcu_fault=True), "mcu_fault"),
         (Findings(rebooted=True), "mcu_reboot"),
+        (Findings(range_frozen_s=0.8), "sensor_frozen"),
+        (Findings(not_lifting_s=1.1), "thrust_lost"),
+        (Findings(z_m=-0.1, thrust_share=1.2), "thrust_lost"),
+        (Findings(z_m=-0.1, thrust_share=1.0), "z_limit"),
+        (Findings(z_m=1.2, thrust_share=1.2), "z_limit"),
+        (Findings(battery_gone_s=0.3), "battery_lost"),
         (Findings(recorder_failed=True), "recorder_failed"),
         (Findings(stop_asked=True), "operator_stop"),
         (Findings(x_m=0.7), "x_limit"),

@@ -1,0 +1,102 @@
+"""How often a healthy flight is ended for a lost thrust, and how soon a pulled battery is noticed.
+
+Flies the gantry in simulation, every flight with a calibration drawn from the rig file's spreads:
+as it is, with stronger wakes, and with a battery that is pulled at a random moment, so that neither
+motor turns on. A processor core takes about half a second for each flight.
+
+    python benchmarks/thrust_lost.py --json thrust-lost.json
+"""
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+
+import numpy as np
+from watch import miscalibrated
+
+from wakedeploy.domains.gantry import record
+from wakedeploy.rig import default_rig
+
+FIRST_SEED = 920_000_000
+SECONDS = 20.0
+PULLED = "pulled battery"
+WAKES = {"default wake": 1.0, "wake speed × 1.22 (force × 1.5)": 1.22}
+WAKES |= {"wake speed × 1.5 (force × 2.25)": 1.5}
+NAMED = {"thrust_lost", "sensor_frozen", "battery_lost"}
+
+
+def flown(case: str, index: int) -> dict[str, object]:
+    """One flight: what ended it, and how long after the battery was pulled [s]."""
+    seed, rig = FIRST_SEED + index, default_rig()
+    rng = np.random.default_rng(seed)
+    strength = WAKES.get(case, 1.0) * rig.wake.strength
+    truth, bias_m = miscalibrated(rig.changed(wake={"strength": strength}), rng)
+    rest_s, idle_us = rig.disturbance.rest_s, rig.limits.pulse_us[0]
+    # From the rest before take-off to half a second before the touch-down.
+    pulled_s = float(rng.uniform(0.0, rest_s + SECONDS - 3.0))
+
+    def battery(t_s: float, source_us: float, sufferer_us: float, _: float) -> tuple[float, float]:
+        return (source_us, sufferer_us) if t_s < pulled_s else (idle_us, idle_us)
+
+    hook: Callable[..., tuple[float, float]] | None = battery if case == PULLED else None
+    log = record(
+        truth,
+        seconds=SECONDS,
+        seed=seed,
+        model_rig=rig,
+        command_hook=hook,
+        sensor_hook=lambda t_s, range_m, steps: (range_m + bias_m, steps),
+    )
+    failed = np.flatnonzero(log["mode"] == "FAILSAFE")
+    began = failed[0] if len(failed) else len(log) - 1
+    pulled_tick = min(int(np.searchsorted(log["t_s"], pulled_s)), len(log) - 1)
+    return {
+        "cause": str(log["faults"][began]) if len(failed) else "",
+        "delay_s": float(log["t_s"][began] - pulled_s) if len(failed) else None,
+        "height_m": float(log["true_z_m"][pulled_tick]),
+        "strongest_wake_n": float(log["true_wake_force_n"].min()),
+    }
+
+
+def summed_up(case: str, flights: list[dict[str, object]]) -> dict[str, object]:
+    """One line: how many flights, what ended them, and the delays of a pulled battery."""
+    causes = [str(one["cause"]) for one in flights]
+    told: dict[str, object] = {
+        "case": case,
+        "flights": len(flights),
+        "named": sum(bool(NAMED & set(cause.split("+"))) for cause in causes),
+        "causes": {cause: causes.count(cause) for cause in sorted(set(causes))},
+        "median_strongest_wake_n": float(np.median([one["strongest_wake_n"] for one in flights])),
+    }
+    airborne = [one for one in flights if one["delay_s"] is not None and one["height_m"] > 0.05]
+    if case == PULLED and airborne:
+        delays = np.percentile([one["delay_s"] for one in airborne], [50, 90, 100])
+        told["delay_in_the_air_p50_p90_max_s"] = delays.tolist()
+    return told
+
+
+def main() -> None:
+    """Fly, count, print, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--flights", type=int, default=200, help="With the default wake.")
+    parser.add_argument("--each", type=int, default=40, help="Of every other case.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    options = parser.parse_args()
+    os.environ["OMP_NUM_THREADS"] = "1"
+    rows = []
+    with ProcessPoolExecutor(max_workers=options.workers) as pool:
+        for case in (PULLED, *WAKES):
+            count = options.flights if case == "default wake" else options.each
+            rows.append(summed_up(case, list(pool.map(flown, [case] * count, range(count)))))
+            print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)
+    if options.json:
+        options.json.write_text(json.dumps({"seconds": SECONDS, "rows": rows}, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()
