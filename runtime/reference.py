@@ -4,7 +4,7 @@ In: a rig, a duration, a seed. Out: a `FlightPlan` that starts and ends at rest 
 """
 
 import functools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -54,6 +54,10 @@ class FlightPlan:
             vx_mps=float(self._vx_mps[i]),
             source_us=float(self.source_us[i]),
         )
+
+    def without_wake(self, idle_us: float) -> "FlightPlan":
+        """The same heights and carriage with the source at `idle_us` all the time."""
+        return replace(self, source_us=np.full_like(self.source_us, idle_us))
 
     @functools.cached_property
     def _vz_mps(self) -> FloatArray:

@@ -9,9 +9,9 @@ import platform
 import signal
 import threading
 import types
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +65,9 @@ class RunRequest:
 
     `reference`, a file, replaces the random plan of `seconds` and `seed`. `range_socket` beside a
     `port` reads range samples from a plant process instead of I²C. With `firmware` the virtual
-    gantry's UNO is the compiled sketch on a simulated chip.
+    gantry's UNO is the compiled sketch on a simulated chip. `wake_off` leaves the source idle.
+    `plant_seed` is the virtual gantry's chance, `seed` unless given; `notes` go into the log's
+    metadata.
     """
 
     rig: Rig
@@ -82,6 +84,9 @@ class RunRequest:
     realtime: bool = False
     allow_lead_mismatch: bool = False
     watch_gap: bool = False
+    wake_off: bool = False
+    plant_seed: int | None = None
+    notes: Mapping[str, str] = field(default_factory=dict)
 
 
 def fly(
@@ -153,10 +158,12 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
 
 
 def _plan(request: RunRequest) -> FlightPlan:
-    """The reference file's plan, or a random one."""
+    """The reference file's plan, or a random one; without its wake if that is asked for."""
     if request.reference is not None:
-        return read_reference(request.reference, request.rig)
-    return random_plan(request.rig, request.seconds, request.seed)
+        plan = read_reference(request.reference, request.rig)
+    else:
+        plan = random_plan(request.rig, request.seconds, request.seed)
+    return plan.without_wake(request.rig.limits.pulse_us[0]) if request.wake_off else plan
 
 
 def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
@@ -164,9 +171,8 @@ def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
     if request.port is not None:
         return request.port, request.range_socket
     truth = request.plant_rig or request.rig
-    gantry = VirtualGantryProcess(
-        truth, seed=request.seed, hooks=request.hooks, firmware=request.firmware
-    )
+    seed = request.seed if request.plant_seed is None else request.plant_seed
+    gantry = VirtualGantryProcess(truth, seed=seed, hooks=request.hooks, firmware=request.firmware)
     opened.callback(gantry.close)
     return gantry.port, gantry.range_socket
 
@@ -200,7 +206,7 @@ def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -
         told |= {"reference_sha256": sha256_of(request.reference.read_bytes())}
     if is_virtual:
         told |= truth_metadata(request.plant_rig or request.rig, request.hooks)
-    recorder = Recorder(request.log, told)
+    recorder = Recorder(request.log, told | dict(request.notes))
     opened.callback(recorder.close)
     return recorder
 

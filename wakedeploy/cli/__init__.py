@@ -23,6 +23,7 @@ COMMANDS = (
     "check",
     "bench",
     "run-gantry",
+    "fly-pair",
     "log",
     "gap",
     "study",

@@ -1,0 +1,118 @@
+"""What every command that flies asks for, and what it shows meanwhile."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from runtime.run import RunRequest, Show
+
+FILE = click.Path(dir_okay=False, path_type=Path)
+_BAR_WIDTH = 30
+_DEFAULT_S = 20.0
+Command = Callable[..., Any]
+
+_OPTIONS = (
+    click.option("--package", type=FILE, help="Predictor whose force is fed forward."),
+    click.option("--baseline", is_flag=True, help="PID alone, no package."),
+    click.option("--rig", type=FILE, help="Default: the default rig."),
+    click.option("--virtual", is_flag=True, help="Fly the virtual gantry."),
+    click.option("--firmware", is_flag=True, help="With --virtual: the sketch on a simulated UNO."),
+    click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0."),
+    click.option(
+        "--range-socket", type=FILE, help="With --port: range samples from here, not I²C."
+    ),
+    click.option(
+        "--seconds",
+        type=click.FloatRange(6, 3600),
+        show_default="20",
+        help="Of the random plan.",
+    ),
+    click.option(
+        "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the plan."
+    ),
+    click.option("--reference", type=FILE, help="Fly this CSV instead of a random plan."),
+    click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
+    click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks."),
+    click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core."),
+    click.option(
+        "--allow-lead-mismatch", is_flag=True, help="Fly a package made for another lead."
+    ),
+)
+
+
+def flight_options(function: Command) -> Command:
+    """Give a command the options of a flight; `flight_request` takes their values."""
+    for option in reversed(_OPTIONS):
+        function = option(function)
+    return function
+
+
+def flight_request(
+    *,
+    baseline: bool,
+    virtual: bool,
+    package: Path | None,
+    port: str | None,
+    rig: Path | None,
+    plant_rig: Path | None,
+    seconds: float | None,
+    **others: Any,
+) -> "RunRequest":
+    """What to fly, from the options; UnusableInput when they do not go together."""
+    if (package is None) != baseline:
+        raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
+    if (port is None) != virtual:
+        raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
+    if port is None and others["range_socket"]:
+        raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
+    if port is not None and others["firmware"]:
+        raise UnusableInput("--firmware belongs to --virtual; the UNO at a port has its own.")
+    if port is not None and (plant_rig or others["hooks"]):
+        raise UnusableInput("--plant-rig and --hooks belong to --virtual; a real rig is as it is.")
+    if seconds is not None and others["reference"]:
+        raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
+    from runtime.run import RunRequest
+    from wakedeploy.rig import default_rig, read_rig
+
+    return RunRequest(
+        rig=read_rig(rig) if rig else default_rig(),
+        package=package,
+        port=port,
+        plant_rig=read_rig(plant_rig) if plant_rig else None,
+        seconds=_DEFAULT_S if seconds is None else seconds,
+        **others,
+    )
+
+
+def shown_progress(request: "RunRequest") -> "Show | None":
+    """The progress bar of a flight, where there is someone to see it and time to draw it."""
+    # Another thread at the loop's priority on the loop's core is what --realtime is to prevent.
+    return _show if sys.stderr.isatty() and not request.realtime else None
+
+
+def warn(sentence: str) -> None:
+    """A line on stderr in the middle of a flight."""
+    end_progress()
+    sys.stderr.write(f"{sentence}\n")
+    sys.stderr.flush()
+
+
+def end_progress() -> None:
+    """Take the bar away; it is drawn again if the flight goes on."""
+    if sys.stderr.isatty():
+        sys.stderr.write("\r\x1b[K")
+        sys.stderr.flush()
+
+
+def _show(done_s: float, total_s: float) -> None:
+    """One line of a terminal, redrawn in place; a table's library would cost the loop more."""
+    filled = round(_BAR_WIDTH * min(1.0, done_s / total_s))
+    bar = "=" * filled + " " * (_BAR_WIDTH - filled)
+    sys.stderr.write(f"\rFlying [{bar}] {done_s:.0f} of {total_s:.0f} s")
+    sys.stderr.flush()
