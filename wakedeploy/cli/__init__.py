@@ -21,6 +21,7 @@ COMMANDS = (
     "evaluate",
     "export",
     "check",
+    "deploy",
     "bench",
     "run-gantry",
     "fly-pair",

@@ -1,0 +1,88 @@
+"""`wakedeploy deploy`: a package onto the computer at the rig, and back to the one before."""
+
+import shlex
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wakedeploy.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.deployment import Links, Site
+
+_FILE = click.Path(dir_okay=False, path_type=Path)
+_DIRECTORY, _COMMAND = "wakedeploy", "wakedeploy"
+
+
+@click.command()
+@click.argument("target")
+@click.argument("package", required=False, type=_FILE)
+@click.option("--rollback", is_flag=True, help="Make the previous package current again.")
+@click.option("--directory", default=_DIRECTORY, show_default=True, help="The folder there.")
+@click.option(
+    "--command",
+    "remote_command",
+    default=_COMMAND,
+    show_default=True,
+    help="wakedeploy there, such as venv/bin/wakedeploy.",
+)
+@click.option("-F", "--ssh-config", type=_FILE, help="ssh's configuration file, as in ssh -F.")
+def command(
+    target: str,
+    package: Path | None,
+    rollback: bool,
+    directory: str,
+    remote_command: str,
+    ssh_config: Path | None,
+) -> None:
+    """Copy PACKAGE to TARGET over ssh, check it there, and make it current.
+
+    TARGET is what ssh takes: pi@host, a Host of your ssh configuration, or ssh://pi@host:2222; a
+    key has to let you in without a question. Paths there start in the home folder. In the folder
+    there current.onnx leads to the package and previous.onnx to the one before; packages stay in
+    packages/, named by their hash. When anything fails, current.onnx is what it was. A run that is
+    flying keeps its package; the next one takes the new.
+
+    \b
+    Example:
+        wakedeploy deploy pi@rig gru.onnx
+        wakedeploy deploy pi@rig --rollback
+    """
+    if (package is None) != rollback:
+        raise UnusableInput("Say what to do: either deploy a PACKAGE, or go back with --rollback.")
+    from wakedeploy.deployment import Site
+    from wakedeploy.remote import Remote
+
+    site = Site(Remote(target, ssh_config), directory, remote_command)
+    if package is None:
+        _tell(site, "Rolled back", site.roll_back(), "Forth again")
+    else:
+        _deploy(site, package)
+
+
+def _deploy(site: "Site", file: Path) -> None:
+    from wakedeploy.package import read_package
+
+    package = read_package(file)
+    manifest = package.manifest
+    what = f"{manifest.arch} for {manifest.domain}, {len(package.model_bytes) / 1000:.0f} kB"
+    links = site.deploy(package, file.name)
+    _tell(site, f"Copied and checked there: {file.name} ({what})", links, "Back to it")
+
+
+def _tell(site: "Site", done: str, links: "Links", way: str) -> None:
+    click.echo(f"{done}.")
+    current = f"{site.directory.rstrip('/')}/current.onnx"
+    click.echo(f"{site.remote.target}: {current} is now {links.current}.")
+    if links.previous is None or links.previous == links.current:
+        click.echo("There is no other one before it.")
+        return
+    options = [] if site.remote.ssh_config is None else ["-F", str(site.remote.ssh_config)]
+    for name, value, default in (
+        ("--directory", site.directory, _DIRECTORY),
+        ("--command", site.command, _COMMAND),
+    ):
+        options += [] if value == default else [name, value]
+    again = shlex.join(["wakedeploy", "deploy", site.remote.target, "--rollback", *options])
+    click.echo(f"Before it was {links.previous}. {way}: {again}")
