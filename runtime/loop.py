@@ -6,7 +6,7 @@ and a tally. The steps between are `runtime.pilot`'s, the same that simulated fl
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -112,7 +112,7 @@ class Laps:
 
 
 class Loop:
-    """One run: rest, flight, rest; `run` it once."""
+    """One run: rest, flight, rest; `run` it once. `beat` is called after every tick."""
 
     def __init__(
         self,
@@ -124,10 +124,11 @@ class Loop:
         recorder: RowSink | None = None,
         clock: Clock = time,
         watch: GapWatch | None = None,
+        beat: Callable[[], None] | None = None,
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
         self._worker, self._recorder, self._clock = worker, recorder, clock
-        self._watch = watch
+        self._watch, self._beat = watch, beat
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
@@ -161,6 +162,8 @@ class Loop:
             pacer = Pacer(PERIOD_S, self._clock)
             while not self._finished:
                 self._tick(pacer.wait())
+                if self._beat is not None:
+                    self._beat()
         finally:
             self.tally.ended = self._ending()
             self.tally.gap = self._watch.report if self._watch is not None else None

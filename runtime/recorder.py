@@ -40,7 +40,7 @@ class Recorder:
     def __init__(
         self, path: Path, metadata: Mapping[str, str], queue_size: int = QUEUE_SIZE
     ) -> None:
-        self._path = path
+        self.path = path
         self._writer = _started(path, metadata)
         self._queue: queue.Queue[tuple[int, Row]] = queue.Queue(queue_size)
         self._closing = threading.Event()
@@ -75,7 +75,7 @@ class Recorder:
         self._closing.set()
         self._thread.join(CLOSE_LIMIT_S)
         if self._thread.is_alive():
-            self._error = f"{self._path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
+            self._error = f"{self.path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
         written = self._writer.flushed
         return RecorderReport(written, self._offered - written, self._error)
 
@@ -86,7 +86,7 @@ class Recorder:
             self._finish()
         # Whatever happens here must reach the loop as a message, not end the thread unseen.
         except Exception as error:
-            self._error = f"{self._path}: recording stopped: {one_line(error)}"
+            self._error = f"{self.path}: recording stopped: {one_line(error)}"
             self._writer.abandon()
 
     def _record(self) -> None:

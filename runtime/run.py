@@ -28,6 +28,8 @@ from runtime.realtime import become_realtime, quieten_interpreter
 from runtime.recorder import Recorder, RecorderReport
 from runtime.reference import FlightPlan, random_plan
 from runtime.reference_file import read_reference
+from runtime.sd_notify import ServiceManager
+from runtime.standby import begin_standby, stand_by
 from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.watch import GapWatch
@@ -65,9 +67,10 @@ class RunRequest:
 
     `reference`, a file, replaces the random plan of `seconds` and `seed`. `range_socket` beside a
     `port` reads range samples from a plant process instead of I²C. With `firmware` the virtual
-    gantry's UNO is the compiled sketch on a simulated chip. `wake_off` leaves the source idle.
-    `plant_seed` is the virtual gantry's chance, `seed` unless given; `notes` go into the log's
-    metadata.
+    gantry's UNO is the compiled sketch on a simulated chip. A `log` that is a folder gets a file
+    named by the flight's start. With an `arm_file` the run stands by until that file appears.
+    `wake_off` leaves the source idle. `plant_seed` is the virtual gantry's chance, `seed` unless
+    given; `notes` go into the log's metadata.
     """
 
     rig: Rig
@@ -81,6 +84,7 @@ class RunRequest:
     hooks: str | None = None
     firmware: bool = False
     log: Path | None = None
+    arm_file: Path | None = None
     realtime: bool = False
     allow_lead_mismatch: bool = False
     watch_gap: bool = False
@@ -105,18 +109,19 @@ def fly(
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
     """
-    plan = _plan(request)
-    package = read_package(request.package) if request.package else None
-    if package is not None:
-        require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
-        require_wait(request.rig)
+    plan, package = _wanted(request)
     with ExitStack() as opened:
+        manager = ServiceManager()
+        opened.callback(manager.close)
         port, range_socket = _plant(request, opened)
         if request.realtime:
             become_realtime()  # after the plant's process, which would inherit it
-        worker = _worker(package, opened)
         link = opened.enter_context(Link(port))
         ranges = _ranges(range_socket, opened)
+        if request.arm_file is not None:
+            _stand_by(request.arm_file, link, ranges, manager, warn)
+            plan, package = _wanted(request)  # what is current now, not when the standby began
+        worker = _worker(package, opened)
         link.handshake()
         wait_for_first(ranges)
         if worker is not None:
@@ -124,10 +129,13 @@ def fly(
         recorder = _recorder(request, package, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
         watch = GapWatch(request.rig, warn) if request.watch_gap else None
-        loop = Loop(request.rig, link, ranges, plan, worker, recorder, watch=watch)
+        beat = manager.beat
+        loop = Loop(request.rig, link, ranges, plan, worker, recorder, watch=watch, beat=beat)
+        loop.tally.log = recorder.path if recorder else None
+        manager.ready("flying")
         try:
             with _shown(loop, len(plan) * PERIOD_S, request.rig, show):
-                report = _fly_recorded(loop, recorder)
+                report = _fly_recorded(loop, recorder, manager)
         finally:
             if tell is not None and loop.tally.ticks:
                 tell(loop.tally)
@@ -155,6 +163,36 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
             f"{rig.default_lead_s:g} s; train with --lead {rig.default_lead_s:g}, or fly it all "
             "the same with --allow-lead-mismatch."
         )
+
+
+def _wanted(request: RunRequest) -> tuple[FlightPlan, Package | None]:
+    """What is to be flown and with what, read and judged."""
+    plan = _plan(request)
+    if request.package is None:
+        return plan, None
+    package = read_package(request.package)
+    require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
+    require_wait(request.rig)
+    return plan, package
+
+
+def _stand_by(
+    arm_file: Path, link: Link, ranges: RangeSource, manager: ServiceManager, warn: Warn | None
+) -> None:
+    """Wait with the motors off until a person asks for this flight; a polite kill ends it."""
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        forgotten = begin_standby(arm_file)
+        link.handshake()
+        wait_for_first(ranges)
+        if warn is not None:
+            old = "An old one was taken away unheeded. " if forgotten else ""
+            warn(f"{old}Standing by, motors off; to fly: touch {arm_file}")
+        manager.ready(f"standing by, motors off; to fly: touch {arm_file}")
+        stand_by(arm_file, link, ranges, manager.beat)
+        manager.status("about to fly")
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _plan(request: RunRequest) -> FlightPlan:
@@ -195,18 +233,22 @@ def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -
     if request.log is None:
         return None
     is_virtual = request.port is None
+    started = datetime.datetime.now(datetime.UTC)
+    log = request.log
+    if log.is_dir():
+        log = log / f"{started:%Y%m%dT%H%M%SZ}.mcap"
     told = metadata(
         request.rig,
         package,
         seed=request.seed,
-        started=datetime.datetime.now(datetime.UTC),
+        started=started,
         simulated=is_virtual,
     )
     if request.reference is not None:
         told |= {"reference_sha256": sha256_of(request.reference.read_bytes())}
     if is_virtual:
         told |= truth_metadata(request.plant_rig or request.rig, request.hooks)
-    recorder = Recorder(request.log, told | dict(request.notes))
+    recorder = Recorder(log, told | dict(request.notes))
     opened.callback(recorder.close)
     return recorder
 
@@ -240,13 +282,16 @@ def metadata(
     }
 
 
-def _fly_recorded(loop: Loop, recorder: Recorder | None) -> RecorderReport | None:
+def _fly_recorded(
+    loop: Loop, recorder: Recorder | None, manager: ServiceManager
+) -> RecorderReport | None:
     """Run the loop; the recording is closed in any case."""
     quieten_interpreter()
     try:
         with _stopping_by_hand(loop):
             loop.run()
     finally:
+        manager.stopping(f"ended: {loop.tally.ended or 'before take-off'}")  # no beats from here
         report = recorder.close() if recorder else None
     return report
 

@@ -5,6 +5,7 @@ from __future__ import annotations  # array.array takes no type argument before 
 from array import array
 from collections import Counter
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +26,7 @@ class Tally:
     overran: int = 0
     ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
     gap: GapReport | None = None  # of --watch-gap
+    log: Path | None = None  # where the run was recorded
     modes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     errors_m: array[float] = field(default_factory=lambda: array("d"))

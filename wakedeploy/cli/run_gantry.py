@@ -21,7 +21,13 @@ if TYPE_CHECKING:
 
 @click.command()
 @flight_options
-@click.option("--log", "log_path", type=FILE, help="Record the run here (.mcap).")
+@click.option(
+    "--log",
+    "log_path",
+    type=click.Path(path_type=Path),
+    help="Record the run here (.mcap); in a folder, named by its start.",
+)
+@click.option("--arm-file", type=FILE, help="Stand by, motors off, until this file is made.")
 @click.option("--watch-gap", is_flag=True, help="Warn when the rig file explains it no more.")
 @click.option("--json", "json_path", type=FILE, help="Also write the summary as JSON.")
 def command(log_path: Path | None, json_path: Path | None, **options: Any) -> None:
@@ -30,6 +36,9 @@ def command(log_path: Path | None, json_path: Path | None, **options: Any) -> No
     A reference file has the columns t_s, z_m, x_m, source_us; it begins and ends at rest.
 
     Ctrl-C brings the sufferer down; a second one switches the motors off at once.
+
+    With --arm-file it watches board and sensor, motors off, until somebody makes that file, which
+    it takes away: one file, one flight. deployment/wakedeploy-gantry@.service runs it so.
 
     \b
     Example:
@@ -41,16 +50,16 @@ def command(log_path: Path | None, json_path: Path | None, **options: Any) -> No
 
     fly(
         request,
-        tell=lambda tally: _tell(tally, log_path, json_path),
+        tell=lambda tally: _tell(tally, json_path),
         show=shown_progress(request),
         warn=warn,
     )
 
 
-def _tell(tally: "Tally", log_path: Path | None, json_path: Path | None) -> None:
+def _tell(tally: "Tally", json_path: Path | None) -> None:
     end_progress()
     print_table("Run", ["", ""], [[name, shown] for name, shown in _lines(tally)])
-    click.echo(f"Recorded in {log_path}." if log_path else "Not recorded; --log FILE does that.")
+    click.echo(f"Recorded in {tally.log}." if tally.log else "Not recorded; --log FILE does that.")
     if json_path:
         write_json(json_path, summary(tally))
 
