@@ -1,0 +1,127 @@
+"""The standby against a real board process: what ends it, and that it keeps the board disarmed."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from runtime.link import Link
+from runtime.loop import arm_limits
+from runtime.protocol import Command
+from runtime.range_source import SocketRangeSource, wait_for_first
+from runtime.standby import begin_standby, stand_by
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.package import Example, Manifest, make_package, write_package
+from wakedeploy.rig import default_rig
+from wakedeploy.runlog import read_run_log
+
+RIG = default_rig().changed(disturbance={"rest_s": 0.2})
+CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "run-gantry"]
+
+
+@pytest.fixture
+def gantry():
+    with VirtualGantryProcess(RIG, seed=0) as running:
+        yield running
+
+
+@pytest.fixture
+def opened(gantry):
+    with Link(gantry.port) as link:
+        link.handshake()
+        ranges = SocketRangeSource(gantry.range_socket)
+        wait_for_first(ranges)
+        yield link, ranges
+        ranges.close()
+
+
+class Beats:
+    """Counts beats, and does something at one of them."""
+
+    def __init__(self, at, then):
+        self.count, self._at, self._then = 0, at, then
+
+    def __call__(self):
+        self.count += 1
+        if self.count == self._at:
+            self._then()
+
+
+def test_a_word_ends_it_and_is_gone(opened, tmp_path):
+    word = tmp_path / "fly"
+    beats = Beats(3, word.touch)
+    stand_by(word, *opened, beats)
+    assert beats.count == 3
+    assert not word.exists()
+
+
+def test_it_disarms_a_board_that_was_armed_before_it(opened, tmp_path):
+    link, ranges = opened
+    assert link.arm(arm_limits(RIG)).armed  # by a run that was killed
+    word = tmp_path / "fly"
+    stand_by(word, link, ranges, Beats(15, word.touch))
+    idle = link.wait_for(link.send(Command(1000.0, 1000.0, 0)), 5.0)
+    assert not idle.status.armed
+
+
+@pytest.mark.parametrize("left", ["board", "sensor"])
+def test_a_board_or_a_sensor_that_falls_silent_ends_it(gantry, opened, tmp_path, left):
+    link, ranges = opened
+    silence, words = {
+        "board": (gantry.kill, "connection to the board was lost|range"),
+        "sensor": (ranges.close, "range"),
+    }[left]
+    with pytest.raises(UnusableInput, match=words):
+        stand_by(tmp_path / "fly", link, ranges, Beats(2, silence))
+
+
+def test_a_folder_that_is_missing_is_named_before_anything_waits(tmp_path):
+    with pytest.raises(UnusableInput, match="no folder"):
+        begin_standby(tmp_path / "none" / "fly")
+
+
+def test_a_word_that_cannot_be_taken_away_is_no_word(tmp_path):
+    (tmp_path / "fly").mkdir()
+    with pytest.raises(CheckFailed, match="again and again"):
+        begin_standby(tmp_path / "fly")
+
+
+def gantry_package(tiny_package, seed):
+    """A package that fits the default gantry and predicts no force."""
+    onnx = pytest.importorskip("onnx")
+    names = ("dx_m", "dz_m", "vx_mps", "vz_mps", "source_command")
+    channels = [{"name": name, "unit": "1", "min": -9.0, "max": 9.0} for name in names]
+    made = tiny_package("none", seed=seed)
+    model = onnx.parser.parse_model(
+        '<ir_version: 10, opset_import: ["" : 20]>'
+        "t (float[B, 5] observation) => (float[B, 1] force)"
+        "{ axes = Constant <value_ints: ints = [1]> () sum = ReduceSum (observation, axes)"
+        "  force = Sub (sum, sum) }"
+    )
+    fields = made.manifest.model_dump(by_alias=True)
+    changed = {"observation": channels, "lead_s": RIG.default_lead_s}
+    example = Example(0, np.zeros((12, 5), np.float32), np.zeros((12, 1), np.float32))
+    manifest = Manifest.model_validate(fields | changed)
+    return make_package(model.SerializeToString(), manifest, example)
+
+
+def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
+    word, current, log = tmp_path / "fly", tmp_path / "current.onnx", tmp_path / "flight.mcap"
+    rig_file = tmp_path / "rig.toml"
+    RIG.write(rig_file)
+    before, deployed = gantry_package(tiny_package, 1), gantry_package(tiny_package, 2)
+    write_package(before, current)
+    arguments = ["--package", current, "--rig", rig_file, "--log", log, "--arm-file", word]
+    run = subprocess.Popen(
+        [str(part) for part in (*CLI, "--virtual", "--seconds", 6, *arguments)],
+        stdout=-1, stderr=-1, text=True,
+    )  # fmt: skip
+    assert "Standing by" in run.stderr.readline()
+    write_package(deployed, current)
+    word.touch()
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 0, err
+    assert deployed.sha256 != before.sha256
+    assert read_run_log(log).metadata["package_sha256"] == deployed.sha256
