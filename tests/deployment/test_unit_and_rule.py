@@ -75,10 +75,13 @@ def test_the_unit_leaves_time_to_land_and_flights_do_not_count_as_failures():
 
 BOARDS = [("2341", "0043"), ("2341", "0001"), ("2a03", "0043"), ("1a86", "7523")]
 # udev reads what it knows of a device below /sys. In a mount namespace of its own it gets another
-# one, with a USB device that has a serial port, and a /run with the project's rules alone.
+# one, with a USB device that has a serial port, a /run with the project's rules alone, and a /dev:
+# also when it only tests, it makes the links there.
 NAMESPACE = """
 set -e
 mount -t tmpfs tmpfs /run
+mount -t tmpfs tmpfs /dev
+mknod -m 666 /dev/null c 1 3
 mkdir -p /run/udev/rules.d && cp "$RULES" /run/udev/rules.d/
 mount --bind "$SYS" /sys
 SYSTEMD_DEVICE_VERIFY_SYSFS=0 udevadm test "$DEVICE" 2>&1
@@ -134,6 +137,7 @@ def told_by_udev(folder, device, rules=RULES):
     )  # fmt: skip
     said = ended.stdout + ended.stderr
     assert ended.returncode == 0, said
+    assert not Path("/dev/wakedeploy-uno").is_symlink()  # this machine is as it was
     return dict(re.findall(r"^([A-Z_]+)=(.*)$", said, re.MULTILINE)), said
 
 
