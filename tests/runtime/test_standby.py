@@ -57,13 +57,14 @@ def test_a_word_ends_it_and_is_gone(opened, tmp_path):
     assert not word.exists()
 
 
-def test_it_disarms_a_board_that_was_armed_before_it(opened, tmp_path):
+def test_it_greets_the_board_again_and_again_which_disarms_it(opened, tmp_path):
     link, ranges = opened
     assert link.arm(arm_limits(RIG)).armed  # by a run that was killed
     word = tmp_path / "fly"
     stand_by(word, link, ranges, Beats(15, word.touch))
     idle = link.wait_for(link.send(Command(1000.0, 1000.0, 0)), 5.0)
     assert not idle.status.armed
+    assert link.arm(arm_limits(RIG)).armed  # which takes a greeting since the last time
 
 
 @pytest.mark.parametrize("left", ["board", "sensor"])
