@@ -66,10 +66,15 @@ class Controller:
         sufferer_us = self._slewed(state.sufferer_us, wanted_us)
         if self._winds_up(sufferer_us, wanted_us, error_m):
             integral_n = state.integral_n
-        carriage_mps = aim.vx_mps + gains.carriage_gain_per_s * (aim.x_m - estimate.x_m)
+        carriage_mps = self.carriage_mps(estimate, aim)
         after = ControlState(integral_n, sufferer_us)
         command = Command(self._limited(aim.source_us), sufferer_us, carriage_mps)
         return after, command, Terms(p_n, integral_n, d_n, feedforward_n)
+
+    def carriage_mps(self, estimate: Estimate, aim: Reference) -> float:
+        """The carriage's speed [m/s] for this tick."""
+        gain_per_s = self._rig.control.carriage_gain_per_s
+        return aim.vx_mps + gain_per_s * (aim.x_m - estimate.x_m)
 
     def _pulse(self, thrust_n: float) -> float:
         return self._rig.thrust.sufferer.pulse(thrust_n)

@@ -303,6 +303,8 @@ class Loop:
             return self._come_down(t_s, feedforward_n)
         if mode is Mode.ARMED:
             self._state, command, terms = self._pilot.rest(self._state)
+        elif self._plan.motors_off:
+            self._state, command, terms = self._pilot.drive(self._state, aim)
         else:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
         return aim, command, terms

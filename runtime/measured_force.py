@@ -118,14 +118,16 @@ def thrust_after_spool(log: RunLog, rig: Rig, fine_s: FloatArray) -> FloatArray:
 
 
 def range_offset(log: RunLog, rig: Rig) -> float:
-    """What the range sensor reads at rest on the stop [m], 0 where the log has no rest.
+    """What the range sensor reads at rest on the stop [m], the rig's bias if the log has no rest.
 
     The median, because a reading cannot be negative and half of them may sit at zero.
     """
     idle = log["sufferer_cmd_us"] <= rig.thrust.sufferer.pulse_us[0] + 1.0
     resting = (log["mode"] == "ARMED") & idle & np.isfinite(log["range_m"])
     readings = log["range_m"][resting & (log["t_s"] < log["t_s"][0] + 10.0)]
-    return float(np.median(readings)) if len(readings) >= 16 else 0.0
+    if len(readings) < 16:
+        return unplaced_constants(rig)["range.bias_m"]
+    return float(np.median(readings))
 
 
 def _applied_pulses(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:
@@ -174,7 +176,8 @@ def _samples(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """When each new range sample was taken [s], and the height it gives [m]; none twice."""
     time_s = log["t_s"] - log["range_age_s"]
     usable = np.isfinite(time_s) & np.isfinite(log["range_m"]) & ~(log["range_repeats"] > 0)
-    time_s, height_m = time_s[usable], log["range_m"][usable] - range_offset(log, rig)
+    scale = unplaced_constants(rig)["range.scale"]
+    time_s, height_m = time_s[usable], (log["range_m"][usable] - range_offset(log, rig)) / scale
     # A repeated sample whose age was read a little differently is still the same sample.
     newest = np.maximum.accumulate(np.concatenate([[-np.inf], time_s[:-1]]))
     new = time_s > newest + 0.25 * rig.range_sensor.period_s

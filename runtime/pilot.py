@@ -99,6 +99,13 @@ class Pilot:
         after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
         return after, command, Terms(0.0, 0.0, 0.0, 0.0)
 
+    def drive(self, state: PilotState, aim: Reference) -> tuple[PilotState, Command, Terms]:
+        """The command of a tick in which only the carriage moves: motors idle."""
+        idle_us = self.rig.limits.pulse_us[0]
+        command = Command(idle_us, idle_us, self._controller.carriage_mps(state.estimate, aim))
+        after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
+        return after, command, Terms(0.0, 0.0, 0.0, 0.0)
+
     def _sent(self, state: PilotState, control: ControlState, command: Command) -> PilotState:
         return replace(
             state,

@@ -30,11 +30,15 @@ class Reference:
 
 @dataclass(frozen=True, eq=False)
 class FlightPlan:
-    """References of every tick between take-off and touch-down, arrays of equal length (T,)."""
+    """References of every tick between take-off and touch-down, arrays of equal length (T,).
+
+    With `motors_off` only the carriage moves.
+    """
 
     z_m: FloatArray
     x_m: FloatArray
     source_us: FloatArray
+    motors_off: bool = False
 
     def __len__(self) -> int:
         return len(self.z_m)
@@ -92,7 +96,7 @@ def random_plan(rig: Rig, seconds: float, seed: int) -> FlightPlan:
 def hold_plan(rig: Rig, seconds: float, z_m: float, source_us: float) -> FlightPlan:
     """A flight that holds one height under the jet's axis with a constant source."""
     t = np.arange(max(round(seconds * PLAN_RATE_HZ), 2)) / PLAN_RATE_HZ
-    envelope = _smooth(t / TAKE_OFF_S) * _smooth((seconds - t) / TAKE_OFF_S)
+    envelope = smooth_rise(t / TAKE_OFF_S) * smooth_rise((seconds - t) / TAKE_OFF_S)
     idle_us = rig.limits.pulse_us[0]
     return FlightPlan(z_m * envelope, np.zeros_like(t), idle_us + (source_us - idle_us) * envelope)
 
@@ -106,9 +110,9 @@ def _altitude(
     while start < TAKE_OFF_S + air_s - 2.0:
         target = rng.uniform(low, high)
         move_s = rng.uniform(1.2, 2.5)
-        z += (target - z[-1]) * _smooth((t - start) / move_s)
+        z += (target - z[-1]) * smooth_rise((t - start) / move_s)
         start += move_s + rng.uniform(1.5, 4.0)
-    return np.asarray(z * _smooth(t / TAKE_OFF_S) * _smooth((seconds - t) / TAKE_OFF_S))
+    return np.asarray(z * smooth_rise(t / TAKE_OFF_S) * smooth_rise((seconds - t) / TAKE_OFF_S))
 
 
 def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
@@ -122,10 +126,10 @@ def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator)
         move_s = max(0.4, 15.0 / 8.0 * abs(target - x[-1]) / rng.uniform(0.3, 1.0) / top_mps)
         if start + move_s > seconds - 3.0:
             break
-        x += (target - x[-1]) * _smooth((t - start) / move_s)
+        x += (target - x[-1]) * smooth_rise((t - start) / move_s)
         start += move_s + rng.uniform(0.0, 1.0)
     home_s = max(1.0, 15.0 / 8.0 * abs(x[-1]) / top_mps)
-    return np.asarray(x - x[-1] * _smooth((t - (seconds - home_s)) / home_s))
+    return np.asarray(x - x[-1] * smooth_rise((t - (seconds - home_s)) / home_s))
 
 
 def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
@@ -135,7 +139,7 @@ def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -
     )
     share = np.clip(level + swing, 0.15, 0.9)
     low, high = rig.thrust.source.pulse_us[0], rig.thrust.source.pulse_us[-1]
-    running = _smooth(t / 1.0) * _smooth((seconds - t) / 1.0)
+    running = smooth_rise(t / 1.0) * smooth_rise((seconds - t) / 1.0)
     return np.asarray(low + (high - low) * share * running)
 
 
@@ -150,7 +154,7 @@ def _steps_and_ramps(t: FloatArray, rng: np.random.Generator) -> FloatArray:
     return level
 
 
-def _smooth(share: FloatArray) -> FloatArray:
+def smooth_rise(share: FloatArray) -> FloatArray:
     """The minimum-jerk rise from 0 to 1: 10 s³ − 15 s⁴ + 6 s⁵."""
     s = np.clip(share, 0.0, 1.0)
     return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))

@@ -65,24 +65,27 @@ HINTS = {
 class RunRequest:
     """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth.
 
-    `reference`, a file, replaces the random plan of `seconds` and `seed`. `range_socket` beside a
-    `port` reads range samples from a plant process instead of I²C. With `firmware` the virtual
-    gantry's UNO is the compiled sketch on a simulated chip. A `log` that is a folder gets a file
-    named by the flight's start. With an `arm_file` the run stands by until that file appears.
-    `wake_off` leaves the source idle. `plant_seed` is the virtual gantry's chance, `seed` unless
-    given; `notes` go into the log's metadata.
+    `reference`, a file, or `plan` replaces the random plan of `seconds` and `seed`. `range_socket`
+    beside a `port` reads range samples from a plant process instead of I²C. With `firmware` the
+    virtual gantry's UNO is the compiled sketch on a simulated chip; its sufferer lies on a spacer
+    of `spacer_m`. A `log` that is a folder gets a file named by the flight's start. With an
+    `arm_file` the run stands by until that file appears. `wake_off` leaves the source idle.
+    `plant_seed` is the virtual gantry's chance, `seed` unless given; `notes` go into the log's
+    metadata.
     """
 
     rig: Rig
     seconds: float
     seed: int = 0
     reference: Path | None = None
+    plan: FlightPlan | None = None
     package: Path | None = None
     port: str | None = None
     range_socket: Path | None = None
     plant_rig: Rig | None = None
     hooks: str | None = None
     firmware: bool = False
+    spacer_m: float = 0.0
     log: Path | None = None
     arm_file: Path | None = None
     realtime: bool = False
@@ -196,8 +199,10 @@ def _stand_by(
 
 
 def _plan(request: RunRequest) -> FlightPlan:
-    """The reference file's plan, or a random one; without its wake if that is asked for."""
-    if request.reference is not None:
+    """What is given, the reference file's plan, or a random one; without wake if that is asked."""
+    if request.plan is not None:
+        plan = request.plan
+    elif request.reference is not None:
         plan = read_reference(request.reference, request.rig)
     else:
         plan = random_plan(request.rig, request.seconds, request.seed)
@@ -209,8 +214,13 @@ def _plant(request: RunRequest, opened: ExitStack) -> tuple[str, Path | None]:
     if request.port is not None:
         return request.port, request.range_socket
     truth = request.plant_rig or request.rig
-    seed = request.seed if request.plant_seed is None else request.plant_seed
-    gantry = VirtualGantryProcess(truth, seed=seed, hooks=request.hooks, firmware=request.firmware)
+    gantry = VirtualGantryProcess(
+        truth,
+        seed=request.seed if request.plant_seed is None else request.plant_seed,
+        hooks=request.hooks,
+        firmware=request.firmware,
+        spacer_m=request.spacer_m,
+    )
     opened.callback(gantry.close)
     return gantry.port, gantry.range_socket
 

@@ -28,6 +28,11 @@ LOOP_RATE_HZ = 32.0
 MOST_STEPS_PER_S = 32_767  # a command's carriage speed is a 16-bit number on the wire
 
 _CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
+_LATER = (  # constants that rig files once did not have, and what they are without
+    ("wake", "speed_exponent", 0.0),
+    ("range_sensor", "bias_m", 0.0),
+    ("range_sensor", "scale", 1.0),
+)
 
 
 class Calibration(pydantic.BaseModel, frozen=True, extra="forbid"):
@@ -124,11 +129,16 @@ class Stepper(_Section):
 
 
 class RangeSensor(_Section):
-    """The time-of-flight sensor on the carriage base, looking up at the sufferer's reflector."""
+    """The time-of-flight sensor on the carriage base, looking up at the sufferer's reflector.
+
+    It reads `bias_m` on the stop, and `scale` metres more for every metre above.
+    """
 
     noise_m: float = Field(ge=0, le=0.2)
     period_s: float = Field(gt=0.001, le=1)
     resolution_m: float = Field(ge=0, le=0.1)
+    bias_m: float = Field(default=0.0, ge=-0.3, le=0.3)
+    scale: float = Field(default=1.0, ge=0.7, le=1.3)
 
 
 class Latency(_Section):
@@ -333,8 +343,9 @@ class Rig(_Section):
             owner[name] = {"value": owner[name]} | known.model_dump(exclude_none=True)
         if not raw["effect"]:
             del raw["effect"]
-        if not raw["wake"]["speed_exponent"]:  # a rig that has none keeps its hash
-            del raw["wake"]["speed_exponent"]
+        for section, name, neutral in _LATER:  # a rig without them keeps its hash
+            if raw[section][name] == neutral:
+                del raw[section][name]
         return raw
 
 

@@ -25,11 +25,11 @@ _UNIT_OF_SUFFIX = {
 def unit_of(name: str) -> str | None:
     """The unit a constant's name ends in (`mass_kg` → "kg"), or None if it carries none."""
     parts = name.split("_")
-    for start in range(1, len(parts)):
+    for start in range(len(parts)):  # from the whole name on: steps_per_m is not in metres
         unit = _UNIT_OF_SUFFIX.get("_".join(parts[start:]))
         if unit:
             return unit
-    return _UNIT_OF_SUFFIX.get(name)
+    return None
 
 
 def same_unit(one: str, other: str) -> bool:

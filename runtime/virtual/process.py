@@ -17,12 +17,19 @@ class VirtualGantryProcess:
     """A running plant process: `port` and `range_socket` are where to connect. A context manager.
 
     `rig` is the plant's truth; `hooks` names a function as MODULE:FUNCTION (see
-    `runtime.virtual.hooks`); with `firmware` the compiled sketch answers, on a simulated UNO.
+    `runtime.virtual.hooks`); with `firmware` the compiled sketch answers, on a simulated UNO;
+    `spacer_m` is the height of what lies between sufferer and stop.
     Raises UnusableInput when the process cannot use one of them.
     """
 
     def __init__(
-        self, rig: Rig, *, seed: int, hooks: str | None = None, firmware: bool = False
+        self,
+        rig: Rig,
+        *,
+        seed: int,
+        hooks: str | None = None,
+        firmware: bool = False,
+        spacer_m: float = 0.0,
     ) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="wakedeploy-")
         self._process = subprocess.Popen(
@@ -38,6 +45,7 @@ class VirtualGantryProcess:
                 "seed": seed,
                 "hooks": hooks,
                 "firmware": firmware,
+                "spacer_m": spacer_m,
                 "folder": self._folder.name,
             }
         )
@@ -66,7 +74,7 @@ class VirtualGantryProcess:
             self.kill()
         self._folder.cleanup()
 
-    def _ask(self, request: dict[str, str | int | None]) -> dict[str, str]:
+    def _ask(self, request: dict[str, str | float | None]) -> dict[str, str]:
         stdin, stdout = self._process.stdin, self._process.stdout
         assert stdin is not None
         assert stdout is not None

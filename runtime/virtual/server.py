@@ -102,7 +102,8 @@ class VirtualGantry:
             self._mcu = FirmwarePort(rig)
             # The sketch makes servo frames of its own; the plant must not wait for others.
             rig = rig.changed(disturbance={"esc_frame_s": 0.0})
-        self._plant = GantryPlant(rig, seed=request["seed"], **hooks)
+        spacer_m = request.get("spacer_m", 0.0)
+        self._plant = GantryPlant(rig, seed=request["seed"], spacer_m=spacer_m, **hooks)
         self.port = PtyPort()
         self.ranges = RangeServer(folder)
         self._sample = NO_SAMPLE

@@ -1,5 +1,6 @@
 """The doctor names what is missing with its fix, and fails only for what every use needs."""
 
+import datetime
 import importlib.metadata
 import json
 import os
@@ -10,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import doctor, main
+from wakedeploy.rig import default_rig
 
 
 def test_a_sound_machine_passes_and_says_so_as_json(tmp_path: Path) -> None:
@@ -75,3 +77,34 @@ def test_an_unsuitable_python_is_broken(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setattr(sys, "version_info", (3, 10, 4, "final", 0))
     (finding,) = doctor.python_version()
     assert finding.state == doctor.BROKEN
+
+
+PROCEDURES = ("zero", "range", "noise", "latency", "thrust", "steps", "spool", "spool")
+
+
+def test_missing_old_and_future_calibrations_are_stale_and_named_with_their_command(
+    tmp_path: Path,
+) -> None:
+    def dated(value: float, date: str) -> dict[str, object]:
+        return {"value": value, "spread": 0.0004, "date": date}
+
+    rig = default_rig().changed(
+        range_sensor={
+            "bias_m": dated(0.01, "2026-03-01"),
+            "scale": dated(1.0, "2026-02-28"),
+            "noise_m": dated(0.004, "2026-05-01"),
+        },
+        latency={"round_trip_s": dated(0.02, "some day")},
+    )
+    rig.write(tmp_path / "rig.toml")
+    found = doctor.calibrations(tmp_path / "rig.toml", datetime.date(2026, 3, 31))
+    states = {f.name: (f.state, f.found) for f in found}
+    assert states["range_sensor.bias_m"] == (doctor.OK, "2026-03-01, 30 days old")
+    assert states["range_sensor.scale"] == (doctor.STALE, "2026-02-28, 31 days old")
+    assert "still to come" in states["range_sensor.noise_m"][1]
+    assert "some day" in states["latency.round_trip_s"][1]
+    assert states["stepper.steps_per_m"] == (doctor.STALE, "never calibrated")
+    assert all(f"calibrate {p}" in f.fix for f, p in zip(found, PROCEDURES, strict=True) if f.fix)
+    result = CliRunner().invoke(main, ["doctor", "--rig", str(tmp_path / "rig.toml")])
+    assert result.exit_code == 0
+    assert "wakedeploy calibrate steps --rig" in result.output

@@ -29,6 +29,7 @@ COMMANDS = (
     "gap",
     "study",
     "rig",
+    "calibrate",
     "doctor",
 )
 TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors", "plotly"}

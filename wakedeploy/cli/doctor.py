@@ -1,5 +1,6 @@
 """`wakedeploy doctor`: what this machine can and cannot do, with the fix for each."""
 
+import datetime
 import glob
 import os
 import re
@@ -10,19 +11,36 @@ import sys
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from wakedeploy.cli.output import print_table, write_json
 
-OK, OPTIONAL, BROKEN = "ok", "optional", "BROKEN"
+if TYPE_CHECKING:
+    from wakedeploy.rig import Calibration
+
+OK, OPTIONAL, STALE, BROKEN = "ok", "optional", "stale", "BROKEN"
 _ENOUGH_DISK_GIB = 1.0
 _TRIAL_S = 60.0
+# Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has
+# measured how fast on this rig, so a month is a habit rather than a finding.
+CALIBRATION_DAYS = 30
+CALIBRATIONS = {
+    "range_sensor.bias_m": "zero",
+    "range_sensor.scale": "range",
+    "range_sensor.noise_m": "noise",
+    "latency.round_trip_s": "latency",
+    "thrust.sufferer.thrust_n": "thrust",
+    "stepper.steps_per_m": "steps",
+    "spool.sufferer.up_s": "spool",
+    "spool.sufferer.down_s": "spool",
+}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing looked at: `state` is ok, optional (only some uses need it) or BROKEN."""
+    """One thing looked at: ok, optional (only some uses need it), stale (renew it) or BROKEN."""
 
     name: str
     state: str
@@ -31,17 +49,22 @@ class Finding:
 
 
 @click.command()
+@click.option("--rig", "rig_path", type=click.Path(dir_okay=False, path_type=Path),
+              help="Also tell which calibrations of this rig file are missing or old.")  # fmt: skip
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
-def command(json_path: Path | None) -> None:
+def command(rig_path: Path | None, json_path: Path | None) -> None:
     """Say what this machine can do: libraries, serial ports, real time, disk.
 
-    Exit status 1 when something that every use needs is broken.
+    Exit status 1 when something that every use needs is broken. With --rig, calibrations without a
+    date or older than 30 days are stale; that alone is no failure.
 
     \b
     Example:
         wakedeploy doctor
+        wakedeploy doctor --rig rig.toml
     """
-    findings = [finding for look in CHECKS for finding in look()]
+    findings = calibrations(rig_path) if rig_path else []  # a file that is none is told first
+    findings = [finding for look in CHECKS for finding in look()] + findings
     rows = [[f.name, f.state, f.found] for f in findings]
     print_table("This machine", ["what", "state", "found"], rows)
     for finding in findings:
@@ -114,6 +137,34 @@ def free_disk() -> list[Finding]:
         return [Finding("free disk", OK, f"{free_gib:.1f} GiB")]
     fix = f"less than {_ENOUGH_DISK_GIB:g} GiB: delete old runs and logs, or work on another disk."
     return [Finding("free disk", OPTIONAL, f"{free_gib:.2f} GiB", fix)]
+
+
+def calibrations(path: Path, today: datetime.date | None = None) -> list[Finding]:
+    """Whether a rig file's calibrated constants have a date, and one of the last 30 days."""
+    from wakedeploy.rig import read_rig
+
+    rig, now = read_rig(path), today or datetime.datetime.now(datetime.UTC).date()
+    return [
+        _calibration(name, procedure, rig.calibration.get(name), now, path)
+        for name, procedure in CALIBRATIONS.items()
+    ]
+
+
+def _calibration(
+    name: str, procedure: str, known: "Calibration | None", today: datetime.date, path: Path
+) -> Finding:
+    fix = f"wakedeploy calibrate {procedure} --rig {path} --port PORT"
+    stated = known.date if known is not None else None
+    if stated is None:
+        return Finding(name, STALE, "never calibrated", fix)
+    try:
+        days = (today - datetime.date.fromisoformat(stated[:10])).days
+    except ValueError:
+        return Finding(name, STALE, f"date {stated!r} is none", fix)
+    if days < -1:  # a day ahead may be a time zone
+        return Finding(name, STALE, f"{stated} is still to come", f"check the clock, or {fix}")
+    old = f"{stated}, {max(days, 0)} days old"
+    return Finding(name, STALE, old, fix) if days > CALIBRATION_DAYS else Finding(name, OK, old)
 
 
 CHECKS: Sequence[Callable[[], list[Finding]]] = (

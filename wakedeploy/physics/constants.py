@@ -32,7 +32,7 @@ class Spread:
         return max(self.relative * abs(value), self.absolute)
 
 
-# Constants that are not in the rig file are neutral there: a curve as tabulated, no delay, no bias.
+# What constants are where a rig file does not state them: a curve as tabulated, no delay, no bias.
 NEUTRAL: Constants = {
     "thrust.source.scale": 1.0,
     "thrust.source.exponent": 1.0,
@@ -60,6 +60,7 @@ _OF_RIG = (
     "rail.viscous_n_per_mps",
     "disturbance.esc_frame_s",
 )
+_SENSOR = {"range.bias_m": "range_sensor.bias_m", "range.scale": "range_sensor.scale"}
 DEFAULT_SPREAD: Mapping[str, Spread] = {
     "thrust.sufferer.scale": Spread(absolute=0.03),
     "thrust.sufferer.exponent": Spread(absolute=0.05),
@@ -83,7 +84,8 @@ DEFAULT_SPREAD: Mapping[str, Spread] = {
 
 def constants_of(rig: Rig) -> Constants:
     """Every movable constant with the rig's value."""
-    return NEUTRAL | {name: float(_lookup(rig, name)) for name in _OF_RIG}
+    places = {name: name for name in _OF_RIG} | _SENSOR
+    return NEUTRAL | {name: _lookup(rig, place) for name, place in places.items()}
 
 
 def spreads_of(rig: Rig) -> Constants:
@@ -91,7 +93,7 @@ def spreads_of(rig: Rig) -> Constants:
     values = constants_of(rig)
     spreads = {name: spread.of(values[name]) for name, spread in DEFAULT_SPREAD.items()}
     for name in values:
-        stated = rig.calibration.get(name)
+        stated = rig.calibration.get(_SENSOR.get(name, name))
         if stated is not None and stated.spread is not None:
             spreads[name] = stated.spread
     for motor in ("source", "sufferer"):
@@ -102,7 +104,7 @@ def spreads_of(rig: Rig) -> Constants:
 
 
 def with_constants(rig: Rig, constants: Mapping[str, float]) -> Rig:
-    """A rig whose file states these constants; sensor bias, scale and delays have no place in one.
+    """A rig whose sections state these constants; sensor bias, scale and delays stay as they are.
 
     Raises UnusableInput for values out of the rig's bounds.
     """

@@ -40,7 +40,8 @@ class GantryPlant:
     """The simulated rig between the MCU's outputs and the sensors, deterministic by seed.
 
     All quantities in SI units, pulse widths in µs. `steps` and `range_sample()` are what the
-    electronics report; the other attributes are the truth.
+    electronics report; the other attributes are the truth. The sufferer begins at rest on the stop,
+    or on a spacer of `spacer_m`.
     """
 
     dt_s = 1.0 / INNER_RATE_HZ
@@ -54,6 +55,7 @@ class GantryPlant:
         force_hook: ForceHook | None = None,
         sensor_hook: SensorHook | None = None,
         wake_hook: WakeHook | None = None,
+        spacer_m: float = 0.0,
     ) -> None:
         chain = Chain.of(rig)
         constants = chain.constants(constants_of(rig))
@@ -64,7 +66,13 @@ class GantryPlant:
         sensing, air, timing = np.random.SeedSequence([seed, 0]).spawn(3)
         self._source = Motor(rig.thrust.source, rig.spool.source)
         self._sufferer = Motor(rig.thrust.sufferer, rig.spool.sufferer)
-        self._body = RailBody(rig.sufferer.mass_kg, rig.rail, rig.sufferer.travel_m)
+        self._body = RailBody(
+            rig.sufferer.mass_kg,
+            rig.rail,
+            rig.sufferer.travel_m,
+            z_m=spacer_m,
+            floor_m=spacer_m,
+        )
         self._jet = VerticalJet(rig.wake, rig.source.height_m, self.dt_s)
         self._turbulence = OrnsteinUhlenbeck(
             rig.disturbance.turbulence_time_s, self.dt_s, np.random.default_rng(air)

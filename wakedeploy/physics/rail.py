@@ -20,7 +20,7 @@ def smooth_friction(rail: Rail, vz_mps: float) -> float:
 
 @dataclass
 class RailBody:
-    """A mass on a vertical rail between two inelastic stops at 0 and `travel_m`.
+    """A mass on a vertical rail between two inelastic stops at `floor_m` and `travel_m`.
 
     `added_kg` is what moves along without weighing anything.
     """
@@ -31,6 +31,7 @@ class RailBody:
     z_m: float = 0.0
     vz_mps: float = 0.0
     added_kg: float = 0.0
+    floor_m: float = 0.0
 
     def step(self, force_n: float, dt_s: float) -> None:
         """Advance by `dt_s` under a vertical force [N] held over the step, gravity apart."""
@@ -54,12 +55,12 @@ class RailBody:
         """Whether stiction or a stop keeps a resting body where it is."""
         if abs(driving_n) <= max(self.rail.stiction_n, self.rail.coulomb_n):
             return True
-        return (self.z_m <= 0.0 and driving_n < 0.0) or (
+        return (self.z_m <= self.floor_m and driving_n < 0.0) or (
             self.z_m >= self.travel_m and driving_n > 0.0
         )
 
     def _stop_at_ends(self) -> None:
-        if self.z_m <= 0.0 and self.vz_mps <= 0.0:
-            self.z_m, self.vz_mps = 0.0, 0.0
+        if self.z_m <= self.floor_m and self.vz_mps <= 0.0:
+            self.z_m, self.vz_mps = self.floor_m, 0.0
         elif self.z_m >= self.travel_m and self.vz_mps >= 0.0:
             self.z_m, self.vz_mps = self.travel_m, 0.0

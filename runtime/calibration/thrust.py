@@ -1,0 +1,153 @@
+"""`calibrate thrust`: the sufferer's thrust curve, from hovering with known masses clipped on.
+
+A fixed mass hovers at one thrust only, so that one flight says one point; three masses or more give
+the scale and the exponent by which the rig file's curve is off: thrust = scale · hover · (tabulated
+/ hover)^exponent. The source stays off. The sufferer moves slowly up and down, whole periods of a
+sine, so that rail friction, which works against either way, and inertia average out of the mean
+thrust; standing still, stiction would hide 2 % of it. The mean is that of the tabulated thrust
+after spool lag, from the pulses as applied. Thrust goes with the square of the battery's voltage:
+flights at different voltages are refused. The source's own curve cannot be had this way: it cannot
+hover, and is known as wake strength times thrust only.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.calibration import Outcome, require
+from runtime.calibration.session import Site, with_clip
+from runtime.measured_force import FINE_S, thrust_after_spool
+from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, smooth_rise
+from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.constants import moved_thrust
+from wakedeploy.physics.rail import GRAVITY_MPS2
+from wakedeploy.rig import Rig
+from wakedeploy.rig_update import Calibrated
+from wakedeploy.runlog import RunLog
+
+FloatArray = npt.NDArray[np.float64]
+
+PERIOD_S, PERIODS, SWING_M = 4.0, 5, 0.15
+SETTLE_S = 3.0  # after take-off, for the integral to find the mass
+_FEWEST = 3
+_APART = 0.1  # of the weight: over less, scale and exponent cannot be told apart
+_RESERVE = 1.15  # of the weight, for control
+_LEAST_SCATTER = 0.002  # kitchen scales, and a voltage that is not quite constant
+_MOST_SCATTER = 0.02
+_SCALES, _EXPONENTS = (0.5, 2.0), (0.6, 1.6)
+_MOST_SAG = 0.03  # of the voltage, twice that of the thrust
+
+
+def require_masses(clips_kg: Sequence[float], rig: Rig) -> None:
+    """UnusableInput for masses that say too little or that the sufferer cannot carry."""
+    weights_n = [(rig.sufferer.mass_kg + clip) * GRAVITY_MPS2 for clip in clips_kg]
+    if len(set(clips_kg)) < _FEWEST or not max(weights_n) >= (1.0 + _APART) * min(weights_n):
+        raise UnusableInput(
+            f"Give {_FEWEST} different masses or more, the heaviest sufferer at least "
+            f"{100 * _APART:.0f} % above the lightest: --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2."
+        )
+    top_n = rig.thrust.sufferer.thrust_n[-1]
+    if not (min(clips_kg) >= 0.0 and _RESERVE * max(weights_n) <= top_n):
+        raise UnusableInput(
+            f"--mass-kg is what is clipped onto the sufferer; with {max(clips_kg):g} kg it weighs "
+            f"{max(weights_n):.2f} N, too close to the curve's {top_n:g} N."
+        )
+
+
+def record(site: Site, rig: Rig, clip_kg: float, number: int) -> RunLog:
+    """Fly with one mass; the loop knows of it."""
+    carrying = with_clip(rig, clip_kg)
+    return site.flown(f"thrust{number}", carrying, swinging(rig), clip_kg=clip_kg)
+
+
+def swinging(rig: Rig) -> FlightPlan:
+    """Slowly up and down about the middle of the travel, the source off."""
+    lead_s = TAKE_OFF_S + SETTLE_S
+    seconds = lead_s + PERIOD_S * PERIODS + 1.0 + TAKE_OFF_S
+    t_s = np.arange(round(seconds * PLAN_RATE_HZ)) / PLAN_RATE_HZ
+    envelope = smooth_rise(t_s / TAKE_OFF_S) * smooth_rise((seconds - t_s) / TAKE_OFF_S)
+    begun = smooth_rise(t_s - lead_s + 1.0)
+    swing_m = SWING_M * begun * np.sin(2.0 * np.pi * (t_s - lead_s) / PERIOD_S)
+    z_m = (0.5 * rig.sufferer.travel_m + swing_m) * envelope
+    return FlightPlan(z_m, np.zeros_like(t_s), np.full_like(t_s, rig.limits.pulse_us[0]))
+
+
+def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Outcome:
+    """The curve from one log per mass."""
+    hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
+    weight_n = np.array([(rig.sufferer.mass_kg + clip) * GRAVITY_MPS2 for clip in clips_kg])
+    table_n = np.array([_mean_thrust(log, rig) for log in logs])
+    volts = _voltages(logs)
+    log_table, log_weight = np.log(table_n / hover_n), np.log(weight_n / hover_n)
+    design = np.stack([np.ones_like(log_table), log_table], axis=1)
+    inverse = np.linalg.inv(design.T @ design)
+    intercept, exponent = (float(v) for v in inverse @ design.T @ log_weight)
+    off = log_weight - design @ (intercept, exponent)
+    scatter = float(np.sqrt(np.sum(off**2) / (len(off) - 2)))
+    require(
+        scatter < _MOST_SCATTER,
+        f"The thrusts scatter by {100 * scatter:.1f} % about any such curve: check the masses and "
+        "charge the battery.",
+    )
+    scale = float(np.exp(intercept))
+    require(
+        _SCALES[0] < scale < _SCALES[1] and _EXPONENTS[0] < exponent < _EXPONENTS[1],
+        f"The curve would have to be scaled by {scale:.2f} and bent by {exponent:.2f}: check "
+        "sufferer.mass_kg and the masses.",
+    )
+    scatter = max(scatter, _LEAST_SCATTER)
+    moved_n = moved_thrust(np.array(rig.thrust.sufferer.thrust_n), scale, exponent, hover_n)
+    # The spread counts at hover, where the rig file's readers apply it.
+    at_hover = np.array([1.0, -intercept / exponent])
+    spread_n = hover_n * scatter * float(np.sqrt(at_hover @ inverse @ at_hover))
+    bend_sd = scatter * float(np.sqrt(inverse[1, 1]))
+    told = [
+        f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
+        for clip, w, t, v in zip(clips_kg, weight_n, table_n, volts, strict=True)
+    ]
+    told.append(f"Scale {scale:.4f} at hover, exponent {exponent:.3f} ± {bend_sd:.3f}.")
+    found = Calibrated(tuple(float(n) for n in moved_n), spread_n, "N")
+    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
+
+
+def _mean_thrust(log: RunLog, rig: Rig) -> float:
+    """Mean tabulated thrust [N] over the whole periods of the swing."""
+    flown_s = log["t_s"][log.flying]
+    begin_s = (flown_s[0] if len(flown_s) else 0.0) + TAKE_OFF_S + SETTLE_S
+    end_s = begin_s + PERIOD_S * PERIODS
+    require(
+        len(flown_s) > 0 and flown_s[-1] >= end_s,
+        "A flight ended before its last swing was over: fly it again.",
+    )
+    swung = log.flying & (log["t_s"] >= begin_s) & (log["t_s"] < end_s)
+    high_m, low_m = log["z_est_m"][swung].max(), log["z_est_m"][swung].min()
+    require(
+        bool(high_m - low_m > SWING_M),
+        f"The sufferer moved by {1e3 * (high_m - low_m):.0f} mm instead of {2e3 * SWING_M:.0f}: "
+        "free the rail, or lower the masses.",
+    )
+    idle_us = rig.limits.pulse_us[0]
+    require(
+        bool(np.all(log["source_cmd_us"][swung] <= idle_us + 1.0)),
+        "The source ran during the flight, and its wake pushes the sufferer: keep it off.",
+    )
+    fine_s = np.arange(begin_s - 1.0, end_s, FINE_S)
+    return float(np.mean(thrust_after_spool(log, rig, fine_s)[fine_s >= begin_s]))
+
+
+def _voltages(logs: Sequence[RunLog]) -> list[str]:
+    """The battery's mean voltage in each flight, as words; CheckFailed when they differ."""
+    volts = [
+        float(np.nanmean(log["battery_v"][log.flying])) if log.has("battery_v") else None
+        for log in logs
+    ]
+    known = [v for v in volts if v is not None]
+    if known:
+        low_v, high_v = min(known), max(known)
+        require(
+            high_v - low_v < _MOST_SAG * high_v,
+            f"The battery gave {low_v:.2f} to {high_v:.2f} V, and thrust goes with its square: "
+            "charge it before each flight.",
+        )
+    return ["" if v is None else f" with {v:.2f} V" for v in volts]

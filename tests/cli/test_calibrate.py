@@ -1,0 +1,173 @@
+"""`calibrate` in real time, through the pseudo-terminal, with a plant unlike the rig file."""
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.cli import calibrate, main
+from wakedeploy.domains.gantry import record
+from wakedeploy.rig import Effect, EffectParameter, default_rig, default_rig_text, read_rig
+from wakedeploy.runlog import read_run_log
+
+RIG = default_rig()
+TRUTH = RIG.changed(range_sensor={"bias_m": 0.042, "scale": 1.02}, stepper={"steps_per_m": 4100})
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[Path, Path]:
+    """A rig file with comments, and the rig file of the truth."""
+    rig, truth = tmp_path / "rig.toml", tmp_path / "truth.toml"
+    rig.write_text(default_rig_text())
+    TRUTH.write(truth)
+    return rig, truth
+
+
+def calibrated(*arguments: object, given: str | None = None):
+    return CliRunner().invoke(main, ["calibrate", *map(str, arguments)], input=given)
+
+
+def test_zero_on_the_virtual_gantry_writes_value_spread_and_date(files, tmp_path) -> None:
+    rig, truth = files
+    told, logs = tmp_path / "zero.json", tmp_path / "logs"
+    where = ("--virtual", "--plant-rig", truth, "--keep-logs", logs, "--json", told)
+    result = calibrated("zero", "--rig", rig, *where)
+    assert result.exit_code == 0, result.output
+    after = read_rig(rig)
+    known = after.calibration["range_sensor.bias_m"]
+    assert abs(after.range_sensor.bias_m - 0.042) < 3.0 * known.spread < 0.003
+    assert known.date in rig.read_text()
+    assert "# read in the paper" in rig.read_text()
+    assert "range_sensor.bias_m" in result.output
+    found = json.loads(told.read_text())["constants"]["range_sensor.bias_m"]
+    assert found["before"] == 0.0
+    assert found["value"] == after.range_sensor.bias_m
+    # The same log again, as one recorded earlier, gives the same.
+    again = tmp_path / "again.toml"
+    again.write_text(default_rig_text())
+    result = calibrated("zero", "--rig", again, "--log", logs / "zero.mcap")
+    assert result.exit_code == 0, result.output
+    assert read_rig(again) == after
+
+
+def test_steps_at_a_port_asks_the_operator(files, tmp_path) -> None:
+    rig, _ = files
+    with VirtualGantryProcess(TRUTH, seed=0) as gantry:
+        where = ("--port", gantry.port, "--range-socket", gantry.range_socket)
+        drive = ("--distance-m", "0.3", "--hold-s", "3", "--keep-logs", tmp_path / "logs")
+        # Enter when the place is marked, then what a rule shows of 0.3 m by 4200 steps/m.
+        given = "\n0.307\n"
+        result = calibrated("steps", "--rig", rig, *where, *drive, given=given)
+    assert result.exit_code == 0, result.output
+    assert "Mark where the carriage stands" in result.output
+    known = read_rig(rig).calibration["stepper.steps_per_m"]
+    assert abs(read_rig(rig).stepper.steps_per_m - 4100.0) < 3.0 * known.spread
+    log = read_run_log(tmp_path / "logs" / "steps.mcap")
+    assert set(log["sufferer_cmd_us"]) == {RIG.limits.pulse_us[0]}
+
+
+def test_ctrl_c_lands_and_leaves_the_file_as_it_was(files, tmp_path) -> None:
+    rig, _ = files
+    logs = tmp_path / "logs"
+    code = "from wakedeploy.cli import main; main()"
+    arguments = ["calibrate", "noise", "--virtual", "--rig", rig, "--keep-logs", logs]
+    run = subprocess.Popen(
+        [sys.executable, "-c", code, *map(str, arguments)], stdout=-1, stderr=-1, text=True
+    )
+    end_s = time.monotonic() + 60.0
+    while not (logs / "noise.mcap").exists() or flown(logs / "noise.mcap") < 40:
+        assert run.poll() is None, run.communicate()
+        assert time.monotonic() < end_s, "it never flew"
+        time.sleep(0.1)
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=30)
+    assert run.returncode == 130, err
+    assert "Traceback" not in err
+    assert rig.read_text() == default_rig_text()
+    log = read_run_log(logs / "noise.mcap")
+    assert log["sufferer_cmd_us"][-1] == log["source_cmd_us"][-1] == RIG.limits.pulse_us[0]
+
+
+def flown(path: Path) -> int:
+    with contextlib.suppress(Exception):
+        return int(read_run_log(path).flying.sum())
+    return 0
+
+
+@pytest.fixture(scope="session")
+def random_flight(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("logs") / "flight.mcap"
+    record(RIG, seconds=20.0, seed=1).write_mcap(path)
+    return path
+
+
+def test_latency_from_a_log_of_any_flight_and_a_refusal_that_leaves_the_file(
+    files, random_flight, tmp_path
+) -> None:
+    rig, _ = files
+    result = calibrated("latency", "--rig", rig, "--log", random_flight)
+    assert result.exit_code == 0, result.output
+    text = rig.read_text()
+    assert read_rig(rig).calibration["latency.round_trip_s"].spread > 0.0
+    refused = calibrated("thrust", "--rig", rig, *["--log", random_flight] * 3, *MASSES)
+    assert refused.exit_code == 1
+    assert "Nothing was written." in refused.output
+    assert refused.output.count("\n") == 1
+    assert rig.read_text() == text
+
+
+MASSES = ("--mass-kg", "0", "--mass-kg", "0.1", "--mass-kg", "0.2")
+
+
+def test_a_constant_that_an_effect_replaces_is_refused(files, random_flight) -> None:
+    rig, _ = files
+    entry = Effect(name="range-bias", parameters={"bias_m": EffectParameter(value=0.1, unit="m")})
+    RIG.model_copy(update={"effect": (entry,)}).write(rig)
+    result = calibrated("zero", "--rig", rig, "--log", random_flight)
+    assert result.exit_code == 2
+    assert "lists the effect range-bias" in result.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("zero",), "one of --port PORT, --virtual, --log FILE"),
+        (("zero", "--virtual", "--port", "x"), "one of --port"),
+        (("zero", "--port", "x", "--plant-rig", "y"), "belongs to --virtual"),
+        (("zero", "--virtual", "--range-socket", "y"), "belongs to --port"),
+        (("zero", "--log", "x", "--keep-logs", "y"), "--keep-logs belongs"),
+        (("range", "--virtual", "--height-m", "0"), "two or more heights"),
+        (("range", "--log", "x", "--height-m", "0", "--height-m", "0.4"), "2 logs are needed"),
+        (("thrust", "--virtual", "--mass-kg", "0"), "3 different masses"),
+        (("steps", "--virtual"), "--distance-m"),
+        (("steps", "--log", "x"), "give --measured-m"),
+        (("steps", "--virtual", "--distance-m", "3"), "limits.x_m"),
+    ],
+)
+def test_what_contradicts_itself_is_refused_before_anything_flies(files, arguments, words) -> None:
+    result = calibrated(*arguments, "--rig", files[0])
+    assert result.exit_code == 2, result.output
+    assert words in result.output
+    assert files[0].read_text() == default_rig_text()
+
+
+@pytest.mark.parametrize("name", sorted(calibrate.command.commands))
+def test_every_procedure_has_help_with_an_example(name: str) -> None:
+    result = calibrated(name, "--help")
+    assert result.exit_code == 0
+    assert f"wakedeploy calibrate {name}" in result.output
+
+
+def test_a_port_that_is_not_there_is_one_sentence(files) -> None:
+    missing = os.devnull + "-not-there"
+    result = calibrated("latency", "--rig", files[0], "--port", missing)
+    assert result.exit_code == 2
+    assert "no such port" in result.output

@@ -1,0 +1,41 @@
+"""A place to calibrate in simulated time: the rig's loop around the plant, without waiting."""
+
+from dataclasses import dataclass
+
+from runtime.calibration.session import with_clip
+from runtime.loop import Loop
+from runtime.reference import FlightPlan
+from runtime.simulated import SimulatedGantry
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import Rig
+from wakedeploy.runlog import STAGES, RunLog
+
+
+class Rows:
+    error: str | None = None
+
+    def __init__(self) -> None:
+        self.rows: list = []
+
+    def put(self, row) -> None:
+        self.rows.append({name: value for name, value in row.items() if name not in STAGES})
+
+
+@dataclass(frozen=True)
+class SimulatedSite:
+    """As `runtime.calibration.session.Site`, with `truth` for the plant's rig."""
+
+    truth: Rig
+    seed: int = 0
+
+    def flown(
+        self, name: str, rig: Rig, plan: FlightPlan, spacer_m: float = 0.0, clip_kg: float = 0.0
+    ) -> RunLog:
+        truth = with_clip(self.truth, clip_kg)
+        plant = GantryPlant(truth, seed=self.seed, spacer_m=spacer_m)
+        world = SimulatedGantry(plant, model=rig, truth=truth, seed=self.seed)
+        rows = Rows()
+        loop = Loop(rig, world, world, plan, None, rows, world)
+        loop.run()
+        assert not loop.failsafe_cause, loop.failsafe_cause
+        return RunLog.from_rows(rows.rows, {"rig_toml": rig.text}).without_truth()
