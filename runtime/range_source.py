@@ -20,6 +20,8 @@ TIMING_BUDGET_US = 20_000  # the sensor's fastest; its time of a sample is the m
 NOTHING_IN_RANGE_MM = 8190  # what the VL53L0X says when no light came back
 POLL_S = 0.001
 BUS_RETRIES = 10
+SENSOR_ANSWER_S = 0.5  # the driver would otherwise wait for ever for a chip that hangs
+SILENCE_S = 1.0  # without a measurement, though the bus is well: the sensor lost power or hangs
 STATUS_NO_TARGET = 4
 FIRST_SAMPLE_S = 3.0
 # range [mm], sensor time [µs, monotonic], status, then what only a simulation knows (else NaN):
@@ -128,8 +130,14 @@ class I2cRangeSource:
         self.failure: str | None = None
         self._closing = threading.Event()
         self._sensor = sensor if sensor is not None else _connected_sensor()
-        self._sensor.measurement_timing_budget = TIMING_BUDGET_US
-        self._sensor.start_continuous()
+        try:
+            self._sensor.measurement_timing_budget = TIMING_BUDGET_US
+            self._sensor.start_continuous()
+        except (OSError, RuntimeError) as error:
+            raise UnusableInput(
+                f"The range sensor did not start to measure ({one_line(error)}); check its wires "
+                "and its power."
+            ) from error
         self._thread = threading.Thread(target=self._read, name="range", daemon=True)
         self._thread.start()
 
@@ -144,7 +152,7 @@ class I2cRangeSource:
         errors = 0
         while not self._closing.is_set():
             try:
-                self._read_one()
+                measured = self._read_one(keep=errors == 0)
                 errors = 0
             except (OSError, RuntimeError) as error:
                 errors += 1
@@ -154,17 +162,31 @@ class I2cRangeSource:
                     )
                     return
                 self._closing.wait(POLL_S)
-
-    def _read_one(self) -> None:
-        """Sleep through most of a measurement, look until it is ready, take it."""
-        self._closing.wait(0.8e-6 * TIMING_BUDGET_US)
-        while not self._sensor.data_ready:
-            if self._closing.wait(POLL_S):
+                continue
+            if not measured and not self._closing.is_set():
+                self.failure = (
+                    f"The range sensor answers but has not measured for {SILENCE_S:g} s; check its "
+                    "power."
+                )
                 return
+
+    def _read_one(self, keep: bool) -> bool:
+        """Sleep through most of a measurement, look until it is ready, take it; False if none came.
+
+        After an error of the bus the driver may still hold an older measurement to be ready: its
+        age is not known, so it is taken off the sensor and not kept.
+        """
+        self._closing.wait(0.8e-6 * TIMING_BUDGET_US)
+        deadline_s = time.monotonic() + SILENCE_S
+        while not self._sensor.data_ready:
+            if time.monotonic() > deadline_s or self._closing.wait(POLL_S):
+                return False
         taken_us = int(time.monotonic() * 1e6) - TIMING_BUDGET_US // 2
         range_mm = int(self._sensor.range)
         status = STATUS_NO_TARGET if range_mm >= NOTHING_IN_RANGE_MM else 0
-        self.newest = RangeReading(float(range_mm), taken_us, status)
+        if keep:
+            self.newest = RangeReading(float(range_mm), taken_us, status)
+        return True
 
 
 def _connected_sensor() -> Any:
@@ -177,7 +199,7 @@ def _connected_sensor() -> Any:
             "it with: pip install 'wakedeploy[rig]'."
         ) from error
     try:
-        return adafruit_vl53l0x.VL53L0X(board.I2C())
+        return adafruit_vl53l0x.VL53L0X(board.I2C(), io_timeout_s=SENSOR_ANSWER_S)
     except (OSError, ValueError, RuntimeError) as error:
         raise UnusableInput(
             f"No VL53L0X answers on the I²C bus ({one_line(error)}); check its wiring and that "
