@@ -186,7 +186,7 @@ def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
     assert (
         found.objective
         >= fit(
-            near.relinearised(candidate.fit), found.hypothesis, range(3), candidate.fit.theta
+            near.around_own_motion(candidate.fit), found.hypothesis, range(3), candidate.fit.theta
         ).objective
     )
     low, high = found.interval("pwm-dead-band.band_us")

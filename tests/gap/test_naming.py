@@ -213,26 +213,6 @@ def test_the_search_walks_past_a_relative_that_gains_too_little() -> None:
     assert searched({"command-latency": 300.0})._chosen(weak) is None
 
 
-def test_what_was_gained_by_the_line_alone_is_ranked_again(late) -> None:
-    """The same candidate found around the line that it moves gains nothing more there."""
-    start = GantryModel(RIG, [flown(seed) for seed in SEEDS])
-    model, base = fitted_base(start)
-    idle = fit(model, ("ground-effect",), range(3))
-    search = _Search(model, base, base, LIMITS, CLASS_NATS)
-    search.rounds.append(Round((), candidates(**{"ground-effect": 20.0})))
-    again = Candidate("ground-effect", idle, np.array([20.0]))
-    assert search._taken(again)
-    assert search.current.hypothesis == ()  # not taken: there was nothing but the line
-    assert search.model is not model
-    assert search.rounds == []
-    moved = search.model
-    search.rounds.append(Round((), candidates(**{"ground-effect": 20.0})))
-    search._taken(again)  # once is enough: what still gains what it must is taken
-    assert search.current.hypothesis == ("ground-effect",)
-    assert len(search.rounds) == 1
-    assert search.model is not moved
-
-
 def test_confidence_is_shared_with_nothing_and_the_rivals() -> None:
     searched = Round((), candidates(a=2.0, b=1.0))
     total = 1.0 + np.exp(2.0) + np.exp(1.0)

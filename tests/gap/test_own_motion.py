@@ -1,46 +1,81 @@
 """Motion and fit agree before anything is compared or shown: friction needs to know the speed."""
 
+import numpy as np
 import pytest
 from recorded import RIG, flown, with_effects
 
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit
-from wakedeploy.gap.naming import fitted_base, refitted
+from wakedeploy.gap.naming import fitted_base, ranked_by_own_motion, refitted
 from wakedeploy.gap.showing import Shown, gaps
 
-TRUTH = with_effects(coulomb_friction={"coulomb_n": (0.25, "N")})
+FRICTION_N = 0.5
+TRUTH = with_effects(coulomb_friction={"coulomb_n": (FRICTION_N, "N")})
 FRICTION = ("coulomb-friction",)
+NAME = "coulomb-friction.coulomb_n"
 
 
 @pytest.fixture(scope="module")
-def fits() -> tuple[GantryModel, Fit, Fit]:
-    """Two flights with more friction than the rig file says: the base, and friction fitted."""
-    model, base = fitted_base(GantryModel(RIG, [flown(seed, TRUTH) for seed in (40, 41)]))
-    start = extended(base, model.free(FRICTION))
-    return model, base, refitted(model, fit(model, FRICTION, range(2), start))[1]
+def base() -> tuple[GantryModel, Fit]:
+    """Two flights with ten times the friction that the rig file states, and the base."""
+    return fitted_base(GantryModel(RIG, [flown(seed, TRUTH) for seed in (40, 41)]))
 
 
-def test_another_motion_makes_a_base_hardly_more_likely(fits) -> None:
-    model, base, _ = fits
-    for _ in range(3):
-        model = model.relinearised(base)
-        again = fit(model, (), range(2), base.theta)
-        assert again.objective < base.objective + 1.0
-        base = again
+@pytest.fixture(scope="module")
+def friction(base) -> tuple[GantryModel, Fit]:
+    """Friction fitted around its own motion."""
+    model, plain = base
+    start = extended(plain, model.free(FRICTION))
+    return refitted(model, fit(model, FRICTION, range(2), start))
 
 
-def test_friction_is_found_as_large_as_it_is(fits) -> None:
-    name = "coulomb-friction.coulomb_n"
-    assert fits[2].value(name) == pytest.approx(0.25, abs=0.01)
-    low, high = fits[2].interval(name)
-    assert low < 0.25 < high
+def moved_mps(model: GantryModel, fitted: Fit) -> float:
+    """How much another turn moves the speed, the largest over the flights."""
+    again = model.around_own_motion(fitted)
+    changes = [
+        b.nominal[1] - a.nominal[1] for a, b in zip(model.flights, again.flights, strict=True)
+    ]
+    return max(float(np.sqrt(np.mean(change**2))) for change in changes)
 
 
-def test_friction_that_was_found_mends_the_forecasts_of_other_flights(fits) -> None:
-    _, base, found = fits
+def test_another_turn_neither_moves_nor_gains(base, friction) -> None:
+    for model, fitted in (base, friction):
+        assert moved_mps(model, fitted) < 5e-4
+        near = model.around_own_motion(fitted)
+        again = fit(near, fitted.hypothesis, range(2), fitted.theta)
+        assert again.objective == pytest.approx(fitted.objective, abs=1.5)
+
+
+def test_friction_is_as_large_as_it_is_only_around_its_own_motion(base, friction) -> None:
+    model, plain = base
+    there = fit(model, FRICTION, range(2), extended(plain, model.free(FRICTION)))
+    assert there.value(NAME) < 0.9 * FRICTION_N
+    assert friction[1].value(NAME) == pytest.approx(FRICTION_N, abs=0.04)
+    low, high = friction[1].interval(NAME)
+    assert low < FRICTION_N < high
+
+
+def test_contenders_are_ranked_around_their_own_motion(base) -> None:
+    model, plain = base
+    _, ranked = ranked_by_own_motion(model, plain, [*FRICTION, "ground-effect"], 8.0)
+    there = fit(model, FRICTION, range(2), extended(plain, model.free(FRICTION)))
+    assert ranked[0].name == FRICTION[0]
+    assert ranked[0].fit.objective > there.objective + 20.0
+
+
+def test_friction_that_was_found_mends_the_forecasts_of_other_flights(base, friction) -> None:
     sealed = GantryModel(RIG, [flown(42, TRUTH)])
-    before = Shown.of(sealed, base)
-    after = Shown.of(before.model, found)
+    before = Shown.of(sealed, base[1])
+    after = Shown.of(before.model, friction[1])
+    assert moved_mps(after.model, friction[1]) < 1e-3
     told = gaps(before, after)["height 0.25 s ahead"]
-    assert told["closed"] > 0.8
-    assert told["after"] < 0.6 * told["before"]
+    assert told["closed"] > 0.6
+    there = Shown.of(before.model, base[1])
+    assert told["after"] < 0.7 * gaps(before, there)["height 0.25 s ahead"]["after"]
+
+
+def test_a_rig_file_with_friction_begins_where_the_readings_are() -> None:
+    known = GantryModel(TRUTH, [flown(seed, TRUTH) for seed in (40, 41)])
+    model, fitted = fitted_base(known)
+    assert fitted.value(NAME) == pytest.approx(FRICTION_N, abs=0.04)
+    assert moved_mps(model, fitted) < 5e-4

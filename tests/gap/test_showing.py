@@ -41,8 +41,19 @@ def answer() -> Answer:
     found = fit(model, (HIDDEN,), range(2), ranking[0].fit.theta)
     rounds = (Round((), tuple(ranking)),)
     return Answer(
-        "named", (HIDDEN,), (), rounds, model, base, found, whiteness(found), None, None, THRESHOLDS
-    )  # fmt: skip
+        "named",
+        (HIDDEN,),
+        (),
+        rounds,
+        model,
+        model,
+        base,
+        found,
+        whiteness(found),
+        None,
+        None,
+        THRESHOLDS,
+    )
 
 
 def shown(answer: Answer, sealed: tuple, out: Path, scored: list) -> dict:

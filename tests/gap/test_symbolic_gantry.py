@@ -32,7 +32,7 @@ def found():
     terms = {name: TERMS[name] for name in NAMES}
     model = GantryModel(RIG, [flown(seed, hook=hidden) for seed in (1, 2)], terms)
     first = fit(model, (), (0, 1), model.start(()))
-    model = model.relinearised(first)
+    model = model.around_own_motion(first)
     base = fit(model, (), (0, 1), first.theta)
     return search(model, base, setting=vars(setting_of(RIG)), names=NAMES)
 

@@ -29,6 +29,7 @@ from wakedeploy.gap.naming import (
     detectable,
     fitted_base,
     name_effects,
+    refitted,
     sealed_count,
     with_terms,
 )
@@ -364,7 +365,7 @@ def _confusion(answer: Answer) -> dict[str, Any]:
         if c.gain_nats > answer.thresholds.effect_nats
     }
     names = [c.name for c in leading]
-    evidence = gather(answer.model, answer.base, names, sizes)
+    evidence = gather(answer.base_model, answer.base, names, sizes)
     return {"names": names, "loss_nats": loss_nats(evidence).tolist()}
 
 
@@ -436,5 +437,4 @@ def _corrected(
     hypothesis = tuple(added)
     known = dict(zip(answer.base.names, answer.base.theta, strict=True))
     start = np.array([known.get(f.name, f.starts[-1]) for f in model.free(hypothesis)])
-    corrected = fit(model, hypothesis, range(model.episodes), start)
-    return model, corrected
+    return refitted(model, fit(model, hypothesis, range(model.episodes), start))

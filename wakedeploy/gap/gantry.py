@@ -47,6 +47,9 @@ _STEP_OF_TERM = 0.005
 _JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
 HOLD = "sample-and-hold.hold_s"
 _NO_HORIZON = np.zeros(0, np.int64)
+_SHARE = 0.5  # of the way to a new motion, in one turn
+_STILL_MPS = 2e-4  # root mean square; the speed itself is known to some 20 times as much
+_MOST_MOTIONS = 20
 
 
 @dataclass(frozen=True, eq=False)
@@ -130,18 +133,25 @@ class GantryModel:
         noise = _reading_noise(flight, fitted.theta, self.rig)
         return _compared(flight, forces, steps, ahead, noise)
 
-    def relinearised(self, fitted: Fit, share: float = 1.0) -> "GantryModel":
-        """The same flights around the motion that the fitted model and all samples agree on.
+    def around_own_motion(self, fitted: Fit) -> "GantryModel":
+        """The same flights around the motion on which a fit's forces and all samples agree.
 
-        With a `share` below 1 only so far on the way there from the present motion.
+        The forces depend on the motion, friction's on its very sign: from the present motion both
+        take turns, flight by flight, until the speed stays where it is. Half-way each time, or
+        friction's corners would throw it to and fro. Nothing is fitted.
         """
         constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
         flights = []
-        for flight, physics in zip(self.flights, self._physics, strict=True):
-            forces = physics.forces(constants, effects)
-            motion = self._smooth(flight, forces, constants, fitted.theta)
-            moved = flight.nominal + share * (motion - flight.nominal)
-            flights.append(replace(flight, nominal=moved))
+        for flight, known in zip(self.flights, self._physics, strict=True):
+            physics, airborne = known, _airborne(flight)
+            for _ in range(_MOST_MOTIONS):
+                forces = physics.forces(constants, effects)
+                change = self._smooth(flight, forces, constants, fitted.theta) - flight.nominal
+                flight = replace(flight, nominal=flight.nominal + _SHARE * change)
+                if float(np.sqrt(np.mean(change[1, airborne] ** 2))) < _STILL_MPS:
+                    break
+                physics = Physics(self.rig, flight)
+            flights.append(flight)
         return GantryModel(self.rig, flights, self.extra)
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":
@@ -216,6 +226,14 @@ class GantryModel:
         return motion
 
 
+def _airborne(flight: Flight) -> np.typing.NDArray[np.bool_]:
+    """The grid's steps at which the flight is in the air, (n,)."""
+    inside = np.zeros(flight.nominal.shape[1], bool)
+    for a, b in zip(flight.start, flight.stop, strict=True):
+        inside[a:b] = True
+    return inside
+
+
 class _Layout:
     """Where each constant and effect parameter stands among the free parameters."""
 
@@ -246,7 +264,7 @@ class _Layout:
         order = {name: i for i, name in enumerate(LIBRARY)}
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
         self.free = tuple(
-            replace(f, starts=(held_s,), scanned=(held_s,), step=_JAGGED_S, finest=_JAGGED_S)
+            replace(f, starts=(held_s,), scanned=_around(held_s), step=_JAGGED_S, finest=_JAGGED_S)
             if f.name == HOLD
             else f
             for f in free
@@ -328,6 +346,11 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         scanned=_scanned(p),
         finest_share=p.summits_apart,
     )
+
+
+def _around(size: float) -> tuple[float, ...]:
+    """Sizes from half to twice as large, in steps of less than three per cent."""
+    return tuple(float(size * ratio) for ratio in np.geomspace(0.5, 2.0, 51))
 
 
 def _scanned(p: Parameter) -> tuple[float, ...]:

@@ -119,7 +119,10 @@ class Slopes:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """A hypothesis at its maximum a posteriori; everything per episode (E, …)."""
+    """A hypothesis at its maximum a posteriori; everything per episode (E, …).
+
+    `summits` are fits of the same hypothesis elsewhere that these episodes do not tell from it.
+    """
 
     hypothesis: Hypothesis
     free: tuple[Free, ...]
@@ -127,6 +130,7 @@ class Fit:
     theta: FloatArray  # (p,)
     slopes: Slopes = field(repr=False)
     per_episode: FloatArray  # (E,) log likelihood in nats
+    summits: tuple["Fit", ...] = field(default=(), repr=False)
 
     @property
     def log_likelihood(self) -> float:
@@ -165,16 +169,21 @@ class Fit:
     def interval(self, name: str, level: float = 0.9) -> tuple[float, float]:
         """Where the parameter lies with this probability, clipped to its bounds.
 
-        The quantile is Student's: with one degree of freedom less than there are episodes where
-        their spread decides, with twice as many where the curvature bears it out.
+        From the lowest to the highest end that any of the summits has. The quantile is Student's:
+        with one degree of freedom less than there are episodes where their spread decides, with
+        twice as many where the curvature bears it out.
         """
         free = self.free[self._index(name)]
+        ends = [one._ends(name, level) for one in (self, *self.summits)]
+        return max(min(low for low, _ in ends), free.low), min(max(h for _, h in ends), free.high)
+
+    def _ends(self, name: str, level: float) -> tuple[float, float]:
+        """The interval around this summit alone, not clipped."""
         curvature, spread = self._variances(name)
         freedom = max(len(self.episodes) - 1, 1) * (1 if spread > curvature else 2)
-        quantile = float(student_t.ppf(0.5 + 0.5 * level, freedom))
-        reach = quantile * self.standard_error(name)
+        reach = float(student_t.ppf(0.5 + 0.5 * level, freedom)) * self.standard_error(name)
         value = self.value(name)
-        return max(value - reach, free.low), min(value + reach, free.high)
+        return value - reach, value + reach
 
     def _variances(self, name: str) -> tuple[float, float]:
         """Of an estimate, from the curvature and from the spread between episodes (0 for one)."""
@@ -223,6 +232,15 @@ def fit(
     chosen = tuple(episodes)
     ascent = _Ascent(model, hypothesis, free, chosen, moving)
     return ascent.run(theta, slopes)
+
+
+def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:
+    """A fit's hypothesis and parameters on episodes of `model` (default: all), fitted to none."""
+    episodes = tuple(range(model.episodes) if episodes is None else episodes)
+    scores = tuple(model.score(fitted.hypothesis, fitted.theta, e) for e in episodes)
+    density = np.array([s.log_density.sum() for s in scores])
+    slopes = Slopes(scores, (), ())
+    return Fit(fitted.hypothesis, fitted.free, episodes, fitted.theta, slopes, density)
 
 
 def held_out(base: Fit, larger: Fit) -> FloatArray:

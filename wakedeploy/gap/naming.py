@@ -7,15 +7,15 @@ when it is no longer needed. What no effect explains is looked for as an express
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
+from wakedeploy.gap.inference import Fit, Hypothesis, applied, fit, held_out
 from wakedeploy.gap.promises import worth_trying
-from wakedeploy.gap.ranking import Candidate, rank_fairly, scanned_starts
+from wakedeploy.gap.ranking import Candidate, candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.separation import information
 from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.terms import TERMS
@@ -34,14 +34,15 @@ _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
-_KEPT_SHARE = 0.5  # of the threshold; what a found effect gains around the motion it explains
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SURE_SD = 0.8416  # the normal quantile of four in five
+_SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
-STILL_NATS = 0.5  # a fit that gains less by a new motion has found its own
-MOST_MOTIONS = 8
-HALF_WAY = 0.5  # the whole way, friction's corners would throw the motion to and fro
+_STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
+_MOST_TURNS = 10
+_CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
+_MOST_CONTENDERS = 4
 
 
 def sealed_count(flights: int) -> int:
@@ -106,7 +107,8 @@ class Round:
 class Answer:
     """What was found: `fit` has the named effects, `base` none of them.
 
-    `model` is linear around the motion that `fit` explains, and `white` tests what `fit` leaves.
+    `model` is linear around the motion that `fit` explains, `base_model` around the base's;
+    `white` tests what `fit` leaves.
     """
 
     verdict: Verdict
@@ -114,6 +116,7 @@ class Answer:
     members: tuple[str, ...]  # of the class, where it is one
     rounds: tuple[Round, ...]
     model: GantryModel
+    base_model: GantryModel
     base: Fit
     fit: Fit
     white: Whiteness
@@ -128,13 +131,27 @@ class Answer:
 
 
 def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
-    """The base hypothesis, fitted around the motion that it and the readings agree on."""
+    """The base hypothesis, fitted around the motion that it and the readings agree on.
+
+    Effects that the rig file has already, friction above all, begin around the motion that the
+    readings have without them: a raw one has too many corners.
+    """
     everything = range(model.episodes)
-    near, first = refitted(model, fit(model, (), everything, model.start(())))
+    if model.rig.effect:
+        bare = GantryModel(without_effects(model.rig), model.flights, model.extra)
+        bare, _ = refitted(bare, fit(bare, (), everything, bare.start(())))
+        model = GantryModel(model.rig, bare.flights, model.extra)
+    first = refitted(model, fit(model, (), everything, model.start(())))
+    near = first[0]
     again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
-    return (
-        refitted(near, again) if again.objective > first.objective + STILL_NATS else (near, first)
-    )
+    if again.objective < first[1].objective + _STILL_NATS:
+        return first
+    return max(first, refitted(near, again), key=lambda pair: pair[1].objective)
+
+
+def without_effects(rig: Rig) -> Rig:
+    """The rig without its effects."""
+    return rig.model_copy(update={"effect": ()})
 
 
 def name_effects(
@@ -156,12 +173,12 @@ def name_effects(
     searched = _Search(model, base, base, thresholds, CLASS_NATS * share)
     while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
         pass
-    model, base = searched.model, searched.base
-    current = _without_idle(model, searched.current)
+    base = searched.base
+    model, current = _without_idle(searched.model, searched.current)
     rounds = [r for r in searched.rounds if set(r.given) <= set(current.hypothesis)]
     progress("looking for what no effect explains")
-    beyond = searched.expression(current)
-    unknown, rest = _rest(model, base, current, beyond, thresholds)
+    beyond = searched.expression(model, current)
+    unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
     white = whiteness(current)
     verdict, members = _verdict(rounds, current, unknown, white, thresholds)
     return Answer(
@@ -170,6 +187,7 @@ def name_effects(
         members,
         tuple(rounds),
         model,
+        searched.base_model,
         base,
         current,
         white,
@@ -179,6 +197,22 @@ def name_effects(
     )
 
 
+def ranked_by_own_motion(
+    model: GantryModel, base: Fit, names: Sequence[str], threshold_nats: float
+) -> tuple[Fit, list[Candidate]]:
+    """The effects on top of a base, best first, the contenders each around its own motion.
+
+    Around the base's motion a friction may show a third of what it gains. Those that gain little
+    beside the threshold, or much less than the best, stay as they were ranked there.
+    """
+    base, ranked = rank_fairly(model, base, names, least_nats=0.5 * threshold_nats)
+    least = max(ranked[0].gain_nats - _CONTENDING_NATS, _HOPE_SHARE * threshold_nats)
+    near = [c for c in ranked if c.gain_nats > least][:_MOST_CONTENDERS]
+    own = [candidate(base, c.name, refitted(model, c.fit)[1]) for c in near]
+    others = [c for c in ranked if c.name not in {one.name for one in own}]
+    return base, sorted([*own, *others], key=lambda c: -c.gain_nats)
+
+
 class _Search:
     """The search through the library: effects found one after another, all refitted together."""
 
@@ -186,11 +220,11 @@ class _Search:
         self, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds, near_nats: float
     ) -> None:
         self.model, self.base, self.current = model, base, current
+        self.base_model = model
         self.rounds: list[Round] = []
         self._thresholds, self._near_nats = thresholds, near_nats
         self._gains: dict[str, float] = {}  # of what was found, when it was found [nats]
         self._beyond: dict[Hypothesis, Symbolic | None] = {}
-        self._is_relined = False
 
     def find(self, names: Sequence[str], progress: Progress) -> bool:
         """One round; whether there should be another."""
@@ -201,48 +235,35 @@ class _Search:
         if not left:
             return False
         progress(f"trying {len(left)} effects" + _on_top(self.current.hypothesis))
-        self.current, ranked = rank_fairly(self.model, self.current, left, least_nats=0.5 * least)
+        self.current, ranked = ranked_by_own_motion(self.model, self.current, left, least)
         if not self.current.hypothesis:
             self.base = self.current
         self.rounds.append(Round(self.current.hypothesis, tuple(ranked), self._near_nats))
         best = self._chosen(ranked)
-        return best is not None and self._taken(best)
+        if best is None:
+            return False
+        self.model, self.current = _settled(self.model, best.fit)
+        self._gains[best.name] = best.gain_nats
+        return True
 
-    def expression(self, current: Fit) -> Symbolic | None:
+    def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
         """What is beyond a fit, looked for once."""
         if current.hypothesis not in self._beyond:
-            self._beyond[current.hypothesis] = _expression(self.model, current, self._thresholds)
+            self._beyond[current.hypothesis] = _expression(model, current, self._thresholds)
         return self._beyond[current.hypothesis]
 
     def _chosen(self, ranked: Sequence[Candidate]) -> Candidate | None:
         """The first that gains what it must, or as much as an expression that gains enough."""
-        for candidate in ranked:
-            if candidate.gain_nats >= _needed(candidate.name, self._gains, self._thresholds):
-                return candidate
+        for one in ranked:
+            if one.gain_nats >= _needed(one.name, self._gains, self._thresholds):
+                return one
         best = ranked[0]
         if _form_nats(best.name, self._gains) > best.gain_nats:
             return None
         # Where something is missing, an effect that explains it as well is its better name.
-        beyond = self.expression(self.current)
+        beyond = self.expression(self.model, self.current)
         close = beyond is not None and best.gain_nats >= beyond.gain_nats - CLASS_NATS
         return best if close else None
-
-    def _taken(self, best: Candidate) -> bool:
-        """Refit everything around the motion that it explains; rank once more if that was all."""
-        near, found = _settled(self.model, best.fit)
-        before = fit(near, self.current.hypothesis, range(near.episodes), self.current.theta)
-        least = _KEPT_SHARE * self._thresholds.effect_nats
-        if not self._is_relined and gain_over(before, found) < least:
-            # It had gained by the line around which the motion was linear: all are ranked again.
-            self._is_relined = True
-            self.model, self.current = near, before
-            self.rounds.pop()
-            self._beyond.clear()
-            return True
-        self.model, self.current = near, found
-        self.base = fit(near, (), range(near.episodes), self.base.theta)
-        self._gains[best.name] = best.gain_nats
-        return True
 
 
 def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
@@ -275,30 +296,29 @@ def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
     best = max(fits, key=lambda f: f.objective).objective
     near = [f for f in fits if f.objective > best - CLASS_NATS]
-    return max((around, *(refitted(model, f) for f in near)), key=lambda p: p[1].objective)
+    settled = [around, *(refitted(around[0], f) for f in near)]
+    line, highest = max(settled, key=lambda p: p[1].objective)
+    as_high = (f for _, f in settled if f.objective > highest.objective - _SAME_SUMMIT_NATS)
+    return line, replace(highest, summits=tuple(f for f in as_high if f is not highest))
 
 
 def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     """A hypothesis, everything refitted around the motion that it explains.
 
-    Motion and fit take turns until they agree: around the motion of another hypothesis the same
-    one may seem tens of nats less likely, which whatever bends the motion back would seem to gain.
+    Motion and fit take turns until the fit gains nothing around its motion. Around the motion of
+    another hypothesis the same one may seem tens of nats more or less likely; likelihoods around
+    different motions compare only where each motion is the hypothesis's own.
     """
-
-    def around(line: GantryModel, before: Fit, share: float) -> tuple[GantryModel, Fit]:
-        near = line.relinearised(before, share)
-        return near, fit(near, found.hypothesis, found.episodes, before.theta)
-
-    best = around(model, found, 1.0)
-    for _ in range(MOST_MOTIONS):
-        again = around(*best, HALF_WAY)
-        if again[1].objective < best[1].objective + STILL_NATS:
+    for _ in range(_MOST_TURNS):
+        model = model.around_own_motion(found)
+        before = applied(model, found, found.episodes)
+        found = fit(model, found.hypothesis, found.episodes, found.theta)
+        if found.objective < before.objective + _STILL_NATS:
             break
-        best = again
-    return best
+    return model, found
 
 
-def _without_idle(model: GantryModel, current: Fit) -> Fit:
+def _without_idle(model: GantryModel, current: Fit) -> tuple[GantryModel, Fit]:
     """Drop each effect that the others have made superfluous."""
     for name in current.hypothesis:
         if len(current.hypothesis) < 2:
@@ -306,10 +326,10 @@ def _without_idle(model: GantryModel, current: Fit) -> Fit:
         rest = tuple(n for n in current.hypothesis if n != name)
         known = dict(zip(current.names, current.theta, strict=True))
         start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
-        without = fit(model, rest, current.episodes, start)
+        near, without = refitted(model, fit(model, rest, current.episodes, start))
         if gain_over(without, current) < _DROPPED_NATS:
-            current = without
-    return current
+            model, current = near, without
+    return model, current
 
 
 def _expression(

@@ -3,6 +3,7 @@
 In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -35,8 +36,11 @@ _LEDGE_NATS = 3.0
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
-_LIKELY = 30  # of the sizes that are scanned on one episode, so many are looked at on all
+_GLANCED_FIRST = 2  # episodes on which all sizes are scanned before a first climb
+_LIKELY = 30  # of these sizes, so many are looked at on all episodes
 _SCANNED_CLIMBED = 4
+_SUMMITS_CLIMBED = 12  # of an effect that was found
+_APART = 0.03  # sizes nearer than that are one place to begin
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -95,7 +99,7 @@ def rank(
     near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
     for i in near:
         rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
-    ranked = [_candidate(base, n, fitted) for n, fitted in zip(candidates, rough, strict=True)]
+    ranked = [candidate(base, n, fitted) for n, fitted in zip(candidates, rough, strict=True)]
     return sorted(ranked, key=lambda c: -c.gain_nats)
 
 
@@ -117,20 +121,28 @@ def rank_fairly(
         if bettered < _LEDGE_NATS:  # no other valley, in which others would climb elsewhere
             break
     return base, sorted(
-        (_candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
+        (candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
     )
 
 
 def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
-    """The likeliest of the sizes that a fit's jagged parameters ask to be looked at, as starts."""
+    """The likeliest of the sizes that a fit's jagged parameters ask to be looked at, as starts.
+
+    All are looked at on all episodes: on one of them, a lower summit may seem the highest.
+    """
     return [
         start
         for i, free in enumerate(found.free)
-        for start in _scanned(model, found.episodes, found.hypothesis, found.theta, free, i)
+        for start in _scanned(
+            *(model, found.episodes, found.hypothesis, found.theta, free, i),
+            first=found.episodes,
+            keep=_SUMMITS_CLIMBED,
+        )
     ]
 
 
-def _candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
+def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
+    """What a fit with an effect gains over a base, each around whichever motion it was fitted."""
     unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
     return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
 
@@ -242,7 +254,11 @@ def _starts(
     return starts + [
         start
         for i in own
-        for start in _scanned(model, base.episodes, hypothesis, neutral_point, free[i], i)
+        for start in _scanned(
+            *(model, base.episodes, hypothesis, neutral_point, free[i], i),
+            first=base.episodes[:_GLANCED_FIRST],
+            keep=_SCANNED_CLIMBED,
+        )
     ]
 
 
@@ -253,21 +269,28 @@ def _scanned(
     theta: FloatArray,
     free: Free,
     place: int,
+    *,
+    first: Sequence[int],
+    keep: int,
 ) -> list[FloatArray]:
     """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
 
-    All are looked at on one episode, and what is likely there on all.
+    All are looked at on the `first` episodes, and what is likely there on all. No two are nearer
+    than a few per cent: the sizes around one summit would crowd the others out.
     """
 
-    def likeliest(starts: list[FloatArray], seen: Sequence[int], keep: int) -> list[FloatArray]:
-        def density(start: FloatArray) -> float:
+    def likeliest(sizes: Sequence[float], seen: Sequence[int], most: int) -> list[float]:
+        best: dict[int, tuple[float, float]] = {}
+        for size in sizes:
+            start = np.where(np.arange(len(theta)) == place, size, theta)
             scores = (model.score(hypothesis, start, e) for e in seen)
-            return sum(float(s.log_density.sum()) for s in scores)
+            density = sum(float(s.log_density.sum()) for s in scores)
+            near = round(math.log(size) / _APART)
+            best[near] = max(best.get(near, (density, size)), (density, size))
+        return [size for _, size in sorted(best.values(), reverse=True)[:most]]
 
-        return sorted(starts, key=density)[-keep:]
-
-    starts = [np.where(np.arange(len(theta)) == place, size, theta) for size in free.scanned]
-    return likeliest(likeliest(starts, episodes[:1], _LIKELY), episodes, _SCANNED_CLIMBED)
+    sizes = likeliest(likeliest(free.scanned, first, _LIKELY), episodes, keep)
+    return [np.where(np.arange(len(theta)) == place, size, theta) for size in sizes]
 
 
 def _carried_over(

@@ -15,8 +15,8 @@ from scipy.stats import t as student_t
 from wakedeploy.gap.finding import HORIZONS_S
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, Hypothesis, fit
-from wakedeploy.gap.naming import HALF_WAY, MOST_MOTIONS, STILL_NATS, Answer, with_terms
+from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied
+from wakedeploy.gap.naming import Answer, refitted, with_terms, without_effects
 from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
@@ -40,9 +40,12 @@ class Shown:
 
     @classmethod
     def of(cls, model: GantryModel, fitted: Fit) -> "Shown":
-        """Sealed flights scored under a fit's parameters; none of them is fitted to these."""
-        near = around_own_motion(model, fitted)
-        return cls(near, _applied(near, fitted))
+        """Sealed flights scored under a fit's parameters; none of them is fitted to these.
+
+        It begins around the motion that `model` has: best that of something simpler.
+        """
+        near = model.around_own_motion(fitted)
+        return cls(near, applied(near, fitted))
 
 
 def show(
@@ -60,8 +63,7 @@ def show(
     """
     after_fit = corrected if corrected is not None else answer.base
     extra = {**with_terms(answer.model).extra, **answer.model.extra}
-    model = GantryModel(answer.model.rig, sealed, extra)
-    before = Shown.of(model, answer.base)
+    before = Shown.of(_line(GantryModel(answer.model.rig, sealed, extra), answer.base), answer.base)
     after = Shown.of(before.model, after_fit)
     gain = _log_density(after) - _log_density(before)
     result: dict[str, Any] = {
@@ -101,32 +103,6 @@ def gaps(before: Shown, after: Shown) -> dict[str, Any]:
             "closed": (b**2 - a**2) / excess if excess > 0.02 * floor**2 else None,
         }
     return table
-
-
-def around_own_motion(model: GantryModel, fitted: Fit) -> GantryModel:
-    """The same flights around the motion that a fit of other flights explains, fitted to nothing.
-
-    Motion and forces take turns until they agree: friction pushes against a speed that is only
-    known once friction is. It begins around the motion that `model` has: best that of the base.
-    """
-    best, before, share = model, -np.inf, 1.0
-    for _ in range(MOST_MOTIONS):
-        applied = _applied(model, fitted)
-        density = float(applied.per_episode.sum())
-        if density < before + STILL_NATS:
-            break
-        best, before = model, density
-        model, share = model.relinearised(applied, share), HALF_WAY
-    return best
-
-
-def _applied(model: GantryModel, fitted: Fit) -> Fit:
-    """A fit's hypothesis and parameters on other flights."""
-    flights = tuple(range(model.episodes))
-    scores = tuple(model.score(fitted.hypothesis, fitted.theta, i) for i in flights)
-    slopes = type(fitted.slopes)(scores, (), ())
-    density = np.array([s.log_density.sum() for s in scores])
-    return Fit(fitted.hypothesis, fitted.free, flights, fitted.theta, slopes, density)
 
 
 def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
@@ -182,6 +158,18 @@ def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dic
     }
 
 
+def _line(model: GantryModel, base: Fit) -> GantryModel:
+    """Flights around the motion that a base explains without the rig file's own effects."""
+    if not model.rig.effect:
+        return model
+    bare = GantryModel(without_effects(model.rig), model.flights, model.extra)
+    known = dict(zip(base.names, base.theta, strict=True))
+    free = bare.free(())
+    theta = np.array([known.get(f.name, f.neutral) for f in free])
+    plain = Fit((), free, (), theta, Slopes((), (), ()), np.zeros(0))
+    return GantryModel(model.rig, bare.around_own_motion(plain).flights, model.extra)
+
+
 def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Channel and coordinate of the places, each map once, in order; "everywhere" over height."""
     maps = [(p["channel"], p["coordinate"]) for p in places]
@@ -206,9 +194,7 @@ def _placebo(
     if not wrong:
         return {}
     chosen = wrong[len(wrong) // 2]
-    near = answer.model
-    fitted = fit(near, (chosen.name,), range(near.episodes), chosen.fit.theta)
-    shown = Shown.of(before.model, fitted)
+    shown = Shown.of(before.model, refitted(answer.base_model, chosen.fit)[1])
     gain = _log_density(shown) - _log_density(before)
     return {
         "name": chosen.name,

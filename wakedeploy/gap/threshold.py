@@ -25,8 +25,7 @@ from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
-from wakedeploy.gap.naming import Thresholds, fitted_base, with_terms
-from wakedeploy.gap.ranking import rank_fairly
+from wakedeploy.gap.naming import Thresholds, fitted_base, ranked_by_own_motion, with_terms
 from wakedeploy.gap.symbolic import SEARCHED, search
 from wakedeploy.gap.terms import is_wave_in_time
 from wakedeploy.gap.whiteness import whiteness
@@ -39,7 +38,8 @@ FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of nami
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
-_VERSION = 5  # of what is simulated; another one starts the cache anew
+_LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
+_VERSION = 6  # of what is simulated; another one starts the cache anew
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -165,7 +165,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     ]
     model, base = fitted_base(with_terms(GantryModel(rig, flights)))
     names = [n for n in LIBRARY if n not in {e.name for e in rig.effect}]
-    base, ranked = rank_fairly(model, base, names, least_nats=1.0)
+    base, ranked = ranked_by_own_motion(model, base, names, _LEAST_RANKED_NATS)
     waves = [name for name in SEARCHED if is_wave_in_time(name)]
     others = [name for name in SEARCHED if not is_wave_in_time(name)]
     return NullSet(

@@ -181,6 +181,6 @@ def _class_gains(measured: Measured, truth: Truth, result: Result) -> dict[str, 
     found = [name for name in named(result) if name in truth["effects"]]
     given = None
     if found:
-        given = measured.strength({name: truth["effects"][name] for name in found}).fit
+        given = measured.strength({name: truth["effects"][name] for name in found})
     wanted = [name for name in hidden_names(truth) if name not in found]
     return measured.gains(sorted({*alternatives, *wanted}), given)

@@ -17,9 +17,8 @@ from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit, held_out
 from wakedeploy.gap.naming import fitted_base, refitted
-from wakedeploy.gap.ranking import rank
+from wakedeploy.gap.ranking import candidate, rank
 from wakedeploy.gap.residuals import AHEAD_S
-from wakedeploy.gap.showing import around_own_motion
 from wakedeploy.rig import Rig
 
 Values = Mapping[str, Mapping[str, float]]
@@ -29,15 +28,16 @@ _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 @dataclass(frozen=True, eq=False)
 class Strength:
-    """What the truth gains over the rig file as it is, [nats], and its fit around its own motion.
+    """What the truth gains over the rig file as it is, [nats], each around its own motion.
 
-    Base and truth are compared around the motion that the base explains, as the workflow does:
-    `nats` is the gain on flights left out and what the calibration's priors gain besides: an effect
-    on a calibrated constant shows in nothing but a constant far from its prior.
+    `model` is linear around the truth's, and `fit` is its fit there. `nats` is the gain on flights
+    left out and what the calibration's priors gain besides: an effect on a calibrated constant
+    shows in nothing but a constant far from its prior.
     """
 
     nats: float
     per_flight: tuple[float, ...]
+    model: GantryModel
     fit: Fit
 
 
@@ -81,15 +81,21 @@ class Measured:
                 start[i] = known.get(one.name, start[i])
             fits.append(fit(self.model, names, self._episodes, start))
         fitted = max(fits, key=lambda one: one.per_episode.sum() + one.log_prior)
+        model, fitted = refitted(self.model, fitted)
         gains = held_out(self.base, fitted)
         unbent = fitted.log_prior - self.base.log_prior  # calibration that need not be bent
         nats, per_flight = float(gains.sum()) + unbent, tuple(float(g) for g in gains)
-        return Strength(nats, per_flight, refitted(self.model, fitted)[1])
+        return Strength(nats, per_flight, model, fitted)
 
-    def gains(self, candidates: Sequence[str], given: Fit | None = None) -> dict[str, float]:
-        """What each effect alone gains on top of a fit (of the base, if none is given), [nats]."""
-        ranked = rank(self.model, given or self.base, list(candidates))
-        return {c.name: c.gain_nats for c in ranked}
+    def gains(self, candidates: Sequence[str], given: Strength | None = None) -> dict[str, float]:
+        """What each effect alone gains on top of others (of none, if none are given), [nats].
+
+        Each is refitted around its own motion.
+        """
+        model, base = (given.model, given.fit) if given else (self.model, self.base)
+        ranked = rank(model, base, list(candidates))
+        own = [candidate(base, c.name, refitted(model, c.fit)[1]) for c in ranked]
+        return {c.name: c.gain_nats for c in own}
 
     def floor(self, fitted: Fit, names: Collection[str]) -> Floor:
         """What the truth, fitted to the other flights, leaves on those with these names.
@@ -117,7 +123,7 @@ class Measured:
 
 def _squares(model: GantryModel, fitted: Fit) -> tuple[FloatArray, FloatArray]:
     """Squared errors [m²] of all forecasts (n,), NaN where none is known, and their blocks (n,)."""
-    near = around_own_motion(model, fitted)
+    near = model.around_own_motion(fitted)
     blocks, squares, first = [], [], 0.0
     for episode in range(near.episodes):
         ahead = near.forecasts(fitted, episode, (AHEAD_S,))
