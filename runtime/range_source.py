@@ -6,6 +6,7 @@ Sample times are on the system's monotonic clock, which processes share.
 
 import contextlib
 import math
+import os
 import socket
 import struct
 import threading
@@ -189,17 +190,31 @@ class I2cRangeSource:
         return True
 
 
-def _connected_sensor() -> Any:
+def import_driver() -> tuple[Any, Any]:
+    """The driver's module and that of this computer's pins; UnusableInput where one is missing."""
+    # Otherwise Blinka asks at a terminal whether it may run pip.
+    os.environ.setdefault("BLINKA_SKIP_DEPENDENCY_CHECK", "1")
     try:
         import adafruit_vl53l0x
         import board
-    except (ImportError, NotImplementedError) as error:
+    except (ImportError, NotImplementedError, RuntimeError) as error:
+        # Blinka raises RuntimeError where a library for this board's pins is missing.
         raise UnusableInput(
-            f"The range sensor's driver is not usable here ({one_line(error)}); on the Pi install "
-            "it with: pip install 'wakedeploy[rig]'."
+            f"The range sensor's driver cannot be loaded here ({one_line(error)}); on the Pi "
+            "install it and what it needs with: pip install 'wakedeploy[rig]'."
         ) from error
+    if not hasattr(board, "I2C"):
+        raise UnusableInput(
+            "The range sensor's driver knows no I²C pins of this computer; connect the sensor to a "
+            "Raspberry Pi, or give --range-socket."
+        )
+    return adafruit_vl53l0x, board
+
+
+def _connected_sensor() -> Any:
+    driver, board = import_driver()
     try:
-        return adafruit_vl53l0x.VL53L0X(board.I2C(), io_timeout_s=SENSOR_ANSWER_S)
+        return driver.VL53L0X(board.I2C(), io_timeout_s=SENSOR_ANSWER_S)
     except (OSError, ValueError, RuntimeError) as error:
         raise UnusableInput(
             f"No VL53L0X answers on the I²C bus ({one_line(error)}); check its wiring and that "

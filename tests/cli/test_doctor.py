@@ -64,6 +64,22 @@ def test_an_import_error_is_told_in_its_own_words(
     assert (finding.state, finding.found) == (doctor.BROKEN, "libfoo.so: no such file")
 
 
+def test_a_driver_that_cannot_be_loaded_is_not_ok_where_there_is_a_bus(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    words = "The platform library 'gpiod' was not found."
+    (tmp_path / "board.py").write_text(f"raise RuntimeError({words!r})")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "1.0")
+    monkeypatch.setattr(doctor, "_I2C_BUSES", str(tmp_path / "i2c-*"))
+    states = {f.name: f.state for f in doctor.extras()}
+    assert doctor.OPTIONAL not in states.values()
+    (tmp_path / "i2c-1").touch()
+    (found,) = (f for f in doctor.extras() if f.name.startswith("[rig]"))
+    assert found.state == doctor.OPTIONAL
+    assert words in found.fix
+
+
 def test_a_port_without_permission_names_the_group(monkeypatch: pytest.MonkeyPatch) -> None:
     ports = {"/dev/ttyACM*": ["/dev/ttyACM0", "/dev/ttyACM1"]}
     monkeypatch.setattr(doctor.glob, "glob", lambda pattern: ports.get(pattern, []))

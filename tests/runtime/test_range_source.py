@@ -1,5 +1,7 @@
 """The I²C form with a sensor that the test plays."""
 
+import os
+import subprocess
 import sys
 import time
 import types
@@ -76,6 +78,40 @@ def test_a_sensor_that_stops_answering_is_one_sentence():
 def test_without_the_driver_the_sentence_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "adafruit_vl53l0x", None)
     with pytest.raises(UnusableInput, match=r"wakedeploy\[rig\]"):
+        I2cRangeSource()
+
+
+def on_a_pi_5(code, tmp_path, *, gpiod):
+    """Some Python with the real Blinka, which is told that it runs on a Raspberry Pi 5."""
+    if not gpiod:
+        (tmp_path / "gpiod.py").write_text("raise ModuleNotFoundError('none', name='gpiod')")
+    environment = os.environ | {"BLINKA_FORCEBOARD": "RASPBERRY_PI_5"}
+    paths = f"import sys; sys.path[:] = {[str(tmp_path), *sys.path]!r}\n"
+    return subprocess.run(
+        [sys.executable, "-c", paths + code], env=environment, capture_output=True, text=True
+    )  # fmt: skip
+
+
+def test_on_a_pi_5_the_driver_needs_gpiod_and_says_so(tmp_path):
+    code = "from runtime.range_source import I2cRangeSource; I2cRangeSource()"
+    ended = on_a_pi_5(code, tmp_path, gpiod=False)
+    last = ended.stderr.splitlines()[-1]
+    assert last.startswith("wakedeploy.errors.UnusableInput"), ended.stderr
+    assert "'gpiod' was not found" in last
+    assert "wakedeploy[rig]" in last
+
+
+def test_on_a_pi_5_the_driver_loads_with_what_rig_installs(tmp_path):
+    pytest.importorskip("gpiod")
+    code = "from runtime.range_source import import_driver; print(import_driver()[1].board_id)"
+    ended = on_a_pi_5(code, tmp_path, gpiod=True)
+    assert ended.stdout.strip() == "RASPBERRY_PI_5", ended.stderr
+
+
+def test_a_computer_without_known_pins_is_one_sentence(monkeypatch):
+    monkeypatch.setitem(sys.modules, "adafruit_vl53l0x", types.SimpleNamespace())
+    monkeypatch.setitem(sys.modules, "board", types.SimpleNamespace())
+    with pytest.raises(UnusableInput, match="no I²C pins"):
         I2cRangeSource()
 
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 OK, OPTIONAL, STALE, BROKEN = "ok", "optional", "stale", "BROKEN"
 _ENOUGH_DISK_GIB = 1.0
 _TRIAL_S = 60.0
+_I2C_BUSES = "/dev/i2c-*"
 # Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has
 # measured how fast on this rig, so a month is a habit rather than a finding.
 CALIBRATION_DAYS = 30
@@ -115,7 +116,7 @@ def serial_ports() -> list[Finding]:
 
 def i2c_buses() -> list[Finding]:
     """The I²C buses that the range sensor may be on."""
-    buses = sorted(glob.glob("/dev/i2c-*"))
+    buses = sorted(glob.glob(_I2C_BUSES))
     if not buses:
         fix = "on a Raspberry Pi: sudo raspi-config nonint do_i2c 0; not needed with --virtual."
         return [Finding("I²C bus", OPTIONAL, "none", fix)]
@@ -208,12 +209,23 @@ def _library(name: str) -> Finding:
     return Finding(name, OK, version)
 
 
+def _sensor_driver() -> Finding | None:
+    """Why the range sensor's driver cannot be loaded where there is a bus to use it on."""
+    if not glob.glob(_I2C_BUSES):
+        return None
+    ended = _try("from runtime.range_source import import_driver; import_driver()")
+    return Finding("[rig]", OPTIONAL, "not usable", _why(ended)) if ended.returncode else None
+
+
 def _extra(extra: str, use: str) -> list[Finding]:
     versions = {name: _version(name) for name in _required(extra)}
     missing = [name for name, version in versions.items() if version is None]
     if missing:
         fix = f"for {use}: pip install 'wakedeploy[{extra}]'"
         return [Finding(f"[{extra}]", OPTIONAL, f"missing {', '.join(missing)}", fix)]
+    unusable = _sensor_driver() if extra == "rig" else None
+    if unusable is not None:
+        return [unusable]
     return [Finding(f"[{extra}] {name}", OK, str(version)) for name, version in versions.items()]
 
 
