@@ -26,19 +26,26 @@ class Calibrated:
     unit: str = ""
 
 
-def update_rig(path: Path, constants: Mapping[str, Calibrated], date: str) -> tuple[Rig, bool]:
+def update_rig(
+    path: Path, constants: Mapping[str, Calibrated], date: str, out: Path | None = None
+) -> tuple[Rig, bool]:
     """Write constants, such as "range_sensor.bias_m", into a rig file; the rig that it now is.
+
+    With `out` the file at `path` stays as it is and `out` is written: its own other constants, or
+    those of `path` where there is no such file yet.
 
     The second value is False when the file is written so unusually that it had to be written anew,
     without its comments. Raises UnusableInput for values that the rig's bounds do not allow; the
     file is then as it was.
     """
-    text = path.read_text(encoding="utf-8")
-    wanted = updated(parse_rig(text, str(path)), constants, date)
+    out = out or path
+    source = out if out.exists() else path
+    text = source.read_text(encoding="utf-8")
+    wanted = updated(parse_rig(text, str(source)), constants, date)
     for name, known in constants.items():
         text = _with_constant(text, name, _inline(known, date))
     kept = _reads_as(text, wanted)
-    write_text_whole(path, text if kept else wanted.text)
+    write_text_whole(out, text if kept else wanted.text)
     return wanted, kept
 
 

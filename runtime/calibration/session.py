@@ -1,13 +1,12 @@
 """What a calibration needs, flown at the rig or on the virtual gantry by the loop of every run."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from runtime.reference import FlightPlan
-from runtime.run import RunRequest, fly
+from runtime.run import RunRequest, Show, Tell, fly
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import RunLog, read_run_log
@@ -19,7 +18,9 @@ _ANYWHERE_M = (-20.0, 20.0)
 class Site:
     """Where to measure: a port, or with None the virtual gantry with `plant_rig` as its truth.
 
-    Each run is recorded in `folder`. `show` is called twice a second with the seconds done and all.
+    Each run is recorded in `folder`. `show` is called twice a second with the seconds done and all,
+    `tell` after every run that began, however it ended. `firmware` and `realtime` as in a
+    `RunRequest`.
     """
 
     folder: Path
@@ -27,7 +28,10 @@ class Site:
     range_socket: Path | None = None
     plant_rig: Rig | None = None
     seed: int = 0
-    show: Callable[[float, float], None] | None = None
+    firmware: bool = False
+    realtime: bool = False
+    tell: Tell | None = None
+    show: Show | None = None
 
     def flown(
         self, name: str, rig: Rig, plan: FlightPlan, spacer_m: float = 0.0, clip_kg: float = 0.0
@@ -48,10 +52,12 @@ class Site:
             port=self.port,
             range_socket=self.range_socket,
             plant_rig=with_clip(truth, clip_kg) if self.port is None else None,
+            firmware=self.firmware,
             spacer_m=spacer_m,
+            realtime=self.realtime,
             log=log,
         )
-        fly(request, show=self.show)
+        fly(request, tell=self.tell, show=self.show)
         return read_run_log(log)
 
 
@@ -62,7 +68,7 @@ def resting(rig: Rig, seconds: float) -> tuple[Rig, FlightPlan]:
     """
     rig = rig.changed(disturbance={"rest_s": 0.5 * seconds}, limits={"z_m": _ANYWHERE_M})
     nothing = np.empty(0)
-    return rig, FlightPlan(nothing, nothing, nothing)
+    return rig, FlightPlan(nothing, nothing, nothing, motors_off=True)
 
 
 def with_clip(rig: Rig, clip_kg: float) -> Rig:

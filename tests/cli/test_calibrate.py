@@ -13,7 +13,7 @@ import pytest
 from click.testing import CliRunner
 
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.cli import calibrate, main
+from wakedeploy.cli import calibrate, calibrate_options, main
 from wakedeploy.domains.gantry import record
 from wakedeploy.rig import Effect, EffectParameter, default_rig, default_rig_text, read_rig
 from wakedeploy.runlog import read_run_log
@@ -37,25 +37,46 @@ def calibrated(*arguments: object, given: str | None = None):
 
 def test_zero_on_the_virtual_gantry_writes_value_spread_and_date(files, tmp_path) -> None:
     rig, truth = files
-    told, logs = tmp_path / "zero.json", tmp_path / "logs"
+    told, logs, desk = tmp_path / "zero.json", tmp_path / "logs", tmp_path / "desk.toml"
     where = ("--virtual", "--plant-rig", truth, "--keep-logs", logs, "--json", told)
-    result = calibrated("zero", "--rig", rig, *where)
+    result = calibrated("zero", "--rig", rig, "--out", desk, *where)
     assert result.exit_code == 0, result.output
-    after = read_rig(rig)
+    assert rig.read_text() == default_rig_text()
+    after = read_rig(desk)
     known = after.calibration["range_sensor.bias_m"]
     assert abs(after.range_sensor.bias_m - 0.042) < 3.0 * known.spread < 0.003
-    assert known.date in rig.read_text()
-    assert "# read in the paper" in rig.read_text()
+    assert known.date in desk.read_text()
+    assert "# read in the paper" in desk.read_text()
     assert "range_sensor.bias_m" in result.output
     found = json.loads(told.read_text())["constants"]["range_sensor.bias_m"]
     assert found["before"] == 0.0
     assert found["value"] == after.range_sensor.bias_m
     # The same log again, as one recorded earlier, gives the same.
     again = tmp_path / "again.toml"
-    again.write_text(default_rig_text())
-    result = calibrated("zero", "--rig", again, "--log", logs / "zero.mcap")
+    result = calibrated("zero", "--rig", rig, "--out", again, "--log", logs / "zero.mcap")
     assert result.exit_code == 0, result.output
     assert read_rig(again) == after
+
+
+def test_what_is_simulated_is_never_written_into_the_rig_file(files, random_flight) -> None:
+    rig, _ = files
+    for where in (("--virtual",), ("--log", random_flight)):
+        for out in ((), ("--out", rig), ("--out", rig.parent / "." / rig.name)):
+            result = calibrated("latency", "--rig", rig, *where, *out)
+            assert result.exit_code == 2, result.output
+            assert "give --out FILE, another file than --rig" in result.output
+            assert result.output.count("\n") == 1
+    assert rig.read_text() == default_rig_text()
+    assert sorted(path.name for path in rig.parent.iterdir()) == ["rig.toml", "truth.toml"]
+
+
+def test_a_log_of_a_real_rig_needs_no_other_file(files, random_flight, tmp_path) -> None:
+    log = read_run_log(random_flight)
+    log.metadata["simulated"] = "false"
+    log.write_mcap(tmp_path / "real.mcap")
+    result = calibrated("latency", "--rig", files[0], "--log", tmp_path / "real.mcap")
+    assert result.exit_code == 0, result.output
+    assert "latency.round_trip_s" in read_rig(files[0]).calibration
 
 
 def test_steps_at_a_port_asks_the_operator(files, tmp_path) -> None:
@@ -74,11 +95,37 @@ def test_steps_at_a_port_asks_the_operator(files, tmp_path) -> None:
     assert set(log["sufferer_cmd_us"]) == {RIG.limits.pulse_us[0]}
 
 
+def test_the_log_of_a_refused_calibration_at_a_port_is_kept_and_named(files) -> None:
+    rig, _ = files
+    with VirtualGantryProcess(TRUTH, seed=0) as gantry:
+        where = ("--port", gantry.port, "--range-socket", gantry.range_socket)
+        drive = ("--distance-m", "0.1", "--hold-s", "3")
+        result = calibrated("steps", "--rig", rig, *where, *drive, given="\n10.2\n")  # in cm
+    assert result.exit_code == 1, result.output
+    (log,) = rig.parent.glob("calibration/*-steps/*.mcap")
+    assert result.output.endswith(f"Nothing was written; recorded in {log}.\n")
+    assert read_run_log(log)["homed"][-1] > 0
+    assert rig.read_text() == default_rig_text()
+
+
+def test_every_attempt_has_a_folder_of_its_own_and_one_without_a_log_leaves_none(files) -> None:
+    rig, _ = files
+    first = calibrate_options._log_folder(rig, "zero")
+    first.mkdir(parents=True)
+    second = calibrate_options._log_folder(rig, "zero")
+    assert (second.parent, second.name) == (first.parent, f"{first.name}-2")
+    result = calibrated("zero", "--rig", rig, "--port", os.devnull + "-none", given="\n")
+    assert result.exit_code == 2
+    assert "recorded in" not in result.output
+    assert not second.exists()
+
+
 def test_ctrl_c_lands_and_leaves_the_file_as_it_was(files, tmp_path) -> None:
     rig, _ = files
     logs = tmp_path / "logs"
     code = "from wakedeploy.cli import main; main()"
-    arguments = ["calibrate", "noise", "--virtual", "--rig", rig, "--keep-logs", logs]
+    arguments = ["calibrate", "noise", "--virtual", "--rig", rig, "--out", tmp_path / "desk.toml",
+                 "--keep-logs", logs]  # fmt: skip
     run = subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)], stdout=-1, stderr=-1, text=True
     )
@@ -112,16 +159,18 @@ def random_flight(tmp_path_factory) -> Path:
 def test_latency_from_a_log_of_any_flight_and_a_refusal_that_leaves_the_file(
     files, random_flight, tmp_path
 ) -> None:
-    rig, _ = files
-    result = calibrated("latency", "--rig", rig, "--log", random_flight)
+    (rig, _), desk = files, tmp_path / "desk.toml"
+    result = calibrated("latency", "--rig", rig, "--out", desk, "--log", random_flight)
     assert result.exit_code == 0, result.output
-    text = rig.read_text()
-    assert read_rig(rig).calibration["latency.round_trip_s"].spread > 0.0
-    refused = calibrated("thrust", "--rig", rig, *["--log", random_flight] * 3, *MASSES)
+    text = desk.read_text()
+    assert read_rig(desk).calibration["latency.round_trip_s"].spread > 0.0
+    refused = calibrated(
+        "thrust", "--rig", rig, "--out", desk, *["--log", random_flight] * 3, *MASSES
+    )
     assert refused.exit_code == 1
     assert "Nothing was written." in refused.output
     assert refused.output.count("\n") == 1
-    assert rig.read_text() == text
+    assert desk.read_text() == text
 
 
 MASSES = ("--mass-kg", "0", "--mass-kg", "0.1", "--mass-kg", "0.2")
@@ -144,6 +193,8 @@ def test_a_constant_that_an_effect_replaces_is_refused(files, random_flight) -> 
         (("zero", "--port", "x", "--plant-rig", "y"), "belongs to --virtual"),
         (("zero", "--virtual", "--range-socket", "y"), "belongs to --port"),
         (("zero", "--log", "x", "--keep-logs", "y"), "--keep-logs belongs"),
+        (("zero", "--log", "x", "--realtime"), "--realtime belongs"),
+        (("zero", "--log", "x", "--firmware"), "--firmware belongs"),
         (("range", "--virtual", "--height-m", "0"), "two or more heights"),
         (("range", "--log", "x", "--height-m", "0", "--height-m", "0.4"), "2 logs are needed"),
         (("thrust", "--virtual", "--mass-kg", "0"), "3 different masses"),
@@ -153,7 +204,7 @@ def test_a_constant_that_an_effect_replaces_is_refused(files, random_flight) -> 
     ],
 )
 def test_what_contradicts_itself_is_refused_before_anything_flies(files, arguments, words) -> None:
-    result = calibrated(*arguments, "--rig", files[0])
+    result = calibrated(*arguments, "--rig", files[0], "--out", files[0].with_name("desk.toml"))
     assert result.exit_code == 2, result.output
     assert words in result.output
     assert files[0].read_text() == default_rig_text()

@@ -114,3 +114,14 @@ def test_a_rig_without_bias_and_scale_keeps_its_hash_and_one_with_them_has_anoth
     assert parse_rig(biased.text) == biased
     dated = rig.changed(range_sensor={"scale": {"value": 1.0, "spread": 0.001, "date": DATE}})
     assert parse_rig(dated.text).calibration["range_sensor.scale"].date == DATE
+
+
+def test_another_file_to_write_begins_as_the_first_and_keeps_what_it_was_given(rig_file) -> None:
+    text, desk = rig_file.read_text(), rig_file.with_name("desk.toml")
+    bias = {"range_sensor.bias_m": Calibrated(0.02, 0.001, "m")}
+    update_rig(rig_file, bias, DATE, desk)
+    after, kept = update_rig(rig_file, TRIP, DATE, desk)
+    assert kept
+    assert rig_file.read_text() == text
+    assert read_rig(desk) == after
+    assert {*bias, *TRIP} <= set(after.calibration)

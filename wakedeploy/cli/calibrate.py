@@ -10,13 +10,14 @@ def command() -> None:
     """Measure a rig's constants and write them, with spread and date, into the rig file.
 
     In this order, as each needs those before it: zero, range, noise, latency, thrust, steps, spool.
-    A result that cannot be right is refused in one sentence, and the file stays as it is.
+    A result that cannot be right is refused in one sentence, and the file stays as it is. A
+    rehearsal with --virtual measures a simulation, so its results need a file of their own: --out.
     `wakedeploy doctor --rig FILE` tells which are missing or old.
 
     \b
     Example:
         wakedeploy calibrate zero --rig rig.toml --port /dev/ttyACM0
-        wakedeploy calibrate zero --rig rig.toml --virtual --plant-rig truth.toml
+        wakedeploy calibrate zero --rig rig.toml --virtual --out desk.toml
     """
 
 

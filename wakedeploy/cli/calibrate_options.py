@@ -3,25 +3,46 @@
 import contextlib
 import datetime
 import functools
-import sys
+import itertools
 import tempfile
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.flight_options import (
+    FILE,
+    Command,
+    end_progress,
+    place_options,
+    require_place,
+    shown_progress,
+    with_options,
+)
 from wakedeploy.cli.output import print_table, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import UnusableInput, WakedeployError
 
 if TYPE_CHECKING:
     from runtime.calibration import Outcome
     from runtime.calibration.session import Site
+    from runtime.tally import Tally
     from wakedeploy.rig import Rig
     from wakedeploy.runlog import RunLog
 
-FILE = click.Path(dir_okay=False, path_type=Path)
+_FOLDER = click.Path(file_okay=False, path_type=Path)
+_RIG_FILES = (
+    click.option("--rig", "rig_path", type=FILE, required=True,
+                 help="Updated in place, unless --out is given."),
+    click.option("--out", type=FILE, help="Write this rig file; what is simulated needs it."),
+)  # fmt: skip
+_LOGS = (
+    click.option("--log", "logs", type=FILE, multiple=True, help="From a log recorded earlier."),
+    click.option("--keep-logs", type=_FOLDER, help="Record what is flown in this folder. "
+                 "Default at a port: calibration/DATE-NAME beside the rig file."),
+    click.option("--json", "json_path", type=FILE, help="Also write the result as JSON."),
+)  # fmt: skip
 # Effects that replace a constant: while the file lists one, its value holds whatever is calibrated.
 _REPLACED_BY = {
     "range-bias": "range_sensor.bias_m",
@@ -37,13 +58,17 @@ class Request:
     """One calibration: the rig file, where to measure, or the logs measured earlier."""
 
     rig_path: Path
+    out: Path
     port: str | None
     virtual: bool
     plant_rig: Path | None
     range_socket: Path | None
+    firmware: bool
+    realtime: bool
     logs: tuple[Path, ...]
     keep_logs: Path | None
     json_path: Path | None
+    recorded: list[Path] = field(default_factory=list, init=False)
 
     @property
     def by_hand(self) -> bool:
@@ -59,12 +84,19 @@ class Request:
         chosen = (self.port is not None) + self.virtual + bool(self.logs)
         if chosen != 1:
             raise UnusableInput("Say where to measure: one of --port PORT, --virtual, --log FILE.")
-        if self.plant_rig and not self.virtual:
-            raise UnusableInput("--plant-rig belongs to --virtual; a real rig is as it is.")
-        if self.range_socket and self.port is None:
-            raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
+        require_place(
+            port=self.port,
+            virtual=self.virtual,
+            firmware=self.firmware,
+            plant_rig=self.plant_rig,
+            range_socket=self.range_socket,
+        )
         if self.keep_logs and self.logs:
             raise UnusableInput("--keep-logs belongs to a new measurement; --log has its own file.")
+        if self.realtime and self.logs:
+            raise UnusableInput("--realtime belongs to a new measurement; --log has been flown.")
+        if self.virtual:
+            self._require_another_file("The virtual gantry")
         from wakedeploy.rig import read_rig
 
         rig = read_rig(self.rig_path)
@@ -85,18 +117,34 @@ class Request:
 
     @contextlib.contextmanager
     def site(self, rig: "Rig") -> Iterator["Site"]:
-        """Where to fly; the logs go to --keep-logs, or to a folder that is removed."""
+        """Where to fly; the logs are kept at a port or as asked for, else they are removed."""
         from runtime.calibration.session import Site
 
         with contextlib.ExitStack() as stack:
             if self.keep_logs is not None:
-                self.keep_logs.mkdir(parents=True, exist_ok=True)
                 folder = self.keep_logs
+                if not folder.exists():
+                    folder.mkdir(parents=True)
+                    stack.callback(_remove_if_empty, folder)
             else:
                 folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
             truth = self.true_rig(rig) if self.virtual else None
-            show = _show if sys.stderr.isatty() else None
-            yield Site(folder, self.port, self.range_socket, truth, show=show)
+            yield Site(
+                folder,
+                self.port,
+                self.range_socket,
+                truth,
+                firmware=self.firmware,
+                realtime=self.realtime,
+                tell=self._tell,
+                show=shown_progress(self.realtime),
+            )
+
+    def _tell(self, tally: "Tally") -> None:
+        """After each run, before any error: the bar goes, its log is remembered if it stays."""
+        end_progress()
+        if self.keep_logs is not None and tally.log is not None:
+            self.recorded.append(tally.log)
 
     def read_logs(self, count: int) -> "list[RunLog]":
         """The logs recorded earlier; UnusableInput unless there are `count` of them."""
@@ -107,7 +155,19 @@ class Request:
                 f"{count} log{'s are' if count > 1 else ' is'} needed, in the order of the other "
                 f"values, and {len(self.logs)} given."
             )
-        return [read_run_log(path) for path in self.logs]
+        logs = [read_run_log(path) for path in self.logs]
+        for path, log in zip(self.logs, logs, strict=True):
+            if log.metadata.get("simulated") == "true":
+                self._require_another_file(f"{path}: a simulated run")
+        return logs
+
+    def _require_another_file(self, simulated: str) -> None:
+        """UnusableInput where what is simulated would become the rig file's calibration."""
+        if self.out.resolve() == self.rig_path.resolve():
+            raise UnusableInput(
+                f"{simulated} says nothing about the rig of {self.rig_path}; give --out FILE, "
+                "another file than --rig, for what a rehearsal measures."
+            )
 
     def ask(self, what: str) -> None:
         """Tell the operator what to do and wait until it is done; nobody stands at a virtual rig.
@@ -122,18 +182,18 @@ class Request:
         """Write the constants, then tell what they were and are."""
         from wakedeploy.rig_update import update_rig
 
-        date = datetime.datetime.now(datetime.UTC).date().isoformat()
-        after, kept = update_rig(self.rig_path, outcome.constants, date)
+        date = _today()
+        after, kept = update_rig(self.rig_path, outcome.constants, date, self.out)
         rows = [
             [name, _shown(rig, name), _shown(after, name), f"± {known.spread:.2g} {known.unit}"]
             for name, known in outcome.constants.items()
         ]
-        print_table(f"{self.rig_path}", ["constant", "before", "now", "spread"], rows)
+        print_table(f"{self.out}", ["constant", "before", "now", "spread"], rows)
         for sentence in outcome.told:
             click.echo(sentence)
         if not kept:
-            click.echo(f"{self.rig_path} had to be written anew; its comments are lost.")
-        if self.keep_logs is not None:
+            click.echo(f"{self.out} had to be written anew; its comments are lost.")
+        if self.recorded:
             click.echo(f"Recorded in {self.keep_logs}.")
         if self.json_path:
             constants = {
@@ -149,44 +209,44 @@ class Request:
             write_json(self.json_path, {"constants": constants, "told": list(outcome.told)})
 
 
-def shared_options(command: Callable[..., None]) -> Callable[..., None]:
+def shared_options(command: Command) -> Command:
     """Adds the options of all `calibrate` commands, handed on as a `Request`."""
 
     @functools.wraps(command)
-    def with_request(
-        rig_path: Path,
-        port: str | None,
-        virtual: bool,
-        plant_rig: Path | None,
-        range_socket: Path | None,
-        log_paths: tuple[Path, ...],
-        keep_logs: Path | None,
-        json_path: Path | None,
-        **own: Any,
-    ) -> None:
-        command(
-            Request(
-                rig_path, port, virtual, plant_rig, range_socket, log_paths, keep_logs, json_path
-            ),
-            **own,
-        )
+    def with_request(*, out: Path | None, keep_logs: Path | None, **values: Any) -> None:
+        taken = {f.name: values.pop(f.name) for f in fields(Request) if f.name in values}
+        if keep_logs is None and taken["port"] is not None:
+            keep_logs = _log_folder(taken["rig_path"], str(click.get_current_context().info_name))
+        request = Request(out=out or taken["rig_path"], keep_logs=keep_logs, **taken)
+        try:
+            command(request, **values)
+        except WakedeployError as error:
+            if not request.recorded:
+                raise
+            where = f"recorded in {request.recorded[-1]}."
+            raise type(error)(f"{str(error).rstrip('.')}; {where}") from error
+        except (KeyboardInterrupt, click.Abort):
+            if request.recorded:
+                click.echo(f"Recorded in {request.recorded[-1]}.", err=True)
+            raise
 
-    folder = click.Path(file_okay=False, path_type=Path)
-    for option in reversed(
-        (
-            click.option("--rig", "rig_path", type=FILE, required=True, help="Updated in place."),
-            click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0."),
-            click.option("--virtual", is_flag=True, help="On the virtual gantry."),
-            click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
-            click.option("--range-socket", type=FILE, help="With --port: samples from here."),
-            click.option("--log", "log_paths", type=FILE, multiple=True,
-                         help="From a log recorded earlier."),
-            click.option("--keep-logs", type=folder, help="Record what is flown in this folder."),
-            click.option("--json", "json_path", type=FILE, help="Also write the result as JSON."),
-        )
-    ):  # fmt: skip
-        with_request = option(with_request)
-    return with_request
+    return with_options(_RIG_FILES, place_options(with_options(_LOGS, with_request)))
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+
+
+def _log_folder(rig_path: Path, procedure: str) -> Path:
+    """A folder beside the rig file for this attempt: what was refused is what one wants to see."""
+    wanted = rig_path.parent / "calibration" / f"{_today()}-{procedure}"
+    later = (wanted.with_name(f"{wanted.name}-{number}") for number in itertools.count(2))
+    return next(folder for folder in itertools.chain([wanted], later) if not folder.exists())
+
+
+def _today() -> str:
+    return datetime.datetime.now(datetime.UTC).date().isoformat()
 
 
 def _value(rig: "Rig", name: str) -> Any:
@@ -198,10 +258,3 @@ def _shown(rig: "Rig", name: str) -> str:
     if isinstance(value, tuple):
         return f"{value[0]:g} … {value[-1]:.4g}"
     return f"{value:.6g}"
-
-
-def _show(done_s: float, total_s: float) -> None:
-    sys.stderr.write(f"\rMeasuring: {done_s:.0f} of {total_s:.0f} s\x1b[K")
-    if done_s >= total_s - 0.5:
-        sys.stderr.write("\r\x1b[K")
-    sys.stderr.flush()

@@ -1,7 +1,7 @@
 """What every command that flies asks for, and what it shows meanwhile."""
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,16 +17,21 @@ _BAR_WIDTH = 30
 _DEFAULT_S = 20.0
 Command = Callable[..., Any]
 
-_OPTIONS = (
-    click.option("--package", type=FILE, help="Predictor whose force is fed forward."),
-    click.option("--baseline", is_flag=True, help="PID alone, no package."),
-    click.option("--rig", type=FILE, help="Default: the default rig."),
+_PLACE = (
     click.option("--virtual", is_flag=True, help="Fly the virtual gantry."),
     click.option("--firmware", is_flag=True, help="With --virtual: the sketch on a simulated UNO."),
     click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0."),
     click.option(
         "--range-socket", type=FILE, help="With --port: range samples from here, not I²C."
     ),
+    click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
+    click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core."),
+)
+_FLIGHT = (
+    click.option("--package", type=FILE, help="Predictor whose force is fed forward."),
+    click.option("--baseline", is_flag=True, help="PID alone, no package."),
+    click.option("--rig", type=FILE, help="Default: the default rig."),
+    *_PLACE,
     click.option(
         "--seconds",
         type=click.FloatRange(6, 3600),
@@ -37,9 +42,7 @@ _OPTIONS = (
         "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the plan."
     ),
     click.option("--reference", type=FILE, help="Fly this CSV instead of a random plan."),
-    click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
     click.option("--hooks", help="MODULE:FUNCTION giving the virtual plant's hooks."),
-    click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core."),
     click.option(
         "--allow-lead-mismatch", is_flag=True, help="Fly a package made for another lead."
     ),
@@ -48,9 +51,38 @@ _OPTIONS = (
 
 def flight_options(function: Command) -> Command:
     """Give a command the options of a flight; `flight_request` takes their values."""
-    for option in reversed(_OPTIONS):
+    return with_options(_FLIGHT, function)
+
+
+def place_options(function: Command) -> Command:
+    """Give a command the options that say where to fly; `require_place` judges them."""
+    return with_options(_PLACE, function)
+
+
+def with_options(options: Sequence[Callable[[Command], Command]], function: Command) -> Command:
+    """Give a command options, which its help lists in this order."""
+    for option in reversed(options):
         function = option(function)
     return function
+
+
+def require_place(
+    *,
+    port: str | None,
+    virtual: bool,
+    firmware: bool,
+    plant_rig: Path | None,
+    range_socket: Path | None,
+    hooks: str | None = None,
+) -> None:
+    """UnusableInput when options belong to the other place, or to none."""
+    if port is None and range_socket:
+        raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
+    if not virtual and firmware:
+        raise UnusableInput("--firmware belongs to --virtual; the UNO at a port has its own.")
+    if not virtual and (plant_rig or hooks):
+        given = "--plant-rig and --hooks belong" if hooks else "--plant-rig belongs"
+        raise UnusableInput(f"{given} to --virtual; a real rig is as it is.")
 
 
 def flight_request(
@@ -69,12 +101,8 @@ def flight_request(
         raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
-    if port is None and others["range_socket"]:
-        raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
-    if port is not None and others["firmware"]:
-        raise UnusableInput("--firmware belongs to --virtual; the UNO at a port has its own.")
-    if port is not None and (plant_rig or others["hooks"]):
-        raise UnusableInput("--plant-rig and --hooks belong to --virtual; a real rig is as it is.")
+    own = {name: others[name] for name in ("firmware", "range_socket", "hooks")}
+    require_place(port=port, virtual=virtual, plant_rig=plant_rig, **own)
     if seconds is not None and others["reference"]:
         raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
     from runtime.run import RunRequest
@@ -90,10 +118,10 @@ def flight_request(
     )
 
 
-def shown_progress(request: "RunRequest") -> "Show | None":
+def shown_progress(realtime: bool) -> "Show | None":
     """The progress bar of a flight, where there is someone to see it and time to draw it."""
     # Another thread at the loop's priority on the loop's core is what --realtime is to prevent.
-    return _show if sys.stderr.isatty() and not request.realtime else None
+    return _show if sys.stderr.isatty() and not realtime else None
 
 
 def warn(sentence: str) -> None:

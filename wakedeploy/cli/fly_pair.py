@@ -72,7 +72,7 @@ def command(
         pairs,
         ask=None if yes or request.port is None else _ask,
         tell=_tell_of,
-        show=shown_progress(request),
+        show=shown_progress(request.realtime),
         warn=warn,
     )
     logs = [(read_run_log(pair.off), read_run_log(pair.on)) for pair in flown]

@@ -51,7 +51,7 @@ def command(log_path: Path | None, json_path: Path | None, **options: Any) -> No
     fly(
         request,
         tell=lambda tally: _tell(tally, json_path),
-        show=shown_progress(request),
+        show=shown_progress(request.realtime),
         warn=warn,
     )
 
