@@ -5,8 +5,8 @@ be read; ticks come at any time after that, so the youngest samples tell. Commun
 the board's answer to a command takes, the median over ticks. The answer's own way back is in it
 (command and status together take 2.1 ms at 250,000 baud), so the value errs to the long side, as a
 round trip does. The rig file halves the sum between sensing and command; a sentence warns when the
-halves are not alike. Motors stay off. The spread is the scatter from tick to tick: one number has to
-stand for all of them.
+halves are not alike. Motors stay off. The spread is the scatter from tick to tick: one number has
+to stand for all of them.
 """
 
 import numpy as np

@@ -5,9 +5,12 @@ the scale and the exponent by which the rig file's curve is off: thrust = scale 
 / hover)^exponent. The source stays off. The sufferer moves slowly up and down, whole periods of a
 sine, so that rail friction, which works against either way, and inertia average out of the mean
 thrust; standing still, stiction would hide 2 % of it. The mean is that of the tabulated thrust
-after spool lag, from the pulses as applied. Thrust goes with the square of the battery's voltage:
-flights at different voltages are refused. The source's own curve cannot be had this way: it cannot
-hover, and is known as wake strength times thrust only.
+after spool lag, from the pulses as applied. Thrust goes with the square of the battery's voltage.
+Where the board measures it, each flight is corrected to the mean voltage of all, which the curve
+then stands for, and voltages far apart are refused. Where it does not, a battery that sags from one
+mass to the next bends the curve, so the first mass is flown again at the end: a steady drift of the
+thrust is fitted with scale and exponent, and what it leaves open is in their spreads. The source's
+own curve cannot be had this way: it cannot hover, and is known as wake strength times thrust only.
 """
 
 from collections.abc import Sequence
@@ -20,7 +23,7 @@ from runtime.calibration.session import Site, with_clip
 from runtime.measured_force import FINE_S, thrust_after_spool
 from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, smooth_rise
 from wakedeploy.errors import UnusableInput
-from wakedeploy.physics.constants import moved_thrust
+from wakedeploy.physics.constants import moved_thrust, spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import Rig
 from wakedeploy.rig_update import Calibrated
@@ -35,7 +38,9 @@ _APART = 0.1  # of the weight: over less, scale and exponent cannot be told apar
 _RESERVE = 1.15  # of the weight, for control
 _LEAST_SCATTER = 0.002  # kitchen scales, and a voltage that is not quite constant
 _MOST_SCATTER = 0.02
-_SCALES, _EXPONENTS = (0.5, 2.0), (0.6, 1.6)
+# Under a scale below 0.6 the flight ends as `thrust_lost`, above 1.6 height control overshoots.
+_SCALES, _EXPONENTS = (0.6, 1.6), (0.6, 1.6)
+_MOST_BEND_SD = 0.05  # of the exponent; more is worse than the tabulated shape
 _MOST_SAG = 0.03  # of the voltage, twice that of the thrust
 
 
@@ -80,11 +85,22 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
     table_n = np.array([_mean_thrust(log, rig) for log in logs])
     volts = _voltages(logs)
     log_table, log_weight = np.log(table_n / hover_n), np.log(weight_n / hover_n)
-    design = np.stack([np.ones_like(log_table), log_table], axis=1)
+    columns = [np.ones_like(log_table), log_table]
+    if volts is not None:
+        log_weight = log_weight - 2.0 * np.log(volts / np.mean(volts))
+    else:
+        require(
+            len(clips_kg) > _FEWEST and clips_kg[0] == clips_kg[-1],
+            "The board measures no voltage, and a battery that sags bends the curve: fly the first "
+            "mass again at the end, or wire the divider.",
+        )
+        columns.append(np.linspace(-0.5, 0.5, len(log_table)))  # from the first flight to the last
+    design = np.stack(columns, axis=1)
     inverse = np.linalg.inv(design.T @ design)
-    intercept, exponent = (float(v) for v in inverse @ design.T @ log_weight)
-    off = log_weight - design @ (intercept, exponent)
-    scatter = float(np.sqrt(np.sum(off**2) / (len(off) - 2)))
+    fitted = inverse @ design.T @ log_weight
+    intercept, exponent = float(fitted[0]), float(fitted[1])
+    off = log_weight - design @ fitted
+    scatter = float(np.sqrt(np.sum(off**2) / (len(off) - len(fitted))))
     require(
         scatter < _MOST_SCATTER,
         f"The thrusts scatter by {100 * scatter:.1f} % about any such curve: check the masses and "
@@ -97,16 +113,32 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         "sufferer.mass_kg and the masses.",
     )
     scatter = max(scatter, _LEAST_SCATTER)
+    bend_sd = scatter * float(np.sqrt(inverse[1, 1]))
+    require(
+        bend_sd < _MOST_BEND_SD,
+        f"The curve's exponent could be off by {bend_sd:.2f}, and at most {_MOST_BEND_SD:g} is of "
+        "use: fly masses further apart, with a charged battery.",
+    )
     moved_n = moved_thrust(np.array(rig.thrust.sufferer.thrust_n), scale, exponent, hover_n)
     # The spread counts at hover, where the rig file's readers apply it.
-    at_hover = np.array([1.0, -intercept / exponent])
+    at_hover = np.zeros(len(fitted))
+    at_hover[:2] = 1.0, -intercept / exponent
     spread_n = hover_n * scatter * float(np.sqrt(at_hover @ inverse @ at_hover))
-    bend_sd = scatter * float(np.sqrt(inverse[1, 1]))
+    words = [""] * len(logs) if volts is None else [f" with {v:.2f} V" for v in volts]
     told = [
         f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
-        for clip, w, t, v in zip(clips_kg, weight_n, table_n, volts, strict=True)
+        for clip, w, t, v in zip(clips_kg, weight_n, table_n, words, strict=True)
     ]
     told.append(f"Scale {scale:.4f} at hover, exponent {exponent:.3f} ± {bend_sd:.3f}.")
+    if volts is None:
+        drift = 100.0 * float(fitted[2])
+        told.append(f"From the first flight to the last the thrust changed by {drift:+.1f} %.")
+    else:
+        told.append(f"The curve is that of {np.mean(volts):.2f} V.")
+    assumed = spreads_of(rig)["thrust.sufferer.exponent"]
+    told.append(
+        f"The rig file has no place for the exponent's spread: gap goes on assuming {assumed:g}."
+    )
     found = Calibrated(tuple(float(n) for n in moved_n), spread_n, "N")
     return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
 
@@ -136,18 +168,22 @@ def _mean_thrust(log: RunLog, rig: Rig) -> float:
     return float(np.mean(thrust_after_spool(log, rig, fine_s)[fine_s >= begin_s]))
 
 
-def _voltages(logs: Sequence[RunLog]) -> list[str]:
-    """The battery's mean voltage in each flight, as words; CheckFailed when they differ."""
-    volts = [
-        float(np.nanmean(log["battery_v"][log.flying])) if log.has("battery_v") else None
-        for log in logs
-    ]
-    known = [v for v in volts if v is not None]
-    if known:
-        low_v, high_v = min(known), max(known)
-        require(
-            high_v - low_v < _MOST_SAG * high_v,
-            f"The battery gave {low_v:.2f} to {high_v:.2f} V, and thrust goes with its square: "
-            "charge it before each flight.",
-        )
-    return ["" if v is None else f" with {v:.2f} V" for v in volts]
+def _voltages(logs: Sequence[RunLog]) -> FloatArray | None:
+    """The battery's voltage [V] in each flight (root mean square), None unless all measured it.
+
+    CheckFailed when they are too far apart.
+    """
+    if not all(_has_voltage(log) for log in logs):
+        return None
+    volts = np.array([np.sqrt(np.nanmean(log["battery_v"][log.flying] ** 2)) for log in logs])
+    low_v, high_v = float(volts.min()), float(volts.max())
+    require(
+        high_v - low_v < _MOST_SAG * high_v,
+        f"The battery gave {low_v:.2f} to {high_v:.2f} V, and thrust goes with its square: "
+        "charge it before each flight.",
+    )
+    return volts
+
+
+def _has_voltage(log: RunLog) -> bool:
+    return log.has("battery_v") and bool(np.any(np.isfinite(log["battery_v"][log.flying])))

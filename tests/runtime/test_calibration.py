@@ -4,6 +4,8 @@ In simulated time, by the loop that flies the rig. A value has to lie within thr
 spreads, and within what is useful.
 """
 
+import re
+
 import numpy as np
 import pytest
 from simulated_site import SimulatedSite
@@ -152,7 +154,7 @@ def test_latency_refuses_silence_and_what_is_no_latency(changes, words):
         latency.estimate(RunLog({**log.columns, **spoilt}), RIG)
 
 
-CLIPS_KG = (0.0, 0.12, 0.25)
+CLIPS_KG = (0.0, 0.12, 0.25, 0.0)
 
 
 def curve(scale, exponent):
@@ -177,25 +179,65 @@ def test_thrust_finds_scale_and_exponent_of_the_curve():
         weight_n = (RIG.sufferer.mass_kg + clip) * 9.81
         assert after.thrust(true_n.pulse(weight_n)) == pytest.approx(weight_n, rel=0.01)
     with pytest.raises(CheckFailed, match="scatter by"):
-        thrust.estimate(logs, (0.0, 0.25, 0.12), RIG)  # two masses mixed up
-    volts = (12.4, 12.0, 11.6)
+        thrust.estimate(logs, (0.0, 0.25, 0.12, 0.0), RIG)  # two masses mixed up
+    volts = (12.4, 12.0, 11.6, 12.0)
     sagging = [with_battery(log, v) for log, v in zip(logs, volts, strict=True)]
     with pytest.raises(CheckFailed, match=r"11\.60 to 12\.40 V"):
         thrust.estimate(sagging, CLIPS_KG, RIG)
     steady = [with_battery(log, 12.1) for log in logs]
-    assert "12.10 V" in thrust.estimate(steady, CLIPS_KG, RIG).told[0]
+    told = thrust.estimate(steady, CLIPS_KG, RIG).told
+    assert "12.10 V" in told[0]
+    assert "gap goes on assuming 0.05" in told[-1]
+
+
+def sagging_flights(thrusts):
+    """Flights of a battery whose thrust falls from one mass to the next."""
+    return [
+        thrust.record(SimulatedSite(curve(scale, 1.0), seed=5), RIG, clip, i)
+        for i, (clip, scale) in enumerate(zip(CLIPS_KG, thrusts, strict=True))
+    ]
+
+
+def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
+    volts = np.array([12.1, 12.0, 11.9, 11.8])
+    logs = sagging_flights((volts / np.mean(volts)) ** 2)
+
+    def exponent(outcome):
+        (line,) = (t for t in outcome.told if "exponent" in t and "Scale" in t)
+        return [float(number) for number in re.findall(r"exponent (\d\.\d+) ± (\d\.\d+)", line)[0]]
+
+    measured = [with_battery(log, v) for log, v in zip(logs, volts, strict=True)]
+    for flights in (logs, measured):
+        outcome = thrust.estimate(flights, CLIPS_KG, RIG)
+        value, spread = exponent(outcome)
+        assert abs(value - 1.0) < 3.0 * spread < 0.1
+    flat = [with_battery(log, 12.0) for log in logs]  # as if the voltage had not changed
+    with pytest.raises(CheckFailed, match="scatter by"):
+        thrust.estimate(flat, CLIPS_KG, RIG)
+    with pytest.raises(CheckFailed, match="fly the first mass again at the end"):
+        thrust.estimate(logs[:3], CLIPS_KG[:3], RIG)
+    three = thrust.estimate(measured[:3], CLIPS_KG[:3], RIG)
+    assert "curve is that of 12.00 V" in " ".join(three.told)
+
+
+def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():
+    clips_kg = (0.0, 0.02, 0.045)
+    logs = [thrust.record(SimulatedSite(RIG, seed=7), RIG, c, i) for i, c in enumerate(clips_kg)]
+    logs = [with_battery(log, v) for log, v in zip(logs, (12.0, 12.05, 12.0), strict=True)]
+    with pytest.raises(CheckFailed, match=r"exponent could be off by 0\.\d\d"):
+        thrust.estimate(logs, clips_kg, RIG)
 
 
 def test_thrust_refuses_a_flight_that_held_still_or_had_the_source_on():
     still = hold_plan(RIG, 32.0, 0.5, RIG.limits.pulse_us[0])
     held = SimulatedSite(RIG).flown("still", RIG, still)
     with pytest.raises(CheckFailed, match="free the rail"):
-        thrust.estimate([held] * 3, CLIPS_KG, RIG)
+        thrust.estimate([held] * 4, CLIPS_KG, RIG)
     plan = thrust.swinging(RIG)
     blowing = FlightPlan(plan.z_m, plan.x_m, np.where(plan.z_m > 0.3, 1500.0, 1000.0))
     blown = SimulatedSite(RIG).flown("blown", RIG, blowing)
     with pytest.raises(CheckFailed, match="source ran"):
-        thrust.estimate([blown] * 3, CLIPS_KG, RIG)
+        thrust.estimate([blown] * 4, CLIPS_KG, RIG)
 
 
 @pytest.mark.parametrize(
