@@ -176,6 +176,20 @@ def test_latency_from_a_log_of_any_flight_and_a_refusal_that_leaves_the_file(
 MASSES = ("--mass-kg", "0", "--mass-kg", "0.1", "--mass-kg", "0.2")
 
 
+@pytest.mark.parametrize("arguments", [("noise",), ("thrust", *MASSES), ("spool",)])
+def test_nothing_flies_at_a_port_on_the_default_thrust_curve(files, arguments) -> None:
+    rig, missing = files[0], os.devnull + "-not-there"
+    where = ("--rig", rig, "--port", missing)
+    refused = calibrated(*arguments, *where)
+    assert refused.exit_code == 2
+    assert "[thrust.sufferer] is the default gantry's estimate" in refused.output
+    trusted = calibrated(*arguments, *where, "--trust-curve", given="\n")
+    assert "no such port" in trusted.output
+    entered = [0.9 * thrust_n for thrust_n in RIG.thrust.sufferer.thrust_n]
+    RIG.changed(thrust={"sufferer": {"thrust_n": entered}}).write(rig)
+    assert "no such port" in calibrated(*arguments, *where, given="\n").output
+
+
 def test_a_constant_that_an_effect_replaces_is_refused(files, random_flight) -> None:
     rig, _ = files
     entry = Effect(name="range-bias", parameters={"bias_m": EffectParameter(value=0.1, unit="m")})

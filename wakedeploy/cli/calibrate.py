@@ -2,7 +2,7 @@
 
 import click
 
-from wakedeploy.cli.calibrate_options import Request, shared_options
+from wakedeploy.cli.calibrate_options import Request, curve_option, shared_options
 
 
 @click.group()
@@ -72,8 +72,9 @@ def range_(request: Request, heights_m: tuple[float, ...]) -> None:
 
 
 @command.command()
+@curve_option
 @shared_options
-def noise(request: Request) -> None:
+def noise(request: Request, trust_curve: bool) -> None:
     """The scatter of single range readings (range_sensor.noise_m): a hover of 25 s, source off.
 
     With --log: any log with a hover of constant height and the source off.
@@ -85,6 +86,7 @@ def noise(request: Request) -> None:
     from runtime.calibration import noise as procedure
 
     rig = request.rig("range_sensor.noise_m")
+    request.require_curve(rig, trust_curve)
     if request.logs:
         (log,) = request.read_logs(1)
     else:
@@ -120,22 +122,25 @@ def latency(request: Request) -> None:
 @command.command()
 @click.option("--mass-kg", "clips_kg", type=float, multiple=True, required=True,
               help="A known mass clipped onto the sufferer; three or more, 0 is none.")  # fmt: skip
+@curve_option
 @shared_options
-def thrust(request: Request, clips_kg: tuple[float, ...]) -> None:
+def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> None:
     """The sufferer's thrust curve (thrust.sufferer.thrust_n), from hovering with known masses.
 
-    A flight of half a minute for each mass, the source off; sufferer.mass_kg has to be right. The
+    A flight of half a minute for each mass, the source off; sufferer.mass_kg has to be right.
+    Without a measured battery voltage the first mass has to be flown again at the end. The
     source cannot hover: its thrust is only known as wake strength times thrust. With --log: one log
     for each mass, in the same order.
 
     \b
     Example:
-        wakedeploy calibrate thrust --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 \\
-            --rig rig.toml --port /dev/ttyACM0 --keep-logs thrust
+        wakedeploy calibrate thrust --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 --mass-kg 0 \\
+            --rig rig.toml --port /dev/ttyACM0
     """
     from runtime.calibration import thrust as procedure
 
     rig = request.rig("thrust.sufferer.thrust_n")
+    request.require_curve(rig, trust_curve)
     procedure.require_masses(clips_kg, rig)
     if request.logs:
         logs = request.read_logs(len(clips_kg))
@@ -197,8 +202,9 @@ def steps(
 
 
 @command.command()
+@curve_option
 @shared_options
-def spool(request: Request) -> None:
+def spool(request: Request, trust_curve: bool) -> None:
     """How the sufferer's rotor lags (spool.sufferer.up_s, down_s): thrust steps, up and down.
 
     A flight of half a minute in which the reference's acceleration changes sign twice a second.
@@ -211,6 +217,7 @@ def spool(request: Request) -> None:
     from runtime.calibration import spool as procedure
 
     rig = request.rig("spool.sufferer.up_s")
+    request.require_curve(rig, trust_curve)
     if request.logs:
         (log,) = request.read_logs(1)
     else:
