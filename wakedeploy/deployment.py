@@ -87,11 +87,15 @@ class Site:
             )
 
     def _check(self, where: str, name: str) -> None:
+        """Try the package there; against the rig, too, where a rig file lies in the folder."""
         command = shlex.quote(_path(self.command) if "/" in self.command else self.command)
-        path = f"{self._folder}/{where}"
+        path, rig = (shlex.quote(f"{self._folder}/{file}") for file in (where, "rig.toml"))
         # Not the last command of the line: a shell that becomes its last command would hand over
         # a death by signal, which ssh cannot tell from a lost connection.
-        ended = self.remote.run(f"{command} check {shlex.quote(path)}; exit $?")
+        ended = self.remote.run(
+            f"if [ -e {rig} ]; then {command} check {path} --rig {rig}; "
+            f"else {command} check {path}; fi; exit $?"
+        )
         if ended.status == 0:
             return
         target = self.remote.target

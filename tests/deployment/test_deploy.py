@@ -13,9 +13,11 @@ import pytest
 from click.testing import CliRunner
 from rig_over_ssh import ROOT, missing, running_rig
 
+from runtime.pilot import OBSERVATION
 from runtime.predictor import PackagePredictor
 from wakedeploy.cli import main
 from wakedeploy.package import Example, make_package, read_package, write_package
+from wakedeploy.rig import default_rig, default_rig_text
 
 pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
 
@@ -142,6 +144,43 @@ def test_a_package_that_fails_its_check_there_changes_nothing(rig, packages, tin
     done = deploy(rig, lying)
     assert_refused(done, 1, "failed there: The example rollout differs from its record")
     assert_unchanged(rig, before)
+
+
+def gantry_package(tiny_package, path, lead_s):
+    """A sound package with the channels of the gantry's loop."""
+    onnx = pytest.importorskip("onnx")
+    body = (
+        f"t (float[B, {len(OBSERVATION)}] observation) => (float[B, 1] force)"
+        "{ axes = Constant <value_ints: ints = [1]> () force = ReduceSum (observation, axes) }"
+    )
+    model = onnx.parser.parse_model(f'<ir_version: 10, opset_import: ["" : 20]> {body}')
+    channels = [{"name": n, "unit": u, "min": -1.0, "max": 1.0} for n, u in OBSERVATION]
+    manifest = tiny_package("none", lead_s=lead_s, observation=channels).manifest
+    observation = np.linspace(-1, 1, 12 * len(channels), dtype=np.float32).reshape(12, -1)
+    force = observation.sum(axis=1, keepdims=True)
+    sound = make_package(model.SerializeToString(), manifest, Example(0, observation, force))
+    write_package(sound, path)
+    return path
+
+
+def test_a_sound_package_for_another_loop_does_not_become_current(
+    rig, packages, tiny_package, tmp_path
+):
+    lead_s = default_rig().default_lead_s
+    fits = gantry_package(tiny_package, tmp_path / "fits.onnx", lead_s)
+    early = gantry_package(tiny_package, tmp_path / "early.onnx", lead_s + 0.1)
+    assert deploy(rig, early).exit_code == 0  # without a rig file there nobody can know
+    (rig.site / "rig.toml").write_text(default_rig_text())
+    done = deploy(rig, fits)
+    assert done.exit_code == 0, done.stderr
+    before = rig.links()
+    assert_refused(deploy(rig, packages("foreign.onnx")), 1, "it is not for the gantry")
+    assert_refused(deploy(rig, early), 1, f"train with --lead {lead_s:g}")
+    assert_refused(deploy(rig, "--rollback"), 1, f"train with --lead {lead_s:g}")
+    slow = default_rig().changed(latency={"round_trip_s": 0.031})
+    (rig.site / "rig.toml").write_text(slow.text)
+    assert_refused(deploy(rig, fits), 1, "leaves no time for a prediction")
+    assert rig.links() == before
 
 
 def test_what_the_check_says_there_names_the_file_that_was_given(rig, packages):

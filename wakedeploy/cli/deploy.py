@@ -41,8 +41,9 @@ def command(
     TARGET is what ssh takes: pi@host, a Host of your ssh configuration, or ssh://pi@host:2222; a
     key has to let you in without a question. Paths there start in the home folder. In the folder
     there current.onnx leads to the package and previous.onnx to the one before; packages stay in
-    packages/, named by their hash. When anything fails, current.onnx is what it was. A run that is
-    flying keeps its package; the next one takes the new.
+    packages/, named by their hash. Where a rig.toml lies in the folder, the package has to be for
+    that rig: its rate, channels and lead. When anything fails, current.onnx is what it was. A run
+    that is flying keeps its package; the next one takes the new.
 
     \b
     Example:
