@@ -132,7 +132,7 @@ class Loop:
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
-        self._limits = arm_limits(rig)
+        self._limits = arm_limits(rig, plan.motors_off)
         self._safety, self._gate = SafetyState(), Gate()
         self._sign_reader, self._signs = SignReader(rig), Signs()
         self._descent: safety.Descent | None = None
@@ -299,9 +299,11 @@ class Loop:
         self._gate = safety.gate(self._gate, usable_n)
         # Without a share in the command the estimator must expect any wake, hence None.
         feedforward_n = -self._gate.share * self._gate.force_n if self._gate.share else None
-        if mode is Mode.FAILSAFE:
+        nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
+        if mode is Mode.FAILSAFE and not nothing_flies:
             return self._come_down(t_s, feedforward_n)
-        if mode is Mode.ARMED:
+        if mode in (Mode.ARMED, Mode.FAILSAFE):
+            self._finished |= mode is Mode.FAILSAFE
             self._state, command, terms = self._pilot.rest(self._state)
         elif self._plan.motors_off:
             self._state, command, terms = self._pilot.drive(self._state, aim)
@@ -377,12 +379,16 @@ class Loop:
         self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
 
 
-def arm_limits(rig: Rig) -> Arm:
-    """The rig's limits as the MCU takes them."""
+def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
+    """The rig's limits as the MCU takes them; with `motors_off` nothing turns a motor.
+
+    The MCU refuses an empty range of pulses; a microsecond above idle no ESC starts.
+    """
     limits, stepper = rig.limits, rig.stepper
+    idle_us, full_us = limits.pulse_us
     return Arm(
-        limits.pulse_us[0],
-        limits.pulse_us[1],
+        idle_us,
+        idle_us + 1.0 if motors_off else full_us,
         round(limits.slew_us_per_s),
         round(1000.0 * limits.source_descent_s),
         round(1000.0 * limits.sufferer_descent_s),

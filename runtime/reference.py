@@ -32,7 +32,7 @@ class Reference:
 class FlightPlan:
     """References of every tick between take-off and touch-down, arrays of equal length (T,).
 
-    With `motors_off` only the carriage moves.
+    With `motors_off` only the carriage moves, and the board is armed with no pulse above idle.
     """
 
     z_m: FloatArray

@@ -110,13 +110,17 @@ class Findings:
 
 @dataclass(frozen=True, slots=True)
 class SafetyState:
-    """Mode and counters between ticks; `faults` are this tick's, `cause` those of the failsafe."""
+    """Mode and counters between ticks; `faults` are this tick's, `cause` those of the failsafe.
+
+    `failed_in` is the mode that the failsafe began in.
+    """
 
     mode: Mode = Mode.DISARMED
     late_in_a_row: int = 0
     clean_ticks: int = 0
     faults: tuple[str, ...] = ()
     cause: tuple[str, ...] = ()
+    failed_in: Mode | None = None
 
 
 def happened(state: SafetyState, event: Event) -> SafetyState:
@@ -134,7 +138,8 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
         state, late_in_a_row=late, clean_ticks=clean, faults=fatal + troubles, cause=cause
     )
     if fatal:
-        return happened(counted, Event.FAULT)
+        failed_in = state.failed_in if state.mode is Mode.FAILSAFE else state.mode
+        return happened(replace(counted, failed_in=failed_in), Event.FAULT)
     if late >= LATE_LIMIT or found.bad_prediction or found.bad_observation:
         return happened(counted, Event.TROUBLE)
     return happened(counted, Event.RECOVERED) if clean >= CLEAN_TICKS else counted

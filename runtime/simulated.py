@@ -64,7 +64,10 @@ class SimulatedGantry:
         return self._answer
 
     def arm(self, limits: Arm) -> Status:
-        """Arm at once; `limits` are the model's, which the MCU has."""
+        """Arm at once, within these pulses; the other limits are the model's, which the MCU has."""
+        pulses = {"pulse_us": (limits.low_us, limits.high_us)}
+        within = {"limits": self._model.limits.model_copy(update=pulses)}
+        self._mcu = Mcu(self._model.model_copy(update=within))
         self._mcu.arm(self._now_s)
         self._answer = self._answered(self._sequence, self._now_s, math.nan)
         return self._answer.status

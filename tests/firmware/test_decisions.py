@@ -17,6 +17,7 @@ from decisions_library import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from runtime.loop import arm_limits
 from runtime.protocol import (
     SEQUENCE_WRAP,
     Arm,
@@ -98,7 +99,7 @@ def assert_same(ours: list[Frame], theirs: list[Frame]) -> None:
 ARMS = st.builds(
     Arm,
     st.sampled_from([1000.0, 1050.5, 900.0, 2000.0, 499.5]),
-    st.sampled_from([2000.0, 1800.5, 1000.0, 2500.0, 2500.5]),
+    st.sampled_from([2000.0, 1800.5, 1001.0, 1000.0, 2500.0, 2500.5]),
     st.integers(0, 80).map(lambda n: 625 * n),
     st.integers(0, 700),
     st.integers(0, 700),
@@ -299,6 +300,15 @@ def test_limits_that_no_motor_understands_are_refused():
         assert board.send(3, LIMITS).armed
     widest = Arm(500, 2500, 2**32 - 1, 2**16 - 1, 1, 2**16 - 1, 2**32 - 1)
     assert flying(widest).is_flying
+
+
+@pytest.mark.parametrize("idle_us", [500.0, 1000.0, 2499.0])
+def test_a_board_armed_without_motors_puts_out_nothing_that_turns_one(idle_us):
+    rig = RIG.changed(limits={"pulse_us": (idle_us, 2500.0)})
+    board = flying(arm_limits(rig, motors_off=True))
+    board.send(3, Command(2500.0, 2500.0, 0))
+    seen = board.run(3 * FRAME_TICKS)
+    assert max(seen["source_half_us"].max(), seen["sufferer_half_us"].max()) <= 2 * idle_us + 2
 
 
 @unhurried

@@ -338,8 +338,8 @@ def test_every_rig_that_is_accepted_can_be_armed_and_commanded(
         )
     except UnusableInput:
         assume(False)
-    limits = arm_limits(rig)
-    assert type(limits).unpack(limits.pack()).is_usable
+    for limits in (arm_limits(rig), arm_limits(rig, motors_off=True)):
+        assert type(limits).unpack(limits.pack()).is_usable
     most = limits.max_speed_steps_per_s
     assert most >= 1
     WireCommand(low, low, -most).pack()

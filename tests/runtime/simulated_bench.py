@@ -1,0 +1,54 @@
+"""A rig on which a test lets something fail, in simulated time."""
+
+from dataclasses import replace
+
+from runtime.loop import Loop
+from runtime.reference import FlightPlan
+from runtime.simulated import SimulatedGantry
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import Rig
+
+
+class Bench(SimulatedGantry):
+    """A simulated gantry that keeps what it was commanded and what its board put out."""
+
+    def __init__(self, rig: Rig, **plant) -> None:
+        plant = GantryPlant(rig, seed=3, **plant)
+        super().__init__(plant, model=rig, truth=rig, seed=3)
+        self.commands, self.applied_us, self.limits = [], [], None
+        self.muted, self.changes = False, {}
+
+    def arm(self, limits):
+        self.limits = limits
+        return super().arm(limits)
+
+    def send(self, message):
+        self.commands.append((message.source_us, message.sufferer_us))
+        self.applied_us.append(self.plant.sufferer_applied_us)
+        return 0 if self.muted else super().send(message)
+
+    @property
+    def answer(self):
+        answer = super().answer
+        return replace(answer, status=replace(answer.status, **self.changes))
+
+
+class Rows:
+    """Rows, and something to do after one of them."""
+
+    def __init__(self, at: int, act) -> None:
+        self.rows, self.error, self._at, self._act = [], None, at, act
+
+    def put(self, row):
+        self.rows.append(row)
+        if len(self.rows) == self._at:
+            self._act()
+
+
+def ended_by(rig: Rig, plan: FlightPlan, at: int, fault, **plant):
+    """A run at whose tick `at` a fault comes: the loop, the bench, the rows; `plant` goes to the plant."""
+    bench = Bench(rig, **plant)
+    rows = Rows(at, lambda: fault(loop, bench, rows))
+    loop = Loop(rig, bench, bench, plan, None, rows, bench)
+    loop.run()
+    return loop, bench, rows.rows
