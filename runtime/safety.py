@@ -36,7 +36,10 @@ BATTERY_LOST_S = 0.25
 FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
 # After these the height is not known, or cannot be controlled: the pulse goes to idle on a ramp.
-BLINDING = frozenset({"sensor_lost", "sensor_frozen", "link_lost", "mcu_reboot", "thrust_lost"})
+# A controller would wind up against motors without a battery, and jump when it comes back.
+BLINDING = frozenset(
+    {"sensor_lost", "sensor_frozen", "link_lost", "mcu_reboot", "thrust_lost", "battery_lost"}
+)
 DESCENT_MPS = 0.25
 DESCENT_LIMIT_S = 8.0
 LANDED_M = 0.03

@@ -12,8 +12,8 @@ from wakedeploy.rig import Rig
 class Bench(SimulatedGantry):
     """A simulated gantry that keeps what it was commanded and what its board put out."""
 
-    def __init__(self, rig: Rig, **plant) -> None:
-        plant = GantryPlant(rig, seed=3, **plant)
+    def __init__(self, rig: Rig, **made) -> None:
+        plant = GantryPlant(rig, seed=3, **made)
         super().__init__(plant, model=rig, truth=rig, seed=3)
         self.commands, self.applied_us, self.limits = [], [], None
         self.muted, self.changes = False, {}
@@ -46,7 +46,7 @@ class Rows:
 
 
 def ended_by(rig: Rig, plan: FlightPlan, at: int, fault, **plant):
-    """A run at whose tick `at` a fault comes: the loop, the bench, the rows; `plant` goes to the plant."""
+    """A run at whose tick `at` a fault comes, with `plant` for the plant: loop, bench and rows."""
     bench = Bench(rig, **plant)
     rows = Rows(at, lambda: fault(loop, bench, rows))
     loop = Loop(rig, bench, bench, plan, None, rows, bench)
