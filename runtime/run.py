@@ -11,7 +11,7 @@ import threading
 import types
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +36,7 @@ from runtime.watch import GapWatch
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Rig, read_rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S
 SHOW_PERIOD_S = 0.5
@@ -65,6 +65,7 @@ HINTS = {
 class RunRequest:
     """What to fly, on what. `port` None: the virtual gantry, with `plant_rig` as its truth.
 
+    `rig_path` is the file that `rig` was read from; it is read again where a run has stood by.
     `reference`, a file, or `plan` replaces the random plan of `seconds` and `seed`. `range_socket`
     beside a `port` reads range samples from a plant process instead of I²C. With `firmware` the
     virtual gantry's UNO is the compiled sketch on a simulated chip; its sufferer lies on a spacer
@@ -77,6 +78,7 @@ class RunRequest:
     rig: Rig
     seconds: float
     seed: int = 0
+    rig_path: Path | None = None
     reference: Path | None = None
     plan: FlightPlan | None = None
     package: Path | None = None
@@ -123,7 +125,8 @@ def fly(
         ranges = _ranges(range_socket, opened)
         if request.arm_file is not None:
             _stand_by(request.arm_file, link, ranges, manager, warn)
-            plan, package = _wanted(request)  # what is current now, not when the standby began
+            request = _current(request)  # what is current now, not when the standby began
+            plan, package = _wanted(request)
         worker = _worker(package, opened)
         link.handshake()
         wait_for_first(ranges)
@@ -177,6 +180,14 @@ def _wanted(request: RunRequest) -> tuple[FlightPlan, Package | None]:
     require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
     require_wait(request.rig)
     return plan, package
+
+
+def _current(request: RunRequest) -> RunRequest:
+    """The request with the rig as its file is now; the plant that was started stays what it is."""
+    if request.rig_path is None:
+        return request
+    plant_rig = request.plant_rig or request.rig
+    return replace(request, rig=read_rig(request.rig_path), plant_rig=plant_rig)
 
 
 def _stand_by(

@@ -121,8 +121,45 @@ def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
     )  # fmt: skip
     assert "Standing by" in run.stderr.readline()
     write_package(deployed, current)
+    lower = RIG.changed(limits={"pulse_us": (1000.0, 1700.0)})
+    lower.write(rig_file)
     word.touch()
     _, err = run.communicate(timeout=60)
     assert run.returncode == 0, err
     assert deployed.sha256 != before.sha256
-    assert read_run_log(log).metadata["package_sha256"] == deployed.sha256
+    flown = read_run_log(log)
+    assert flown.metadata["package_sha256"] == deployed.sha256
+    assert flown.metadata["rig_sha256"] == lower.sha256
+    assert flown.metadata["plant_rig_sha256"] == RIG.sha256  # the plant was there before
+    assert 1600.0 < flown["source_cmd_us"].max() <= 1700.0
+    assert flown["sufferer_cmd_us"].max() <= 1700.0
+
+
+def standing_by(rig_file, word):
+    arguments = ["--baseline", "--rig", rig_file, "--arm-file", word, "--seconds", 6]
+    run = subprocess.Popen(
+        [str(part) for part in (*CLI, "--virtual", *arguments)], stdout=-1, stderr=-1, text=True
+    )
+    assert "Standing by" in run.stderr.readline()
+    return run
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text.replace("rest_s", "rest_z"), "rest_z"),
+        (lambda text: "", "rig"),
+    ],
+)
+def test_a_rig_file_that_became_unusable_meanwhile_flies_nothing(tmp_path, change, words):
+    word, rig_file = tmp_path / "fly", tmp_path / "rig.toml"
+    RIG.write(rig_file)
+    run = standing_by(rig_file, word)
+    rig_file.write_text(change(rig_file.read_text()))
+    word.touch()
+    out, err = run.communicate(timeout=60)
+    assert run.returncode == 2
+    assert out == ""
+    assert err.startswith("Error: ")
+    assert words in err
+    assert err.count("\n") == 1

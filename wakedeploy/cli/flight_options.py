@@ -110,6 +110,7 @@ def flight_request(
 
     return RunRequest(
         rig=read_rig(rig) if rig else default_rig(),
+        rig_path=rig,
         package=package,
         port=port,
         plant_rig=read_rig(plant_rig) if plant_rig else None,
