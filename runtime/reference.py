@@ -9,10 +9,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 FloatArray = npt.NDArray[np.float64]
 TAKE_OFF_S = 2.5
+HEADROOM_M, HEADROOM_SHARE = 0.05, 0.1  # below the upper limit: gusts push, the loop overshoots
+FOOTROOM_M = 0.01  # of the lower limit below the stop: estimates at rest scatter about it
+_ROUNDING_M = 1e-6
 PLAN_RATE_HZ = LOOP_RATE_HZ
 
 
@@ -77,6 +81,37 @@ class FlightPlan:
         return np.asarray(np.diff(padded, 2) * PLAN_RATE_HZ**2)
 
 
+def ceiling_m(rig: Rig) -> float:
+    """How high a plan may go, so that a flight that follows it stays below `limits.z_m`."""
+    top_m = rig.limits.z_m[1]
+    return top_m - min(HEADROOM_M, HEADROOM_SHARE * abs(top_m))
+
+
+def require_plan_fits(plan: FlightPlan, rig: Rig) -> None:
+    """UnusableInput for a plan that would end in a failsafe at the rig's position limits."""
+    if len(plan) == 0:
+        return
+    limits, top_m = rig.limits, float(np.max(plan.z_m))
+    if top_m > ceiling_m(rig) + _ROUNDING_M:
+        raise UnusableInput(
+            f"The plan rises to {top_m:.3g} m, and below limits.z_m = {limits.z_m[1]:g} m a flight "
+            f"needs room for control, so that {ceiling_m(rig):.3g} m are allowed: raise the limit "
+            "or fly lower."
+        )
+    low_m = min(0.0, float(np.min(plan.z_m)))
+    if low_m < -_ROUNDING_M or limits.z_m[0] > low_m - FOOTROOM_M:
+        raise UnusableInput(
+            f"The plan goes down to {low_m:.3g} m; it must end on the stop, at 0, and limits.z_m "
+            f"begin {FOOTROOM_M:g} m below that or lower, not at {limits.z_m[0]:g} m."
+        )
+    left_m, right_m = float(np.min(plan.x_m)), float(np.max(plan.x_m))
+    if left_m < limits.x_m[0] - _ROUNDING_M or right_m > limits.x_m[1] + _ROUNDING_M:
+        raise UnusableInput(
+            f"The plan drives the carriage from {left_m:.3g} to {right_m:.3g} m, and limits.x_m "
+            f"allows {limits.x_m[0]:g} to {limits.x_m[1]:g} m: widen it or drive less far."
+        )
+
+
 def random_plan(rig: Rig, seconds: float, seed: int) -> FlightPlan:
     """A flight whose altitude, carriage and source all vary at random within the rig's limits.
 
@@ -104,7 +139,8 @@ def hold_plan(rig: Rig, seconds: float, z_m: float, source_us: float) -> FlightP
 def _altitude(
     rig: Rig, t: FloatArray, seconds: float, air_s: float, rng: np.random.Generator
 ) -> FloatArray:
-    low, high = 0.3 * rig.sufferer.travel_m, 0.7 * rig.sufferer.travel_m
+    high = min(0.7 * rig.sufferer.travel_m, ceiling_m(rig))
+    low = min(0.3 * rig.sufferer.travel_m, 0.5 * high)
     z = np.full_like(t, rng.uniform(low, high))
     start = TAKE_OFF_S + rng.uniform(1.0, 3.0)
     while start < TAKE_OFF_S + air_s - 2.0:

@@ -26,7 +26,7 @@ from runtime.predictor import PackagePredictor
 from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource, wait_for_first
 from runtime.realtime import become_realtime, quieten_interpreter
 from runtime.recorder import Recorder, RecorderReport
-from runtime.reference import FlightPlan, random_plan
+from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
 from runtime.sd_notify import ServiceManager
 from runtime.standby import begin_standby, stand_by
@@ -174,6 +174,7 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
 def _wanted(request: RunRequest) -> tuple[FlightPlan, Package | None]:
     """What is to be flown and with what, read and judged."""
     plan = _plan(request)
+    require_plan_fits(plan, request.rig)
     if request.package is None:
         return plan, None
     package = read_package(request.package)

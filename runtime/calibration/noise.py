@@ -12,7 +12,7 @@ import numpy.typing as npt
 from runtime.calibration import Outcome, require
 from runtime.calibration.readings import FEWEST, rest_of
 from runtime.calibration.session import Site
-from runtime.reference import TAKE_OFF_S, hold_plan
+from runtime.reference import TAKE_OFF_S, FlightPlan, ceiling_m, hold_plan
 from wakedeploy.rig import Rig
 from wakedeploy.rig_update import Calibrated
 from wakedeploy.runlog import RunLog
@@ -28,9 +28,14 @@ _MOST_UNSURE = 0.3
 
 
 def record(site: Site, rig: Rig) -> RunLog:
-    """Hover at half the travel with the source off."""
-    plan = hold_plan(rig, SECONDS, 0.5 * rig.sufferer.travel_m, rig.limits.pulse_us[0])
-    return site.flown("noise", rig, plan)
+    """Hover with the source off."""
+    return site.flown("noise", rig, hovering(rig))
+
+
+def hovering(rig: Rig) -> FlightPlan:
+    """At half the travel, or as high as the limits allow."""
+    height_m = min(0.5 * rig.sufferer.travel_m, ceiling_m(rig))
+    return hold_plan(rig, SECONDS, height_m, rig.limits.pulse_us[0])
 
 
 def estimate(log: RunLog, rig: Rig) -> Outcome:

@@ -17,7 +17,7 @@ from scipy.optimize import least_squares
 from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site
 from runtime.measured_force import FINE_S, range_offset, thrust_after_spool
-from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, smooth_rise
+from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, ceiling_m, smooth_rise
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import Rig
@@ -45,7 +45,7 @@ def record(site: Site, rig: Rig) -> RunLog:
 
 
 def stepping(rig: Rig) -> FlightPlan:
-    """Steps of acceleration about the middle of the travel, the source off."""
+    """Steps of acceleration about the middle of the travel, or below the limit, the source off."""
     half = HALF_PERIOD_TICKS
     signs = [1.0] * (half // 2) + ([-1.0] * half + [1.0] * half) * CYCLES + [-1.0] * (half // 2)
     speed_mps = np.cumsum(signs) * STEP_MPS2 / PLAN_RATE_HZ
@@ -55,7 +55,9 @@ def stepping(rig: Rig) -> FlightPlan:
     swing_m = np.concatenate([np.zeros(before), swing_m, np.full(after, swing_m[-1])])
     t_s = np.arange(len(swing_m)) / PLAN_RATE_HZ
     envelope = smooth_rise(t_s / TAKE_OFF_S) * smooth_rise((t_s[-1] - t_s) / TAKE_OFF_S)
-    z_m = (0.5 * rig.sufferer.travel_m + swing_m - 0.5 * np.ptp(swing_m)) * envelope
+    half_m = 0.5 * np.ptp(swing_m)
+    middle_m = min(0.5 * rig.sufferer.travel_m, ceiling_m(rig) - half_m)
+    z_m = (middle_m + swing_m - half_m) * envelope
     return FlightPlan(z_m, np.zeros_like(t_s), np.full_like(t_s, rig.limits.pulse_us[0]))
 
 

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site, with_clip
 from runtime.measured_force import FINE_S, thrust_after_spool
-from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, smooth_rise
+from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, ceiling_m, smooth_rise
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.constants import moved_thrust, spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -67,14 +67,15 @@ def record(site: Site, rig: Rig, clip_kg: float, number: int) -> RunLog:
 
 
 def swinging(rig: Rig) -> FlightPlan:
-    """Slowly up and down about the middle of the travel, the source off."""
+    """Slowly up and down about the middle of the travel, or below the limit, the source off."""
     lead_s = TAKE_OFF_S + SETTLE_S
     seconds = lead_s + PERIOD_S * PERIODS + 1.0 + TAKE_OFF_S
     t_s = np.arange(round(seconds * PLAN_RATE_HZ)) / PLAN_RATE_HZ
     envelope = smooth_rise(t_s / TAKE_OFF_S) * smooth_rise((seconds - t_s) / TAKE_OFF_S)
     begun = smooth_rise(t_s - lead_s + 1.0)
     swing_m = SWING_M * begun * np.sin(2.0 * np.pi * (t_s - lead_s) / PERIOD_S)
-    z_m = (0.5 * rig.sufferer.travel_m + swing_m) * envelope
+    middle_m = min(0.5 * rig.sufferer.travel_m, ceiling_m(rig) - SWING_M)
+    z_m = (middle_m + swing_m) * envelope
     return FlightPlan(z_m, np.zeros_like(t_s), np.full_like(t_s, rig.limits.pulse_us[0]))
 
 
