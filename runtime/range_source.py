@@ -8,6 +8,7 @@ import contextlib
 import math
 import os
 import socket
+import statistics
 import struct
 import threading
 import time
@@ -25,6 +26,7 @@ SENSOR_ANSWER_S = 0.5  # the driver would otherwise wait for ever for a chip tha
 SILENCE_S = 1.0  # without a measurement, though the bus is well: the sensor lost power or hangs
 STATUS_NO_TARGET = 4
 FIRST_SAMPLE_S = 3.0
+REST_SAMPLES, REST_S = 15, 1.0  # the median of these is within 3 mm, strays or not
 # range [mm], sensor time [µs, monotonic], status, then what only a simulation knows (else NaN):
 # wake's force [N], extra force [N], height [m].
 SOCKET_LAYOUT = struct.Struct("<dQBddd")
@@ -86,6 +88,22 @@ def wait_for_first(source: RangeSource, limit_s: float = FIRST_SAMPLE_S) -> Rang
         or f"The range sensor gave no valid reading within {limit_s:g} s; check that it sees the "
         "reflector and that its wires are connected."
     )
+
+
+def resting_range_m(source: RangeSource, limit_s: float = REST_S) -> float:
+    """The median [m] of the first good sample and those of a short rest, each counted once.
+
+    Raises UnusableInput when no good one comes.
+    """
+    first = wait_for_first(source)
+    seen = {first.sensor_time_us: first.range_m}
+    deadline_s = time.monotonic() + limit_s
+    while len(seen) < REST_SAMPLES and time.monotonic() < deadline_s and source.failure is None:
+        reading = source.newest
+        if reading is not None and reading.status == 0:
+            seen[reading.sensor_time_us] = reading.range_m
+        time.sleep(POLL_S)
+    return statistics.median(seen.values())
 
 
 class SocketRangeSource:

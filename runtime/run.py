@@ -23,7 +23,13 @@ from runtime.loop import PERIOD_S, Loop, require_wait
 from runtime.pilot import OBSERVATION
 from runtime.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
-from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource, wait_for_first
+from runtime.range_source import (
+    I2cRangeSource,
+    RangeSource,
+    SocketRangeSource,
+    resting_range_m,
+    wait_for_first,
+)
 from runtime.realtime import become_realtime, quieten_interpreter
 from runtime.recorder import Recorder, RecorderReport
 from runtime.reference import FlightPlan, random_plan, require_plan_fits
@@ -36,10 +42,13 @@ from runtime.watch import GapWatch
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
+from wakedeploy.physics.effects.chain import unplaced_constants
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, read_rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S
 SHOW_PERIOD_S = 0.5
+# A VL53L0X that nobody has calibrated is off by up to some cm; 5 cm of height are never noise.
+OFF_THE_STOP_M = 0.05
 
 Tell = Callable[[Tally], None]
 Show = Callable[[float, float], None]
@@ -132,6 +141,8 @@ def fly(
         wait_for_first(ranges)
         if worker is not None:
             worker.wait_until_warm()
+        if not plan.motors_off:
+            _require_on_stop(ranges, request.rig)
         recorder = _recorder(request, package, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
         watch = GapWatch(request.rig, warn) if request.watch_gap else None
@@ -208,6 +219,17 @@ def _stand_by(
         manager.status("about to fly")
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+def _require_on_stop(ranges: RangeSource, rig: Rig) -> None:
+    """UnusableInput when the sensor at rest does not read what it reads on the stop."""
+    range_m, bias_m = resting_range_m(ranges), unplaced_constants(rig)["range.bias_m"]
+    if abs(range_m - bias_m) > OFF_THE_STOP_M:
+        raise UnusableInput(
+            f"At rest the range sensor reads {range_m:.3f} m, and by the rig file it reads "
+            f"{bias_m:.3f} m on the stop: take away what the sufferer lies on, or else measure "
+            "range_sensor.bias_m with wakedeploy calibrate zero."
+        )
 
 
 def _plan(request: RunRequest) -> FlightPlan:
