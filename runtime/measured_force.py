@@ -174,10 +174,11 @@ def _stretches(log: RunLog, rig: Rig) -> list[_Stretch]:
 
 def _samples(log: RunLog, rig: Rig) -> tuple[FloatArray, FloatArray]:
     """When each new range sample was taken [s], and the height it gives [m]; none twice."""
-    time_s = log["t_s"] - log["range_age_s"]
+    known = unplaced_constants(rig)
+    time_s = log["t_s"] - log["range_age_s"] - known["range.delay_s"]
     usable = np.isfinite(time_s) & np.isfinite(log["range_m"]) & ~(log["range_repeats"] > 0)
-    scale = unplaced_constants(rig)["range.scale"]
-    time_s, height_m = time_s[usable], (log["range_m"][usable] - range_offset(log, rig)) / scale
+    height_m = (log["range_m"][usable] - range_offset(log, rig)) / known["range.scale"]
+    time_s = time_s[usable]
     # A repeated sample whose age was read a little differently is still the same sample.
     newest = np.maximum.accumulate(np.concatenate([[-np.inf], time_s[:-1]]))
     new = time_s > newest + 0.25 * rig.range_sensor.period_s

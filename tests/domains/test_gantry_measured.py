@@ -12,7 +12,7 @@ from wakedeploy.domains.gantry_measured import measured_set
 from wakedeploy.episodes import Channel
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import Effect, EffectParameter, default_rig
 from wakedeploy.runlog import RunLog
 
 RIG = default_rig()
@@ -38,6 +38,21 @@ def test_errors_are_small_and_the_stated_sd_is_honest(logs: dict[str, RunLog]) -
     inside = np.abs(error) < 1.645 * sd
     assert 0.80 < inside.mean() < 0.97
     assert inside[force > np.quantile(force, 0.8)].mean() > 0.75  # in the wake's core as well
+
+
+def test_a_sensor_whose_readings_are_old_is_measured_with_at_their_times() -> None:
+    late = EffectParameter(value=0.08, unit="s")
+    entry = Effect(name="range-delay", parameters={"delay_s": late})
+    rig = RIG.model_copy(update={"effect": (entry,)})
+    log = record(rig, seconds=20, seed=1)
+    _, ((one,),) = measure([log.without_truth()], rig)
+    error_m = one.smoothed.height_m - log["true_z_m"][one.ticks]
+    assert np.sqrt(np.mean(error_m**2)) < 0.004
+    # Whatever is left is no delay: it does not go with the speed.
+    delay_s = -np.sum(error_m * one.smoothed.speed_mps) / np.sum(one.smoothed.speed_mps**2)
+    assert abs(delay_s) < 0.01
+    force_n = one.force_n - log["true_wake_force_n"][one.ticks]
+    assert np.sqrt(np.mean(force_n**2)) < 0.12
 
 
 def test_the_thrust_is_the_plants_after_spool() -> None:
