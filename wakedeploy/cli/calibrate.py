@@ -9,7 +9,7 @@ from wakedeploy.cli.calibrate_options import Request, curve_option, shared_optio
 def command() -> None:
     """Measure a rig's constants and write them, with spread and date, into the rig file.
 
-    In this order, as each needs those before it: zero, range, noise, latency, thrust, steps, spool.
+    In this order, as each needs those before it: zero, range, latency, steps, noise, thrust, spool.
     A result that cannot be right is refused in one sentence, and the file stays as it is. A
     rehearsal with --virtual measures a simulation, so its results need a file of their own: --out.
     `wakedeploy doctor --rig FILE` tells which are missing or old.
