@@ -82,12 +82,17 @@ def wait_for_first(source: RangeSource, limit_s: float = FIRST_SAMPLE_S) -> Rang
         if reading is not None and reading.status == 0:
             return reading
         time.sleep(0.01)
-    failure = source.failure
     raise UnusableInput(
-        (failure and failure[0].upper() + failure[1:])
+        failure_sentence(source)
         or f"The range sensor gave no valid reading within {limit_s:g} s; check that it sees the "
         "reflector and that its wires are connected."
     )
+
+
+def failure_sentence(source: RangeSource) -> str | None:
+    """Why no more samples will come, to stand by itself; None while all is well."""
+    failure = source.failure
+    return failure and failure[0].upper() + failure[1:]
 
 
 def resting_range_m(source: RangeSource, limit_s: float = REST_S) -> float:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from runtime.link import Link
-from runtime.range_source import RangeSource
+from runtime.range_source import RangeSource, failure_sentence
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 LOOK_S = 0.1
@@ -62,6 +62,6 @@ def _require_samples(ranges: RangeSource) -> None:
     silent = newest is None or time.monotonic() - newest.sensor_time_s > SILENCE_LIMIT_S
     if silent or ranges.failure is not None:
         raise UnusableInput(
-            ranges.failure
+            failure_sentence(ranges)
             or "The range sensor fell silent while standing by; check its wires and its power."
         )

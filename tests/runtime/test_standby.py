@@ -1,7 +1,9 @@
 """The standby against a real board process: what ends it, and that it keeps the board disarmed."""
 
+import re
 import subprocess
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ import pytest
 from runtime.link import Link
 from runtime.loop import arm_limits
 from runtime.protocol import Command
-from runtime.range_source import SocketRangeSource, wait_for_first
+from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.standby import begin_standby, stand_by
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
@@ -67,15 +69,50 @@ def test_it_greets_the_board_again_and_again_which_disarms_it(opened, tmp_path):
     assert link.arm(arm_limits(RIG)).armed  # which takes a greeting since the last time
 
 
-@pytest.mark.parametrize("left", ["board", "sensor"])
-def test_a_board_or_a_sensor_that_falls_silent_ends_it(gantry, opened, tmp_path, left):
+SILENT = "The range sensor fell silent while standing by; check its wires and its power."
+ENDED = "The plant process stopped sending range samples."
+
+
+def test_a_sensor_that_falls_silent_ends_it(opened, tmp_path):
     link, ranges = opened
-    silence, words = {
-        "board": (gantry.kill, "connection to the board was lost|range"),
-        "sensor": (ranges.close, "range"),
-    }[left]
-    with pytest.raises(UnusableInput, match=words):
-        stand_by(tmp_path / "fly", link, ranges, Beats(2, silence))
+    with pytest.raises(UnusableInput) as ended:
+        stand_by(tmp_path / "fly", link, ranges, Beats(2, ranges.close))
+    assert str(ended.value) == SILENT
+
+
+def test_a_sensor_that_says_why_it_ended_is_quoted_in_a_sentence(gantry, opened, tmp_path):
+    link, ranges = opened
+
+    def end():
+        gantry.kill()
+        until_s = time.monotonic() + 10.0
+        while ranges.failure is None:
+            assert time.monotonic() < until_s
+            time.sleep(0.01)
+
+    # The first look after the process's end comes before the next greeting.
+    with pytest.raises(UnusableInput) as ended:
+        stand_by(tmp_path / "fly", link, ranges, Beats(2, end))
+    assert str(ended.value) == ENDED
+
+
+def test_a_board_that_is_gone_ends_it(gantry, opened, tmp_path):
+    class Well:
+        """A sensor that goes on whatever happens to the board."""
+
+        failure = None
+
+        @property
+        def newest(self):
+            return RangeReading(40.0, int(time.monotonic() * 1e6))
+
+    link, _ = opened
+    with pytest.raises(UnusableInput) as ended:
+        stand_by(tmp_path / "fly", link, Well(), Beats(2, gantry.kill))
+    why = re.escape("; check the USB cable and its power.")
+    assert re.fullmatch(
+        rf"{gantry.port}: the connection to the board was lost \([^()]+\){why}", str(ended.value)
+    )
 
 
 def test_a_folder_that_is_missing_is_named_before_anything_waits(tmp_path):
