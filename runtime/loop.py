@@ -283,6 +283,7 @@ class Loop:
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
             range_frozen_s=signs.range_frozen_s,
+            range_frozen_limit_s=self._sign_reader.frozen_limit_s,
             not_lifting_s=signs.not_lifting_s,
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,

@@ -104,6 +104,7 @@ class Findings:
     recorder_failed: bool = False
     stop_asked: bool = False  # by the operator
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
+    range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     battery_gone_s: float = 0.0  # since a battery that was measured is gone
@@ -155,7 +156,7 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S,
         "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
-        "sensor_frozen": found.range_frozen_s > RANGE_FROZEN_S,
+        "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
         "thrust_lost": fell or found.not_lifting_s > NOT_LIFTING_S,
         "mcu_fault": found.mcu_fault,
         "mcu_reboot": found.rebooted,

@@ -5,14 +5,17 @@ the same, the sufferer has not lifted, the battery has been gone. Pure steps; `r
 how long is too long, and why.
 """
 
+import math
 from dataclasses import dataclass
 
+from runtime.safety import RANGE_FROZEN_S
 from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 AIRBORNE_M = 0.1  # below, a VL53L0X may say the same for long: so near it measures badly
 GROUNDED_M = 0.05  # the stop, range noise and the filter's error in a hard landing
+REPEAT_CHANCE = 1e-9  # that a healthy sensor repeats itself for long enough to be called frozen
 LIFTING_SHARE = 1.5  # of the weight: a thrust that lifts, see `runtime.safety`
 
 
@@ -29,12 +32,29 @@ class Signs:
     has_battery: bool = False
 
 
+def frozen_limit_s(rig: Rig) -> float:
+    """How long a sensor may say the same in the air [s]; infinite for one that always may.
+
+    Noise below the resolution is mostly rounded away. In the worst case the sufferer stands still
+    in the middle of a step, and a reading leaves the step with the chance that noise has to.
+    """
+    sensor = rig.range_sensor
+    step_m = max(sensor.resolution_m, 1e-6)
+    if sensor.noise_m >= step_m:
+        return RANGE_FROZEN_S
+    leaves = math.erfc(step_m / (2.0 * math.sqrt(2.0) * sensor.noise_m)) if sensor.noise_m else 0.0
+    if leaves == 0.0:
+        return math.inf
+    readings = math.log(REPEAT_CHANCE) / math.log1p(-leaves)
+    held_s = [e.parameters["hold_s"].value for e in rig.effect if e.name == "sample-and-hold"]
+    return max(RANGE_FROZEN_S, readings * max(sensor.period_s, 1.0 / LOOP_RATE_HZ, *held_s))
+
+
 class SignReader:
     """The constants of one rig, and the pure step."""
 
     def __init__(self, rig: Rig) -> None:
-        # Readings that differ by less than a millimetre repeat themselves in a healthy sensor, too.
-        self._is_noisy = rig.range_sensor.noise_m >= max(rig.range_sensor.resolution_m, 1e-6)
+        self.frozen_limit_s = frozen_limit_s(rig)
         self._weight_n = believed(rig).sufferer.mass_kg * GRAVITY_MPS2
 
     def step(
@@ -53,7 +73,7 @@ class SignReader:
         """
         passed_s = max(t_s - before.t_s, 0.0)
         share = thrust_n / self._weight_n
-        is_frozen = self._is_noisy and z_m > AIRBORNE_M and range_m == before.range_m
+        is_frozen = z_m > AIRBORNE_M and range_m == before.range_m
         is_heavy = z_m < GROUNDED_M and share > LIFTING_SHARE
         is_gone = before.has_battery and battery_v == 0.0
         return Signs(

@@ -18,12 +18,13 @@ import click
 from wakedeploy.cli.output import print_table, write_json
 
 if TYPE_CHECKING:
-    from wakedeploy.rig import Calibration
+    from wakedeploy.rig import Calibration, Rig
 
 OK, OPTIONAL, STALE, BROKEN = "ok", "optional", "stale", "BROKEN"
 _ENOUGH_DISK_GIB = 1.0
 _TRIAL_S = 60.0
 _I2C_BUSES = "/dev/i2c-*"
+_LONGEST_FROZEN_S = 60.0  # flights are shorter
 # Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has
 # measured how fast on this rig, so a month is a habit rather than a finding.
 CALIBRATION_DAYS = 30
@@ -141,14 +142,28 @@ def free_disk() -> list[Finding]:
 
 
 def calibrations(path: Path, today: datetime.date | None = None) -> list[Finding]:
-    """Whether a rig file's calibrated constants have a date, and one of the last 30 days."""
+    """Whether a rig file's calibrated constants have a date, and one of the last 30 days.
+
+    Also how soon a sensor with its noise is found frozen, where that takes longer than usual.
+    """
     from wakedeploy.rig import read_rig
 
     rig, now = read_rig(path), today or datetime.datetime.now(datetime.UTC).date()
     return [
         _calibration(name, procedure, rig.calibration.get(name), now, path)
         for name, procedure in CALIBRATIONS.items()
-    ]
+    ] + _frozen_sensor(rig)
+
+
+def _frozen_sensor(rig: "Rig") -> list[Finding]:
+    from runtime.safety import RANGE_FROZEN_S
+    from runtime.signs import frozen_limit_s
+
+    limit_s, fix = frozen_limit_s(rig), "check range_sensor.noise_m and resolution_m."
+    if limit_s <= RANGE_FROZEN_S:
+        return []
+    noticed = f"noticed after {limit_s:.1f} s" if limit_s < _LONGEST_FROZEN_S else "never noticed"
+    return [Finding("frozen range sensor", OPTIONAL, f"{noticed}: its noise is below a step", fix)]
 
 
 def _calibration(
