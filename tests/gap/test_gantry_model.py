@@ -5,9 +5,10 @@ import pytest
 from recorded import RIG, flown, with_effects
 
 from wakedeploy.gap.flight import DT_S
-from wakedeploy.gap.gantry import NOISE, GantryModel
+from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import _settled, fitted_base
+from wakedeploy.gap.parameters import NOISE
 from wakedeploy.gap.ranking import rank
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY

@@ -20,32 +20,13 @@ from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.forces import Forces, Physics
 from wakedeploy.gap.holding import CHANCE, Held, likely_period_s
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
-from wakedeploy.physics.constants import Constants, constants_of, spreads_of
-from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
-from wakedeploy.physics.effects.chain import effect_of
-from wakedeploy.physics.effects.symbolic import ExpressionForce
+from wakedeploy.gap.parameters import HOLD, Layout, own_effects
+from wakedeploy.physics.constants import Constants
+from wakedeploy.physics.effects import LIBRARY, Effect
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 
-NOISE = (
-    "noise.log_acceleration",
-    "noise.log_turbulence",
-    "noise.log_turbulence_time",
-    "noise.log_range",
-    "noise.range_slope",
-)
-_ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
-_WIDEST_SD = 5.0
-# An effect's delay comes on top of what is uncertain about the delay that was calibrated.
-_ADDED = {"command.delay_s", "range.delay_s"}
-# Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
-_STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s": 0.002}
-_STEP = 0.05  # of a prior scale
-# Flights may go far beyond where a term is of typical size; there a longer step loses the track.
-_STEP_OF_TERM = 0.005
-_JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
-HOLD = "sample-and-hold.hold_s"
 _NO_HORIZON = np.zeros(0, np.int64)
 _SHARE = 0.5  # of the way to a new motion, in one turn
 _STILL_MPS = 2e-4  # root mean square; the speed itself is known to some 20 times as much
@@ -79,8 +60,8 @@ class GantryModel:
         self.rig, self.flights = rig, tuple(flights)
         self.extra: Mapping[str, Effect] = extra if extra is not None else {}
         self._physics = [Physics(rig, flight) for flight in self.flights]
-        self._layouts: dict[Hypothesis, _Layout] = {}
-        self._own = _own_effects(rig)
+        self._layouts: dict[Hypothesis, Layout] = {}
+        self._own = own_effects(rig)
 
     @property
     def episodes(self) -> int:
@@ -158,11 +139,11 @@ class GantryModel:
         """The model of some of the flights."""
         return GantryModel(self.rig, [self.flights[i] for i in episodes], self.extra)
 
-    def _layout(self, hypothesis: Hypothesis) -> "_Layout":
+    def _layout(self, hypothesis: Hypothesis) -> "Layout":
         if hypothesis not in self._layouts:
             named = [self.effect(name) for name in hypothesis]
             held_s = self._held_s if HOLD.partition(".")[0] in hypothesis else 0.0
-            self._layouts[hypothesis] = _Layout(self.rig, self._own, named, held_s)
+            self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s)
         return self._layouts[hypothesis]
 
     @functools.cached_property
@@ -232,156 +213,6 @@ def _airborne(flight: Flight) -> np.typing.NDArray[np.bool_]:
     for a, b in zip(flight.start, flight.stop, strict=True):
         inside[a:b] = True
     return inside
-
-
-class _Layout:
-    """Where each constant and effect parameter stands among the free parameters."""
-
-    def __init__(
-        self,
-        rig: Rig,
-        own: Sequence[tuple[Effect, Mapping[str, Free]]],
-        named: Sequence[Effect],
-        held_s: float = 0.0,
-    ) -> None:
-        self._base = constants_of(rig)
-        spreads = spreads_of(rig)
-        names = {effect.name for effect in named}
-        own = [entry for entry in own if entry[0].name not in names]
-        acting = (*named, *(e for e, _ in own))
-        claimed = {p.constant for effect in acting for p in effect.parameters} - _ADDED
-        free = list(_noise(rig))
-        self._constants: list[tuple[int, str]] = []
-        self._values: list[tuple[Effect, list[tuple[int, Parameter]]]] = []
-        for constant, spread in spreads.items():
-            if constant not in claimed:
-                self._constants.append((len(free), constant))
-                free.append(_nuisance(constant, self._base[constant], spread))
-        for effect, known in own:
-            self._add(free, effect, known)
-        for effect in named:
-            self._add(free, effect, {})
-        order = {name: i for i, name in enumerate(LIBRARY)}
-        self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
-        self.free = tuple(
-            replace(f, starts=(held_s,), scanned=_around(held_s), step=_JAGGED_S, finest=_JAGGED_S)
-            if f.name == HOLD
-            else f
-            for f in free
-        )
-
-    def read(
-        self, theta: FloatArray
-    ) -> tuple[Constants, tuple[tuple[Effect, dict[str, float]], ...]]:
-        """Constants and effects with their values."""
-        constants = dict(self._base)
-        for i, name in self._constants:
-            constants[name] = float(theta[i])
-        effects = []
-        for effect, places in self._values:
-            values = {p.name: float(theta[i]) for i, p in places}
-            for _, p in places:
-                if p.constant in _ADDED:
-                    constants[p.constant] += values[p.name]
-                elif p.constant is not None:
-                    constants[p.constant] = values[p.name]
-            effects.append((effect, values))
-        return constants, tuple(effects)
-
-    def _add(self, free: list[Free], effect: Effect, known: Mapping[str, Free]) -> None:
-        places = []
-        for p in effect.parameters:
-            places.append((len(free), p))
-            free.append(known.get(p.name) or _parameter(effect, p, self._base))
-        self._values.append((effect, places))
-
-
-def _noise(rig: Rig) -> tuple[Free, ...]:
-    fraction = max(rig.disturbance.turbulence_fraction, 0.01)
-    time_s = rig.disturbance.turbulence_time_s
-    range_m = max(rig.range_sensor.noise_m, 0.0005)
-    return (
-        Free(NOISE[0], "", math.log(_ACCELERATION), 1.0, -8.0, 2.0, 0.05, first=0.0),
-        Free(NOISE[1], "", math.log(fraction), 1.0, -7.0, 1.5, 0.05, first=-1.0),
-        Free(NOISE[2], "", math.log(time_s), 0.5, -4.5, 1.0, 0.05),
-        Free(NOISE[3], "", math.log(range_m), 0.5, -8.0, -2.0, 0.02),
-        Free(NOISE[4], "", 0.0, 0.002, -0.003, 0.03, 1e-4),
-    )
-
-
-def _nuisance(constant: str, value: float, spread: float) -> Free:
-    low = value - _WIDEST_SD * spread
-    if constant.startswith(("rail.", "spool.", "wake.", "command.window")):
-        low = max(low, 0.05 * value)
-    return Free(
-        constant,
-        "",
-        value,
-        spread,
-        low,
-        value + _WIDEST_SD * spread,
-        _STEPS_S.get(constant, 0.2 * spread),
-        quantity=constant,
-    )
-
-
-def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
-    neutral = base[p.constant] if p.constant is not None else p.neutral
-    starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
-    name = f"{effect.name}.{p.name}"
-    share = _STEP_OF_TERM if isinstance(effect, ExpressionForce) else _STEP
-    step = _STEPS_S.get(p.constant or "", share * p.scale)
-    quantity = "" if p.constant in _ADDED else p.constant or ""
-    return Free(
-        name,
-        p.unit,
-        neutral,
-        3.0 * p.scale,
-        p.low,
-        p.high,
-        step,
-        starts,
-        quantity,
-        adds_to=p.constant if p.constant in _ADDED else "",
-        scanned=_scanned(p),
-        finest_share=p.summits_apart,
-    )
-
-
-def _around(size: float) -> tuple[float, ...]:
-    """Sizes from half to twice as large, in steps of less than three per cent."""
-    return tuple(float(size * ratio) for ratio in np.geomspace(0.5, 2.0, 51))
-
-
-def _scanned(p: Parameter) -> tuple[float, ...]:
-    if p.scanned is None:
-        return ()
-    least, largest, ratio = p.scanned
-    return tuple(np.geomspace(least, largest, 1 + round(math.log(largest / least, ratio))))
-
-
-def _own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
-    """The rig file's effects, each parameter with its interval as a prior."""
-    own = []
-    for entry in rig.effect:
-        effect = effect_of(entry)
-        known = {}
-        for p in effect.parameters:
-            stated = entry.parameters[p.name]
-            spread = 0.05 * p.scale
-            if stated.low is not None and stated.high is not None:
-                spread = max((stated.high - stated.low) / 3.29, 1e-6 * p.scale)
-            known[p.name] = Free(
-                f"{effect.name}.{p.name}",
-                p.unit,
-                stated.value,
-                spread,
-                p.low,
-                p.high,
-                0.2 * spread,
-            )
-        own.append((effect, known))
-    return own
 
 
 def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, float]:
