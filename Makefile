@@ -13,6 +13,9 @@ INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
 	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
 
+# Two tests at a time, each with one thread: more, and the 32 Hz loop of some would be late.
+TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2
+
 .PHONY: help venv demo test check format lint bench firmware mutants clean
 
 help:
@@ -44,10 +47,10 @@ demo: $(INSTALLED)
 	$(BIN)/wakedeploy demo
 
 test: $(INSTALLED)
-	$(BIN)/python -m pytest
+	$(TESTS)
 
 check: lint
-	$(BIN)/python -m pytest -m 'not slow or install'
+	$(TESTS) -m 'not slow or install'
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .
