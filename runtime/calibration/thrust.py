@@ -14,6 +14,7 @@ own curve cannot be had this way: it cannot hover, and is known as wake strength
 """
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -79,27 +80,82 @@ def swinging(rig: Rig) -> FlightPlan:
     return FlightPlan(z_m, np.zeros_like(t_s), np.full_like(t_s, rig.limits.pulse_us[0]))
 
 
+@dataclass(frozen=True)
+class _Bend:
+    """By what the curve is off: log of the scale and exponent, and the drift over the series.
+
+    `fitted` (2,) or, without voltages, (3,); `covariance` is that of unit scatter.
+    """
+
+    fitted: FloatArray
+    covariance: FloatArray
+    scatter: float
+
+    @property
+    def scale(self) -> float:
+        """Of the thrust at hover."""
+        return float(np.exp(self.fitted[0]))
+
+    @property
+    def exponent(self) -> float:
+        """Of the thrust over hover."""
+        return float(self.fitted[1])
+
+    @property
+    def exponent_sd(self) -> float:
+        """One standard deviation."""
+        return self.scatter * float(np.sqrt(self.covariance[1, 1]))
+
+    @property
+    def at_hover_sd(self) -> float:
+        """Of the thrust at hover, as a share; there the rig file's readers apply a spread."""
+        along = np.zeros(len(self.fitted))
+        along[:2] = 1.0, -self.fitted[0] / self.fitted[1]
+        return self.scatter * float(np.sqrt(along @ self.covariance @ along))
+
+
 def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Outcome:
     """The curve from one log per mass."""
     hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
     weight_n = np.array([(rig.sufferer.mass_kg + clip) * GRAVITY_MPS2 for clip in clips_kg])
     table_n = np.array([_mean_thrust(log, rig) for log in logs])
     volts = _voltages(logs)
-    log_table, log_weight = np.log(table_n / hover_n), np.log(weight_n / hover_n)
+    require(
+        volts is not None or (len(clips_kg) > _FEWEST and clips_kg[0] == clips_kg[-1]),
+        "The board measures no voltage, and a battery that sags bends the curve: fly the first "
+        "mass again at the end, or wire the divider.",
+    )
+    bend = _fitted(np.log(table_n / hover_n), np.log(weight_n / hover_n), volts)
+    moved_n = moved_thrust(
+        np.array(rig.thrust.sufferer.thrust_n), bend.scale, bend.exponent, hover_n
+    )
+    words = [""] * len(logs) if volts is None else [f" with {v:.2f} V" for v in volts]
+    told = [
+        f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
+        for clip, w, t, v in zip(clips_kg, weight_n, table_n, words, strict=True)
+    ]
+    assumed = spreads_of(rig)["thrust.sufferer.exponent"]
+    told += [
+        f"Scale {bend.scale:.4f} at hover, exponent {bend.exponent:.3f} ± {bend.exponent_sd:.3f}.",
+        f"From the first flight to the last the thrust changed by {100 * bend.fitted[2]:+.1f} %."
+        if volts is None
+        else f"The curve is that of {np.mean(volts):.2f} V.",
+        f"The rig file has no place for the exponent's spread: gap goes on assuming {assumed:g}.",
+    ]
+    found = Calibrated(tuple(float(n) for n in moved_n), hover_n * bend.at_hover_sd, "N")
+    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
+
+
+def _fitted(log_table: FloatArray, log_weight: FloatArray, volts: FloatArray | None) -> _Bend:
+    """Least squares over the flights (n,); CheckFailed for what cannot be right or says little."""
     columns = [np.ones_like(log_table), log_table]
     if volts is not None:
         log_weight = log_weight - 2.0 * np.log(volts / np.mean(volts))
     else:
-        require(
-            len(clips_kg) > _FEWEST and clips_kg[0] == clips_kg[-1],
-            "The board measures no voltage, and a battery that sags bends the curve: fly the first "
-            "mass again at the end, or wire the divider.",
-        )
         columns.append(np.linspace(-0.5, 0.5, len(log_table)))  # from the first flight to the last
     design = np.stack(columns, axis=1)
-    inverse = np.linalg.inv(design.T @ design)
-    fitted = inverse @ design.T @ log_weight
-    intercept, exponent = float(fitted[0]), float(fitted[1])
+    covariance = np.linalg.inv(design.T @ design)
+    fitted = covariance @ design.T @ log_weight
     off = log_weight - design @ fitted
     scatter = float(np.sqrt(np.sum(off**2) / (len(off) - len(fitted))))
     require(
@@ -107,41 +163,18 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         f"The thrusts scatter by {100 * scatter:.1f} % about any such curve: check the masses and "
         "charge the battery.",
     )
-    scale = float(np.exp(intercept))
+    bend = _Bend(fitted, covariance, max(scatter, _LEAST_SCATTER))
     require(
-        _SCALES[0] < scale < _SCALES[1] and _EXPONENTS[0] < exponent < _EXPONENTS[1],
-        f"The curve would have to be scaled by {scale:.2f} and bent by {exponent:.2f}: check "
-        "sufferer.mass_kg and the masses.",
+        _SCALES[0] < bend.scale < _SCALES[1] and _EXPONENTS[0] < bend.exponent < _EXPONENTS[1],
+        f"The curve would have to be scaled by {bend.scale:.2f} and bent by {bend.exponent:.2f}: "
+        "check sufferer.mass_kg and the masses.",
     )
-    scatter = max(scatter, _LEAST_SCATTER)
-    bend_sd = scatter * float(np.sqrt(inverse[1, 1]))
     require(
-        bend_sd < _MOST_BEND_SD,
-        f"The curve's exponent could be off by {bend_sd:.2f}, and at most {_MOST_BEND_SD:g} is of "
-        "use: fly masses further apart, with a charged battery.",
+        bend.exponent_sd < _MOST_BEND_SD,
+        f"The curve's exponent could be off by {bend.exponent_sd:.2f}, and at most "
+        f"{_MOST_BEND_SD:g} is of use: fly masses further apart, with a charged battery.",
     )
-    moved_n = moved_thrust(np.array(rig.thrust.sufferer.thrust_n), scale, exponent, hover_n)
-    # The spread counts at hover, where the rig file's readers apply it.
-    at_hover = np.zeros(len(fitted))
-    at_hover[:2] = 1.0, -intercept / exponent
-    spread_n = hover_n * scatter * float(np.sqrt(at_hover @ inverse @ at_hover))
-    words = [""] * len(logs) if volts is None else [f" with {v:.2f} V" for v in volts]
-    told = [
-        f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
-        for clip, w, t, v in zip(clips_kg, weight_n, table_n, words, strict=True)
-    ]
-    told.append(f"Scale {scale:.4f} at hover, exponent {exponent:.3f} ± {bend_sd:.3f}.")
-    if volts is None:
-        drift = 100.0 * float(fitted[2])
-        told.append(f"From the first flight to the last the thrust changed by {drift:+.1f} %.")
-    else:
-        told.append(f"The curve is that of {np.mean(volts):.2f} V.")
-    assumed = spreads_of(rig)["thrust.sufferer.exponent"]
-    told.append(
-        f"The rig file has no place for the exponent's spread: gap goes on assuming {assumed:g}."
-    )
-    found = Calibrated(tuple(float(n) for n in moved_n), spread_n, "N")
-    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
+    return bend
 
 
 def _mean_thrust(log: RunLog, rig: Rig) -> float:

@@ -33,12 +33,8 @@ def zero(request: Request) -> None:
     from runtime.calibration import zero as procedure
 
     rig = request.rig("range_sensor.bias_m")
-    if request.logs:
-        (log,) = request.read_logs(1)
-    else:
-        request.ask("Let the sufferer rest on the stop and the carriage at its home.")
-        with request.site(rig) as site:
-            log = procedure.record(site, rig)
+    question = "Let the sufferer rest on the stop and the carriage at its home."
+    (log,) = request.measured(rig, procedure.record, [(question,)])
     request.finish(rig, procedure.estimate(log, rig))
 
 
@@ -60,14 +56,11 @@ def range_(request: Request, heights_m: tuple[float, ...]) -> None:
 
     rig = request.rig("range_sensor.bias_m", "range_sensor.scale")
     procedure.require_heights(heights_m, rig)
-    if request.logs:
-        logs = request.read_logs(len(heights_m))
-    else:
-        logs = []
-        with request.site(rig) as site:
-            for number, height_m in enumerate(heights_m, 1):
-                request.ask(f"Let the sufferer rest {height_m:g} m above the stop.")
-                logs.append(procedure.record(site, rig, height_m, number))
+    runs = [
+        (f"Let the sufferer rest {height_m:g} m above the stop.", height_m, number)
+        for number, height_m in enumerate(heights_m, 1)
+    ]
+    logs = request.measured(rig, procedure.record, runs)
     request.finish(rig, procedure.estimate(logs, heights_m, rig))
 
 
@@ -87,12 +80,8 @@ def noise(request: Request, trust_curve: bool) -> None:
 
     rig = request.rig("range_sensor.noise_m")
     request.require_curve(rig, trust_curve)
-    if request.logs:
-        (log,) = request.read_logs(1)
-    else:
-        request.ask("The sufferer will hover: keep clear, with the emergency stop at hand.")
-        with request.site(rig) as site:
-            log = procedure.record(site, rig)
+    question = "The sufferer will hover: keep clear, with the emergency stop at hand."
+    (log,) = request.measured(rig, procedure.record, [(question,)])
     request.finish(rig, procedure.estimate(log, rig))
 
 
@@ -111,11 +100,7 @@ def latency(request: Request) -> None:
     from runtime.calibration import latency as procedure
 
     rig = request.rig("latency.round_trip_s")
-    if request.logs:
-        (log,) = request.read_logs(1)
-    else:
-        with request.site(rig) as site:
-            log = procedure.record(site, rig)
+    (log,) = request.measured(rig, procedure.record, [("",)])
     request.finish(rig, procedure.estimate(log, rig))
 
 
@@ -142,17 +127,9 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
     rig = request.rig("thrust.sufferer.thrust_n")
     request.require_curve(rig, trust_curve)
     procedure.require_masses(clips_kg, rig)
-    if request.logs:
-        logs = request.read_logs(len(clips_kg))
-    else:
-        logs = []
-        with request.site(rig) as site:
-            for number, clip_kg in enumerate(clips_kg, 1):
-                request.ask(
-                    f"Clip {clip_kg:g} kg onto the sufferer, charge the battery, and keep clear: "
-                    "it will fly."
-                )
-                logs.append(procedure.record(site, rig, clip_kg, number))
+    question = "Clip {:g} kg onto the sufferer, charge the battery, and keep clear: it will fly."
+    runs = [(question.format(kg), kg, number) for number, kg in enumerate(clips_kg, 1)]
+    logs = request.measured(rig, procedure.record, runs)
     request.finish(rig, procedure.estimate(logs, clips_kg, rig))
 
 
@@ -181,17 +158,13 @@ def steps(
         raise UnusableInput("Give --distance-m for a drive, or --log with --measured-m.")
     if request.logs and measured_m is None:
         raise UnusableInput("A log does not tell how far the carriage went: give --measured-m.")
-    if request.logs:
-        (log,) = request.read_logs(1)
-    else:
-        assert distance_m is not None
+    if distance_m is not None:
         procedure.require_distance(distance_m, rig)
-        request.ask(
-            f"Mark where the carriage stands. It will drive {distance_m:g} m, stand for {hold_s:g} "
-            "s, in which you measure how far it went, and drive home."
-        )
-        with request.site(rig) as site:
-            log = procedure.record(site, rig, distance_m, hold_s)
+    question = (
+        f"Mark where the carriage stands. It will drive {distance_m} m, stand for {hold_s:g} s, in "
+        "which you measure how far it went, and drive home."
+    )
+    (log,) = request.measured(rig, procedure.record, [(question, distance_m, hold_s)])
     if measured_m is None and request.virtual:
         # What a rule would show, to the millimetre.
         true_m = procedure.steps_out(log) / request.true_rig(rig).stepper.steps_per_m
@@ -218,10 +191,6 @@ def spool(request: Request, trust_curve: bool) -> None:
 
     rig = request.rig("spool.sufferer.up_s")
     request.require_curve(rig, trust_curve)
-    if request.logs:
-        (log,) = request.read_logs(1)
-    else:
-        request.ask("The sufferer will fly quickly up and down: keep clear.")
-        with request.site(rig) as site:
-            log = procedure.record(site, rig)
+    question = "The sufferer will fly quickly up and down: keep clear."
+    (log,) = request.measured(rig, procedure.record, [(question,)])
     request.finish(rig, procedure.estimate(log, rig))

@@ -5,7 +5,7 @@ import datetime
 import functools
 import itertools
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -158,6 +158,24 @@ class Request:
                 f"{self.rig_path}: [thrust.sufferer] is the default gantry's estimate; enter the "
                 "curve of a bench or a data sheet, or say --trust-curve if it is right."
             )
+
+    def measured(
+        self, rig: "Rig", record: "Callable[..., RunLog]", runs: Sequence[tuple[Any, ...]]
+    ) -> "list[RunLog]":
+        """The logs recorded earlier, or one from each run now.
+
+        A run is what the operator is told before it ("" for nothing) and what `record` takes after
+        site and rig.
+        """
+        if self.logs:
+            return self.read_logs(len(runs))
+        logs = []
+        with self.site(rig) as site:
+            for question, *values in runs:
+                if question:
+                    self.ask(question)
+                logs.append(record(site, rig, *values))
+        return logs
 
     def read_logs(self, count: int) -> "list[RunLog]":
         """The logs recorded earlier; UnusableInput unless there are `count` of them."""

@@ -149,14 +149,12 @@ def filtered(
     `remember`, the states (3, N) and covariances (N, 3, 3) after each step's samples. Samples
     outside the stretches get a variance of 0.
     """
-    samples = np.zeros((4, len(reading)))
+    samples, ahead = np.zeros((4, len(reading))), np.full((2 * len(horizons), len(reading)), np.nan)
     kept = nominal.shape[1] if remember else 1
     states, covariances = np.zeros((3, kept)), np.zeros((kept, 3, 3))
-    ahead = np.full((2 * len(horizons), len(reading)), np.nan)
     n = 0
     for s in range(len(start)):
-        z, v, d = nominal[0, start[s]], nominal[1, start[s]], 0.0
-        strays = 0
+        z, v, d, strays = nominal[0, start[s]], nominal[1, start[s]], 0.0, 0
         p = np.zeros((3, 3))
         p[0, 0], p[1, 1], p[2, 2] = 0.03**2, 0.3**2, 1.0
         while n < len(reading) and step_of[n] < start[s]:
@@ -167,57 +165,24 @@ def filtered(
                     p[0, 0] += _LOST_M * _LOST_M
                     p[1, 1] += _LOST_MPS * _LOST_MPS
                 z, v, d = _update(
-                    samples[:, n],
-                    p,
-                    z,
-                    v,
-                    d,
-                    into_s[n],
-                    reading[n],
-                    expected[0, n],
-                    expected[1, n],
-                    nominal[0, k],
-                    nominal[1, k],
-                    noise[n],
-                    outlier,
-                )
+                    samples[:, n], p, z, v, d, into_s[n], reading[n], expected[0, n],
+                    expected[1, n], nominal[0, k], nominal[1, k], noise[n], outlier,
+                )  # fmt: skip
                 strays = strays + 1 if samples[3, n] < 0.5 else 0
                 for h in range(len(horizons)):
                     if k + horizons[h] < stop[s]:
                         _forecast(
-                            ahead[2 * h : 2 * h + 2, n],
-                            p,
-                            z,
-                            v,
-                            d,
-                            k,
-                            horizons[h],
-                            dt_s,
-                            nominal,
-                            acceleration,
-                            gain,
-                            keep,
-                            white,
-                        )
+                            ahead[2 * h : 2 * h + 2, n], p, z, v, d, k, horizons[h], dt_s,
+                            nominal, acceleration, gain, keep, white,
+                        )  # fmt: skip
                 n += 1
             if remember:
                 states[0, k], states[1, k], states[2, k] = z, v, d
                 covariances[k] = p
             z, v, d = _advance(
-                p,
-                z,
-                v,
-                d,
-                dt_s,
-                nominal[0, k],
-                nominal[1, k],
-                acceleration[0, k],
-                acceleration[1, k],
-                acceleration[2, k],
-                gain[k],
-                keep,
-                white,
-            )
+                p, z, v, d, dt_s, nominal[0, k], nominal[1, k], acceleration[0, k],
+                acceleration[1, k], acceleration[2, k], gain[k], keep, white,
+            )  # fmt: skip
     return samples, ahead, states, covariances
 
 
