@@ -137,8 +137,8 @@ class Physics:
         back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
         asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
         pulse = line.at(asked_s).mean(axis=1)
-        if effects:
-            pulse = _accepted(pulse, motor, effects, self._rig.limits.pulse_us[0])
+        for effect, values in effects:
+            pulse = effect.pulses_us(values, pulse, motor, self._rig.limits.pulse_us[0])
         area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
         at_edges = np.interp(self._edges, frame_s, area)
         mean = np.diff(at_edges) / DT_S
@@ -348,22 +348,6 @@ class _Motions:
             _RESTING_MPS,
         )
         return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
-
-
-def _accepted(pulse: FloatArray, motor: str, effects: Active, idle_us: float) -> FloatArray:
-    """Frame by frame what the ESC took over, from idle."""
-    accepted = np.empty_like(pulse)
-    before = [idle_us] * len(effects)
-    now, last = idle_us, math.nan
-    for i, offered in enumerate(pulse.tolist()):
-        if offered == last:  # the same pulse again is taken as before
-            accepted[i] = now
-            continue
-        now = last = offered
-        for j, (effect, values) in enumerate(effects):
-            now = before[j] = effect.pulse_us(values, now, before[j], motor, idle_us)
-        accepted[i] = now
-    return accepted
 
 
 def _direction(vx_mps: FloatArray) -> FloatArray:

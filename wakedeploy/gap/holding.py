@@ -112,12 +112,15 @@ def _ages(
     n = len(repeated)
     repeats, age_s = np.zeros((n, bins)), np.empty((n, bins))
     for k in range(n):
+        into_s = sample_s[k] % hold_s
         for b in range(bins):
-            age_s[k, b] = (sample_s[k] - (b + 0.5) / bins * hold_s) % hold_s
+            age_s[k, b] = into_s - (b + 0.5) / bins * hold_s
+            if age_s[k, b] < 0.0:
+                age_s[k, b] += hold_s
             if k > 0:  # made before the last sample was taken, and none since
                 older = (age_s[k, b] - (sample_s[k] - sample_s[k - 1])) / jitter_s
                 due = (hold_s - age_s[k, b]) / jitter_s
-                repeats[k, b] = 1.0 / (1.0 + math.exp(-1.7 * min(older, due)))
+                repeats[k, b] = _logistic(1.7 * min(older, due))
     probability, age, variance = np.zeros(n), np.empty(n), np.empty(n)
     forward, backward = np.empty((n, bins)), np.ones(bins)
     forward[0] = 1.0 / bins
@@ -146,8 +149,20 @@ def _seen(repeats: FloatArray, equal: bool, chance: float) -> FloatArray:
 @compiled
 def _wandered(share: FloatArray, kernel: FloatArray) -> FloatArray:
     """Shares of a circle's bins, (n,), spread by a symmetric kernel (2 r + 1,)."""
-    spread = np.zeros(len(share))
-    for b in range(len(share)):
-        for w in range(len(kernel)):
-            spread[(b + w - len(kernel) // 2) % len(share)] += share[b] * kernel[w]
+    bins, reach = len(share), len(kernel) // 2
+    spread = np.zeros(bins)
+    for w in range(len(kernel)):
+        shift = (w - reach) % bins
+        for b in range(bins - shift):
+            spread[b + shift] += share[b] * kernel[w]
+        for b in range(bins - shift, bins):
+            spread[b + shift - bins] += share[b] * kernel[w]
     return spread
+
+
+@compiled
+def _logistic(x: float) -> float:
+    """1 / (1 + exp(-x)), without the exponential where it would not show."""
+    if abs(x) > 30.0:
+        return 1.0 if x > 0.0 else 0.0
+    return 1.0 / (1.0 + math.exp(-x))

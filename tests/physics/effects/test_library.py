@@ -104,6 +104,20 @@ def test_neutral_pulses_pass(pulse_us: float, applied_us: float) -> None:
     assert chain.pulse_us(pulse_us, applied_us, "sufferer", 1000.0) == pulse_us
 
 
+@given(
+    st.sampled_from([effect("pwm-dead-band"), effect("pwm-quantisation")]),
+    st.floats(0.0, 40.0),
+    st.lists(st.floats(900.0, 2100.0) | st.sampled_from([1000.0, 1500.0, 1505.0]), max_size=40),
+)
+@settings(max_examples=100, deadline=None)
+def test_a_whole_flights_pulses_are_taken_as_one_by_one(
+    one: Effect, size_us: float, offered: list[float]
+) -> None:
+    p = {one.parameters[0].name: size_us}
+    whole = one.pulses_us(p, np.array(offered), "sufferer", 1000.0)
+    assert np.array_equal(whole, Effect.pulses_us(one, p, np.array(offered), "sufferer", 1000.0))
+
+
 @pytest.mark.parametrize("one", LIBRARY.values(), ids=list(LIBRARY))
 def test_an_effect_does_something_and_only_in_one_quantity(one: Effect) -> None:
     chain = Chain({one.name: strong_values(one)})

@@ -106,6 +106,19 @@ class Effect:
         """
         return pulse_us
 
+    def pulses_us(
+        self, p: Values, pulses_us: npt.NDArray[np.float64], motor: str, idle_us: float
+    ) -> npt.NDArray[np.float64]:
+        """What the ESC takes over [µs] (n,) of a whole flight's pulses (n,), from idle on.
+
+        The same as `pulse_us` frame by frame; fits ask it thousands of times.
+        """
+        taken = np.empty_like(pulses_us)
+        applied_us = idle_us
+        for i, pulse_us in enumerate(pulses_us.tolist()):
+            taken[i] = applied_us = self.pulse_us(p, pulse_us, applied_us, motor, idle_us)
+        return taken
+
     def source_n(self, p: Values, m: Motion, s: Setting) -> Number:
         """The source's thrust [N] instead of `m.source_n`."""
         return m.source_n

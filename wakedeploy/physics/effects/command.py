@@ -1,5 +1,8 @@
 """Effects on the way of a command: from the MCU's output to the pulse that an ESC accepts."""
 
+import numpy as np
+import numpy.typing as npt
+
 from wakedeploy.physics.effects.base import Effect, Parameter, Values
 
 
@@ -68,6 +71,17 @@ class PwmDeadBand(Effect):
         """The old pulse [µs] until the new one is a band away from it."""
         return applied_us if abs(pulse_us - applied_us) < p["band_us"] else pulse_us
 
+    def pulses_us(
+        self, p: Values, pulses_us: npt.NDArray[np.float64], motor: str, idle_us: float
+    ) -> npt.NDArray[np.float64]:
+        """The same, without a call for each frame."""
+        band_us, applied_us, taken = p["band_us"], idle_us, []
+        for pulse_us in pulses_us.tolist():
+            if abs(pulse_us - applied_us) >= band_us:
+                applied_us = pulse_us
+            taken.append(applied_us)
+        return np.array(taken)
+
 
 class PwmQuantisation(Effect):
     """A timer that counts in coarse steps."""
@@ -98,6 +112,15 @@ class PwmQuantisation(Effect):
         if step_us <= 0.0:
             return pulse_us
         return idle_us + step_us * round((pulse_us - idle_us) / step_us)
+
+    def pulses_us(
+        self, p: Values, pulses_us: npt.NDArray[np.float64], motor: str, idle_us: float
+    ) -> npt.NDArray[np.float64]:
+        """The same for all frames at once."""
+        step_us = p["step_us"]
+        if step_us <= 0.0:
+            return pulses_us
+        return np.asarray(idle_us + step_us * np.round((pulses_us - idle_us) / step_us))
 
 
 EFFECTS: tuple[Effect, ...] = (CommandLatency(), EscFrame(), PwmDeadBand(), PwmQuantisation())
