@@ -127,7 +127,8 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
 def shift(arch: str, flights: int, asked: Asked) -> None:
     """Train where the physics varies by ±10 %, and fly where it varies by ±10, ±50 and ±75 %.
 
-    Wake speed, diffusivity and separation differ from flight to flight; no model is told.
+    Wake speed, diffusivity and separation differ from flight to flight; no model is told. Beside
+    them, what `study domains` trained in the nominal physics flies there.
 
     \b
     Example:
@@ -137,29 +138,29 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.closed_loop import LIMITS, mean_force
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.shift import FLOWN, fly_shifted, sentence, spread_set
+    from wakedeploy.study.shift import FLOWN, TRAINED, Crew, fly_shifted, sentence, spread_set
     from wakedeploy.study.shift_figure import parts, summary
 
+    architectures = _architectures(arch)
+    plain = sets_of("downwash", None, asked)["downwash"]
     with progress("Flying what is learned from", 1) as bar:
-        data = spread_set(asked.out / "sets", quick=asked.quick, progress=bar.update)
-    models, chosen = _models(data, _architectures(arch), asked)
+        varied = spread_set(asked.out / "sets", quick=asked.quick, progress=bar.update)
+    models, chosen = _models(varied, architectures, asked)
+    trained = Crew(models, mean_force(varied))
+    crews = {0.0: Crew(_models(plain, architectures, asked)[0], mean_force(plain))}
+    crews |= dict.fromkeys(FLOWN, trained)
     count, seconds = (2, 4.0) if asked.quick else (flights, 20.0)
-    with progress("Flying", len(FLOWN) * (len(LIMITS) + len(models) * asked.seeds)) as bar:
-        told = fly_shifted(
-            models,
-            count,
-            seconds,
-            constant=mean_force(data),
-            spreads=FLOWN,
-            on_flight=bar.advance,
-        )
+    with progress("Flying", len(crews) * (len(LIMITS) + len(models) * asked.seeds)) as bar:
+        nominal, *told = fly_shifted(crews, count, seconds, on_flight=bar.advance)
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
+    result |= {"trained": {"0": "nominal", "others": TRAINED}}
     result["rms_m"] = {
-        f"{one.spread:g}": {line.name: line.rms_m.tolist() for line in one.lines} for one in told
+        f"{one.spread:g}": {line.name: line.rms_m.tolist() for line in one.lines}
+        for one in (nominal, *told)
     }
     title = asked.titled("Trained on one physics, flown in another")
-    path = write_study(asked.out / "shift", title, parts(told, chosen), result)
-    print_table(sentence(told, chosen), *summary(told))
+    path = write_study(asked.out / "shift", title, parts(nominal, told, chosen), result)
+    print_table(sentence(nominal, told, chosen), *summary(nominal, told))
     click.echo(f"Figures, tables and the page: {path}")
 
 

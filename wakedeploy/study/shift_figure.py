@@ -1,6 +1,7 @@
 """The figure and the table of study 6.
 
-In: how all flew at each spread of the physics. Out: a line per model over the spreads.
+In: how all flew at each spread of the physics. Out: a line per model over the spreads, and where
+each stands in the nominal physics.
 """
 
 from collections.abc import Sequence
@@ -19,8 +20,11 @@ COLUMNS = ("spread", "predictor", "training seed", "flight", "tracking_rms_m")
 _MARKS = "osv^D<>p"
 
 
-def lines_over_spreads(told: Sequence[Shifted]) -> "Figure":
-    """Tracking error over the spread of the physics, limits as broken lines."""
+def lines_over_spreads(nominal: Shifted, told: Sequence[Shifted]) -> "Figure":
+    """Tracking error over the spread of the physics, limits as broken lines.
+
+    On the left, unconnected since trained on other flights, the nominal physics.
+    """
     with figures.style():
         drawn, axes = figures.figure(size=(6.4, 3.6))
         at = [f"±{100 * one.spread:.0f} %" for one in told]
@@ -29,8 +33,8 @@ def lines_over_spreads(told: Sequence[Shifted]) -> "Figure":
             limit = number < len(LIMITS)
             colour = (figures.MEASURED, figures.TRUE, figures.SOURCE)[number] if limit else None
             plain = line.name == MEMORYLESS
-            axes.plot(
-                at,
+            (drawn_line,) = axes.plot(
+                range(1, 1 + len(at)),
                 errors,
                 "--" if limit else "-",
                 marker=None if limit else _MARKS[number % len(_MARKS)],
@@ -38,6 +42,14 @@ def lines_over_spreads(told: Sequence[Shifted]) -> "Figure":
                 label=line.name,
                 markersize=4,
             )
+            axes.plot(
+                [0],
+                [1e3 * nominal.lines[number].mean_m],
+                marker="_" if limit else _MARKS[number % len(_MARKS)],
+                color=drawn_line.get_color(),
+                markersize=10 if limit else 4,
+            )
+        axes.set_xticks(range(1 + len(at)), ["nominal", *at])
         axes.set_ylim(bottom=0.0)
         axes.set_xlabel("wake speed, diffusivity and separation vary by")
         axes.set_ylabel("tracking error, RMS [mm]")
@@ -45,29 +57,30 @@ def lines_over_spreads(told: Sequence[Shifted]) -> "Figure":
     return drawn
 
 
-def summary(told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
+def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
     """Millimetres and rank of each model at each spread; the last row says how orders agree."""
-    columns = ["predictor", *(f"±{100 * one.spread:.0f} % [mm]" for one in told)]
+    columns = ["predictor", "nominal [mm]", *(f"±{100 * one.spread:.0f} % [mm]" for one in told)]
     rows = []
     for number, line in enumerate(told[0].lines):
         cells = [line.name]
-        for one in told:
+        for one in (nominal, *told):
             value = one.lines[number].mean_m
             rank = 1 + sum(other.mean_m < value for other in one.models)
             cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
-    rows.append(["Kendall's τ with the first", *(f"{agreement(told[0], one):.2f}" for one in told)])
+    orders = [f"{agreement(told[0], one):.2f}" for one in (nominal, *told)]
+    rows.append([f"Kendall's τ with ±{100 * told[0].spread:.0f} %", *orders])
     return columns, rows
 
 
-def parts(told: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
+def parts(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
     rows = [
         (one.spread, line.name, seed, flight, float(value))
-        for one in told
+        for one in (nominal, *told)
         for line in one.lines
         for seed, flown in enumerate(line.rms_m)
         for flight, value in enumerate(flown)
     ]
-    drawn = lines_over_spreads(told)
-    return [Part("shift", sentence(told, chosen), COLUMNS, rows, drawn, summary(told))]
+    drawn, table = lines_over_spreads(nominal, told), summary(nominal, told)
+    return [Part("shift", sentence(nominal, told, chosen), COLUMNS, rows, drawn, table)]
