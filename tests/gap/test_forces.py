@@ -188,7 +188,7 @@ def test_the_period_of_repeats_is_found_whatever_it_is(hold_s, phase, seed) -> N
     sample_s = np.cumsum(rng.choice([0.02, 0.04], 500)) + rng.normal(0.0, 2e-4, 500)
     made = np.floor(sample_s / hold_s + phase)
     repeated = np.append(False, np.diff(made) == 0) | (rng.random(500) < 0.05)
-    found_s = likely_period_s([(sample_s, repeated)])
+    found_s = likely_period_s([(sample_s, repeated)], 0.05)
     assert found_s == pytest.approx(hold_s, abs=0.001)
 
 

@@ -9,7 +9,7 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import _settled, fitted_base
 from wakedeploy.gap.parameters import NOISE
-from wakedeploy.gap.ranking import rank
+from wakedeploy.gap.ranking import rank, scanned_starts
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import parse_rig
@@ -162,6 +162,16 @@ def test_held_readings_are_less_likely_without_the_hold() -> None:
     low, high = held.interval("sample-and-hold.hold_s")
     assert low < 0.06 < high < low + 0.002
     assert all((score.variance > 1e-9).all() for score in held.slopes.scores)
+
+
+def test_a_hold_that_the_rig_file_has_is_not_looked_for_again() -> None:
+    held = {"sample_and_hold": {"hold_s": (0.06, "s")}}
+    rig = with_effects(**held)
+    model = GantryModel(rig, [flown(SEEDS[0], rig)])
+    found = fit(model, ("viscous-friction",), (0,), model.start(("viscous-friction",)))
+    assert found.value("sample-and-hold.hold_s") == pytest.approx(0.06, abs=0.001)
+    assert scanned_starts(model, found) == []
+    assert found.standard_error("sample-and-hold.hold_s") > 0.0
 
 
 def test_an_unknown_effect_is_a_key_error() -> None:

@@ -1,6 +1,7 @@
 """What the workflow answers about effects that are hidden in the virtual gantry."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,12 +21,19 @@ from wakedeploy.gap.naming import (
     Thresholds,
     _needed,
     _Search,
+    _unsettled,
     _without_idle,
     detectable,
+    expressed_by_own_motion,
     fitted_base,
     name_effects,
+    with_terms,
 )
 from wakedeploy.gap.ranking import Candidate
+from wakedeploy.gap.symbolic import search
+from wakedeploy.physics.effects.chain import setting_of
+from wakedeploy.physics.effects.symbolic import SYMBOLIC
+from wakedeploy.rig import Effect, EffectParameter
 
 # About what this rig's own simulations give; see `threshold`.
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
@@ -190,6 +198,34 @@ def test_a_class_holds_what_is_within_three_nats_of_the_best() -> None:
     assert [c.name for c in searched.rivals] == ["a", "b"]
     many = Round((), candidates(a=30.0, b=29.9, c=29.8, d=29.7))
     assert [c.name for c in many.rivals] == ["a", "b", "c"]
+
+
+def test_what_was_taken_has_rivals_also_where_a_better_relative_was_passed_over() -> None:
+    ranking = candidates(a=20.0, b=19.5, c=19.0, d=10.0)
+    taken = Round(("x",), ranking, "b")
+    assert [c.name for c in taken.rivals] == ["b", "a", "c"]
+    current = SimpleNamespace(hypothesis=("x", "b"), episodes=range(5))
+    assert _unsettled([taken], current) == [taken]  # type: ignore[arg-type]
+    clear = Round(("x",), candidates(b=20.0, c=10.0), "b")
+    assert _unsettled([clear], current) == []  # type: ignore[arg-type]
+    few = SimpleNamespace(hypothesis=("x", "b"), episodes=range(2))
+    assert _unsettled([clear], few) == [clear]  # type: ignore[arg-type]
+
+
+def test_an_expression_is_told_around_the_motion_that_it_explains() -> None:
+    """Around the motion that the flights have without it, a force against the speed shows less."""
+    size = EffectParameter(value=-2.0, unit="N s^2/m^2")
+    drag = Effect(name=SYMBOLIC, expression="c1*vz_mps*abs(vz_mps)", parameters={"c1": size})
+    truth = RIG.model_copy(update={"effect": (drag,)})
+    model, base = fitted_base(with_terms(GantryModel(RIG, [flown(s, truth) for s in (3, 5, 7)])))
+    setting = vars(setting_of(RIG))
+    found = search(model, base, setting=setting, names=["speed-squared"], least_nats=1.0)
+    assert found is not None
+    own = expressed_by_own_motion(model, base, found)
+    assert own.terms == found.terms
+    assert own.gain_nats > found.gain_nats + 2.0  # of 190
+    (coefficient,) = own.coefficients
+    assert coefficient.low < -2.0 < coefficient.high
 
 
 def searched(found: dict[str, float]) -> _Search:

@@ -57,7 +57,7 @@ def test_friction_is_as_large_as_it_is_only_around_its_own_motion(base, friction
 
 def test_contenders_are_ranked_around_their_own_motion(base) -> None:
     model, plain = base
-    _, ranked = ranked_by_own_motion(model, plain, [*FRICTION, "ground-effect"], 8.0)
+    _, _, ranked = ranked_by_own_motion(model, plain, [*FRICTION, "ground-effect"], 8.0)
     there = fit(model, FRICTION, range(2), extended(plain, model.free(FRICTION)))
     assert ranked[0].name == FRICTION[0]
     assert ranked[0].fit.objective > there.objective + 20.0

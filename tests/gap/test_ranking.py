@@ -1,5 +1,7 @@
 """Effects compared on made-up linear data, where every gain and every loss has a closed form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from linear_model import EFFECTS, EPISODES, Linear
@@ -157,3 +159,13 @@ def test_what_any_new_climb_gains_is_no_effects_merit() -> None:
     base, ranked = rank_fairly(model, stuck, ("a", "c"))
     assert base.value("gain") == pytest.approx(1.0, abs=0.2)
     assert ranked[0].gain_nats < 5.0
+
+
+def test_other_summits_of_a_base_are_kept_where_it_is_climbed_again() -> None:
+    """An interval spans them; an objective a hair better elsewhere is no reason to forget them."""
+    model = Linear({"gain": 0.5, "a": 0.3}, seed=5)
+    best = fit(model, ("a",), EVERY)
+    short = replace(best, theta=best.theta - 1e-6, per_episode=best.per_episode - 1e-4)
+    elsewhere = fit(model, ("a",), EVERY)
+    base, _ = rank_fairly(model, replace(short, summits=(elsewhere,)), ("c",))
+    assert base.summits == (elsewhere,)

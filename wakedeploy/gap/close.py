@@ -299,7 +299,7 @@ _WHERE = ("channel", "coordinate", "low", "high", "residual", "unit", "q_value")
 
 
 def _effect(answer: Answer, effect: str) -> dict[str, Any]:
-    best_in = [r for r in answer.rounds if r.ranking[0].name == effect]
+    best_in = [r for r in answer.rounds if r.found == effect]
     searched = best_in[0] if best_in else answer.rounds[0]
     found = next(c for c in searched.ranking if c.name == effect)
     parameters = {}
@@ -350,6 +350,8 @@ def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
         )
     return {
         "given": list(searched.given),
+        "found": searched.found,
+        "near_nats": searched.near_nats,
         "threshold_nats": thresholds.effect_nats,
         "ranking": ranking,
     }
@@ -395,7 +397,7 @@ def _split_by(answer: Answer) -> str:
 
 def _others(answer: Answer) -> list[str]:
     """What is as near as the members of a class, beyond the three that it lists."""
-    found = [r for r in answer.rounds if r.ranking[0].name in answer.members]
+    found = [r for r in answer.rounds if r.found in answer.members]
     return [c.name for c in found[0].near[MOST_IN_CLASS:]] if found else []
 
 

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from wakedeploy.gap.flight import DT_S, Flight, FloatArray, Line
-from wakedeploy.gap.holding import Held, held
+from wakedeploy.gap.holding import Held, chance_of_equals, held
 from wakedeploy.physics.constants import Constants, moved_thrust
 from wakedeploy.physics.effects import Effect, Motion, Setting
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
@@ -82,6 +82,8 @@ class Physics:
         )
         edges = np.append(flight.grid_s, flight.grid_s[-1] + DT_S)
         self._edges = edges
+        sensor = rig.range_sensor
+        self._chance = chance_of_equals(sensor.resolution_m, sensor.noise_m)
 
     def forces(self, constants: Constants, effects: Active) -> Forces:
         """All stages; see `Forces`."""
@@ -256,7 +258,7 @@ class Physics:
         flight = self._flight
         hold_s = next((v["hold_s"] for e, v in effects if e.name == "sample-and-hold"), 0.0)
         pattern = self._remembered(
-            "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s)
+            "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s, self._chance)
         )
         # Ages are means over what is possible: a reading may seem older than the one before it.
         made_s = np.maximum.accumulate(flight.sample_s - pattern.age_s)

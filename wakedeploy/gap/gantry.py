@@ -9,7 +9,6 @@ file's spreads as priors) are free in every hypothesis, the base one included.
 Everything but the filter is a sum along the flight, linear around the smoothed motion.
 """
 
-import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,7 +17,7 @@ import numpy as np
 
 from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.forces import Forces, Physics
-from wakedeploy.gap.holding import CHANCE, Held, likely_period_s
+from wakedeploy.gap.holding import Held, chance_of_equals, likely_period_s
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.gap.parameters import HOLD, Layout, own_effects
 from wakedeploy.physics.constants import Constants
@@ -62,6 +61,7 @@ class GantryModel:
         self._physics = [Physics(rig, flight) for flight in self.flights]
         self._layouts: dict[Hypothesis, Layout] = {}
         self._own = own_effects(rig)
+        self._held_s: float | None = None
 
     @property
     def episodes(self) -> int:
@@ -91,7 +91,7 @@ class GantryModel:
         rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
         rest_v = flight.rest[:, 1]
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
-        repeat_e, repeat_v = _repeats(flight, forces.held)
+        repeat_e, repeat_v = _repeats(flight, forces.held, _chance(self.rig))
         return Score(
             np.concatenate([density, rest_density, [0.0]]),
             np.concatenate([e, rest_e, repeat_e]),
@@ -133,7 +133,9 @@ class GantryModel:
                     break
                 physics = Physics(self.rig, flight)
             flights.append(flight)
-        return GantryModel(self.rig, flights, self.extra)
+        moved = GantryModel(self.rig, flights, self.extra)
+        moved._held_s = self._held_s  # the samples are the same
+        return moved
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":
         """The model of some of the flights."""
@@ -142,15 +144,16 @@ class GantryModel:
     def _layout(self, hypothesis: Hypothesis) -> "Layout":
         if hypothesis not in self._layouts:
             named = [self.effect(name) for name in hypothesis]
-            held_s = self._held_s if HOLD.partition(".")[0] in hypothesis else 0.0
+            held_s = self._likely_hold_s() if HOLD.partition(".")[0] in hypothesis else 0.0
             self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s)
         return self._layouts[hypothesis]
 
-    @functools.cached_property
-    def _held_s(self) -> float:
+    def _likely_hold_s(self) -> float:
         """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""
-        flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
-        return likely_period_s(flown)
+        if self._held_s is None:
+            flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
+            self._held_s = likely_period_s(flown, _chance(self.rig))
+        return self._held_s
 
     def _filter(
         self,
@@ -236,8 +239,12 @@ def _reading_noise(
     speed = np.interp(forces.taken_s, flight.grid_s, flight.nominal[1])
     variance = variance + forces.held.age_variance_s2 * speed**2
     share = forces.held.probability
-    fresh = (1.0 - share) * CHANCE
+    fresh = (1.0 - share) * _chance(rig)
     return np.asarray(np.where(flight.repeated, variance * (share + fresh) / fresh, variance))
+
+
+def _chance(rig: Rig) -> float:
+    return chance_of_equals(rig.range_sensor.resolution_m, rig.range_sensor.noise_m)
 
 
 def _with_repeats(
@@ -257,13 +264,13 @@ def _with_repeats(
     return mixed, weight * np.where(repeated, np.exp(fresh - mixed), 1.0)
 
 
-def _repeats(flight: Flight, held: Held) -> tuple[FloatArray, FloatArray]:
+def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, FloatArray]:
     """How many repeats there are beyond expectation, and its variance.
 
     Their likelihood is in the samples' densities; this carries its slope to the fit.
     """
     share, repeated = held.probability[flight.counted], flight.repeated[flight.counted]
-    expected = float(np.mean(share + (1.0 - share) * CHANCE))
+    expected = float(np.mean(share + (1.0 - share) * chance))
     excess = float(repeated.mean()) - expected
     return np.array([excess]), np.array([expected * (1.0 - expected) / len(repeated)])
 

@@ -20,7 +20,7 @@ from wakedeploy.physics.series import compiled
 FloatArray = npt.NDArray[np.float64]
 BoolArray = npt.NDArray[np.bool_]
 
-CHANCE = 0.07  # of two fresh readings being equal: 1 mm steps in 4 mm of noise
+_LEAST_CHANCE, _MOST_CHANCE = 0.001, 0.5  # nothing is impossible, nothing certain
 _BINS = 24  # of the phase, at least
 _BIN_S = 0.002
 _TO_NEIGHBOURS = 0.8  # a sampled Gaussian narrower than this would be too narrow
@@ -50,15 +50,33 @@ def not_held(count: int) -> Held:
     return Held(nothing, nothing, nothing)
 
 
+def chance_of_equals(resolution_m: float, noise_m: float) -> float:
+    """How often two fresh readings of a still height are equal, in steps of so much under noise.
+
+    Their difference is normal with √2 times the noise; a narrow step takes its density at zero.
+    """
+    if noise_m <= 0.0:
+        return _MOST_CHANCE
+    share = resolution_m / (2.0 * noise_m * math.sqrt(math.pi))
+    return min(max(share, _LEAST_CHANCE), _MOST_CHANCE)
+
+
 def held(
-    sample_s: FloatArray, repeated: BoolArray, hold_s: float, wander_s: float = _WANDER_S
+    sample_s: FloatArray,
+    repeated: BoolArray,
+    hold_s: float,
+    chance: float,
+    wander_s: float = _WANDER_S,
 ) -> Held:
-    """The pattern of samples (n,) at these times under a clock of period `hold_s` [s]."""
+    """The pattern of samples (n,) at these times under a clock of period `hold_s` [s].
+
+    `chance` is how often two fresh readings are equal.
+    """
     if hold_s <= 0.0:
         return not_held(len(sample_s))
     bins = max(_BINS, round(hold_s / _BIN_S))
     kernel = _wander(wander_s * bins / hold_s)
-    told = _ages(sample_s, repeated, hold_s, bins, _JITTER_S, CHANCE, kernel)
+    told = _ages(sample_s, repeated, hold_s, bins, _JITTER_S, chance, kernel)
     return Held(np.minimum(told[0], _SURE), told[1], told[2])
 
 
@@ -72,9 +90,7 @@ def _wander(deviation_bins: float) -> FloatArray:
     return np.asarray(kernel / kernel.sum())
 
 
-def likely_period_s(
-    samples: Sequence[tuple[FloatArray, BoolArray]],
-) -> float:
+def likely_period_s(samples: Sequence[tuple[FloatArray, BoolArray]], chance: float) -> float:
     """The clock's period [s] that the repeats of some flights are likeliest under.
 
     `samples` are time stamps (n,) and repeats (n,) of each flight. What repeats shows the period
@@ -85,8 +101,8 @@ def likely_period_s(
     def evidence(hold_s: float, wander_s: float) -> float:
         total = 0.0
         for sample_s, repeated in samples:
-            share = held(sample_s, repeated, hold_s, wander_s).probability
-            equal = share + (1.0 - share) * CHANCE
+            share = held(sample_s, repeated, hold_s, chance, wander_s).probability
+            equal = share + (1.0 - share) * chance
             total += float(np.log(np.where(repeated, equal, 1.0 - equal)).sum())
         return total
 

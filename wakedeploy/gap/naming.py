@@ -17,7 +17,7 @@ from wakedeploy.gap.inference import Fit, Hypothesis, applied, fit, held_out
 from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.separation import information
-from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
+from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search, told
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness
 from wakedeploy.physics.effects import LIBRARY
@@ -79,10 +79,15 @@ class Thresholds:
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """One search through the library, on top of the effects `given`."""
+    """One search through the library, on top of the effects `given`.
+
+    `found` is what it took, mostly the best; a better relative of what was given may have been
+    passed over. Rivals are within `near_nats` of it.
+    """
 
     given: tuple[str, ...]
     ranking: tuple[Candidate, ...]
+    found: str = ""
     near_nats: float = CLASS_NATS
 
     def confidence(self, candidate: Candidate) -> float:
@@ -93,9 +98,11 @@ class Round:
 
     @property
     def near(self) -> tuple[Candidate, ...]:
-        """The best and all that cannot be told from it."""
-        best = self.ranking[0].gain_nats
-        return tuple(c for c in self.ranking if c.gain_nats > best - self.near_nats)
+        """What it took (or else the best) and all that cannot be told from it, nor are worse."""
+        taken = next((c for c in self.ranking if c.name == self.found), self.ranking[0])
+        least = taken.gain_nats - self.near_nats
+        others = (c for c in self.ranking if c is not taken and c.gain_nats > least)
+        return (taken, *others)
 
     @property
     def rivals(self) -> tuple[Candidate, ...]:
@@ -175,7 +182,8 @@ def name_effects(
         pass
     base = searched.base
     model, current = _without_idle(searched.model, searched.current)
-    rounds = [r for r in searched.rounds if set(r.given) <= set(current.hypothesis)]
+    left = set(current.hypothesis)
+    rounds = [r for r in searched.rounds if r.found in left or set(r.given) <= left]
     progress("looking for what no effect explains")
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
@@ -199,18 +207,26 @@ def name_effects(
 
 def ranked_by_own_motion(
     model: GantryModel, base: Fit, names: Sequence[str], threshold_nats: float
-) -> tuple[Fit, list[Candidate]]:
+) -> tuple[GantryModel, Fit, list[Candidate]]:
     """The effects on top of a base, best first, the contenders each around its own motion.
 
-    Around the base's motion a friction may show a third of what it gains. Those that gain little
-    beside the threshold, or much less than the best, stay as they were ranked there.
+    Around the base's motion a friction may show a third of what it gains: those near the best and
+    its relatives contend. Those that gain little beside the threshold stay as they were ranked
+    there. Returns the model around the base's motion and the base as well: a better base may have
+    been met, whose motion is another.
     """
-    base, ranked = rank_fairly(model, base, names, least_nats=0.5 * threshold_nats)
-    least = max(ranked[0].gain_nats - _CONTENDING_NATS, _HOPE_SHARE * threshold_nats)
-    near = [c for c in ranked if c.gain_nats > least][:_MOST_CONTENDERS]
-    own = [candidate(base, c.name, refitted(model, c.fit)[1]) for c in near]
+    again, ranked = rank_fairly(model, base, names, least_nats=0.5 * threshold_nats)
+    if again.objective > base.objective + _STILL_NATS:
+        model, again = refitted(model, again)
+        again, ranked = rank_fairly(model, again, names, least_nats=0.5 * threshold_nats)
+    hopeful = [c for c in ranked if c.gain_nats > _HOPE_SHARE * threshold_nats]
+    best = ranked[0]
+    near = [c for c in hopeful if c.gain_nats > best.gain_nats - _CONTENDING_NATS]
+    near = near[:_MOST_CONTENDERS]
+    near += [c for c in hopeful if c not in near and _related(c.name, best.name)]
+    own = [candidate(again, c.name, refitted(model, c.fit)[1]) for c in near]
     others = [c for c in ranked if c.name not in {one.name for one in own}]
-    return base, sorted([*own, *others], key=lambda c: -c.gain_nats)
+    return model, again, sorted([*own, *others], key=lambda c: -c.gain_nats)
 
 
 class _Search:
@@ -235,11 +251,15 @@ class _Search:
         if not left:
             return False
         progress(f"trying {len(left)} effects" + _on_top(self.current.hypothesis))
-        self.current, ranked = ranked_by_own_motion(self.model, self.current, left, least)
+        self.model, self.current, ranked = ranked_by_own_motion(
+            self.model, self.current, left, least
+        )
         if not self.current.hypothesis:
-            self.base = self.current
-        self.rounds.append(Round(self.current.hypothesis, tuple(ranked), self._near_nats))
+            self.base_model, self.base = self.model, self.current
         best = self._chosen(ranked)
+        found = best.name if best is not None else ""
+        given = self.current.hypothesis
+        self.rounds.append(Round(given, tuple(ranked), found, self._near_nats))
         if best is None:
             return False
         self.model, self.current = _settled(self.model, best.fit)
@@ -273,12 +293,11 @@ def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> fl
 
 def _form_nats(name: str, found: Mapping[str, float]) -> float:
     """What a relative of found effects gains where their form is not quite the rig's [nats]."""
-    related = [
-        gain
-        for one, gain in found.items()
-        if name in LIBRARY[one].confused_with or one in LIBRARY[name].confused_with
-    ]
-    return _RELATIVES_SHARE * sum(related)
+    return _RELATIVES_SHARE * sum(gain for one, gain in found.items() if _related(one, name))
+
+
+def _related(one: str, other: str) -> bool:
+    return other in LIBRARY[one].confused_with or one in LIBRARY[other].confused_with
 
 
 def with_terms(model: GantryModel) -> GantryModel:
@@ -335,7 +354,7 @@ def _without_idle(model: GantryModel, current: Fit) -> tuple[GantryModel, Fit]:
 def _expression(
     model: GantryModel, on: Fit, thresholds: Thresholds, most_terms: int = MOST_TERMS
 ) -> Symbolic | None:
-    return search(
+    found = search(
         model,
         on,
         setting=vars(setting_of(model.rig)),
@@ -343,6 +362,16 @@ def _expression(
         wave_nats=thresholds.wave_nats,
         most_terms=most_terms,
     )
+    if found is None:
+        return None
+    own = expressed_by_own_motion(model, on, found)
+    return own if own.gain_nats > min(thresholds.expression_nats, thresholds.wave_nats) else None
+
+
+def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
+    """An expression that was found on top of a fit, around the motion that it explains itself."""
+    _, own = refitted(model, found.fit)
+    return told(on, own, found.terms, vars(setting_of(model.rig)))
 
 
 def _rest(
@@ -390,8 +419,8 @@ def _verdict(
 
 
 def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
-    """The rounds whose best effect cannot be told from others; with few flights, all of them."""
-    settling = [r for r in rounds if r.ranking[0].name in current.hypothesis]
+    """The rounds whose effect cannot be told from others; with few flights, all of them."""
+    settling = [r for r in rounds if r.found in current.hypothesis]
     few = len(current.episodes) < FEWEST_FLIGHTS
     return [searched for searched in settling if few or len(searched.rivals) > 1]
 
@@ -400,7 +429,7 @@ def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[s
     """The effects that an answer commits itself to: of a class, none."""
     if verdict not in ("named", "class"):
         return ()
-    open_ones = {searched.ranking[0].name for searched in _unsettled(rounds, current)}
+    open_ones = {searched.found for searched in _unsettled(rounds, current)}
     return tuple(name for name in current.hypothesis if name not in open_ones)
 
 

@@ -69,7 +69,7 @@ class Layout:
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
         self.free = tuple(
             replace(f, starts=(held_s,), scanned=_around(held_s), step=_JAGGED_S, finest=_JAGGED_S)
-            if f.name == HOLD
+            if f.name == HOLD and held_s > 0.0  # the rig's own hold is known
             else f
             for f in free
         )

@@ -5,7 +5,7 @@ In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -117,6 +117,7 @@ def rank_fairly(
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
         start = np.array([known.get(n, v) for n, v in zip(base.names, base.theta, strict=True)])
         again = fit(model, base.hypothesis, base.episodes, start)
+        again = replace(again, summits=base.summits)  # which its interval goes on spanning
         bettered, base = again.objective - base.objective, max(base, again, key=_objective)
         if bettered < _LEDGE_NATS:  # no other valley, in which others would climb elsewhere
             break

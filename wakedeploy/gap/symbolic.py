@@ -130,7 +130,7 @@ def search(
     one.drop_idle()
     if not one.chosen:
         return None
-    return _told(base, one.current, [terms[name] for name in one.chosen], setting)
+    return told(base, one.current, tuple(one.chosen), setting, terms)
 
 
 def to_effect(
@@ -292,9 +292,15 @@ def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce])
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))
 
 
-def _told(
-    base: Fit, fitted: Fit, chosen: Sequence[ExpressionForce], setting: Mapping[str, float]
+def told(
+    base: Fit,
+    fitted: Fit,
+    names: Sequence[str],
+    setting: Mapping[str, float],
+    terms: Mapping[str, ExpressionForce] = TERMS,
 ) -> Symbolic:
+    """The terms of these names in a fit as one expression, and what they gain over a base."""
+    chosen = [terms[name] for name in names]
     formulas, texts = list[str](), list[str]()
     coefficients = list[Coefficient]()
     for term in chosen:

@@ -25,7 +25,13 @@ from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
-from wakedeploy.gap.naming import Thresholds, fitted_base, ranked_by_own_motion, with_terms
+from wakedeploy.gap.naming import (
+    Thresholds,
+    expressed_by_own_motion,
+    fitted_base,
+    ranked_by_own_motion,
+    with_terms,
+)
 from wakedeploy.gap.symbolic import SEARCHED, search
 from wakedeploy.gap.terms import is_wave_in_time
 from wakedeploy.gap.whiteness import whiteness
@@ -39,7 +45,7 @@ SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-_VERSION = 6  # of what is simulated; another one starts the cache anew
+_VERSION = 7  # of what is simulated; another one starts the cache anew
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -165,7 +171,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     ]
     model, base = fitted_base(with_terms(GantryModel(rig, flights)))
     names = [n for n in LIBRARY if n not in {e.name for e in rig.effect}]
-    base, ranked = ranked_by_own_motion(model, base, names, _LEAST_RANKED_NATS)
+    model, base, ranked = ranked_by_own_motion(model, base, names, _LEAST_RANKED_NATS)
     waves = [name for name in SEARCHED if is_wave_in_time(name)]
     others = [name for name in SEARCHED if not is_wave_in_time(name)]
     return NullSet(
@@ -182,7 +188,9 @@ def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) ->
     """What the best term gains, also one that the workflow would not have looked at twice."""
     setting = vars(setting_of(rig))
     found = search(model, base, setting=setting, names=names, least_nats=0.1, most_terms=1)
-    return found.gain_nats if found is not None else 0.0
+    if found is None:
+        return 0.0
+    return max(expressed_by_own_motion(model, base, found).gain_nats, 0.0)
 
 
 def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
