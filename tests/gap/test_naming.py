@@ -9,6 +9,7 @@ from recorded import RIG, SECONDS, changed, flown, with_effects
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.close import Case, find, name
+from wakedeploy.gap.detecting import detectable
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import read_flights
 from wakedeploy.gap.gantry import GantryModel
@@ -23,14 +24,15 @@ from wakedeploy.gap.naming import (
     _Search,
     _unsettled,
     _without_idle,
-    detectable,
     expressed_by_own_motion,
     fitted_base,
     name_effects,
+    ranked_by_own_motion,
     with_terms,
 )
 from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.symbolic import search
+from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter
@@ -259,10 +261,28 @@ def test_confidence_is_shared_with_nothing_and_the_rivals() -> None:
 
 def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -> None:
     sizes = detectable(nothing)
-    for effect, parameter in (("command-latency", "latency_s"), ("coulomb-friction", "coulomb_n")):
+    for effect, parameter in (("ground-effect", "gain"), ("coulomb-friction", "coulomb_n")):
         told = sizes[effect]
         assert told["parameter"] == parameter
         assert 0.0 < told["size"] < STRONG[effect][parameter][0]
+        assert told["known"]
+
+
+def test_a_hidden_effect_of_the_size_told_gains_what_it_must(nothing) -> None:
+    """15 nats and as many again for chance: half to twice of it."""
+    size_n = detectable(nothing)["coulomb-friction"]["size"]
+    rubbing = constants_of(RIG)["rail.coulomb_n"] + size_n
+    truth = with_effects(coulomb_friction={"coulomb_n": (rubbing, "N")})
+    model, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in SEEDS]))
+    _, _, (found,) = ranked_by_own_motion(model, base, ["coulomb-friction"], LIMITS.effect_nats)
+    assert 0.5 < found.gain_nats / (2.0 * LIMITS.effect_nats) < 2.0
+
+
+def test_no_size_is_told_of_what_is_far_from_linear(nothing) -> None:
+    """A dead band does nothing at first; 7 us of it are found, whatever its slope at zero says."""
+    assert detectable(nothing)["pwm-dead-band"] == {
+        "parameter": "band_us", "size": None, "unit": "us", "known": False,
+    }  # fmt: skip
 
 
 def written(tmp_path, variant: str):

@@ -284,6 +284,8 @@ def _detectable(result: Mapping[str, Any]) -> list[str]:
     sizes = detectable_sizes(result)
     hidden = undetectable(result)
     blind = [f"No plausible size of these would have shown: {listed(hidden)}."] if hidden else []
+    if bent := untold(result):
+        blind.append(f"From which size these would have shown is not known: {listed(bent)}.")
     if not sizes:
         return blind
     shown = [f"{name}, {parameter} off by {size}" for name, parameter, size in sizes[:_MOST]]
@@ -307,10 +309,21 @@ def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
 
 def undetectable(result: Mapping[str, Any]) -> list[str]:
     """Effects that would not have been found at any size within their bounds."""
+    return _sizeless(result, known=True)
+
+
+def untold(result: Mapping[str, Any]) -> list[str]:
+    """Effects that are so far from linear that no size can be told without flying them."""
+    return _sizeless(result, known=False)
+
+
+def _sizeless(result: Mapping[str, Any], *, known: bool) -> list[str]:
     return [
         str(name)
         for name, size in mapping(result.get("detectable")).items()
-        if isinstance(size, Mapping) and math.isnan(number(size.get("size")))
+        if isinstance(size, Mapping)
+        and math.isnan(number(size.get("size")))
+        and bool(size.get("known", True)) is known
     ]
 
 

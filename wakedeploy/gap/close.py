@@ -17,6 +17,7 @@ import numpy as np
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.gap.detecting import detectable
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.gantry import GantryModel
@@ -26,7 +27,6 @@ from wakedeploy.gap.naming import (
     Answer,
     Round,
     Thresholds,
-    detectable,
     fitted_base,
     name_effects,
     refitted,
@@ -177,6 +177,10 @@ def add(
     kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
     corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
     forget(out, "add")
+    if (out / "rig.toml").exists():
+        raise UnusableInput(
+            f"{out / 'rig.toml'}: not as `gap add` wrote it; move it away, or give another --out."
+        )
     corrected.write(out / "rig.toml")
     told = {
         "rig": "rig.toml",
@@ -196,14 +200,14 @@ def show_gap(
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
-    UnusableInput where `name` has not run. Without an `answer`, the corrected rig file's effects
-    are fitted again to the same flights.
+    UnusableInput where `name` has not run. Without an `answer`, the search of `name` is repeated:
+    its fits are not kept in files.
     `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown.
     """
     require(out, "name", case.rig.sha256, case.recordings)
     progress("showing the gap on sealed flights")
     added = [e["name"] for e in read_steps(out).add.get("effects", ())]
-    answer = answer or _refitted(case)
+    answer = answer or _again(case, progress)
     model, corrected = _corrected(case, answer, added, out)
     answer = Answer(**(vars(answer) | {"model": model}))
     sealed = case.sealed or case.flights
@@ -418,10 +422,10 @@ def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
     return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
 
 
-def _refitted(case: Case) -> Answer:
+def _again(case: Case, progress: Progress) -> Answer:
     """What `show` needs of an answer when it runs as a command of its own."""
     model = GantryModel(case.rig, case.flights)
-    return name_effects(case.rig, model, case.thresholds, share=case.share)
+    return name_effects(case.rig, model, case.thresholds, progress, share=case.share)
 
 
 def _corrected(

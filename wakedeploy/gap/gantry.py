@@ -275,6 +275,17 @@ def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, Flo
     return np.array([excess]), np.array([expected * (1.0 - expected) / len(repeated)])
 
 
+def _nearest(times_s: FloatArray, wanted_s: FloatArray) -> np.typing.NDArray[np.int64]:
+    """Indices of the times nearest to the wanted ones (m,); a held reading's are not in order."""
+    order = np.argsort(times_s, kind="stable")
+    ordered = times_s[order]
+    after = np.clip(np.searchsorted(ordered, wanted_s), 1, max(len(ordered) - 1, 1))
+    after = np.minimum(after, len(ordered) - 1)
+    before = np.maximum(after - 1, 0)
+    earlier = wanted_s - ordered[before] <= ordered[after] - wanted_s
+    return np.asarray(order[np.where(earlier, before, after)])
+
+
 def _compared(
     flight: Flight,
     forces: Forces,
@@ -288,7 +299,7 @@ def _compared(
     for h, count in enumerate(steps):
         step_of, _ = placed(flight.grid_s, forces.taken_s)
         then_s = flight.grid_s[np.minimum(step_of + count, len(flight.grid_s) - 1)]
-        nearest = np.abs(forces.taken_s[:, None] - then_s[None, :]).argmin(axis=0)
+        nearest = _nearest(forces.taken_s, then_s)
         slope = forces.expected[1]
         offset = forces.expected[0] - slope * flight.nominal[0, step_of]
         reading_s = forces.taken_s[nearest]

@@ -8,7 +8,7 @@ when it is no longer needed. What no effect explains is looked for as an express
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, applied, fit, held_out
 from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, candidate, rank_fairly, scanned_starts
-from wakedeploy.gap.separation import information
 from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search, told
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness
@@ -36,7 +35,6 @@ _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own 
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
 _DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
-_SURE_SD = 0.8416  # the normal quantile of four in five
 _SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
 _STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
@@ -431,25 +429,6 @@ def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[s
         return ()
     open_ones = {searched.found for searched in _unsettled(rounds, current)}
     return tuple(name for name in current.hypothesis if name not in open_ones)
-
-
-def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
-    """For each effect the size of its first parameter that four data sets of five would show.
-
-    A gain of I nats on the average scatters by √(2 I).
-    """
-    least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
-    nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
-    sizes = {}
-    for name in LIBRARY:
-        if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:
-            continue
-        known = information(answer.model, answer.fit, name)[0, 0]
-        parameter = LIBRARY[name].parameters[0]
-        widest = parameter.high - parameter.low
-        size = math.sqrt(2.0 * nats / known) if known > 2.0 * nats / widest**2 else None
-        sizes[name] = {"parameter": parameter.name, "size": size, "unit": parameter.unit}
-    return sizes
 
 
 def _on_top(found: Sequence[str]) -> str:

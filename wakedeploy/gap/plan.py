@@ -92,7 +92,8 @@ class Plan:
         return (
             f"To split {members}, fly {best.manoeuvre.name} ({best.manoeuvre.description}): "
             f"{flights} of {best.seconds:.0f} s, rests included; the closest pair then differs by "
-            f"{_expected(best):.0f} nats."
+            f"{_expected(best):.0f} nats. Give these logs before the earlier ones: the last are "
+            "sealed, and nothing is learned from them."
         )
 
     def as_json(self) -> dict[str, Any]:

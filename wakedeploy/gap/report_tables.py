@@ -16,6 +16,7 @@ from wakedeploy.gap.account import (
     unchanged,
     undetectable,
     unit_of,
+    untold,
     whiteness_words,
 )
 from wakedeploy.gap.telling import (
@@ -94,6 +95,7 @@ def detectable_table(name: Artefact) -> Markup:
     """
     rows = [list(row) for row in detectable_sizes(name)]
     rows += [[hidden, UNKNOWN, "no plausible size"] for hidden in undetectable(name)]
+    rows += [[bent, UNKNOWN, "not known: far from linear"] for bent in untold(name)]
     inside = table(["effect", "parameter", "off by"], rows)
     title = "What these flights would have shown"
     if not rows or name.get("verdict") == "none":

@@ -328,11 +328,12 @@ def gain_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
     return np.array([0.5 * float(w @ information @ w) for w in evidence.whole])
 
 
-def information(model: Model, base: Fit, name: str) -> FloatArray:
+def information(model: Model, base: Fit, name: str, size: float | None = None) -> FloatArray:
     """Fisher information of an effect's own parameters (k, k), everything free readjusted.
 
     At the point where the effect is not there: half of it times a size squared is what an effect of
-    that size gains [nats]. An effect that moves a calibrated constant is seen against its prior.
+    that size gains [nats]; with `size`, from the change that this size of its parameters makes. An
+    effect that moves a calibrated constant is seen against its prior.
     """
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
@@ -347,8 +348,9 @@ def information(model: Model, base: Fit, name: str) -> FloatArray:
             columns.append(known[:, calibrated[f.quantity]])
             continue
         moved = theta.copy()
-        moved[i] += f.step
-        columns.append(np.concatenate(changes(model, base, hypothesis, moved)) / f.step)
+        step = f.step if size is None else size
+        moved[i] += step
+        columns.append(np.concatenate(changes(model, base, hypothesis, moved)) / step)
     span = np.stack(columns, axis=1)
     prior = np.sqrt(prior_precision(base.free))
     q, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))

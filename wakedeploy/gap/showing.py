@@ -61,10 +61,9 @@ def show(
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
     `in_sample` says that the flights shown are those that were fitted, none being sealed.
     """
-    after_fit = corrected if corrected is not None else answer.base
     extra = {**with_terms(answer.model).extra, **answer.model.extra}
     before = Shown.of(_line(GantryModel(answer.model.rig, sealed, extra), answer.base), answer.base)
-    after = Shown.of(before.model, after_fit)
+    after = before if corrected is None else Shown.of(before.model, corrected)
     gain = _log_density(after) - _log_density(before)
     result: dict[str, Any] = {
         "shown_on": [flight.name for flight in sealed],
@@ -72,7 +71,7 @@ def show(
         "in_sample": in_sample,
         "gap": gaps(before, after),
         "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": _placebo(answer, after_fit.hypothesis, before, gain),
+        "placebo": _placebo(answer, after.fit.hypothesis, before, gain),
         "white": {"before": _white(before, answer), "after": _white(after, answer)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),

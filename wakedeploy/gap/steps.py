@@ -111,7 +111,8 @@ def prepare(folder: Path, rig_path: Path) -> None:
 def forget(folder: Path, first: str) -> None:
     """Remove what `first` and the steps after it left in an earlier run, their rig file included.
 
-    A `rig.toml` that another hand has written or changed stays.
+    So are the report, its figures and the plan, which tell of what is removed. A `rig.toml` that
+    another hand has written or changed stays.
     """
     stale = STEPS[STEPS.index(first) :]
     if "add" in stale:
@@ -121,6 +122,10 @@ def forget(folder: Path, first: str) -> None:
             rig.unlink()
     for step in stale:
         (folder / f"{step}.json").unlink(missing_ok=True)
+    for drawn in (folder / "report.html", *(folder / "figures").glob("*.png")):
+        drawn.unlink(missing_ok=True)
+    if "name" in stale:
+        (folder / "plan.json").unlink(missing_ok=True)
 
 
 def require(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> None:
