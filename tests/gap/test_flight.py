@@ -236,6 +236,17 @@ def test_a_clock_that_jumps_is_refused_and_a_short_gap_is_noted(log) -> None:
     assert flight_from_log(log, RIG, "x").notes == ()
 
 
+def test_what_had_to_be_assumed_of_a_log_is_said(log) -> None:
+    blind = RunLog(
+        {**log.columns, "applied_time_s": np.full(len(log), np.nan),
+         "steps": np.full(len(log), 120.0), "source_cmd_us": np.full(len(log), 1000.0)},
+        {k: v for k, v in log.metadata.items() if not k.startswith("rig_")},
+    )  # fmt: skip
+    notes = " ".join(flight_from_log(blind, RIG, "x").notes)
+    for word in ("servo frame", "rig file", "carriage stands still", "source is off"):
+        assert word in notes
+
+
 def test_another_rig_is_refused_and_another_effect_is_not(log, tmp_path) -> None:
     path = tmp_path / "a.mcap"
     log.write_mcap(path)

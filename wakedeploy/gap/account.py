@@ -6,6 +6,7 @@ In: `result.json`, or more (see `steps.Steps.summary`). Out: sentences.
 import math
 import re
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.naming import FEWEST_FLIGHTS
@@ -79,7 +80,7 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
     told += _gap(result) + _placebo(result) + _retraining(result)
     if verdict == "none":
         told += _detectable(result)
-    return told + _caveats(result)
+    return told + _caveats(result) + _doubts(result)
 
 
 def _class_sentence(members: list[str], named: list[str]) -> str:
@@ -276,7 +277,15 @@ def _retraining(result: Mapping[str, Any]) -> list[str]:
         where = "on the very flights that the effect was found in"
     else:
         where = f"on {counted(scored, 'sealed flight')}" if scored else "on measured data"
-    return [f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."]
+    told = f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."
+    by_old = mapping(retrain.get("by_old_label"))
+    if by_old:
+        old, new = (quantity(by_old.get(key), unit) for key in ("old_rmse", "new_rmse"))
+        told += (
+            " The force there is measured with the corrected rig; by the force that the old one "
+            f"measures, {new} and {old}."
+        )
+    return [told]
 
 
 def _detectable(result: Mapping[str, Any]) -> list[str]:
@@ -340,6 +349,19 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
     white = mapping(result.get("white"))
     if white.get("passes") is False and result.get("verdict") == "unknown":
         told.append(f"What is left over is not white noise ({whiteness_words(white)}).")
+    return told
+
+
+def _doubts(result: Mapping[str, Any]) -> list[str]:
+    """What the flights cannot tell, or what had to be assumed of them, each said once."""
+    logs = entries(result.get("logs"))
+    doubts = dict.fromkeys(note for log in logs for note in texts(log.get("notes")))
+    told = []
+    for doubt in doubts:
+        doubtful = [log for log in logs if doubt in texts(log.get("notes"))]
+        names = [Path(str(log.get("path"))).name for log in doubtful]
+        where = "every flight" if len(names) == len(logs) else listed(names)
+        told.append(f"In {where}: {doubt}.")
     return told
 
 

@@ -36,6 +36,8 @@ _GAP_S = 0.1  # between samples
 _JUMP_S = 0.25  # a clock that jumps by more between ticks is not one run
 _FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
+_CARRIAGE_MOVED_M = 0.02
+_IDLE_US = 20.0  # above the idle pulse a motor turns
 _AT_REST = ("ARMED", "DISARMED")
 OUTLIER = np.array([0.01, 0.1**2])  # probability, and variance [m²] of what strays
 
@@ -157,7 +159,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         take_off_s=float(t_s[flying][0]),
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
-        notes=notes,
+        notes=(*notes, *_doubts(log, rig, x_m, flying)),
         battery_v=_battery(log, t_s, grid_s),
         references=_references(log, fresh),
     )
@@ -290,19 +292,48 @@ def _mcu_output(arrivals_s: FloatArray, command_us: FloatArray, rig: Rig) -> Lin
     return Line(np.array(times), np.array(values))
 
 
+def _doubts(
+    log: RunLog, rig: Rig, x_m: FloatArray, flying: npt.NDArray[np.bool_]
+) -> tuple[str, ...]:
+    """What a flight cannot tell, or what had to be assumed of it, in words."""
+    doubts = []
+    if rig.disturbance.esc_frame_s > 0.0 and _frame_phase_s(log, rig) is None:
+        doubts.append(
+            "applied_time_s does not tell when the ESCs take a pulse: the middle of the servo "
+            "frame is assumed, and a latency is uncertain by half a frame"
+        )
+    if log.metadata.get("rig_sha256") is None:
+        doubts.append(
+            "the log does not say with which rig file it was flown; the given one is assumed"
+        )
+    if float(np.ptp(x_m)) < _CARRIAGE_MOVED_M:
+        doubts.append("the carriage stands still: it cannot tell where the wake is, nor how wide")
+    idle_us = rig.limits.pulse_us[0] + _IDLE_US
+    if float(np.nanmax(log["source_cmd_us"][flying])) < idle_us:
+        doubts.append("the source is off: nothing is learned of the wake")
+    return tuple(doubts)
+
+
+def _frame_phase_s(log: RunLog, rig: Rig) -> float | None:
+    """When within a servo frame [s] the ESCs take a pulse; None where the log does not tell."""
+    applied = log["applied_time_s"]
+    applied = applied[np.isfinite(applied)]
+    applied = applied[applied > 0.0]
+    if len(applied) <= 20:
+        return None
+    turn = np.exp(2j * np.pi * applied / rig.disturbance.esc_frame_s).mean()
+    if abs(turn) <= 0.7:
+        return None
+    return float(np.angle(turn) / (2 * np.pi) * rig.disturbance.esc_frame_s)
+
+
 def _frames(log: RunLog, rig: Rig, grid_s: FloatArray) -> FloatArray:
     """Times at which the ESCs take a pulse: the servo frame's phase is in `applied_time_s`."""
     frame_s = rig.disturbance.esc_frame_s
     if frame_s <= 0.0:
         return grid_s.copy()
-    applied = log["applied_time_s"]
-    applied = applied[np.isfinite(applied)]
-    applied = applied[applied > 0.0]
-    phase_s = 0.5 * frame_s
-    if len(applied) > 20:
-        turn = np.exp(2j * np.pi * applied / frame_s).mean()
-        if abs(turn) > 0.7:
-            phase_s = float(np.angle(turn) / (2 * np.pi) * frame_s)
+    told_s = _frame_phase_s(log, rig)
+    phase_s = 0.5 * frame_s if told_s is None else told_s
     first = np.floor((grid_s[0] - phase_s) / frame_s)
     count = int((grid_s[-1] - grid_s[0]) / frame_s) + 2
     return np.asarray(phase_s + frame_s * (first + np.arange(count)))

@@ -87,7 +87,8 @@ def sentences(power: Power) -> list[str]:
         sensor, gained = bought
         told.append(
             f"The sensor that helps most is the {sensor.name} ({sensor.description}, about "
-            f"{sensor.euros:.0f} €): it names {_listed(gained)} as well."
+            f"{sensor.euros:.0f} €): it names {_listed(gained)} as well. Run logs have no place "
+            "for it yet: what it reads is for you to hold against the class."
         )
     costly = max(power.effects, key=lambda e: e.cost_mm if e.cost_mm is not None else np.inf)
     cost = (

@@ -104,7 +104,9 @@ PICTURES = (
     Picture(
         "before_after",
         "The gap per channel on the flights shown, with 90 % intervals; dashed, what noise alone "
-        "leaves. Closed: (before² − after²) / (before² − floor²), no more than 100 %.",
+        "leaves. Closed: (before² − after²) / (before² − floor²), no more than 100 %. Noise and "
+        "calibration are fitted before and after; the new rig file has the effect alone, with the "
+        "calibration as it was.",
         lambda steps: report_figures.draw_gaps(steps.show),
     ),
     Picture(
@@ -129,7 +131,8 @@ PICTURES = (
     Picture(
         "retraining",
         "Predictors trained on the old and on the corrected simulation, scored on the flights that "
-        "are shown here, with 90 % intervals over flights where there are several.",
+        "are shown here, with 90 % intervals over flights where there are several. The force is "
+        "measured with the corrected rig for both.",
         lambda steps: report_figures.draw_retraining(steps.show),
     ),
 )

@@ -69,9 +69,10 @@ def retrain(
     force itself has, and `measured_rms`, its size; `scored_on`, the flights' names.
 
     The force is measured from the logs with the *corrected* rig for both predictors, since the
-    thrust's lag has to be taken off to see it. A predictor learns the drag of the wake alone: an
-    effect that cuts thrust, or adds another force, is in the measured force but not in either
-    simulation's label, and raises both errors.
+    thrust's lag has to be taken off to see it. A wrong name would favour its own predictor there,
+    so `by_old_label` tells the same errors on the force as the *old* rig measures it. A predictor
+    learns the drag of the wake alone: an effect that cuts thrust, or adds another force, is in the
+    measured force but not in either simulation's label, and raises both errors.
 
     Raises UnusableInput without logs, for logs without a flight long enough, or an architecture
     that does not exist.
@@ -90,11 +91,13 @@ def retrain(
     progress("measuring the force in the flights")
     names = [f"flight{i}" for i in range(len(measured))]
     logs = {name: _opened(log) for name, log in zip(names, measured, strict=True)}
-    truth = measured_set(logs, new)
+    truth, by_old = measured_set(logs, new), measured_set(logs, old)
     progress("scoring both predictors on them")
+    predictors = {name: read_package(path) for name, path in packages.items()}
     return {
         "unit": "N",
-        **_scores({name: read_package(path) for name, path in packages.items()}, truth),
+        **_scores(predictors, truth),
+        "by_old_label": _scores(predictors, by_old),
         "scored_on": [
             str(log) if isinstance(log, Path) else names[i] for i, log in enumerate(measured)
         ],
