@@ -32,6 +32,7 @@ from wakedeploy.physics.effects import LIBRARY
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
 _NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
+_MUCH_MORE = 3.0  # times what the thresholds were simulated for
 _LITTLE = 0.2  # of the gain of what was found; a wrong effect may imitate so much
 _MOST = 8  # of a long list on the terminal; the report shows all
 
@@ -241,6 +242,8 @@ def _judged_on(result: Mapping[str, Any]) -> str:
     sealed = texts(result.get("sealed"))
     if result.get("in_sample"):
         return "On the very flights that it was fitted to"
+    if result.get("cross_validated"):
+        return "On each flight, with sizes fitted to the others"
     if not sealed:
         return "In these flights"
     return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
@@ -273,7 +276,7 @@ def _retraining(result: Mapping[str, Any]) -> list[str]:
     unit = unit_of(retrain)
     old, new = (quantity(retrain.get(key), unit) for key in ("old_rmse", "new_rmse"))
     scored = len(texts(retrain.get("scored_on")))
-    if result.get("in_sample"):
+    if result.get("in_sample") or result.get("cross_validated"):
         where = "on the very flights that the effect was found in"
     else:
         where = f"on {counted(scored, 'sealed flight')}" if scored else "on measured data"
@@ -340,11 +343,21 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
     told = []
     if entries(result.get("effects")) or gap_channel(result)[1].get("before_interval"):
         told.append("In brackets: 90 % intervals.")
-    if result.get("in_sample"):
+    if result.get("in_sample") or result.get("cross_validated"):
         told.append("There were too few flights to seal any: the gap may look smaller than it is.")
     if _flights(result) == 1:
         told.append(
             "With a single flight nothing can be held out: a hint, not a finding. Fly more."
+        )
+    used = texts(mapping(result.get("split")).get("fit"))
+    logs = [log for log in entries(result.get("logs")) if log.get("path") in used]
+    flown_s = sum(number(log.get("seconds")) for log in logs)
+    simulated_s = number(result.get("threshold_of_s"))
+    if flown_s > _MUCH_MORE * simulated_s:
+        told.append(
+            f"The thresholds were simulated for {simulated_s:.0f} s of flight, these are "
+            f"{flown_s:.0f} s: what is approximate in the model shows more in so many, and an "
+            "effect that barely passed may be that."
         )
     white = mapping(result.get("white"))
     if white.get("passes") is False and result.get("verdict") == "unknown":

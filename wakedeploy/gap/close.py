@@ -38,7 +38,7 @@ from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.gap.symbolic import to_effect
-from wakedeploy.gap.threshold import thresholds_for
+from wakedeploy.gap.threshold import FLIGHTS, SECONDS, thresholds_for
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
@@ -59,7 +59,7 @@ class Case:
 
     @property
     def in_sample(self) -> bool:
-        """Too few flights to seal any: what is shown was also fitted."""
+        """Too few flights to seal any: what is shown was also found in them."""
         return not self.sealed
 
     @property
@@ -142,6 +142,7 @@ def name(
         "rest": answer.rest.as_json() if answer.rest is not None else None,
         "beside": [_effect(answer, n) for n in _beside(answer)],
         "white": answer.white.as_json(answer.thresholds.whiteness),
+        "threshold_of_s": FLIGHTS * SECONDS,
         "noise": _noise(answer.fit),
         "seconds": time.monotonic() - started,
     }
@@ -234,6 +235,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "verdict": named.get("verdict"),
         "effects": named.get("effects", []),
         "class": named.get("class", []),
+        "others": named.get("others", []),
         "where": [
             {k: p[k] for k in _WHERE} | {"words": p["words"]} for p in steps.find.get("places", ())
         ],
@@ -245,6 +247,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "rest": named.get("rest"),
         "as_if": shown.get("as_if", []),
         "in_sample": shown.get("in_sample"),
+        "cross_validated": shown.get("cross_validated"),
         "detectable": named.get("detectable", {}),
         "flights": len(case.flights) + len(case.sealed),
     }

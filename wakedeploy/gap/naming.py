@@ -29,7 +29,7 @@ Progress = Callable[[str], None]
 CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
 MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
-_SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 1, 4: 1, 5: 1}, 2
+_SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
@@ -44,7 +44,10 @@ _MOST_CONTENDERS = 4
 
 
 def sealed_count(flights: int) -> int:
-    """How many of so many flights are sealed, for the gap to be shown on; the last ones."""
+    """How many of so many flights are sealed, for the gap to be shown on; the last ones.
+
+    Of three, none: two would be too few to find anything in. Each is then left out in turn.
+    """
     return _SEALED.get(flights, _MOST_SEALED)
 
 

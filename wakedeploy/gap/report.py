@@ -298,6 +298,11 @@ def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
 
 def _judging(show: Mapping[str, Any]) -> str:
     sealed = texts(show.get("sealed"))
+    if show.get("cross_validated"):
+        return (
+            "Judged on each flight with sizes fitted to the others; what to fit was chosen with "
+            "all of them, as there were too few to keep one apart."
+        )
     if show.get("in_sample") or not sealed:
         return (
             "Judged in sample, on the very flights that it was fitted to: there were too few to "

@@ -1,4 +1,6 @@
-"""The gap before and after, on flights that nothing was fitted to where there are enough.
+"""The gap before and after, on flights that nothing was fitted to.
+
+Where there are too few to seal any, each is shown with the sizes that the others say.
 
 In: an answer and the flights to show. Out: `show.json`: errors per channel with intervals and the
 noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
@@ -6,7 +8,7 @@ parameters, the middle one of those, which must not help.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +17,7 @@ from scipy.stats import t as student_t
 from wakedeploy.gap.finding import HORIZONS_S
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied
+from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied, fit
 from wakedeploy.gap.naming import Answer, refitted, with_terms, without_effects
 from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
@@ -33,10 +35,15 @@ _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """Sealed flights under one fit, around the motion that this fit explains."""
+    """Flights under a hypothesis, around the motion that it explains.
+
+    `by_flight` are the fits whose parameters each flight is shown with, none fitted to that flight
+    where there are several; `fit` has all flights' scores.
+    """
 
     model: GantryModel
     fit: Fit
+    by_flight: tuple[Fit, ...]
 
     @classmethod
     def of(cls, model: GantryModel, fitted: Fit) -> "Shown":
@@ -45,7 +52,20 @@ class Shown:
         It begins around the motion that `model` has: best that of something simpler.
         """
         near = model.around_own_motion(fitted)
-        return cls(near, applied(near, fitted))
+        return cls(near, applied(near, fitted), (fitted,) * near.episodes)
+
+    @classmethod
+    def left_out(cls, model: GantryModel, fits: Sequence[Fit]) -> "Shown":
+        """Each flight under the fit to the others, (E,) fits of one hypothesis."""
+        each = [cls.of(model.only([i]), fitted) for i, fitted in enumerate(fits)]
+        near = GantryModel(model.rig, [one.model.flights[0] for one in each], model.extra)
+        scores = tuple(one.fit.slopes.scores[0] for one in each)
+        density = np.concatenate([one.fit.per_episode for one in each])
+        episodes = tuple(range(len(fits)))
+        joined = replace(
+            each[0].fit, episodes=episodes, slopes=Slopes(scores, (), ()), per_episode=density
+        )
+        return cls(near, joined, tuple(fits))
 
 
 def show(
@@ -59,19 +79,25 @@ def show(
     """`show.json`, without the predictors of `retrain`.
 
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
-    `in_sample` says that the flights shown are those that were fitted, none being sealed.
+    `in_sample` says that the flights shown are those that were fitted, none being sealed: each is
+    then left out in turn, unless there is but one.
     """
     extra = {**with_terms(answer.model).extra, **answer.model.extra}
-    before = Shown.of(_line(GantryModel(answer.model.rig, sealed, extra), answer.base), answer.base)
-    after = before if corrected is None else Shown.of(before.model, corrected)
+    crossed = in_sample and len(sealed) > 1
+    begin = _line(GantryModel(answer.model.rig, sealed, extra), answer.base)
+    before = _under(begin, answer.base_model, answer.base, crossed)
+    after = before
+    if corrected is not None:
+        after = _under(before.model, answer.model, corrected, crossed)
     gain = _log_density(after) - _log_density(before)
     result: dict[str, Any] = {
         "shown_on": [flight.name for flight in sealed],
         "sealed": [] if in_sample else [flight.name for flight in sealed],
-        "in_sample": in_sample,
+        "in_sample": in_sample and not crossed,
+        "cross_validated": crossed,
         "gap": gaps(before, after),
         "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": _placebo(answer, after.fit.hypothesis, before, gain),
+        "placebo": _placebo(answer, after.fit.hypothesis, before, gain, crossed),
         "white": {"before": _white(before, answer), "after": _white(after, answer)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),
@@ -79,6 +105,15 @@ def show(
         "retrain": None,
     }
     return result
+
+
+def _under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
+    """The flights under a fit, or each under what the others of them say (`crossed`)."""
+    if not crossed:
+        return Shown.of(flights, fitted)
+    others = [[j for j in range(flights.episodes) if j != i] for i in range(flights.episodes)]
+    fits = [fit(fitted_in, fitted.hypothesis, some, fitted.theta) for some in others]
+    return Shown.left_out(flights, fits)
 
 
 def gaps(before: Shown, after: Shown) -> dict[str, Any]:
@@ -108,7 +143,7 @@ def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
     """Errors per block of two seconds, over all sealed flights."""
     blocks = []
     for episode in range(shown.model.episodes):
-        ahead = shown.model.forecasts(shown.fit, episode, (horizon_s,))
+        ahead = shown.model.forecasts(shown.by_flight[episode], episode, (horizon_s,))
         error = ahead.measured_m[0] - ahead.forecast_m[0]
         number = np.floor((ahead.at_s - ahead.at_s[0]) / _BLOCK_S)
         known = np.isfinite(error)
@@ -134,7 +169,7 @@ def _rms_interval(blocks: Sequence[FloatArray]) -> list[float]:
 
 def _expected(shown: Shown, horizon_s: float) -> float:
     variance = [
-        shown.model.forecasts(shown.fit, i, (horizon_s,)).variance_m2[0]
+        shown.model.forecasts(shown.by_flight[i], i, (horizon_s,)).variance_m2[0]
         for i in range(shown.model.episodes)
     ]
     return float(np.sqrt(np.nanmean(np.concatenate(variance))))
@@ -142,8 +177,10 @@ def _expected(shown: Shown, horizon_s: float) -> float:
 
 def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dict[str, Any]:
     """Mean residual in bins of one coordinate, before and after."""
-    old = [residuals(before.model, before.fit, channel, i) for i in range(before.model.episodes)]
-    new = [residuals(after.model, after.fit, channel, i) for i in range(after.model.episodes)]
+    old, new = (
+        [residuals(shown.model, each, channel, i) for i, each in enumerate(shown.by_flight)]
+        for shown in (before, after)
+    )
     where = np.concatenate([s.coordinates[coordinate] for s in old])
     edges = np.unique(np.quantile(where[np.isfinite(where)], np.linspace(0.0, 1.0, _BINS + 1)))
     return {
@@ -186,14 +223,14 @@ def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
 
 
 def _placebo(
-    answer: Answer, hypothesis: Hypothesis, before: Shown, found_nats: float
+    answer: Answer, hypothesis: Hypothesis, before: Shown, found_nats: float, crossed: bool
 ) -> dict[str, Any]:
     """A wrong effect in the place of what was found, fitted and shown likewise; {} without any."""
     wrong = wrong_effects(answer, hypothesis)
     if not wrong:
         return {}
     chosen = wrong[len(wrong) // 2]
-    shown = Shown.of(before.model, refitted(answer.base_model, chosen.fit)[1])
+    shown = _under(before.model, *refitted(answer.base_model, chosen.fit), crossed)
     gain = _log_density(shown) - _log_density(before)
     return {
         "name": chosen.name,
@@ -241,8 +278,8 @@ def _spectrum(shown: Shown) -> dict[str, Any]:
 
 def _traces(before: Shown, after: Shown) -> dict[str, Any]:
     """Forecasts a quarter of a second ahead along part of the first sealed flight."""
-    old = before.model.forecasts(before.fit, 0, (AHEAD_S,))
-    new = after.model.forecasts(after.fit, 0, (AHEAD_S,))
+    old = before.model.forecasts(before.by_flight[0], 0, (AHEAD_S,))
+    new = after.model.forecasts(after.by_flight[0], 0, (AHEAD_S,))
     chosen = old.at_s < old.at_s[0] + _TRACE_S
     chosen &= np.isfinite(old.forecast_m[0]) & np.isfinite(new.forecast_m[0])
     return {

@@ -25,9 +25,9 @@ STEPS = ("find", "name", "add", "show", "result")
 _OF_FIND = ("places", "logs", "split", "noise_floor")
 _OF_NAME = (
     *("verdict", "effects", "class", "others", "split_by", "unknown", "rest", "beside"),
-    *("detectable", "white"),
+    *("detectable", "white", "threshold_of_s"),
 )
-_OF_SHOW = ("sealed", "in_sample", "as_if", "gap", "placebo", "retrain")
+_OF_SHOW = ("sealed", "in_sample", "cross_validated", "as_if", "gap", "placebo", "retrain")
 
 
 @dataclass(frozen=True)
