@@ -2,9 +2,11 @@
 
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import ClassVar
 
 from torch import Tensor, nn
 
+from trainers.dimensions import WINDOW_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import WakeModel
 
@@ -15,6 +17,12 @@ class AgileMlpHyper:
 
     hidden: int = 128
     layers: int = 2
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("layers", 1, 4),
+        Span("hidden", 16, 256, log=True),
+        *WINDOW_FIT,
+    )
 
 
 def mlp(inputs: int, hidden: int, layers: int, outputs: int) -> nn.Sequential:

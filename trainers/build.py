@@ -11,6 +11,7 @@ from trainers.agile_mlp import AgileMlp, AgileMlpHyper
 from trainers.bounds import check_hyper
 from trainers.cross_attention import CrossAttention, CrossAttentionHyper
 from trainers.delay_embedding import DelayEmbedding, DelayEmbeddingHyper
+from trainers.dimensions import Dimension
 from trainers.esn import Esn, EsnHyper
 from trainers.gru import Gru, GruHyper
 from trainers.history_mlp import HistoryMlp, HistoryMlpHyper
@@ -31,6 +32,11 @@ class Architecture:
     core: type[WakeModel]
     hyper: type[Any]
     learning_rate: float = 3e-3
+
+    @property
+    def dimensions(self) -> tuple[Dimension, ...]:
+        """What a search may change, as the architecture's own file says it."""
+        return tuple(self.hyper.dimensions)
 
 
 ARCHITECTURES: dict[str, Architecture] = {
@@ -61,8 +67,7 @@ def build(
     UnusableInput for an unknown name, an unknown or impossible hyper-parameter, and for a model
     of PARAMETER_BUDGET trainable parameters or more.
     """
-    k, stride = window_shape(window_s, rate_hz)
-    sizes = Sizes(inputs, outputs, k, stride, rate_hz)
+    sizes = _sizes(inputs, outputs, window_s, rate_hz)
     values = hyper_parameters(arch, hyper or {})
     _check_budget(arch, sizes, values)
     with torch.random.fork_rng(devices=[]):
@@ -83,10 +88,35 @@ def hyper_parameters(arch: str, overrides: Mapping[str, Any]) -> Any:
     return dataclasses.replace(defaults, **overrides)
 
 
-def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:
-    """Count the weights before any memory is taken for them; UnusableInput beyond the budget."""
+def trainable_weights(
+    arch: str,
+    *,
+    inputs: int,
+    outputs: int,
+    window_s: float,
+    rate_hz: float,
+    hyper: Mapping[str, Any] | None = None,
+) -> int:
+    """How many weights training would change, counted before any memory is taken for them.
+
+    Raises UnusableInput for what `build` refuses, but for the budget.
+    """
+    sizes = _sizes(inputs, outputs, window_s, rate_hz)
+    return _count(arch, sizes, hyper_parameters(arch, hyper or {}))
+
+
+def _sizes(inputs: int, outputs: int, window_s: float, rate_hz: float) -> Sizes:
+    k, stride = window_shape(window_s, rate_hz)
+    return Sizes(inputs, outputs, k, stride, rate_hz)
+
+
+def _count(arch: str, sizes: Sizes, values: Any) -> int:
     with torch.device("meta"), torch.random.fork_rng(devices=[]):
-        trainable = ARCHITECTURES[arch].core(sizes, values).trainable
+        return ARCHITECTURES[arch].core(sizes, values).trainable
+
+
+def _check_budget(arch: str, sizes: Sizes, values: Any) -> None:
+    trainable = _count(arch, sizes, values)
     if trainable >= PARAMETER_BUDGET:
         raise UnusableInput(
             f"{arch} would have {trainable:,} trainable parameters, and the budget is fewer"

@@ -2,22 +2,35 @@
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from trainers.dimensions import HISTORY, WINDOW_FIT, Choice, Dimension, Span
 from trainers.memory import Sizes
 from trainers.model import WakeModel
 
 
 @dataclass(frozen=True)
 class CrossAttentionHyper:
-    """Hyper-parameters; the values are the reference shape of Table I."""
+    """Hyper-parameters; the values are the reference shape of Table I.
+
+    The window spans `history_s` seconds, None the domain's.
+    """
 
     embed: int = 32
     heads: int = 4
     feed_forward: int = 128
     head: int = 64
+    history_s: float | None = None
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("embed", 8, 96, step=8),
+        Choice("heads", (1, 2, 4, 8)),
+        HISTORY,
+        *WINDOW_FIT,
+    )
 
 
 class CrossAttention(WakeModel):
@@ -27,6 +40,7 @@ class CrossAttention(WakeModel):
 
     def __init__(self, sizes: Sizes, hyper: CrossAttentionHyper) -> None:
         super().__init__()
+        sizes = sizes.looking_back(hyper.history_s)
         self.memory = sizes.window_memory
         self.heads, embed = hyper.heads, hyper.embed
         self.width = embed // self.heads  # of one head

@@ -7,11 +7,13 @@ Embedding).
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
 from trainers.agile_mlp import mlp
+from trainers.dimensions import HISTORY, WINDOW_FIT, Dimension, Span
 from trainers.memory import Sizes
 from trainers.model import WakeModel
 
@@ -25,7 +27,7 @@ class DelayEmbeddingHyper:
     Units: seconds. `initial_delay_s` is μ₀ at the start of training: where it starts decides what
     it converges to on periodic data; None means half the window. `initial_spread_s` is σ₀, None
     an eighth of the window. Snapshots younger than `gap_s` are masked; None masks the present one
-    only.
+    only. The window spans `history_s`, None the domain's.
     """
 
     selector: int = 64
@@ -34,6 +36,15 @@ class DelayEmbeddingHyper:
     initial_delay_s: float | None = None
     initial_spread_s: float | None = None
     gap_s: float | None = None
+    history_s: float | None = None
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("initial_delay_s", 0.0, 1.0, of_window=True),
+        Span("initial_spread_s", 0.02, 0.5, log=True, of_window=True),
+        Span("selector", 8, 128, log=True),
+        HISTORY,
+        *WINDOW_FIT,
+    )
 
 
 class DelayEmbedding(WakeModel):
@@ -43,6 +54,7 @@ class DelayEmbedding(WakeModel):
 
     def __init__(self, sizes: Sizes, hyper: DelayEmbeddingHyper) -> None:
         super().__init__()
+        sizes = sizes.looking_back(hyper.history_s)
         self.memory = sizes.window_memory
         ages_s = sizes.ages_s
         gap_s = min(hyper.gap_s if hyper.gap_s is not None else 1e-9, ages_s[0])

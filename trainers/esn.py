@@ -6,11 +6,13 @@ input, and a force that is the same left and right of the jet could not be read 
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.dimensions import Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 from wakedeploy.errors import UnusableInput
@@ -30,6 +32,15 @@ class EsnHyper:
     density: float = 0.1
     input_scale: float = 0.25
     input_offset: float = 1.0
+
+    # The readout is solved: nothing of a descent is searched. How hard the input drives decides as
+    # much as the paper's three: driven gently, a reservoir keeps the fine differences.
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("neurons", 100, 1500, log=True),
+        Span("spectral_radius", 0.1, 1.5),
+        Span("leak", 0.05, 1.0, log=True),
+        Span("input_scale", 0.01, 1.0, log=True),
+    )
 
 
 class Esn(StateModel):

@@ -1,12 +1,13 @@
 """GRU: a gated recurrent unit between a linear projection and a small head (Cho et al. 2014)."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 
@@ -19,6 +20,12 @@ class GruHyper:
     hidden: int = 128
     head: int = 64
     dropout: float = 0.0
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("hidden", 16, 192, log=True),
+        Span("dropout", 0.0, 0.5),
+        *SEQUENCE_FIT,
+    )
 
 
 class Gru(StateModel):

@@ -7,11 +7,13 @@ out = W_out (y ∘ silu z); RMSNorm before and after, residual around the block.
 
 import math
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 from trainers.scan import linear_recurrence
@@ -26,6 +28,13 @@ class MambaHyper:
     d_conv: int = 4
     expand: int = 2
     dt_rank: int = 2
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("d_model", 8, 96, log=True),
+        Span("d_state", 2, 32, log=True),
+        Span("d_conv", 2, 8),
+        *SEQUENCE_FIT,
+    )
 
     @property
     def d_inner(self) -> int:

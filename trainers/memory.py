@@ -1,7 +1,11 @@
 """What a predictor remembers, and the sizes that a core is built for."""
 
+import dataclasses
+import math
 from dataclasses import dataclass, field
 from typing import Literal
+
+from wakedeploy.episodes import window_shape
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,23 @@ class Sizes:
     def window_memory(self) -> Memory:
         """The memory of a window model: K snapshots, `stride` samples apart."""
         return Memory("window", k=self.k, stride=self.stride)
+
+    def looking_back(self, history_s: float | None, snapshots: int | None = None) -> "Sizes":
+        """The same with another window; None keeps what the domain says.
+
+        The window spans `history_s` seconds. `snapshots` is how many it has at most, evenly spaced
+        over all of it: where the rate does not allow that many so spaced, it has fewer.
+        """
+        if snapshots is None:
+            shape = (self.k, self.stride)
+            if history_s is not None:
+                shape = window_shape(history_s, self.rate_hz)
+            return dataclasses.replace(self, k=shape[0], stride=shape[1])
+        steps = (self.k - 1) * self.stride
+        if history_s is not None:
+            steps = math.floor(history_s * self.rate_hz + 1e-9)
+        stride = max(1, math.ceil(steps / (snapshots - 1)))
+        return dataclasses.replace(self, k=steps // stride + 1, stride=stride)
 
     @property
     def ages_s(self) -> list[float]:

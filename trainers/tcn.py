@@ -6,10 +6,12 @@ twice and a sequence may be cut anywhere.
 """
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 
@@ -22,6 +24,13 @@ class TcnHyper:
     kernel: int = 4
     blocks: int = 6
     dropout: float = 0.0
+
+    dimensions: ClassVar[tuple[Dimension, ...]] = (
+        Span("blocks", 2, 8),
+        Span("kernel", 2, 8),
+        Span("dropout", 0.0, 0.5),
+        *SEQUENCE_FIT,
+    )
 
 
 class Tcn(StateModel):
