@@ -10,6 +10,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
+from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
 from trainers.esn import Esn
 from trainers.fit import Fit, FitSettings, Standing
@@ -84,15 +85,22 @@ def configure(
 
 
 def settings_for(
-    arch: str, *, epochs: int | None = None, learning_rate: float | None = None
+    arch: str,
+    *,
+    epochs: int | None = None,
+    learning_rate: float | None = None,
+    others: Mapping[str, float] | None = None,
 ) -> FitSettings:
-    """How this architecture is fitted, where nothing else is asked for."""
+    """How this architecture is fitted, where nothing else is asked for.
+
+    `others` are settings by name, over which `epochs` and `learning_rate` stand. Raises
+    UnusableInput for a name or a value that a setting cannot have.
+    """
     usual = FitSettings(learning_rate=ARCHITECTURES[arch].learning_rate)
-    return dataclasses.replace(
-        usual,
-        epochs=usual.epochs if epochs is None else epochs,
-        learning_rate=usual.learning_rate if learning_rate is None else learning_rate,
-    )
+    asked = {"epochs": epochs, "learning_rate": learning_rate}
+    changed = {**(others or {}), **{name: v for name, v in asked.items() if v is not None}}
+    check_settings(dataclasses.asdict(usual), changed)
+    return dataclasses.replace(usual, **changed)  # type: ignore[arg-type]
 
 
 def train(
@@ -124,6 +132,28 @@ def train(
         standing, seconds = _descend(folder, config, data, predictor, on_epoch)
     _finish(folder, config, data, standing, seconds)
     return load_run(folder)
+
+
+def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
+    """What is learned from, and what decides when it has been learned.
+
+    Raises UnusableInput where the set has too little of either.
+    """
+    learned = lay_tape(data, "train", lead_s, data.warm_up_steps)
+    return learned, lay_tape(data, "validation", lead_s, data.warm_up_steps)
+
+
+def new_fit(config: RunConfig, predictor: Predictor, learned: Tape, held_out: Tape) -> Fit:
+    """The descent of a configuration, before its first epoch."""
+    return Fit(
+        predictor,
+        learned,
+        held_out,
+        loss_weights=config.loss_weights,
+        warm_up=config.warm_up_steps,
+        settings=FitSettings(**config.settings),  # type: ignore[arg-type]
+        seed=config.seed,
+    )
 
 
 def _observed(data: EpisodeSet) -> tuple[ObservationChannel, ...]:
@@ -169,18 +199,12 @@ def _flat(config: RunConfig) -> dict[str, Any]:
     return {**values, **groups}
 
 
-def _tapes(config: RunConfig, data: EpisodeSet) -> tuple[Tape, Tape]:
-    """What is learned from, and what decides when it has been learned."""
-    learned = lay_tape(data, "train", config.lead_s, config.warm_up_steps)
-    return learned, lay_tape(data, "validation", config.lead_s, config.warm_up_steps)
-
-
 def _solve(
     folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor
 ) -> tuple[Standing, float]:
     """The reservoir's way: one pass, nothing to resume."""
     began = time.monotonic()
-    learned, held_out = _tapes(config, data)
+    learned, held_out = tapes(data, config.lead_s)
     loss = solve_readout(predictor, learned, held_out, config.loss_weights)
     write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
     return Standing((loss,)), time.monotonic() - began
@@ -190,17 +214,7 @@ def _descend(
     folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor, on_epoch: OnEpoch
 ) -> tuple[Standing, float]:
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
-    settings = FitSettings(**config.settings)  # type: ignore[arg-type]
-    learned, held_out = _tapes(config, data)
-    fit = Fit(
-        predictor,
-        learned,
-        held_out,
-        loss_weights=config.loss_weights,
-        warm_up=config.warm_up_steps,
-        settings=settings,
-        seed=config.seed,
-    )
+    fit = new_fit(config, predictor, *tapes(data, config.lead_s))
     seconds = _resume(folder / LAST, fit)
     began = time.monotonic() - seconds
     while not fit.finished:
@@ -214,7 +228,7 @@ def _descend(
             write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
         facts = {"history": standing.history, "seconds": time.monotonic() - began}
         write_tensors(folder / LAST, fit.tensors(), facts)
-        on_epoch(standing.epoch, settings.epochs)
+        on_epoch(standing.epoch, fit.settings.epochs)
     return fit.standing, time.monotonic() - began
 
 

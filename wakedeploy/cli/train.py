@@ -14,12 +14,13 @@ if TYPE_CHECKING:
     from trainers.runs import RunConfig, TrainedRun
     from wakedeploy.episodes import EpisodeSet
 
+_NAMED_PRESETS = ("reference", "tuned")
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
-@click.option("--arch", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@click.option("--arch", help="all, or NAME[,NAME…]. Default: all, or the one of the --preset.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True)
 @click.option(
     "--lead",
@@ -42,6 +43,13 @@ _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
     help="Change a hyper-parameter from its reference value; may be repeated.",
 )
 @click.option(
+    "--preset",
+    default="reference",
+    show_default=True,
+    metavar="reference|tuned|FILE",
+    help="The paper's shapes, those tuned for the set's domain, or what `tune` found.",
+)
+@click.option(
     "--threads",
     type=click.IntRange(1, 256),
     default=1,
@@ -52,13 +60,14 @@ _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 def command(
     data: Path,
-    arch: str,
+    arch: str | None,
     seeds: int,
     lead_s: float | None,
     out: Path,
     epochs: int | None,
     learning_rate: float | None,
     hyper: tuple[str, ...],
+    preset: str,
     threads: int,
     fresh: bool,
     json_path: Path | None,
@@ -73,25 +82,29 @@ def command(
         wakedeploy train --data sets/gantry --arch all --seeds 3 --lead 0.09 --json table.json
         wakedeploy train --data sets/fish --arch gru,delay-embedding \\
             --hyper delay-embedding.initial_delay_s=0.333
+        wakedeploy train --data sets/gantry --preset tuned/gru/best.toml
     """
     import torch
 
     from trainers.training import configure, settings_for, train
     from wakedeploy.episodes import read_episode_set
 
-    names = _architectures(arch)
+    names = _architectures(arch or _arch_of(preset))
     overrides = _hyper(hyper, names)
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
-    lead_s = _lead(episodes, lead_s)
+    presets = {name: _preset(preset, name, episodes.domain) for name in names}
+    lead_s = lead_of(episodes, lead_s)
     configs = [
         configure(
             episodes,
             name,
             seed=seed,
             lead_s=lead_s,
-            hyper=overrides[name],
-            settings=settings_for(name, epochs=epochs, learning_rate=learning_rate),
+            hyper={**presets[name][0], **overrides[name]},
+            settings=settings_for(
+                name, epochs=epochs, learning_rate=learning_rate, others=presets[name][1]
+            ),
         )
         for name in names
         for seed in range(seeds)
@@ -101,6 +114,28 @@ def command(
         with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
             runs.append(train(config, episodes, out, on_epoch=bar.update, fresh=fresh))
     _report(runs, data, out, lead_s, json_path)
+
+
+def _arch_of(preset: str) -> str:
+    """The architecture of a preset's file; all of them where none is given."""
+    from trainers.preset import read_preset
+
+    return "all" if preset in _NAMED_PRESETS else read_preset(Path(preset)).arch
+
+
+def _preset(asked: str, arch: str, domain: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Hyper-parameters and fit settings that differ from the reference."""
+    from trainers.preset import read_preset, shipped_preset
+
+    if asked == "reference":
+        return {}, {}
+    chosen = shipped_preset(domain, arch) if asked == "tuned" else read_preset(Path(asked))
+    if chosen.arch != arch:
+        raise UnusableInput(
+            f"--preset {asked}: it is one of {chosen.arch}, not of {arch}; train --arch"
+            f" {chosen.arch} with it."
+        )
+    return chosen.hyper, chosen.settings
 
 
 def _architectures(asked: str) -> list[str]:
@@ -132,7 +167,8 @@ def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
     return overrides
 
 
-def _lead(episodes: "EpisodeSet", asked_s: float | None) -> float:
+def lead_of(episodes: "EpisodeSet", asked_s: float | None) -> float:
+    """The lead in seconds: what was asked for, or what the set states, or none."""
     if asked_s is not None:
         return asked_s
     stated = episodes.provenance.get(_LEAD_KEY, 0.0)
