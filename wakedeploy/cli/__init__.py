@@ -18,6 +18,7 @@ COMMANDS = (
     "demo",
     "data",
     "train",
+    "tune",
     "evaluate",
     "export",
     "check",

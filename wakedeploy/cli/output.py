@@ -11,8 +11,17 @@ _UNLIMITED_WIDTH = 10_000
 class Bar:
     """A progress bar that counts steps; `update` serves as a `(done, total)` callback."""
 
-    def __init__(self, show: Callable[[int, int], None], total: int) -> None:
-        self._show, self._done, self._total = show, 0, total
+    def __init__(
+        self,
+        show: Callable[[int, int], None],
+        total: int,
+        tell: Callable[[str], None] = lambda text: None,
+    ) -> None:
+        self._show, self._done, self._total, self._tell = show, 0, total, tell
+
+    def describe(self, text: str) -> None:
+        """Put another text before the bar."""
+        self._tell(text)
 
     def advance(self, steps: int = 1) -> None:
         """Count some more steps as done."""
@@ -25,8 +34,11 @@ class Bar:
 
 
 @contextlib.contextmanager
-def progress(description: str, total: int) -> Iterator[Bar]:
-    """A progress bar on stderr while the block runs; silent when that is not a terminal."""
+def progress(description: str, total: int, done: int = 0) -> Iterator[Bar]:
+    """A progress bar on stderr while the block runs; silent when that is not a terminal.
+
+    Of `done` steps, done before, nothing is learned about the time that the others take.
+    """
     from rich.console import Console
     from rich.progress import Progress
 
@@ -39,8 +51,12 @@ def progress(description: str, total: int) -> Iterator[Bar]:
         speed_estimate_period=86_400.0,
     )
     with shown:
-        task = shown.add_task(description, total=total)
-        yield Bar(lambda done, of: shown.update(task, completed=done, total=of), total)
+        task = shown.add_task(description, total=total, completed=done)
+        yield Bar(
+            lambda done, of: shown.update(task, completed=done, total=of),
+            total,
+            lambda text: shown.update(task, description=text),
+        )
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

@@ -1,0 +1,38 @@
+"""What a step of a predictor costs once it is exported: its own package, the shipped runner."""
+
+import time
+
+import numpy as np
+
+from export.example import example_rollout
+from export.graph import graph_bytes
+from export.packaging import manifest_of
+from runtime.predictor import PackagePredictor
+from trainers.model import Predictor
+from trainers.runs import RunConfig
+from wakedeploy.package import FloatArray, make_package
+
+_ROUNDS, _STEPS, _WARM_UP = 5, 400, 64
+
+
+def step_p99_us(predictor: Predictor, config: RunConfig, observations: FloatArray) -> float:
+    """The 99th percentile of a step's time, in µs, on one thread, over observations (T, d).
+
+    Of five rounds of 400 steps the quietest counts: what else runs on the machine makes a round
+    slower, never faster. The package stays in memory and has not passed the parity gate.
+    """
+    example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
+    manifest = manifest_of(predictor, config, None)
+    runner = PackagePredictor(make_package(graph_bytes(predictor), manifest, example))
+    series = np.resize(observations, (_STEPS, observations.shape[1]))
+    _timed_us(runner, series[:_WARM_UP])
+    return min(float(np.percentile(_timed_us(runner, series), 99)) for _ in range(_ROUNDS))
+
+
+def _timed_us(runner: PackagePredictor, series: FloatArray) -> list[float]:
+    took = []
+    for observation in series:
+        began = time.perf_counter_ns()
+        runner.step(observation)
+        took.append((time.perf_counter_ns() - began) / 1e3)
+    return took

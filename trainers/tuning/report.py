@@ -1,0 +1,162 @@
+"""What a study found, as plain values: rows of trials, the best, the front, what mattered."""
+
+import csv
+import dataclasses
+import io
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.importance import PedAnovaImportanceEvaluator, get_param_importances
+from optuna.trial import FrozenTrial, TrialState
+
+from trainers.build import ARCHITECTURES
+from trainers.dimensions import Choice
+from trainers.tuning.plan import Plan
+from trainers.tuning.sampler import AGAIN
+from trainers.tuning.space import Point, split
+from trainers.tuning.study import EPOCHS, INTERRUPTED, PARAMETERS, REASON, all_trials
+from wakedeploy.files import write_text_whole
+
+FINISHED, BEHIND, REFUSED = "finished", "pruned", "over budget"
+FAILED, LOST, RUNNING, WAITING = "failed", "lost", "running", "waiting"
+_FEWEST_FOR_IMPORTANCE = 6
+_ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its authors advise
+
+
+@dataclass(frozen=True)
+class Row:
+    """One trial. `error` is 1 for predicting the mean, `step_us` the step's p99; None: unknown.
+
+    `point` holds the dimensions that were searched, `front` says whether no other trial beats it.
+    """
+
+    number: int
+    state: str
+    reason: str
+    error: float | None
+    step_us: float | None
+    parameters: int | None
+    epochs: int
+    seconds: float | None
+    started: str
+    front: bool
+    reference: bool
+    point: Point
+
+
+def rows_of(study: optuna.Study) -> list[Row]:
+    """Every trial of the study, in order."""
+    trials = all_trials(study)
+    repeated = {trial.user_attrs.get(AGAIN) for trial in trials}
+    front = {row.number for row in _front(trials)}
+    return [_row(trial, trial.number in repeated, trial.number in front) for trial in trials]
+
+
+def best_of(rows: Sequence[Row]) -> Row | None:
+    """The finished trial of the smallest error, the earliest of equals; None without any."""
+    ended = [row for row in rows if row.state == FINISHED and row.error is not None]
+    return min(ended, key=lambda row: (row.error, row.number), default=None)
+
+
+def front_of(rows: Sequence[Row]) -> list[Row]:
+    """The trials that none beats in both error and cost, the most accurate first."""
+    return sorted((row for row in rows if row.front), key=lambda row: row.error or 0.0)
+
+
+def importances(study: optuna.Study) -> dict[str, float]:
+    """How much each dimension decided whether a trial came among the best; they sum to 1.
+
+    By PED-ANOVA (Watanabe et al. 2023), which needs no regression forest. Empty for too few trials.
+    """
+    ended = [trial for trial in all_trials(study) if trial.state == TrialState.COMPLETE]
+    if len(ended) < _FEWEST_FOR_IMPORTANCE:
+        return {}
+    share = min(0.5, max(0.1, _ENOUGH_AT_THE_TOP / len(ended)))
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        found = get_param_importances(
+            study, evaluator=PedAnovaImportanceEvaluator(target_quantile=share)
+        )
+    return dict(found)
+
+
+def whole_point(plan: Plan, point: Point) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Every hyper-parameter and fit setting of a trial, those that were not searched included."""
+    hyper, changed = split(plan.arch, {**fixed(plan), **point})
+    usual = dataclasses.asdict(ARCHITECTURES[plan.arch].hyper())
+    return {**usual, **hyper}, dataclasses.asdict(plan.settings(changed))
+
+
+def fixed(plan: Plan) -> Point:
+    """The dimensions that are held at one value."""
+    choices = [dimension for dimension in plan.dimensions if isinstance(dimension, Choice)]
+    return {choice.name: choice.values[0] for choice in choices if len(choice.values) == 1}
+
+
+def write_trials(path: Path, plan: Plan, rows: Sequence[Row]) -> None:
+    """Every trial as a line of CSV, its point in the last columns."""
+    names = [field.name for field in dataclasses.fields(Row) if field.name != "point"]
+    searched = [dimension.name for dimension in plan.dimensions]
+    known = fixed(plan)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*names, *searched])
+    for row in rows:
+        point = {**known, **row.point}
+        cells = [getattr(row, name) for name in names] + [point.get(name) for name in searched]
+        writer.writerow(["" if cell is None else cell for cell in cells])
+    write_text_whole(path, text.getvalue())
+
+
+def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:
+    values = trial.values if trial.state == TrialState.COMPLETE else None
+    seconds = trial.duration.total_seconds() if trial.duration is not None else None
+    return Row(
+        number=trial.number,
+        state=_state(trial),
+        reason=_reason(trial, repeated),
+        error=None if values is None else values[0],
+        step_us=None if values is None or len(values) < 2 else values[-1],
+        parameters=trial.user_attrs.get(PARAMETERS),
+        epochs=trial.user_attrs.get(EPOCHS, len(trial.intermediate_values)),
+        seconds=None if seconds is None else round(seconds, 3),
+        started=trial.datetime_start.isoformat(" ", "seconds") if trial.datetime_start else "",
+        front=front,
+        reference=trial.number == 0 and "fixed_params" in trial.system_attrs,
+        point=dict(trial.params),
+    )
+
+
+def _state(trial: FrozenTrial) -> str:
+    reason = trial.user_attrs.get(REASON)
+    if trial.state == TrialState.FAIL:
+        if reason == INTERRUPTED:
+            return INTERRUPTED
+        return LOST if reason is None else FAILED
+    if trial.state == TrialState.PRUNED:
+        return BEHIND if trial.intermediate_values else REFUSED
+    return {TrialState.COMPLETE: FINISHED, TrialState.RUNNING: RUNNING}.get(trial.state, WAITING)
+
+
+def _reason(trial: FrozenTrial, repeated: bool) -> str:
+    told: str = trial.user_attrs.get(REASON, "")
+    if trial.state == TrialState.FAIL and not told:
+        told = "its process ended"
+    return f"{told}; begun again" if repeated else told
+
+
+def _front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """Non-dominated finished trials; of one objective, the best alone."""
+    ended = [t for t in trials if t.state == TrialState.COMPLETE]
+    return [t for t in ended if not any(_beats(other, t) for other in ended)]
+
+
+def _beats(one: FrozenTrial, other: FrozenTrial) -> bool:
+    pairs = list(zip(one.values, other.values, strict=True))
+    if all(mine == theirs for mine, theirs in pairs):
+        return one.number < other.number
+    return all(mine <= theirs for mine, theirs in pairs)

@@ -1,0 +1,138 @@
+"""What a study searches: the architecture's dimensions, resolved for a set, narrowed by hand."""
+
+import dataclasses
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from optuna.trial import Trial
+
+from trainers.bounds import check_settings, check_value
+from trainers.build import ARCHITECTURES
+from trainers.dimensions import Choice, Dimension, Span
+from trainers.fit import FitSettings
+from wakedeploy.errors import UnusableInput
+
+Point = dict[str, float]
+
+_SHARES = {"history_s": 1.0, "initial_delay_s": 0.5, "initial_spread_s": 0.125}  # None stands for
+_SNAPSHOTS = 31
+
+
+def search_space(arch: str, window_s: float, asked: Sequence[str] = ()) -> tuple[Dimension, ...]:
+    """The dimensions of an architecture on a set whose window is `window_s` seconds.
+
+    `asked` narrows or fixes some: NAME=LOW:HIGH, or NAME=VALUE[,VALUE…]. Raises UnusableInput for
+    an unknown architecture or dimension, and for values that it cannot have.
+    """
+    if arch not in ARCHITECTURES:
+        known = ", ".join(ARCHITECTURES)
+        raise UnusableInput(f"There is no architecture '{arch}'; choose {known}.")
+    space = {d.name: _resolved(d, window_s) for d in ARCHITECTURES[arch].dimensions}
+    for text in asked:
+        name, equals, values = text.partition("=")
+        if name not in space:
+            raise UnusableInput(
+                f"--dimension {text}: {arch} has no dimension '{name}'; it has {', '.join(space)}."
+            )
+        if not equals:
+            raise UnusableInput(
+                f"--dimension {text}: write {name}=LOW:HIGH, or {name}=VALUE[,VALUE…]."
+            )
+        space[name] = _narrowed(arch, space[name], values, text)
+    return tuple(space.values())
+
+
+def suggest(trial: Trial, space: Sequence[Dimension]) -> Point:
+    """A point of the space, as the trial's sampler draws it; fixed dimensions are not drawn."""
+    return {dimension.name: _suggested(trial, dimension) for dimension in space}
+
+
+def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
+    """A point's hyper-parameters, and its fit settings."""
+    own = _hyper_names(arch)
+    hyper = {name: value for name, value in point.items() if name in own}
+    return hyper, {name: value for name, value in point.items() if name not in own}
+
+
+def reference_point(
+    arch: str, space: Sequence[Dimension], window_s: float, settings: FitSettings
+) -> Point | None:
+    """The paper's shape as a point of the space; None where the space does not hold it."""
+    usual = dataclasses.asdict(ARCHITECTURES[arch].hyper()) | dataclasses.asdict(settings)
+    point = {}
+    for dimension in space:
+        value = usual[dimension.name]
+        if value is None:
+            share = _SHARES.get(dimension.name)
+            value = _SNAPSHOTS if share is None else share * window_s
+        if not _holds(dimension, value):
+            return None
+        if isinstance(dimension, Span) or len(dimension.values) > 1:
+            point[dimension.name] = value
+    return point
+
+
+def _hyper_names(arch: str) -> set[str]:
+    return {field.name for field in dataclasses.fields(ARCHITECTURES[arch].hyper)}
+
+
+def _resolved(dimension: Dimension, window_s: float) -> Dimension:
+    """Shares of the window become seconds, to three digits, so that people can read them."""
+    if isinstance(dimension, Choice) or not dimension.of_window:
+        return dimension
+    low, high = (float(f"{bound * window_s:.3g}") for bound in (dimension.low, dimension.high))
+    return dataclasses.replace(dimension, low=low, high=high, of_window=False)
+
+
+def _narrowed(arch: str, dimension: Dimension, values: str, text: str) -> Dimension:
+    low, colon, high = values.partition(":")
+    parts = (low, high) if colon else values.split(",")
+    numbers = [_number(arch, dimension, part, text) for part in parts]
+    if not colon:
+        return Choice(dimension.name, tuple(dict.fromkeys(numbers)))
+    if numbers[0] >= numbers[1]:
+        raise UnusableInput(f"--dimension {text}: the lower bound has to be below the upper one.")
+    if isinstance(dimension, Choice):
+        return Span(dimension.name, numbers[0], numbers[1])
+    log = dimension.log and numbers[0] > 0
+    return dataclasses.replace(dimension, low=numbers[0], high=numbers[1], log=log)
+
+
+def _number(arch: str, dimension: Dimension, part: str, text: str) -> float:
+    """One value of a dimension, whole where the dimension is, and possible for what it names."""
+    try:
+        value = json.loads(part)
+    except ValueError as error:
+        raise UnusableInput(f"--dimension {text}: '{part}' is not a number.") from error
+    defaults = dataclasses.asdict(ARCHITECTURES[arch].hyper())
+    try:
+        if value is None:
+            raise UnusableInput(f"'{part}' is not a number.")
+        if dimension.name in defaults:
+            check_value(arch, dimension.name, value, defaults[dimension.name])
+        else:
+            check_settings(dataclasses.asdict(FitSettings()), {dimension.name: value})
+    except UnusableInput as error:
+        raise UnusableInput(f"--dimension {text}: {error}") from error
+    number: float = value if dimension.whole else float(value)
+    return number
+
+
+def _suggested(trial: Trial, dimension: Dimension) -> float:
+    if isinstance(dimension, Choice):
+        if len(dimension.values) == 1:
+            return dimension.values[0]
+        chosen: Any = trial.suggest_categorical(dimension.name, dimension.values)
+        return float(chosen) if not dimension.whole else int(chosen)
+    name, low, high, log = dimension.name, dimension.low, dimension.high, dimension.log
+    if dimension.whole:
+        return trial.suggest_int(name, int(low), int(high), step=dimension.step, log=log)
+    return trial.suggest_float(name, low, high, log=log)
+
+
+def _holds(dimension: Dimension, value: float) -> bool:
+    if isinstance(dimension, Choice):
+        return value in dimension.values
+    on_step = not dimension.whole or (value - dimension.low) % dimension.step == 0
+    return dimension.low <= value <= dimension.high and on_step

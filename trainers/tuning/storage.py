@@ -1,0 +1,225 @@
+"""Where a study is kept: Optuna's journal file, or a PostgreSQL database for many machines."""
+
+import contextlib
+import fcntl
+import importlib.util
+import logging
+import os
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import optuna
+import sqlalchemy.exc
+from optuna.storages import BaseStorage, JournalStorage, RDBStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.storages.journal._file import BaseJournalFileLock
+from optuna.trial import FrozenTrial
+from sqlalchemy.engine import URL, make_url
+
+from wakedeploy.errors import UnusableInput, one_line
+
+JOURNAL = "study.journal"
+OnLost = Callable[[optuna.Study, FrozenTrial], None]
+
+_HEARTBEAT_S, _GRACE_S = 20, 90  # a worker on another machine is given up after the second
+_CONNECT_S = 10
+_UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
+
+
+class Place:
+    """Where a study is kept; `name` may be shown, since it never tells a password.
+
+    Raises UnusableInput for an address that is not PostgreSQL's.
+    """
+
+    def __init__(self, out: Path, address: str | None) -> None:
+        self._url = None if address is None else _postgresql(address)
+        self._journal = out.resolve() / JOURNAL
+        self.name = str(out / JOURNAL) if self._url is None else _shown(self._url)
+
+    @property
+    def is_journal(self) -> bool:
+        """Whether it is a file in the study's own folder."""
+        return self._url is None
+
+    def open(self, on_lost: OnLost) -> BaseStorage:
+        """Connect; `on_lost` is told of trials of other machines whose heart no longer beats.
+
+        Raises UnusableInput for a database that cannot be reached and for a damaged journal.
+        """
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        logging.getLogger("optuna").setLevel(logging.CRITICAL)
+        if self._url is None:
+            return self._open_journal()
+        _require_driver()
+        with self.reachable():
+            return self._open_database(self._url, on_lost)
+
+    @contextlib.contextmanager
+    def reachable(self) -> Iterator[None]:
+        """What the database fails with inside becomes UnusableInput, its password left out."""
+        hook = threading.excepthook
+        threading.excepthook = lambda failed: None if _lost(failed.exc_value) else hook(failed)
+        try:
+            yield
+        except _UNREACHABLE as error:
+            raise UnusableInput(
+                f"--storage {self.name} cannot be reached ({self._reason(error)}); check address,"
+                " user and password, and that the server runs; what is finished is kept there."
+            ) from None
+        finally:
+            threading.excepthook = hook
+
+    def _open_database(self, url: URL, on_lost: OnLost) -> BaseStorage:
+        connecting = {"connect_timeout": _CONNECT_S}
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter(
+                    "ignore"
+                )  # heartbeats have been called experimental for years
+                return RDBStorage(
+                    url.render_as_string(hide_password=False),
+                    engine_kwargs={"pool_pre_ping": True, "connect_args": connecting},
+                    heartbeat_interval=_HEARTBEAT_S,
+                    grace_period=_GRACE_S,
+                    heartbeat_stale_trial_callback=on_lost,
+                )
+        except RuntimeError as error:  # tables of another Optuna
+            raise UnusableInput(f"--storage {self.name}: {self._reason(error)}") from None
+
+    def _open_journal(self) -> BaseStorage:
+        self._journal.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            lock = KernelLock(self._journal)
+            return JournalStorage(JournalFileBackend(str(self._journal), lock_obj=lock))
+        except OSError:
+            raise
+        except Exception as error:  # a foreign file: replaying it may fail anywhere
+            raise UnusableInput(
+                f"{self.name} cannot be read as a study ({one_line(error)}); move it away, or"
+                " choose another --out."
+            ) from error
+
+    def _reason(self, error: Exception) -> str:
+        """The last cause's first line, which is the database's own word."""
+        cause: BaseException = error
+        while isinstance(cause, _UNREACHABLE):
+            below = getattr(cause, "orig", None) or cause.__cause__
+            if below is None:
+                break
+            cause = below
+        said = one_line(cause).split(" (Background on this error")[0]
+        secrets = [] if self._url is None else _secrets(self._url)
+        for secret in secrets:
+            said = said.replace(secret, "***")
+        return said[:200]
+
+
+class KernelLock(BaseJournalFileLock):
+    """One writer of the journal at a time; the kernel lets go of the lock of a killed process.
+
+    Optuna's own locks are files that outlive their owner: everyone then waits for half a minute.
+    A line that a killed writer left unfinished is taken out by the next one.
+    """
+
+    def __init__(self, journal: Path) -> None:
+        self._journal = journal
+        self._path = journal.with_name(f".{journal.name}.lock")
+        self._held: int | None = None
+
+    def acquire(self) -> bool:
+        """Wait for the lock."""
+        self._held = _locked(self._path)
+        _drop_unfinished_line(self._journal)
+        return True
+
+    def release(self) -> None:
+        """Let the next one write."""
+        if self._held is not None:
+            os.close(self._held)
+            self._held = None
+
+
+@contextlib.contextmanager
+def turn(out: Path) -> Iterator[Callable[[], None]]:
+    """One process of this machine at a time in here, until it leaves or calls what it was given."""
+    out.mkdir(parents=True, exist_ok=True)
+    held = [_locked(out / ".turn.lock")]
+
+    def leave() -> None:
+        if held:
+            os.close(held.pop())
+
+    try:
+        yield leave
+    finally:
+        leave()
+
+
+def _locked(path: Path) -> int:
+    """A descriptor that holds the lock until it is closed, by us or by the process' end."""
+    descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX)
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return descriptor
+
+
+def _drop_unfinished_line(journal: Path) -> None:
+    if not journal.exists() or journal.stat().st_size == 0:
+        return
+    with journal.open("rb+") as file:
+        file.seek(-1, os.SEEK_END)
+        if file.read(1) != b"\n":
+            content = journal.read_bytes()
+            file.truncate(content.rfind(b"\n") + 1)
+
+
+def _require_driver() -> None:
+    if importlib.util.find_spec("psycopg") is None:
+        raise UnusableInput(
+            "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
+        )
+
+
+def _postgresql(address: str) -> URL:
+    try:
+        url = make_url(address)
+    except (sqlalchemy.exc.ArgumentError, ValueError):
+        url = None
+    if url is None or url.get_backend_name() != "postgresql" or not url.database:
+        kind = address.partition(":")[0] if "://" in address else "…"
+        raise UnusableInput(
+            f"--storage {kind}://…: give a database as postgresql://USER@HOST/DATABASE, or leave"
+            " --storage out for a journal file in --out."
+        )
+    return url.set(drivername="postgresql+psycopg")
+
+
+def _shown(url: URL) -> str:
+    plain = url.set(drivername="postgresql", password="***" if url.password else None)
+    return plain.update_query_dict(dict.fromkeys(_hidden(url), "***")).render_as_string(
+        hide_password=False
+    )
+
+
+def _hidden(url: URL) -> list[str]:
+    return [name for name in url.query if "pass" in name.lower()]
+
+
+def _secrets(url: URL) -> list[str]:
+    """Every spelling of the password that a message might repeat."""
+    found: list[Any] = [url.password, *(url.query[name] for name in _hidden(url))]
+    plain = [str(secret) for secret in found if secret]
+    return sorted({*plain, *map(quote, plain)}, key=len, reverse=True)
+
+
+def _lost(error: BaseException | None) -> bool:
+    """Whether a heartbeat failed; the trial's own thread meets the same failure and tells it."""
+    return isinstance(error, _UNREACHABLE)

@@ -1,0 +1,190 @@
+"""One study: made or found again, its trials counted, and those of dead workers given back.
+
+A trial that was interrupted, or whose worker died, is failed, and its point is put back into the
+queue: once, so that a point that kills its worker does not do so for ever.
+"""
+
+import contextlib
+import os
+import platform
+import time
+import warnings
+from collections.abc import Sequence
+from datetime import datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import optuna
+from optuna.storages import BaseStorage
+from optuna.trial import FrozenTrial, TrialState
+
+from trainers.tuning.plan import Plan
+from trainers.tuning.sampler import AGAIN, SeededByTrial
+from trainers.tuning.storage import Place
+from wakedeploy.errors import UnusableInput
+
+# What a trial says of itself.
+REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
+INTERRUPTED = "interrupted"
+Study = optuna.Study
+_IDENTITY = "wakedeploy"
+_IDENTITY_WAIT_S = 5.0
+_UNSIGNED_S = 60.0  # a trial that has not said who runs it by then never will
+PRUNERS = ("median", "hyperband", "none")
+
+
+def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optuna.Study:
+    """The study of this plan in that place, made if it is not there.
+
+    Raises UnusableInput for a study of another plan, with nothing changed, and as `Place.open`.
+    """
+    storage = place.open(give_back)
+    with place.reachable():
+        asked = name or f"{plan.domain}-{plan.arch}"
+        there = [study.study_name for study in storage.get_all_studies()]
+        if asked not in there and there and place.is_journal:
+            _require_same(place, _load(storage, there[0]), plan)
+            _refuse(place, there[0], f"is named so, not {asked}")
+        study = _found_or_made(storage, asked, plan)
+        _require_same(place, study, plan)
+        study.sampler = SeededByTrial(plan.seed)
+        study.pruner = _pruner(pruner, plan)
+    return study
+
+
+def enqueue_first(study: optuna.Study, point: dict[str, float] | None) -> None:
+    """Let a study that has no trial yet begin at a point."""
+    if point is not None and not study.get_trials(deepcopy=False):
+        study.enqueue_trial(point)
+
+
+def give_back(study: optuna.Study, trial: FrozenTrial) -> None:
+    """Put a lost trial's point back into the queue, unless it had been there before."""
+    if AGAIN not in trial.user_attrs:
+        study.enqueue_trial(_point(trial), user_attrs={AGAIN: trial.number})
+
+
+def give_back_of_the_dead(study: optuna.Study, host: str | None = None) -> int:
+    """Fail the running trials whose process on this machine is gone; how many there were."""
+    here = host or platform.node()
+    lost = 0
+    for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
+        if not _is_dead(trial, here):
+            continue
+        # Of two that notice it at once, one gets the error.
+        with contextlib.suppress(ValueError, optuna.exceptions.UpdateFinishedTrialError):
+            study.tell(trial.number, state=TrialState.FAIL)
+            give_back(study, trial)
+            lost += 1
+    return lost
+
+
+def this_worker() -> dict[str, Any]:
+    """Who runs a trial: machine, process, and when that began, since numbers are given again."""
+    return {"host": platform.node(), "pid": os.getpid(), "born": _born(os.getpid())}
+
+
+def finished(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """The trials that count: those that ended, but for those that were begun again."""
+    repeated = {trial.user_attrs.get(AGAIN) for trial in trials}
+    return [t for t in trials if t.state.is_finished() and t.number not in repeated]
+
+
+def running(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """The trials that are being trained, here or elsewhere."""
+    return [trial for trial in trials if trial.state == TrialState.RUNNING]
+
+
+def all_trials(study: optuna.Study) -> list[FrozenTrial]:
+    """Every trial of the study as it stands now, in order."""
+    return study.get_trials(deepcopy=False)
+
+
+def _point(trial: FrozenTrial) -> dict[str, Any]:
+    """What was drawn of a trial's point, or what it had been told."""
+    told: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
+    return {**told, **trial.params}
+
+
+def _found_or_made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
+    try:
+        study = optuna.create_study(
+            storage=storage, study_name=name, directions=["minimize"] * len(plan.objective)
+        )
+    except optuna.exceptions.DuplicatedStudyError:
+        return _load(storage, name)
+    study.set_user_attr(_IDENTITY, plan.identity)
+    metric_names = {"rmse": "validation error", "latency": "step p99 [µs]"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
+        study.set_metric_names([metric_names[name] for name in plan.objective])
+    return study
+
+
+def _load(storage: BaseStorage, name: str) -> optuna.Study:
+    return optuna.load_study(study_name=name, storage=storage)
+
+
+def _require_same(place: Place, study: optuna.Study, plan: Plan) -> None:
+    until = time.monotonic() + _IDENTITY_WAIT_S
+    while _IDENTITY not in study.user_attrs:  # another machine may be making it right now
+        if time.monotonic() > until:
+            _refuse(place, study.study_name, "was not made by `wakedeploy tune`")
+        time.sleep(0.2)
+    there: dict[str, Any] = study.user_attrs[_IDENTITY]
+    for name, value in plan.identity.items():
+        if there.get(name) != value:
+            _refuse(place, study.study_name, _difference(name, there.get(name), value))
+
+
+def _difference(name: str, there: Any, asked: Any) -> str:
+    if name == "data_sha256":
+        return f"was made for another data set (sha256 {str(there)[:12]}…, not {asked[:12]}…)"
+    return f"was made with {name} = {there}, not {asked}"
+
+
+def _refuse(place: Place, name: str, why: str) -> None:
+    another = "--out" if place.is_journal else "--study-name"
+    raise UnusableInput(
+        f"{place.name}: the study {name} {why}; repeat its options, or choose another {another}."
+    )
+
+
+def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
+    """What ends trials early; several objectives know no pruning."""
+    if name == "none" or plan.timed:
+        return optuna.pruners.NopPruner()
+    if name == "hyperband":
+        return optuna.pruners.HyperbandPruner(min_resource=1, max_resource=plan.epochs)
+    # The learning rate anneals: before a quarter of the epochs the errors say little.
+    return optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=max(1, plan.epochs // 4))
+
+
+def _is_dead(trial: FrozenTrial, here: str) -> bool:
+    worker = trial.user_attrs.get(WORKER)
+    if worker is None:
+        began = trial.datetime_start
+        return began is not None and datetime.now() - began > timedelta(seconds=_UNSIGNED_S)
+    return bool(worker["host"] == here) and worker["born"] != _born(worker["pid"])
+
+
+def _born(pid: int) -> str | None:
+    """When a process began, in the kernel's ticks; None where there is no such process.
+
+    Where the kernel does not tell, processes are known by their number alone.
+    """
+    if not Path("/proc/self/stat").exists():
+        try:
+            os.kill(pid, 0)
+        except ProcessLookupError:
+            return None
+        except PermissionError:
+            pass
+        return "unknown"
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except (FileNotFoundError, ProcessLookupError):
+        return None
+    dead, ticks = fields[0] in "ZX", fields[19]
+    boot = Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    return None if dead else f"{boot[:8]}-{ticks}"

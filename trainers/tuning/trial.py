@@ -1,0 +1,131 @@
+"""One trial: a point of the space built, held against the budget, trained and judged.
+
+The error is the root of the validation loss, so 1 is what predicting the mean would cost. A trial
+never looks at the test split.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import optuna
+import torch
+from numpy.typing import NDArray
+
+from trainers.build import trainable_weights
+from trainers.esn import Esn
+from trainers.model import Predictor
+from trainers.ridge import solve_readout
+from trainers.runs import RunConfig, new_predictor
+from trainers.training import new_fit, tapes
+from trainers.tuning.plan import Plan
+from trainers.tuning.space import Point, suggest
+from trainers.tuning.study import (
+    EPOCHS,
+    INTERRUPTED,
+    PARAMETERS,
+    REASON,
+    WORKER,
+    give_back,
+    this_worker,
+)
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.errors import CheckFailed, UnusableInput
+
+# What a step of the exported predictor costs, in µs, over observations (T, d).
+StepCost = Callable[[Predictor, RunConfig, NDArray[np.float32]], float]
+# What a single trial may fail with; the study goes on.
+FAILURES = (CheckFailed, torch.linalg.LinAlgError)  # type: ignore[attr-defined]
+_TIMED_SAMPLES = 512
+
+
+class Objective:
+    """What Optuna minimises: a trial's validation error, and in a timed study its step's cost.
+
+    Raises TrialPruned and what FAILURES names, each with its reason in the trial's attributes.
+    """
+
+    def __init__(self, plan: Plan, data: EpisodeSet, step_cost: StepCost | None = None) -> None:
+        if plan.data_sha256 != data.sha256:
+            raise UnusableInput("The data set was changed while it was tuned on; tune anew.")
+        self.plan, self.data, self.step_cost = plan, data, step_cost
+        self.learned, self.held_out = tapes(data, plan.lead_s)
+
+    def __call__(self, trial: optuna.Trial) -> float | tuple[float, float]:
+        """The trial's error, or its error and its step's p99 in µs."""
+        trial.set_user_attr(WORKER, this_worker())
+        try:
+            return self._judged(trial)
+        except KeyboardInterrupt:
+            trial.set_user_attr(REASON, INTERRUPTED)
+            give_back(trial.study, trial.study.trials[trial.number])
+            raise
+        except FAILURES as error:
+            trial.set_user_attr(REASON, " ".join(str(error).split()))
+            raise
+
+    def _judged(self, trial: optuna.Trial) -> float | tuple[float, float]:
+        config = self._configured(trial, suggest(trial, self.plan.dimensions))
+        predictor = self._built(trial, config)
+        error = self._trained(trial, config, predictor)
+        if not self.plan.timed:
+            return error
+        assert self.step_cost is not None
+        observations = self.held_out.observation[:_TIMED_SAMPLES].numpy()
+        return error, self.step_cost(predictor.eval(), config, observations)
+
+    def _configured(self, trial: optuna.Trial, point: Point) -> RunConfig:
+        """Held against the budget before any memory is taken or epoch trained."""
+        try:
+            config = self.plan.configured(self.data, point)
+            count = trainable_weights(
+                config.arch,
+                inputs=len(config.observation),
+                outputs=len(config.force),
+                window_s=config.window_s,
+                rate_hz=config.rate_hz,
+                hyper=config.hyper,
+            )
+        except UnusableInput as error:
+            raise _pruned(trial, str(error), excess=1.0) from error
+        trial.set_user_attr(PARAMETERS, count)
+        if count >= self.plan.budget:
+            why = f"{count:,} trainable weights, budget fewer than {self.plan.budget:,}"
+            raise _pruned(trial, why, excess=1 + math.log(count / self.plan.budget))
+        return config
+
+    def _built(self, trial: optuna.Trial, config: RunConfig) -> Predictor:
+        try:
+            return new_predictor(config)
+        except UnusableInput as error:  # a reservoir that came out without a loop
+            raise _pruned(trial, str(error), excess=1.0) from error
+
+    def _trained(self, trial: optuna.Trial, config: RunConfig, predictor: Predictor) -> float:
+        if isinstance(predictor.core, Esn):
+            loss = solve_readout(predictor, self.learned, self.held_out, config.loss_weights)
+            return _error(loss, "its only pass")
+        fit = new_fit(config, predictor, self.learned, self.held_out)
+        while not fit.finished:
+            standing = fit.run_epoch()
+            error = _error(standing.history[-1], f"epoch {standing.epoch}")
+            if self.plan.timed:  # Optuna knows no pruning between several objectives
+                continue
+            trial.report(error, standing.epoch)
+            if trial.should_prune():
+                trial.set_user_attr(REASON, f"behind the others after epoch {standing.epoch}")
+                raise optuna.TrialPruned
+        trial.set_user_attr(EPOCHS, fit.standing.epoch)
+        return math.sqrt(fit.standing.best)
+
+
+def _error(loss: float, when: str) -> float:
+    if not math.isfinite(loss):
+        raise CheckFailed(f"training diverged in {when}")
+    return math.sqrt(max(loss, 0.0))
+
+
+def _pruned(trial: optuna.Trial, why: str, excess: float) -> optuna.TrialPruned:
+    """A trial that is not trained; `excess` tells the sampler how far out it lies."""
+    trial.set_user_attr(REASON, why)
+    trial.set_constraint("budget", excess)
+    return optuna.TrialPruned(why)

@@ -1,0 +1,241 @@
+"""Processes that keep a study's trials running, until as many are finished as were asked for.
+
+A worker shares nothing with the others but the study. One that is killed loses its trial, whose
+point another one takes up; a new worker takes its place.
+"""
+
+import contextlib
+import multiprocessing
+import multiprocessing.connection
+import os
+import signal
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from types import FrameType
+from typing import Any
+
+import optuna
+import torch
+
+from trainers.tuning.plan import Plan
+from trainers.tuning.space import reference_point
+from trainers.tuning.storage import Place, turn
+from trainers.tuning.study import (
+    all_trials,
+    enqueue_first,
+    finished,
+    give_back_of_the_dead,
+    open_study,
+    running,
+)
+from trainers.tuning.trial import FAILURES, Objective, StepCost
+from wakedeploy.episodes import EpisodeSet, read_episode_set
+from wakedeploy.errors import CheckFailed, WakedeployError
+
+OnTrials = Callable[[optuna.Study], None]
+
+_LOOK_S = 0.5  # between two looks at workers and study
+_LEAVE_S = 30.0  # an interrupted worker's time to record its trial
+
+
+@dataclass(frozen=True)
+class Work:
+    """What every worker is told; `trials` is how many are to be finished in all."""
+
+    plan: Plan
+    data: Path
+    out: Path
+    address: str | None
+    study_name: str | None
+    trials: int
+    pruner: str
+    step_cost: StepCost | None = None
+
+    @property
+    def place(self) -> Place:
+        """Where the study is kept."""
+        return Place(self.out, self.address)
+
+    def open(self) -> optuna.Study:
+        """The study; UnusableInput as `open_study`."""
+        with turn(self.out):
+            return open_study(self.place, self.plan, self.study_name, self.pruner)
+
+    def begin(self) -> optuna.Study:
+        """The same for the first process: the study begins at the paper's shape."""
+        study = self.open()
+        with turn(self.out), self.place.reachable():
+            settings = self.plan.settings()
+            point = reference_point(
+                self.plan.arch, self.plan.dimensions, self.plan.window_s, settings
+            )
+            enqueue_first(study, point)
+        return study
+
+
+def run_trials(
+    work: Work,
+    study: optuna.Study,
+    data: EpisodeSet,
+    workers: int = 1,
+    on_trials: OnTrials = lambda study: None,
+) -> None:
+    """Run trials until all are finished, or run elsewhere. KeyboardInterrupt stops it cleanly.
+
+    Raises CheckFailed when workers die faster than they work, and what a worker raises.
+    """
+    with work.place.reachable(), interruptible():
+        give_back_of_the_dead(study)
+        on_trials(study)
+        left = _left(study, work.trials)
+        if min(workers, left) <= 1:
+            _run_here(work, study, data, on_trials)
+        else:
+            _Crew(work, study, on_trials).run(min(workers, left))
+
+
+@contextlib.contextmanager
+def interruptible() -> Iterator[None]:
+    """SIGTERM, with which clusters end a job, is an interruption like Ctrl-C."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGTERM, _interrupt_once)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _interrupt_once(number: int, frame: FrameType | None) -> None:
+    signal.signal(number, signal.SIG_IGN)  # nothing may disturb the recording of the trial
+    raise KeyboardInterrupt
+
+
+def _left(study: optuna.Study, wanted: int) -> int:
+    trials = all_trials(study)
+    return wanted - len(finished(trials)) - len(running(trials))
+
+
+def _run_here(
+    work: Work, study: optuna.Study, data: EpisodeSet, on_trials: OnTrials = lambda study: None
+) -> None:
+    """One trial after the other in this process."""
+    torch.set_num_threads(1)
+    objective = Objective(work.plan, data, work.step_cost)
+    while True:
+        with turn(work.out) as leave:  # so that no two count the same trial as theirs
+            if _left(study, work.trials) <= 0:
+                return
+
+            def begun(
+                trial: optuna.Trial, leave: Callable[[], None] = leave
+            ) -> float | tuple[float, float]:
+                leave()
+                return objective(trial)
+
+            study.optimize(begun, n_trials=1, catch=FAILURES)
+        on_trials(study)
+
+
+@dataclass
+class _Crew:
+    """The parent of several workers."""
+
+    work: Work
+    study: optuna.Study
+    on_trials: OnTrials
+    members: dict[SpawnProcess, Connection] = field(default_factory=dict)
+    idle_deaths: int = 0
+
+    def run(self, size: int) -> None:
+        """Until no trial is left to begin and every worker has ended."""
+        try:
+            for _ in range(size):
+                self._hire()
+            while self.members:
+                multiprocessing.connection.wait([m.sentinel for m in self.members], _LOOK_S)
+                for member in [m for m in self.members if not m.is_alive()]:
+                    self._dismiss(member)
+                self.on_trials(self.study)
+        finally:
+            self._end_all()
+
+    def _hire(self) -> None:
+        context = multiprocessing.get_context("spawn")  # torch does not survive a fork
+        reading, writing = context.Pipe(duplex=False)
+        member = context.Process(target=_member, args=(self.work, writing))
+        # Ctrl-C reaches every process of a terminal; the parent tells its workers in order.
+        kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            member.start()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
+        writing.close()
+        self.members[member] = reading
+
+    def _dismiss(self, member: SpawnProcess) -> None:
+        """A worker that ended: with its work, with an error, or killed."""
+        reading = self.members.pop(member)
+        error = _told(reading)
+        if error is not None:
+            raise error
+        if member.exitcode == 0:
+            return
+        lost = give_back_of_the_dead(self.study)
+        self.idle_deaths = 0 if lost else self.idle_deaths + 1
+        if self.idle_deaths > len(self.members) + 2:  # something kills them before they work
+            raise CheckFailed(
+                f"Workers end before they begin a trial (exit status {member.exitcode}); is there"
+                " enough memory for --workers?"
+            )
+        if _left(self.study, self.work.trials) > 0:
+            self._hire()
+
+    def _end_all(self) -> None:
+        for member in self.members:
+            if member.is_alive():
+                member.terminate()
+        for member in self.members:
+            member.join(_LEAVE_S)
+            if member.is_alive():
+                member.kill()
+                member.join()
+        self.members.clear()
+
+
+def _told(reading: Connection) -> Exception | None:
+    """What a worker said before it ended, if it was not killed."""
+    try:
+        told: Exception | None = reading.recv() if reading.poll() else None
+    except (EOFError, OSError):
+        return None
+    finally:
+        reading.close()
+    return told
+
+
+def _member(work: Work, writing: Any) -> None:
+    """A worker process: trials until none is left; what it fails with goes to the parent."""
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
+        with work.place.reachable(), interruptible():
+            _run_here(work, work.open(), read_episode_set(work.data))
+    except KeyboardInterrupt:
+        os._exit(130)
+    except WakedeployError as error:
+        writing.send(error)
+    except Exception as error:
+        writing.send(CheckFailed(f"a worker failed: {type(error).__name__}: {error}"))
+
+
+def _end_with_parent() -> None:
+    """A worker whose parent was killed ends at once; its trial is given back by the next tune."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        multiprocessing.connection.wait([parent.sentinel])
+        os._exit(1)

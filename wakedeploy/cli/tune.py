@@ -1,0 +1,229 @@
+"""`wakedeploy tune`: search an architecture's hyper-parameters under the parameter budget."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import Bar, print_table, progress, write_json
+from wakedeploy.cli.train import lead_of
+
+if TYPE_CHECKING:
+    from trainers.tuning.conclude import Found
+    from trainers.tuning.study import Study
+    from trainers.tuning.workers import OnTrials, Work
+    from wakedeploy.episodes import EpisodeSet
+
+
+@click.command()
+@click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
+@click.option("--arch", required=True, help="One architecture.")
+@click.option(
+    "--trials",
+    type=click.IntRange(1, 1_000_000),
+    default=100,
+    show_default=True,
+    help="Finished in all: pruned and failed ones count, interrupted ones do not.",
+)
+@click.option(
+    "--out", type=click.Path(file_okay=False, path_type=Path), required=True, help="A folder."
+)
+@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
+@click.option("--epochs", type=click.IntRange(1, 100_000), default=60, show_default=True)
+@click.option(
+    "--lead",
+    "lead_s",
+    type=click.FloatRange(0, 10),
+    help="Predict the force this many seconds ahead. Default: what the set states, or 0.",
+)
+@click.option(
+    "--budget",
+    type=click.IntRange(1, 100_000),
+    default=100_000,
+    show_default=True,
+    help="Trials have fewer trainable weights than this.",
+)
+@click.option(
+    "--objective",
+    default="rmse",
+    show_default=True,
+    help="rmse, or rmse,latency: the p99 of the exported step as well.",
+)
+@click.option(
+    "--dimension",
+    "dimensions",
+    multiple=True,
+    metavar="NAME=LOW:HIGH|NAME=A,B,…",
+    help="Narrow or fix one of the architecture's dimensions; may be repeated.",
+)
+@click.option(
+    "--pruner",
+    type=click.Choice(["median", "hyperband", "none"]),
+    default="median",
+    show_default=True,
+    help="What ends a trial that is behind; with several objectives none does.",
+)
+@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True)
+@click.option(
+    "--storage",
+    metavar="URL",
+    help="postgresql://USER@HOST/DATABASE, for many machines (the password may come from PGPASSWORD"
+    " or ~/.pgpass). Default: a journal file in --out.",
+)
+@click.option("--study-name", help="Default: DOMAIN-ARCH.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    data: Path,
+    arch: str,
+    trials: int,
+    out: Path,
+    seed: int,
+    epochs: int,
+    lead_s: float | None,
+    budget: int,
+    objective: str,
+    dimensions: tuple[str, ...],
+    pruner: str,
+    workers: int,
+    storage: str | None,
+    study_name: str | None,
+    json_path: Path | None,
+) -> None:
+    """Search hyper-parameters by Bayesian optimisation, judged on the validation episodes.
+
+    A trial over the parameter budget is not trained. The same command goes on where it was
+    stopped, more --trials add to it, and several may run at once. The folder then holds best.toml
+    for `train --preset`, the best trial's run, trials.csv and figures; the test episodes are looked
+    at once, for the best.
+
+    \b
+    Example:
+        wakedeploy tune --arch gru --data sets/gantry --trials 100 --out tuned/gru
+        wakedeploy tune --arch tcn --data sets/fish --out tuned/tcn --dimension blocks=2:5 \\
+            --objective rmse,latency --workers 4
+        wakedeploy train --preset tuned/gru/best.toml --data sets/gantry
+    """
+    from trainers.tuning.plan import make_plan
+    from trainers.tuning.workers import Work
+    from wakedeploy.episodes import read_episode_set
+
+    episodes = read_episode_set(data)
+    plan = make_plan(
+        episodes,
+        arch,
+        lead_s=lead_of(episodes, lead_s),
+        epochs=epochs,
+        budget=budget,
+        objective=tuple(name.strip() for name in objective.split(",")),
+        seed=seed,
+        asked=dimensions,
+    )
+    cost = _step_cost() if plan.timed else None
+    work = Work(plan, data, out, storage, study_name, trials, pruner, cost)
+    try:
+        found, study = _tuned(work, episodes, workers)
+    except KeyboardInterrupt:
+        click.echo(
+            f"Stopped: the study in {work.place.name} is kept, and what was in training will be"
+            " begun again; the same command goes on.",
+            err=True,
+        )
+        ctx.exit(130)
+    _tell(found, work)
+    if json_path:
+        write_json(json_path, _as_json(found, work, study))
+
+
+def _step_cost() -> Any:
+    from export.step_time import step_p99_us
+
+    return step_p99_us
+
+
+def _tuned(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
+    from trainers.tuning.conclude import conclude
+    from trainers.tuning.study import all_trials, finished
+    from trainers.tuning.workers import run_trials
+
+    study = work.begin()
+    done = len(finished(all_trials(study)))
+    with progress("Trials", work.trials, done=min(done, work.trials)) as bar:
+        run_trials(work, study, data, workers, _shown_on(bar, work))
+    with progress("Training the best once more", work.plan.epochs) as bar:
+        found = conclude(work, study, data, bar.update)
+    return found, study
+
+
+def _shown_on(bar: Bar, work: "Work") -> "OnTrials":
+    from trainers.tuning.report import best_of, rows_of
+    from trainers.tuning.study import all_trials, finished
+
+    def show(study: "Study") -> None:
+        done, best = len(finished(all_trials(study))), best_of(rows_of(study))
+        told = "" if best is None else f", best {best.error:.4g} (trial {best.number})"
+        bar.describe(f"{done} of {work.trials} trials{told}")
+        bar.update(min(done, work.trials), work.trials)
+
+    return show
+
+
+def _tell(found: "Found", work: "Work") -> None:
+    plan, best, run = work.plan, found.best, found.run
+    said = ", ".join(f"{count} {state}" for state, count in found.counts.items())
+    title = f"{plan.arch} on {plan.domain}, study in {work.place.name}: {said}"
+    shown = found.front if plan.timed else [best]
+    reference = [row for row in found.rows if row.reference and row.error is not None]
+    rows = [
+        [
+            f"{row.number}{' (the paper’s shape)' if row.reference else ''}",
+            f"{row.error:.4g}",
+            "—" if row.step_us is None else f"{row.step_us:.0f}",
+            f"{row.parameters:,}",
+            " ".join(f"{name}={value:.3g}" for name, value in row.point.items()),
+        ]
+        for row in [*shown, *(row for row in reference if row not in shown)]
+    ]
+    columns = ["trial", "validation error", "p99 of a step [µs]", "trainable", "point"]
+    print_table(title, columns, rows)
+    errors = [
+        f"{c.name} {run.metrics.test.rmse[c.name]:.4g} {c.unit}"
+        + _share(run.metrics.test.r2[c.name])
+        for c in run.config.force
+    ]
+    click.echo(f"Test RMSE of trial {best.number}, trained once more: {', '.join(errors)}.")
+    click.echo(f"{work.out / 'best.toml'}: train with it by `wakedeploy train --preset`.")
+    if found.elsewhere:
+        hosts = ", ".join(sorted(set(found.elsewhere)))
+        click.echo(
+            f"{len(found.elsewhere)} trials are still in training on {hosts}; the same command"
+            " counts them in when they are done."
+        )
+
+
+def _share(r2: float | None) -> str:
+    return "" if r2 is None else f" (R² {r2:.4f})"
+
+
+def _as_json(found: "Found", work: "Work", study: "Study") -> dict[str, Any]:
+    """The result for other programs; errors as in best.toml, RMSE in the channels' units."""
+    import dataclasses
+
+    from trainers.tuning.plan import described
+
+    metrics = found.run.metrics
+    return {
+        **described(work.plan, work.data),
+        "study": study.study_name,
+        "storage": work.place.name,
+        "trials": found.counts,
+        "best": dataclasses.asdict(found.best),
+        "hyper": found.run.config.hyper,
+        "settings": found.run.config.settings,
+        "front": [dataclasses.asdict(row) for row in found.front],
+        "importances": dict(found.importances),
+        "validation": {"rmse": metrics.validation.rmse, "r2": metrics.validation.r2},
+        "test": {"rmse": metrics.test.rmse, "r2": metrics.test.r2},
+        "rows": [dataclasses.asdict(row) for row in found.rows],
+    }
