@@ -1,7 +1,7 @@
 """One study: made or found again, its trials counted, and those of dead workers given back.
 
 A trial that was interrupted, or whose worker died, is failed, and its point is put back into the
-queue: once, so that a point that kills its worker does not do so for ever.
+queue.
 """
 
 import contextlib
@@ -25,7 +25,7 @@ from wakedeploy.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
-INTERRUPTED = "interrupted"
+INTERRUPTED, LOST_BEFORE = "interrupted", "lost before"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"
 _IDENTITY_WAIT_S = 5.0
@@ -45,7 +45,7 @@ def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optun
         if asked not in there and there and place.is_journal:
             _require_same(place, _load(storage, there[0]), plan)
             _refuse(place, there[0], f"is named so, not {asked}")
-        study = _found_or_made(storage, asked, plan)
+        study = _load(storage, asked) if asked in there else _made(storage, asked, plan)
         _require_same(place, study, plan)
         study.sampler = SeededByTrial(plan.seed)
         study.pruner = _pruner(pruner, plan)
@@ -59,9 +59,20 @@ def enqueue_first(study: optuna.Study, point: dict[str, float] | None) -> None:
 
 
 def give_back(study: optuna.Study, trial: FrozenTrial) -> None:
-    """Put a lost trial's point back into the queue, unless it had been there before."""
-    if AGAIN not in trial.user_attrs:
-        study.enqueue_trial(_point(trial), user_attrs={AGAIN: trial.number})
+    """Put the point of a trial whose worker died back into the queue, unless a worker did before.
+
+    A point that needs more memory than there is would end one worker after the other.
+    """
+    if LOST_BEFORE not in trial.user_attrs:
+        marks = {AGAIN: trial.number, LOST_BEFORE: True}
+        study.enqueue_trial(_point(trial), user_attrs=marks)
+
+
+def begin_again(study: optuna.Study, number: int) -> None:
+    """Put an interrupted trial's point back into the queue."""
+    trial = all_trials(study)[number]
+    marks = {name: True for name in (LOST_BEFORE,) if name in trial.user_attrs}
+    study.enqueue_trial(_point(trial), user_attrs={AGAIN: number, **marks})
 
 
 def give_back_of_the_dead(study: optuna.Study, host: str | None = None) -> int:
@@ -106,12 +117,12 @@ def _point(trial: FrozenTrial) -> dict[str, Any]:
     return {**told, **trial.params}
 
 
-def _found_or_made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
+def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
     try:
         study = optuna.create_study(
             storage=storage, study_name=name, directions=["minimize"] * len(plan.objective)
         )
-    except optuna.exceptions.DuplicatedStudyError:
+    except optuna.exceptions.DuplicatedStudyError:  # another machine was faster
         return _load(storage, name)
     study.set_user_attr(_IDENTITY, plan.identity)
     metric_names = {"rmse": "validation error", "latency": "step p99 [µs]"}

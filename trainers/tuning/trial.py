@@ -26,7 +26,7 @@ from trainers.tuning.study import (
     PARAMETERS,
     REASON,
     WORKER,
-    give_back,
+    begin_again,
     this_worker,
 )
 from wakedeploy.episodes import EpisodeSet
@@ -58,7 +58,7 @@ class Objective:
             return self._judged(trial)
         except KeyboardInterrupt:
             trial.set_user_attr(REASON, INTERRUPTED)
-            give_back(trial.study, trial.study.trials[trial.number])
+            begin_again(trial.study, trial.number)
             raise
         except FAILURES as error:
             trial.set_user_attr(REASON, " ".join(str(error).split()))

@@ -1,0 +1,347 @@
+"""`wakedeploy tune` and `train --preset`: what they say, and studies of several processes."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+from click.testing import CliRunner, Result
+from optuna.storages import JournalStorage
+from optuna.storages.journal import JournalFileBackend
+from optuna.trial import FrozenTrial, TrialState
+
+from trainers.tuning.report import Row, rows_of
+from wakedeploy.cli import main
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+
+LIMIT_S = 60
+SLOW = ("--dimension", "hidden=130:140", "--dimension", "chunk_steps=16:20")  # seconds a trial
+FAST = ("--dimension", "hidden=4:9", "--dimension", "chunk_steps=32:64")
+
+
+def small_set() -> EpisodeSet:
+    splits = ["train"] * 4 + ["validation", "test"]
+    draw = np.random.default_rng(0)
+    episodes = []
+    for index in range(len(splits)):
+        u = np.convolve(draw.normal(size=320), np.ones(4) / 2, "valid")[:, None]
+        force = 0.01 * np.roll(u, 5, axis=0)
+        episodes.append(Episode(f"e{index}", u.astype(np.float32), force.astype(np.float32)))
+    return EpisodeSet(
+        domain="echo",
+        rate_hz=20.0,
+        observation=(Channel("u", "N"),),
+        force=(Channel("f_n", "N"),),
+        window_s=0.5,
+        loss_weights=(1.0,),
+        split={e.name: s for e, s in zip(episodes, splits, strict=True)},
+        episodes=tuple(episodes),
+    )
+
+
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("tune") / "set"
+    small_set().write(folder)
+    return folder
+
+
+def wakedeploy(*arguments: object) -> Result:
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def tune(data: Path, out: Path, *others: object) -> Result:
+    return wakedeploy("tune", "--arch", "gru", "--data", data, "--out", out, *others)
+
+
+@pytest.fixture(scope="module")
+def done(data: Path) -> Path:
+    """A finished study of five trials, with what it printed."""
+    out = data.parent / "done"
+    ended = tune(data, out, "--trials", 5, "--epochs", 2, *FAST, "--json", out.with_suffix(".json"))
+    assert ended.exit_code == 0, ended.output
+    out.with_suffix(".txt").write_text(ended.output)
+    return out
+
+
+def one_line(result: Result) -> str:
+    return " ".join(result.output.split())
+
+
+# --- what it says and leaves --------------------------------------------------------------------
+
+
+def test_tuning_prints_the_best_and_writes_the_rows(done: Path) -> None:
+    told = json.loads(done.with_suffix(".json").read_text())
+    text = done.with_suffix(".txt").read_text()
+    assert (told["study"], told["storage"]) == ("echo-gru", str(done / "study.journal"))
+    assert sum(told["trials"].values()) == len(told["rows"]) == 5
+    best = min((r for r in told["rows"] if r["state"] == "finished"), key=lambda r: r["error"])
+    assert told["best"] == best
+    assert told["hyper"]["hidden"] == best["point"]["hidden"]
+    assert set(told["test"]["rmse"]) == {"f_n"}
+    assert f"{best['error']:.4g}" in text
+    assert f"Test RMSE of trial {best['number']}" in " ".join(text.split())
+    left = {path.name for path in done.iterdir() if not path.name.startswith(".")}
+    assert left == {
+        "study.journal",
+        "best.toml",
+        "trials.csv",
+        "best",
+        "history.png",
+        "history.pdf",
+    }
+
+
+def test_the_best_trains_as_a_preset(done: Path, data: Path, tmp_path: Path) -> None:
+    asked = ("--data", data, "--preset", done / "best.toml", "--json", tmp_path / "t.json")
+    ended = wakedeploy("train", *asked, "--out", tmp_path / "runs")
+    assert ended.exit_code == 0, ended.output
+    (row,) = json.loads((tmp_path / "t.json").read_text())["rows"]
+    told = json.loads(done.with_suffix(".json").read_text())
+    assert row["arch"] == "gru"
+    assert row["rmse"] == told["test"]["rmse"]
+    changed = wakedeploy(
+        "train", *asked, "--out", tmp_path / "other", "--hyper", "gru.hidden=5", "--epochs", 1
+    )
+    assert changed.exit_code == 0, changed.output
+    config = json.loads((tmp_path / "other/echo/gru/s0/config.json").read_text())
+    assert (config["hyper"]["hidden"], config["settings"]["epochs"]) == (5, 1)
+    assert config["settings"]["lanes"] == told["settings"]["lanes"]
+
+
+def test_more_trials_add_to_the_study(done: Path, data: Path) -> None:
+    before = (done / "study.journal").read_bytes()
+    again = tune(data, done, "--trials", 5, "--epochs", 2, *FAST)
+    assert again.exit_code == 0, again.output
+    assert (done / "study.journal").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--dimension", "hiden=3"], "gru has no dimension 'hiden'; it has hidden, dropout"),
+        (["--arch", "mlp"], "There is no architecture 'mlp'; choose agile-mlp"),
+        (["--objective", "speed"], "--objective speed: choose rmse or rmse,latency"),
+        (["--epochs", "9"], "was made with epochs = 2, not 9; repeat its options"),
+        (["--lead", "0.2"], "was made with lead_s = 0.0, not 0.2"),
+        (["--storage", "mysql://me:secret@host/x"], "--storage mysql://…: give a database"),
+        (["--storage", "here.db"], "--storage …://…: give a database as postgresql://"),
+        (["--data", "nowhere"], "nowhere/dataset.json: not found"),
+    ],
+)
+def test_what_cannot_be_tuned_is_one_sentence_and_status_2(
+    done: Path, data: Path, arguments: list[str], says: str
+) -> None:
+    before = {path: path.read_bytes() for path in done.rglob("*") if path.is_file()}
+    ended = tune(data, done, "--trials", 9, "--epochs", 2, *FAST, *arguments)
+    assert ended.exit_code == 2, ended.output
+    assert says in one_line(ended)
+    assert ended.stderr.count("\n") == 1
+    assert "secret" not in ended.output
+    assert {path: path.read_bytes() for path in done.rglob("*") if path.is_file()} == before
+
+
+PRESET = 'format = 1\narch = "gru"\n[hyper]\nhidden = 8\n[settings]\nepochs = 1\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "arguments", "says"),
+    [
+        (PRESET, ["--arch", "tcn"], "it is one of gru, not of tcn; train --arch gru with it"),
+        (PRESET.replace("hidden", "hiden"), [], "gru has no hyper-parameter 'hiden'"),
+        (
+            PRESET.replace("epochs", "epoch"),
+            [],
+            "There is no fit setting 'epoch'; there are epochs",
+        ),
+        (PRESET.replace("hidden = 8", "hidden = 0"), [], "hidden = 0 has to be a whole number"),
+        (PRESET.replace("epochs = 1", "epochs = 1.5"), [], "epochs = 1.5 has to be a whole"),
+        (PRESET + "[extra]\n", [], "is no preset: extra is not known"),
+        (PRESET.replace('"gru"', '"mlp"'), [], "There is no architecture 'mlp'"),
+        (PRESET.replace("format = 1", "format = 2"), [], "is no preset: format = 2"),
+        ("hidden = = 8", [], "cannot be read as a preset"),
+        (None, [], "does not exist; give a preset's file, 'reference' or 'tuned'"),
+    ],
+)
+def test_an_unusable_preset_is_one_sentence(
+    text: str | None, arguments: list[str], says: str, data: Path, tmp_path: Path
+) -> None:
+    path = tmp_path / "p.toml"
+    if text is not None:
+        path.write_text(text)
+    asked = ("--data", data, "--out", tmp_path / "runs", "--preset", path, *arguments)
+    ended = wakedeploy("train", *asked)
+    assert ended.exit_code == 2, ended.output
+    assert says in one_line(ended)
+    assert ended.stderr.count("\n") == 1
+    assert not (tmp_path / "runs").exists()
+
+
+def test_tuned_presets_are_looked_up_by_the_sets_domain(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = ("--data", data, "--arch", "gru", "--out", tmp_path / "runs", "--preset", "tuned")
+    none = wakedeploy("train", *asked)
+    assert none.exit_code == 2
+    assert "No tuned preset of gru ships for echo sets; find one with" in one_line(none)
+    (tmp_path / "echo").mkdir()
+    (tmp_path / "echo/gru.toml").write_text(PRESET)
+    monkeypatch.setattr("trainers.preset.shipped_preset.__defaults__", (tmp_path,))
+    found = wakedeploy("train", *asked)
+    assert found.exit_code == 0, found.output
+    config = json.loads((tmp_path / "runs/echo/gru/s0/config.json").read_text())
+    assert config["hyper"]["hidden"] == 8
+
+
+def test_every_shipped_preset_is_one_of_its_folder() -> None:
+    from trainers.preset import SHIPPED, read_preset
+
+    for path in SHIPPED.glob("*/*.toml"):
+        preset = read_preset(path)
+        assert (preset.study["domain"], preset.arch) == (path.parent.name, path.stem)
+
+
+def test_presets_are_packed_into_the_wheel(tmp_path: Path) -> None:
+    root = Path(__file__).parents[2]
+    for name in ("pyproject.toml", "README.md", "trainers/__init__.py"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes((root / name).read_bytes())
+    (tmp_path / "trainers/presets/echo").mkdir(parents=True)
+    (tmp_path / "trainers/presets/echo/gru.toml").write_text(PRESET)
+    subprocess.run(
+        [sys.executable, "-c", "import setuptools; setuptools.setup()", "-q", "build_py",
+         "--build-lib", "built"],
+        cwd=tmp_path, check=True, capture_output=True, timeout=LIMIT_S,
+    )  # fmt: skip
+    assert (tmp_path / "built/trainers/presets/echo/gru.toml").exists()
+
+
+def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_path: Path) -> None:
+    out = tmp_path / "front"
+    ended = wakedeploy(
+        "tune", "--arch", "agile-mlp", "--data", data, "--out", out, "--trials", 3, "--epochs", 2,
+        "--dimension", "hidden=4,64", "--dimension", "layers=1,3", "--objective", "rmse,latency",
+        "--json", tmp_path / "front.json",
+    )  # fmt: skip
+    assert ended.exit_code == 0, ended.output
+    told = json.loads((tmp_path / "front.json").read_text())
+    assert all(row["step_us"] > 0 for row in told["rows"])
+    assert 1 <= len(told["front"]) <= 3
+    for row in told["front"]:
+        assert f"{row['error']:.4g}" in ended.output
+        assert (out / "pareto" / f"trial-{row['number']:04d}.toml").exists()
+    assert (out / "pareto.png").exists()
+    assert (out / "pareto.pdf").exists()
+
+
+# --- several processes --------------------------------------------------------------------------
+
+
+def study_in(out: Path) -> optuna.Study | None:
+    """The study as any other program of Optuna's would read it, once it is there."""
+    if not (out / "study.journal").exists():
+        return None
+    storage = JournalStorage(JournalFileBackend(str(out / "study.journal")))
+    studies = storage.get_all_studies()
+    if not studies:
+        return None
+    return optuna.load_study(study_name=studies[0].study_name, storage=storage)
+
+
+def in_training(out: Path) -> list[FrozenTrial]:
+    """The trials that have an epoch behind them and more before."""
+    study = study_in(out)
+    trials = [] if study is None else study.get_trials(states=(TrialState.RUNNING,))
+    return [trial for trial in trials if trial.intermediate_values]
+
+
+def until(what: Callable[[], object]) -> None:
+    end = time.monotonic() + LIMIT_S
+    while not what():
+        assert time.monotonic() < end, "it took too long"
+        time.sleep(0.05)
+
+
+@pytest.fixture
+def started(data: Path) -> Iterator[Callable[..., subprocess.Popen[str]]]:
+    running: list[subprocess.Popen[str]] = []
+
+    def start(out: Path, *others: object) -> subprocess.Popen[str]:
+        asked = ["tune", "--arch", "gru", "--data", data, "--out", out, *others]
+        process = subprocess.Popen(
+            [sys.executable, "-m", "wakedeploy", *map(str, asked)],
+            stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
+        )  # fmt: skip
+        running.append(process)
+        return process
+
+    yield start
+    for process in running:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate()
+
+
+def rows_in(out: Path) -> list[Row]:
+    study = study_in(out)
+    assert study is not None
+    return rows_of(study)
+
+
+def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
+    data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
+) -> None:
+    out = tmp_path / "out"
+    asked = ("--epochs", 40, "--pruner", "none", *SLOW)
+    process = started(out, "--trials", 6, "--workers", 2, *asked)
+    until(lambda: len(in_training(out)) == 2)
+    victim = in_training(out)[0]
+    assert len({trial.user_attrs["worker"]["pid"] for trial in in_training(out)}) == 2
+    os.kill(victim.user_attrs["worker"]["pid"], signal.SIGKILL)
+    until(lambda: any(row.state == "lost" for row in rows_in(out)))
+    until(lambda: len(in_training(out)) == 2)  # another worker took its place
+    os.killpg(process.pid, signal.SIGINT)  # as the terminal does it, to every process
+    printed, complained = process.communicate(timeout=LIMIT_S)
+    assert process.returncode == 130, complained
+    assert printed == ""
+    assert "the same command goes on" in complained
+    assert len(complained.strip().splitlines()) == 1, complained
+    rows = rows_in(out)
+    assert [row.number for row in rows if row.state == "lost"] == [victim.number]
+    assert sum(row.state == "interrupted" for row in rows) == 2
+    assert all(
+        row.reason.endswith("begun again") for row in rows if row.state in ("lost", "interrupted")
+    )
+    assert not any(row.state == "running" for row in rows)
+    finished = sum(row.state == "finished" for row in rows)
+    ended = tune(data, out, "--trials", finished + 1, *asked)
+    assert ended.exit_code == 0, ended.output
+    after = rows_in(out)
+    (fresh,) = [row for row in after[: len(rows)] if row not in rows]
+    assert fresh.state == "finished"  # one of those that waited to be begun again
+    assert sum(row.state == "finished" for row in after) == finished + 1
+
+
+def test_a_tune_killed_whole_is_gone_on_with_by_the_next(
+    data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
+) -> None:
+    out = tmp_path / "out"
+    asked = ("--epochs", 6, "--pruner", "none", *SLOW)
+    process = started(out, "--trials", 2, *asked)
+    until(lambda: in_training(out))
+    process.kill()
+    process.communicate()
+    assert [row.state for row in rows_in(out)] == ["running"]
+    ended = tune(data, out, "--trials", 2, *asked)
+    assert ended.exit_code == 0, ended.output
+    assert [row.state for row in rows_in(out)] == ["lost", "finished", "finished"]
+    first, second, _ = rows_in(out)
+    assert second.point == first.point

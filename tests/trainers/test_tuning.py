@@ -1,0 +1,422 @@
+"""Studies: what a trial may see, how one goes on, what it refuses, and what it leaves."""
+
+import csv
+import dataclasses
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tomllib
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import optuna
+import pytest
+from optuna.trial import TrialState
+from small_study import TINY, plan_of, tuned, work_of
+
+from trainers.fit import Fit
+from trainers.preset import read_preset
+from trainers.training import configure, settings_for, train
+from trainers.tuning import study as studies
+from trainers.tuning.conclude import conclude
+from trainers.tuning.report import best_of, front_of, rows_of
+from trainers.tuning.storage import JOURNAL, KernelLock
+from trainers.tuning.study import finished, give_back_of_the_dead, this_worker
+from trainers.tuning.workers import run_trials
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.errors import CheckFailed, UnusableInput
+
+
+def points_and_values(study: optuna.Study) -> list[tuple[dict, list[float] | None]]:
+    ended = finished(study.trials)
+    return sorted([(sorted(t.params.items()), t.state.name, t.values) for t in ended], key=str)
+
+
+def states(study: optuna.Study) -> list[str]:
+    return [row.state for row in rows_of(study)]
+
+
+def interrupted_in(epoch: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C at the end of the study's `epoch`th epoch, once."""
+    run_epoch, seen = Fit.run_epoch, []
+
+    def interrupted(self: Fit) -> object:
+        standing = run_epoch(self)
+        seen.append(1)
+        if len(seen) == epoch:
+            raise KeyboardInterrupt
+        return standing
+
+    monkeypatch.setattr(Fit, "run_epoch", interrupted)
+
+
+# --- one trial ----------------------------------------------------------------------------------
+
+
+def test_over_the_budget_nothing_is_trained_and_the_count_is_recorded(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Fit, "run_epoch", lambda self: pytest.fail("trained"))
+    study = tuned(echo, tmp_path / "out", budget=10)
+    for trial in study.trials:
+        assert trial.state == TrialState.PRUNED
+        assert trial.user_attrs["parameters"] >= 10
+        assert "budget fewer than 10" in trial.user_attrs["reason"]
+    assert states(study) == ["over budget"] * 4
+
+
+def test_a_point_that_cannot_be_built_is_pruned_with_the_reason(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    study = tuned(echo, tmp_path / "out", "cross-attention", 2, asked=("embed=9", "heads=2"))
+    assert states(study) == ["over budget"] * 2
+    assert "multiple of 2" in study.trials[0].user_attrs["reason"]
+
+
+def test_a_trial_behind_the_others_ends_early(echo: EpisodeSet, tmp_path: Path) -> None:
+    study = tuned(echo, tmp_path / "out", trials=12, epochs=6)
+    early = [row for row in rows_of(study) if row.state == "pruned"]
+    assert early
+    assert all(0 < row.epochs < 6 and "behind the others" in row.reason for row in early)
+    assert all(row.epochs == 6 for row in rows_of(study) if row.state == "finished")
+
+
+@pytest.mark.parametrize("pruner", ["hyperband", "none"])
+def test_other_pruners_do_as_they_are_called(pruner: str, echo: EpisodeSet, tmp_path: Path) -> None:
+    study = tuned(echo, tmp_path / "out", trials=8, epochs=6, pruner=pruner)
+    assert ("pruned" in states(study)) == (pruner == "hyperband")
+
+
+def test_a_diverged_training_fails_alone(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    validate, seen = Fit.validate, []
+
+    def broken(self: Fit) -> float:
+        seen.append(1)
+        return float("nan") if len(seen) == 2 else validate(self)
+
+    monkeypatch.setattr(Fit, "validate", broken)
+    study = tuned(echo, tmp_path / "out", trials=3)
+    assert states(study) == ["failed", "finished", "finished"]
+    assert study.trials[0].user_attrs["reason"] == "training diverged in epoch 2"
+
+
+def test_the_test_episodes_are_looked_at_once_for_the_best_at_the_end(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    part = EpisodeSet.part
+    work = work_of(echo, tmp_path / "out", trials=3)
+    study = work.begin()
+    monkeypatch.setattr(
+        EpisodeSet, "part", lambda self, split: asked.append(split) or part(self, split)
+    )
+    run_trials(work, study, echo)
+    assert asked
+    assert "test" not in asked
+    found = conclude(work, study, echo)
+    looked = asked.count("test")
+    assert looked > 0
+    again = conclude(work, study, echo)  # the run lies there
+    assert asked.count("test") == looked
+    assert again.run.metrics == found.run.metrics
+
+
+# --- a study that goes on -----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("arch", ["agile-mlp", "gru", "esn"])
+def test_a_study_in_two_sessions_is_the_study_in_one(
+    arch: str, echo: EpisodeSet, tmp_path: Path
+) -> None:
+    whole = tuned(echo, tmp_path / "whole", arch, 14)
+    tuned(echo, tmp_path / "parts", arch, 5)
+    parts = tuned(echo, tmp_path / "parts", arch, 14)
+    assert len(parts.trials) == 14
+    assert points_and_values(parts) == points_and_values(whole)
+    assert len({str(t.params) for t in whole.trials}) == 14
+
+
+def test_an_interrupted_trial_is_begun_again_and_nothing_else_changes(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = tuned(echo, tmp_path / "whole", trials=13)
+    with monkeypatch.context() as patched:
+        interrupted_in(8, patched)
+        with pytest.raises(KeyboardInterrupt):
+            tuned(echo, tmp_path / "cut", trials=13)
+    resumed = tuned(echo, tmp_path / "cut", trials=13)
+    rows = rows_of(resumed)
+    (lost,) = [row for row in rows if row.state == "interrupted"]
+    assert lost.reason == "interrupted; begun again"
+    assert rows[lost.number + 1].point == lost.point
+    assert len(rows) == 14
+    assert points_and_values(resumed) == points_and_values(whole)
+
+
+def test_enough_trials_are_enough(echo: EpisodeSet, tmp_path: Path) -> None:
+    tuned(echo, tmp_path / "out", trials=3)
+    assert len(tuned(echo, tmp_path / "out", trials=2).trials) == 3
+
+
+def running_trial(study: optuna.Study, worker: dict | None) -> optuna.Trial:
+    trial = study.ask()
+    trial.suggest_int("hidden", 4, 16)
+    if worker:
+        trial.set_user_attr("worker", worker)
+    return trial
+
+
+def test_the_trials_of_dead_processes_are_given_back_once(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out")
+    study = work.open()
+    ended = subprocess.Popen([sys.executable, "-c", ""])
+    ended.wait()
+    mine = this_worker()
+    running_trial(study, mine)
+    dead = running_trial(study, {**mine, "pid": ended.pid})
+    reused = running_trial(study, {**mine, "born": "00000000-1"})
+    running_trial(study, {**mine, "pid": ended.pid, "host": "elsewhere"})
+    running_trial(study, None)  # has not said yet who runs it
+    assert give_back_of_the_dead(study) == 2
+    assert give_back_of_the_dead(study) == 0
+    lost = [t.number for t in study.trials if t.state == TrialState.FAIL]
+    assert lost == [dead.number, reused.number]
+    again = [t for t in study.trials if t.state == TrialState.WAITING]
+    assert [t.user_attrs["again"] for t in again] == lost
+    assert [t.system_attrs["fixed_params"] for t in again] == [dead.params, reused.params]
+    second = study.ask()
+    assert second.suggest_int("hidden", 4, 16) == dead.params["hidden"]
+    second.set_user_attr("worker", {**mine, "pid": ended.pid})
+    assert give_back_of_the_dead(study) == 1  # whatever kills its worker twice is let go
+    assert sum(t.state == TrialState.WAITING for t in study.trials) == 1
+    counted = [t.number for t in finished(study.trials)]
+    assert counted == [second.number]
+
+
+def test_a_trial_that_never_said_who_runs_it_is_given_up(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = work_of(echo, tmp_path / "out").open()
+    running_trial(study, None)
+    assert give_back_of_the_dead(study) == 0
+    monkeypatch.setattr(studies, "_UNSIGNED_S", -1.0)
+    assert give_back_of_the_dead(study) == 1
+
+
+def test_who_runs_a_trial_is_this_process() -> None:
+    worker = this_worker()
+    assert (worker["host"], worker["pid"]) == (platform.node(), os.getpid())
+    assert worker["born"] == this_worker()["born"]
+    assert worker["born"] != studies._born(os.getppid())
+
+
+def test_an_unfinished_line_of_the_journal_is_dropped_by_the_next_writer(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    tuned(echo, tmp_path / "out", trials=2)
+    with (tmp_path / "out" / JOURNAL).open("ab") as file:
+        file.write(b'{"op_code":5,"wor')
+    study = tuned(echo, tmp_path / "out", trials=4)
+    assert states(study) == ["finished"] * 4
+    assert len(tuned(echo, tmp_path / "out", trials=4).trials) == 4  # it is read from its beginning
+
+
+def test_the_journals_lock_ends_with_a_killed_holder(tmp_path: Path) -> None:
+    journal = tmp_path / "a.journal"
+    code = (
+        "import sys, time; from pathlib import Path\n"
+        "from trainers.tuning.storage import KernelLock\n"
+        "KernelLock(Path(sys.argv[1])).acquire(); print('held', flush=True); time.sleep(60)"
+    )
+    holder = subprocess.Popen(
+        [sys.executable, "-c", code, str(journal)], stdout=subprocess.PIPE, text=True
+    )
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == "held\n"
+    holder.send_signal(signal.SIGKILL)
+    holder.wait()
+    lock = KernelLock(journal)
+    assert lock.acquire()
+    lock.release()
+
+
+# --- what is refused ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"arch": "gru"}, "arch = agile-mlp, not gru"),
+        ({"lead_s": 0.1}, "lead_s = 0.0, not 0.1"),
+        ({"budget": 5_000}, "budget = 100000, not 5000"),
+        ({"objective": ("rmse", "latency")}, "objective = rmse, not rmse,latency"),
+        ({"epochs": 4}, "epochs = 3, not 4"),
+        ({"seed": 1}, "seed = 0, not 1"),
+        ({"asked": ("hidden=4:9",)}, "dimensions = layers=1:2 hidden=4:16 .*, not layers=1:4"),
+        ({"study_name": "mine"}, "the study echo-agile-mlp is named so, not mine"),
+    ],
+)
+def test_a_study_of_another_plan_is_refused_and_left_alone(
+    changes: dict, says: str, echo: EpisodeSet, tmp_path: Path
+) -> None:
+    tuned(echo, tmp_path / "out", trials=1)
+    before = {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()}
+    with pytest.raises(UnusableInput, match=says) as told:
+        tuned(echo, tmp_path / "out", **changes)
+    assert "\n" not in str(told.value)
+    assert "choose another --out" in str(told.value)
+    assert {p: p.read_bytes() for p in (tmp_path / "out").rglob("*") if p.is_file()} == before
+
+
+def test_a_study_of_another_set_is_refused(
+    echo: EpisodeSet, make_echo: Callable[..., EpisodeSet], tmp_path: Path
+) -> None:
+    tuned(echo, tmp_path / "out", trials=1)
+    other = make_echo(steps=200)
+    with pytest.raises(UnusableInput, match=rf"another data set \(sha256 {echo.sha256[:12]}"):
+        tuned(other, tmp_path / "out")
+
+
+def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / JOURNAL).write_text("a shopping list\nwith two lines\n")
+    with pytest.raises(UnusableInput, match=r"study\.journal cannot be read as a study"):
+        tuned(echo, tmp_path / "out")
+    assert (tmp_path / "out" / JOURNAL).read_text().startswith("a shopping list")
+
+
+def test_a_study_that_tune_did_not_make_is_refused(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(studies, "_IDENTITY_WAIT_S", 0.1)
+    work = work_of(echo, tmp_path / "out")
+    optuna.create_study(storage=work.place.open(studies.give_back), study_name="echo-agile-mlp")
+    with pytest.raises(UnusableInput, match="was not made by `wakedeploy tune`"):
+        work.begin()
+
+
+def shortened(data: EpisodeSet, split: str, samples: int) -> EpisodeSet:
+    cut = [
+        dataclasses.replace(e, observation=e.observation[:samples], force=e.force[:samples])
+        if data.split[e.name] == split
+        else e
+        for e in data.episodes
+    ]
+    return dataclasses.replace(data, episodes=tuple(cut))
+
+
+def test_a_set_too_small_to_judge_by_is_refused_before_anything_is_made(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    with pytest.raises(UnusableInput, match=r"validation split of this echo set has 20 samples"):
+        plan_of(shortened(echo, "validation", 30))
+    with pytest.raises(UnusableInput, match="'validation' split of this echo set has no episode"):
+        plan_of(shortened(echo, "validation", 5))
+    with pytest.raises(UnusableInput, match="'test' split of this echo set has no episode"):
+        plan_of(shortened(echo, "test", 5))
+    still = [
+        dataclasses.replace(e, force=np.ones_like(e.force))
+        if echo.split[e.name] == "validation"
+        else e
+        for e in echo.episodes
+    ]
+    with pytest.raises(UnusableInput, match="force never changes in the validation split"):
+        plan_of(dataclasses.replace(echo, episodes=tuple(still)))
+
+
+def test_data_that_change_meanwhile_are_noticed(
+    echo: EpisodeSet, make_echo: Callable[..., EpisodeSet], tmp_path: Path
+) -> None:
+    work = work_of(echo, tmp_path / "out")
+    with pytest.raises(UnusableInput, match="changed while it was tuned on"):
+        run_trials(work, work.begin(), make_echo(steps=200))
+
+
+# --- what it leaves -----------------------------------------------------------------------------
+
+
+def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    work = work_of(echo, tmp_path / "out", "gru", 8, asked=(*TINY["gru"], "dropout=0.25"))
+    study = work.begin()
+    run_trials(work, study, echo)
+    found = conclude(work, study, echo)
+    assert found.best == best_of(rows_of(study))
+    preset = read_preset(work.out / "best.toml")
+    config = configure(
+        echo, "gru", seed=0, lead_s=0.0, hyper=preset.hyper,
+        settings=settings_for("gru", others=preset.settings),
+    )  # fmt: skip
+    run = train(config, echo, tmp_path / "again")
+    assert min(run.metrics.history) ** 0.5 == found.best.error
+    assert run.metrics.weights_sha256 == found.run.metrics.weights_sha256
+    assert preset.hyper["dropout"] == 0.25
+    told = tomllib.loads((work.out / "best.toml").read_text())["study"]
+    assert told["data_sha256"] == echo.sha256
+    assert (told["trials"], told["budget"], told["seed"]) == (8, 100_000, 0)
+    assert told["validation_error"] == found.best.error
+    assert told["kept_in"] == JOURNAL
+    assert str(tmp_path) not in (work.out / "best.toml").read_text()
+
+
+def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out", trials=9, asked=("hidden=4:16", "layers=1"))
+    study = work.begin()
+    run_trials(work, study, echo)
+    found = conclude(work, study, echo)
+    with (work.out / "trials.csv").open() as file:
+        lines = list(csv.DictReader(file))
+    assert [int(line["number"]) for line in lines] == list(range(9))
+    assert {line["layers"] for line in lines} == {"1"}
+    assert all(line["error"] for line in lines if line["state"] == "finished")
+    for name in ("history", "importances"):
+        assert (work.out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
+        assert (work.out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    assert sum(found.importances.values()) == pytest.approx(1)
+    assert set(found.importances) == set(study.trials[0].params)
+
+
+def test_without_any_finished_trial_the_reasons_are_kept(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out", trials=2, budget=10)
+    study = work.begin()
+    run_trials(work, study, echo)
+    with pytest.raises(CheckFailed, match=r"No trial came to its end \(2 over budget\)"):
+        conclude(work, study, echo)
+    assert "budget fewer than 10" in (work.out / "trials.csv").read_text()
+    assert not (work.out / "best.toml").exists()
+
+
+def cheap_when_small(predictor, config, observations) -> float:
+    assert observations.shape[1] == 2
+    return 10.0 + predictor.trainable / 100
+
+
+def test_of_two_objectives_the_front_is_what_none_beats(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(
+        echo, tmp_path / "out", "history-mlp", 8, objective=("rmse", "latency"),
+        step_cost=cheap_when_small, asked=("hidden=4:24", "snapshots=4:12"),
+    )  # fmt: skip
+    study = work.begin()
+    run_trials(work, study, echo)
+    found = conclude(work, study, echo)
+    front = front_of(found.rows)
+    assert found.front == front
+    assert {row.number for row in front} == {t.number for t in study.best_trials}
+    errors, costs = [r.error for r in front], [r.step_us for r in front]
+    assert errors == sorted(errors)
+    assert costs == sorted(costs, reverse=True)
+    assert {p.name for p in (work.out / "pareto").iterdir()} == {
+        f"trial-{row.number:04d}.toml" for row in front
+    }
+    assert (
+        read_preset(work.out / "pareto" / f"trial-{front[-1].number:04d}.toml").arch
+        == "history-mlp"
+    )
+    assert (work.out / "pareto.png").exists()
+    assert (work.out / "pareto.pdf").exists()
