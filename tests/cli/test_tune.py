@@ -242,6 +242,19 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
     assert (out / "pareto.pdf").exists()
 
 
+def test_help_loads_no_heavy_library() -> None:
+    code = (
+        "import sys\nfrom wakedeploy.cli import main\n"
+        "main(['tune', '--help'], standalone_mode=False)\n"
+        "heavy = {'torch', 'numpy', 'optuna', 'sqlalchemy', 'onnx', 'rich', 'pydantic'}\n"
+        "print(sorted(heavy & set(sys.modules)))"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=LIMIT_S
+    )
+    assert ended.stdout.splitlines()[-1] == "[]"
+
+
 # --- several processes --------------------------------------------------------------------------
 
 
@@ -300,7 +313,7 @@ def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:
     out = tmp_path / "out"
-    asked = ("--epochs", 40, "--pruner", "none", *SLOW)
+    asked = ("--epochs", 100, "--pruner", "none", *SLOW)
     process = started(out, "--trials", 6, "--workers", 2, *asked)
     until(lambda: len(in_training(out)) == 2)
     victim = in_training(out)[0]

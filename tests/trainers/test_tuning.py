@@ -84,6 +84,16 @@ def test_a_trial_behind_the_others_ends_early(echo: EpisodeSet, tmp_path: Path) 
     assert all(row.epochs == 6 for row in rows_of(study) if row.state == "finished")
 
 
+def test_with_two_objectives_too_nothing_over_the_budget_is_trained(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    study = tuned(
+        echo, tmp_path / "out", trials=12, objective=("rmse", "latency"), budget=60,
+        step_cost=cheap_when_small,
+    )  # fmt: skip
+    assert set(states(study)) == {"finished", "over budget"}
+
+
 @pytest.mark.parametrize("pruner", ["hyperband", "none"])
 def test_other_pruners_do_as_they_are_called(pruner: str, echo: EpisodeSet, tmp_path: Path) -> None:
     study = tuned(echo, tmp_path / "out", trials=8, epochs=6, pruner=pruner)
@@ -156,6 +166,19 @@ def test_an_interrupted_trial_is_begun_again_and_nothing_else_changes(
     assert rows[lost.number + 1].point == lost.point
     assert len(rows) == 14
     assert points_and_values(resumed) == points_and_values(whole)
+
+
+def test_a_trial_may_be_interrupted_again_and_again(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for _ in range(3):
+        with monkeypatch.context() as patched:
+            interrupted_in(1, patched)
+            with pytest.raises(KeyboardInterrupt):
+                tuned(echo, tmp_path / "out", trials=1)
+    rows = rows_of(tuned(echo, tmp_path / "out", trials=1))
+    assert [row.state for row in rows] == ["interrupted"] * 3 + ["finished"]
+    assert all(row.point == rows[0].point for row in rows)
 
 
 def test_enough_trials_are_enough(echo: EpisodeSet, tmp_path: Path) -> None:

@@ -62,6 +62,12 @@ def best_of(rows: Sequence[Row]) -> Row | None:
     return min(ended, key=lambda row: (row.error, row.number), default=None)
 
 
+def best_so_far(study: optuna.Study) -> tuple[int, float] | None:
+    """Number and error of the trial of the smallest error; None without any."""
+    pairs = [(trial.values[0], trial.number) for trial in _ended(all_trials(study))]
+    return min(pairs)[::-1] if pairs else None
+
+
 def front_of(rows: Sequence[Row]) -> list[Row]:
     """The trials that none beats in both error and cost, the most accurate first."""
     return sorted((row for row in rows if row.front), key=lambda row: row.error or 0.0)
@@ -72,7 +78,7 @@ def importances(study: optuna.Study) -> dict[str, float]:
 
     By PED-ANOVA (Watanabe et al. 2023), which needs no regression forest. Empty for too few trials.
     """
-    ended = [trial for trial in all_trials(study) if trial.state == TrialState.COMPLETE]
+    ended = _ended(all_trials(study))
     if len(ended) < _FEWEST_FOR_IMPORTANCE:
         return {}
     share = min(0.5, max(0.1, _ENOUGH_AT_THE_TOP / len(ended)))
@@ -150,13 +156,13 @@ def _reason(trial: FrozenTrial, repeated: bool) -> str:
 
 
 def _front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """Non-dominated finished trials; of one objective, the best alone."""
-    ended = [t for t in trials if t.state == TrialState.COMPLETE]
-    return [t for t in ended if not any(_beats(other, t) for other in ended)]
+    """Finished trials that none beats; of one objective, the best alone. The first of equals."""
+    front: list[FrozenTrial] = []
+    for trial in sorted(_ended(trials), key=lambda trial: (trial.values, trial.number)):
+        if not front or trial.values[-1] < front[-1].values[-1]:
+            front.append(trial)
+    return front
 
 
-def _beats(one: FrozenTrial, other: FrozenTrial) -> bool:
-    pairs = list(zip(one.values, other.values, strict=True))
-    if all(mine == theirs for mine, theirs in pairs):
-        return one.number < other.number
-    return all(mine <= theirs for mine, theirs in pairs)
+def _ended(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    return [trial for trial in trials if trial.state == TrialState.COMPLETE]

@@ -203,10 +203,9 @@ def _postgresql(address: str) -> URL:
 
 
 def _shown(url: URL) -> str:
-    plain = url.set(drivername="postgresql", password="***" if url.password else None)
-    return plain.update_query_dict(dict.fromkeys(_hidden(url), "***")).render_as_string(
-        hide_password=False
-    )
+    hidden = dict.fromkeys(_hidden(url), "***")
+    plain = url.set(drivername="postgresql").update_query_dict(hidden)
+    return plain.render_as_string(hide_password=True).replace(quote("***", safe=""), "***")
 
 
 def _hidden(url: URL) -> list[str]:

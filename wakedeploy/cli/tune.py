@@ -93,10 +93,9 @@ def command(
 ) -> None:
     """Search hyper-parameters by Bayesian optimisation, judged on the validation episodes.
 
-    A trial over the parameter budget is not trained. The same command goes on where it was
-    stopped, more --trials add to it, and several may run at once. The folder then holds best.toml
-    for `train --preset`, the best trial's run, trials.csv and figures; the test episodes are looked
-    at once, for the best.
+    A trial over the parameter budget is not trained. The same command goes on where it was stopped,
+    more --trials add to it, and several may run at once. --out then holds best.toml, the best
+    trial's run, trials.csv and figures; test episodes are looked at once, for the best.
 
     \b
     Example:
@@ -157,12 +156,12 @@ def _tuned(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Stud
 
 
 def _shown_on(bar: Bar, work: "Work") -> "OnTrials":
-    from trainers.tuning.report import best_of, rows_of
+    from trainers.tuning.report import best_so_far
     from trainers.tuning.study import all_trials, finished
 
     def show(study: "Study") -> None:
-        done, best = len(finished(all_trials(study))), best_of(rows_of(study))
-        told = "" if best is None else f", best {best.error:.4g} (trial {best.number})"
+        done, best = len(finished(all_trials(study))), best_so_far(study)
+        told = "" if best is None else f", best {best[1]:.4g} (trial {best[0]})"
         bar.describe(f"{done} of {work.trials} trials{told}")
         bar.update(min(done, work.trials), work.trials)
 
