@@ -231,6 +231,54 @@ def test_a_trial_that_never_said_who_runs_it_is_given_up(
     assert give_back_of_the_dead(study) == 1
 
 
+def test_a_worker_that_was_taken_for_dead_goes_on_with_another_trial(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = work_of(echo, tmp_path / "out", trials=3)
+    study, other = work.begin(), work.open()
+    run_epoch, seen = Fit.run_epoch, []
+
+    def slept(self: Fit) -> object:
+        seen.append(1)
+        if len(seen) == 2:
+            other.tell(0, state=TrialState.FAIL)
+            studies.give_back(other, other.trials[0])
+        return run_epoch(self)
+
+    monkeypatch.setattr(Fit, "run_epoch", slept)
+    run_trials(work, study, echo)
+    rows = rows_of(study)
+    assert [row.state for row in rows] == ["lost", "finished", "finished", "finished"]
+    assert rows[1].point == rows[0].point
+
+
+def test_what_is_not_foreseen_ends_the_tune_and_is_kept_as_the_trials_reason(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(self: Fit) -> object:
+        raise ValueError("no such thing")
+
+    monkeypatch.setattr(Fit, "run_epoch", broken)
+    work = work_of(echo, tmp_path / "out", trials=3)
+    study = work.begin()
+    with pytest.raises(ValueError, match="no such thing"):
+        run_trials(work, study, echo)
+    (row,) = rows_of(study)
+    assert (row.state, row.reason) == ("failed", "no such thing")
+
+
+def test_the_reference_stays_the_reference_when_it_is_begun_again(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with monkeypatch.context() as patched:
+        interrupted_in(1, patched)
+        with pytest.raises(KeyboardInterrupt):
+            tuned(echo, tmp_path / "out", trials=2, asked=())
+    rows = rows_of(tuned(echo, tmp_path / "out", trials=2, asked=()))
+    assert [row.reference for row in rows] == [True, True, False]
+    assert (rows[1].point["layers"], rows[1].point["hidden"]) == (2, 128)
+
+
 def test_who_runs_a_trial_is_this_process() -> None:
     worker = this_worker()
     assert (worker["host"], worker["pid"]) == (platform.node(), os.getpid())
@@ -303,6 +351,19 @@ def test_a_study_of_another_set_is_refused(
     other = make_echo(steps=200)
     with pytest.raises(UnusableInput, match=rf"another data set \(sha256 {echo.sha256[:12]}"):
         tuned(other, tmp_path / "out")
+
+
+def test_with_everything_fixed_one_point_is_judged(echo: EpisodeSet, tmp_path: Path) -> None:
+    names = [dimension.name for dimension in plan_of(echo).dimensions]
+    values = dict(zip(names, (1, 8, 0.01, 0.001, 128), strict=True))
+    asked = tuple(f"{name}={value}" for name, value in values.items())
+    work = work_of(echo, tmp_path / "out", trials=1, asked=asked)
+    study = work.begin()
+    run_trials(work, study, echo)
+    found = conclude(work, study, echo)
+    assert found.importances == {}
+    assert found.run.config.hyper == {"hidden": 8, "layers": 1}
+    assert found.run.config.settings["batch"] == 128
 
 
 def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:

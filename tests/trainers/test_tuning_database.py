@@ -157,6 +157,11 @@ def test_two_machines_share_a_study_in_the_database(
         " ".join(refused.output.split())
     )
     assert PASSWORD not in refused.output
+    overwriting = tune(echo, tmp_path, address, "--study-name", "another")
+    assert overwriting.exit_code == 2
+    assert "best.toml is of another study (name = echo-agile-mlp, not another)" in (
+        " ".join(overwriting.output.split())
+    )
 
 
 def test_a_study_in_the_database_is_that_in_the_journal(

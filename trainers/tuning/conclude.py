@@ -26,13 +26,13 @@ from trainers.tuning.report import (
     whole_point,
     write_trials,
 )
-from trainers.tuning.storage import JOURNAL
+from trainers.tuning.storage import turn
 from trainers.tuning.study import all_trials, finished, running
-from trainers.tuning.workers import Work
+from trainers.tuning.workers import BEST, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
 
-BEST, TRIALS, FRONT, RUNS = "best.toml", "trials.csv", "pareto", "best"
+TRIALS, FRONT, RUNS = "trials.csv", "pareto", "best"
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,11 @@ def conclude(
     Raises CheckFailed where no trial came to its end; `trials.csv` says why.
     """
     torch.set_num_threads(1)
+    with turn(work.out, "conclude"):  # another process may have come to the end, too
+        return _concluded(work, study, data, on_epoch)
+
+
+def _concluded(work: Work, study: optuna.Study, data: EpisodeSet, on_epoch: OnEpoch) -> Found:
     with work.place.reachable():
         rows, trials = rows_of(study), all_trials(study)
         shares = importances(study)
@@ -98,7 +103,7 @@ def _preset(
     told: dict[str, Any] = {
         **described(work.plan, work.data),
         "name": study.study_name,
-        "kept_in": JOURNAL if work.place.is_journal else work.place.name,
+        "kept_in": work.place.told,
         "date": max(ended).date().isoformat(),
         "trials": sum(counts.values()),
         "trials_by_state": dict(counts),

@@ -18,7 +18,7 @@ from trainers.dimensions import Choice
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split
-from trainers.tuning.study import EPOCHS, INTERRUPTED, PARAMETERS, REASON, all_trials
+from trainers.tuning.study import EPOCHS, INTERRUPTED, PARAMETERS, REASON, REFERENCE, all_trials
 from wakedeploy.files import write_text_whole
 
 FINISHED, BEHIND, REFUSED = "finished", "pruned", "over budget"
@@ -132,7 +132,7 @@ def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         seconds=None if seconds is None else round(seconds, 3),
         started=trial.datetime_start.isoformat(" ", "seconds") if trial.datetime_start else "",
         front=front,
-        reference=trial.number == 0 and "fixed_params" in trial.system_attrs,
+        reference=REFERENCE in trial.user_attrs,
         point=dict(trial.params),
     )
 

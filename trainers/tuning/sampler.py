@@ -19,13 +19,13 @@ AGAIN = "again"  # user attribute of a trial that repeats another: the other's n
 class SeededByTrial(BaseSampler):
     """Optuna's TPE, seeded for each trial; pruned trials over the budget count as infeasible."""
 
-    def __init__(self, seed: int) -> None:
-        self._seed = seed
+    def __init__(self, seed: int, whole: Study) -> None:
+        self._seed, self._whole = seed, whole  # pruners may show a sampler a part of the study
         self._inner = TPESampler(seed=seed)
 
     def before_trial(self, study: Study, trial: FrozenTrial) -> None:
         """Seed by the trial's place among those that were not begun again."""
-        trials = study.get_trials(deepcopy=False)
+        trials = self._whole.get_trials(deepcopy=False)
         repeats = [t for t in trials if t.number <= trial.number and AGAIN in t.user_attrs]
         place = trial.number - len(repeats)
         drawn = np.random.SeedSequence((self._seed, place)).generate_state(1)

@@ -42,6 +42,11 @@ class Place:
         self.name = str(out / JOURNAL) if self._url is None else _shown(self._url)
 
     @property
+    def told(self) -> str:
+        """The same for files that travel: without the path of a folder on this machine."""
+        return JOURNAL if self._url is None else self.name
+
+    @property
     def is_journal(self) -> bool:
         """Whether it is a file in the study's own folder."""
         return self._url is None
@@ -145,10 +150,13 @@ class KernelLock(BaseJournalFileLock):
 
 
 @contextlib.contextmanager
-def turn(out: Path) -> Iterator[Callable[[], None]]:
-    """One process of this machine at a time in here, until it leaves or calls what it was given."""
+def turn(out: Path, what: str = "turn") -> Iterator[Callable[[], None]]:
+    """One process of this machine at a time in here, until it leaves or calls what it was given.
+
+    Different things to do (`what`) do not wait for each other.
+    """
     out.mkdir(parents=True, exist_ok=True)
-    held = [_locked(out / ".turn.lock")]
+    held = [_locked(out / f".{what}.lock")]
 
     def leave() -> None:
         if held:

@@ -25,7 +25,7 @@ from wakedeploy.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
-INTERRUPTED, LOST_BEFORE = "interrupted", "lost before"
+INTERRUPTED, LOST_BEFORE, REFERENCE = "interrupted", "lost before", "reference"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"
 _IDENTITY_WAIT_S = 5.0
@@ -40,22 +40,27 @@ def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optun
     """
     storage = place.open(give_back)
     with place.reachable():
-        asked = name or f"{plan.domain}-{plan.arch}"
+        asked = name or default_name(plan)
         there = [study.study_name for study in storage.get_all_studies()]
         if asked not in there and there and place.is_journal:
             _require_same(place, _load(storage, there[0]), plan)
             _refuse(place, there[0], f"is named so, not {asked}")
         study = _load(storage, asked) if asked in there else _made(storage, asked, plan)
         _require_same(place, study, plan)
-        study.sampler = SeededByTrial(plan.seed)
+        study.sampler = SeededByTrial(plan.seed, study)
         study.pruner = _pruner(pruner, plan)
     return study
+
+
+def default_name(plan: Plan) -> str:
+    """What a study is called where nobody says it."""
+    return f"{plan.domain}-{plan.arch}"
 
 
 def enqueue_first(study: optuna.Study, point: dict[str, float] | None) -> None:
     """Let a study that has no trial yet begin at a point."""
     if point is not None and not study.get_trials(deepcopy=False):
-        study.enqueue_trial(point)
+        study.enqueue_trial(point, user_attrs={REFERENCE: True})
 
 
 def give_back(study: optuna.Study, trial: FrozenTrial) -> None:
@@ -64,23 +69,29 @@ def give_back(study: optuna.Study, trial: FrozenTrial) -> None:
     A point that needs more memory than there is would end one worker after the other.
     """
     if LOST_BEFORE not in trial.user_attrs:
-        marks = {AGAIN: trial.number, LOST_BEFORE: True}
-        study.enqueue_trial(_point(trial), user_attrs=marks)
+        _enqueue_again(study, trial, {LOST_BEFORE: True})
 
 
 def begin_again(study: optuna.Study, number: int) -> None:
     """Put an interrupted trial's point back into the queue."""
-    trial = all_trials(study)[number]
-    marks = {name: True for name in (LOST_BEFORE,) if name in trial.user_attrs}
-    study.enqueue_trial(_point(trial), user_attrs={AGAIN: number, **marks})
+    _enqueue_again(study, all_trials(study)[number], {})
 
 
-def give_back_of_the_dead(study: optuna.Study, host: str | None = None) -> int:
+def taken_from_us(study: optuna.Study) -> bool:
+    """Whether a trial that this process ran was given up by others, who took us for dead.
+
+    A computer that slept lets no heart beat.
+    """
+    mine = [t for t in all_trials(study) if t.user_attrs.get(WORKER) == this_worker()]
+    last = max(mine, key=lambda trial: trial.number, default=None)
+    return last is not None and last.state == TrialState.FAIL and REASON not in last.user_attrs
+
+
+def give_back_of_the_dead(study: optuna.Study) -> int:
     """Fail the running trials whose process on this machine is gone; how many there were."""
-    here = host or platform.node()
     lost = 0
     for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-        if not _is_dead(trial, here):
+        if not _is_dead(trial):
             continue
         # Of two that notice it at once, one gets the error.
         with contextlib.suppress(ValueError, optuna.exceptions.UpdateFinishedTrialError):
@@ -92,7 +103,8 @@ def give_back_of_the_dead(study: optuna.Study, host: str | None = None) -> int:
 
 def this_worker() -> dict[str, Any]:
     """Who runs a trial: machine, process, and when that began, since numbers are given again."""
-    return {"host": platform.node(), "pid": os.getpid(), "born": _born(os.getpid())}
+    own = {"host": platform.node(), "machine": _machine()}
+    return {**own, "pid": os.getpid(), "born": _born(os.getpid())}
 
 
 def finished(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -109,6 +121,11 @@ def running(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 def all_trials(study: optuna.Study) -> list[FrozenTrial]:
     """Every trial of the study as it stands now, in order."""
     return study.get_trials(deepcopy=False)
+
+
+def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any]) -> None:
+    kept = {name: True for name in (LOST_BEFORE, REFERENCE) if name in trial.user_attrs}
+    study.enqueue_trial(_point(trial), user_attrs={AGAIN: trial.number, **kept, **marks})
 
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
@@ -171,12 +188,21 @@ def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
     return optuna.pruners.MedianPruner(n_startup_trials=5, n_warmup_steps=max(1, plan.epochs // 4))
 
 
-def _is_dead(trial: FrozenTrial, here: str) -> bool:
+def _is_dead(trial: FrozenTrial) -> bool:
     worker = trial.user_attrs.get(WORKER)
     if worker is None:
         began = trial.datetime_start
         return began is not None and datetime.now() - began > timedelta(seconds=_UNSIGNED_S)
-    return bool(worker["host"] == here) and worker["born"] != _born(worker["pid"])
+    here = (worker["host"], worker["machine"]) == (platform.node(), _machine())
+    return here and worker["born"] != _born(worker["pid"])
+
+
+def _machine() -> str:
+    """What tells machines of the same name apart, where the system has it."""
+    try:
+        return Path("/etc/machine-id").read_text().strip()[:8]
+    except OSError:
+        return ""
 
 
 def _born(pid: int) -> str | None:

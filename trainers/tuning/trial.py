@@ -30,7 +30,7 @@ from trainers.tuning.study import (
     this_worker,
 )
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 # What a step of the exported predictor costs, in µs, over observations (T, d).
 StepCost = Callable[[Predictor, RunConfig, NDArray[np.float32]], float]
@@ -60,8 +60,10 @@ class Objective:
             trial.set_user_attr(REASON, INTERRUPTED)
             begin_again(trial.study, trial.number)
             raise
-        except FAILURES as error:
-            trial.set_user_attr(REASON, " ".join(str(error).split()))
+        except optuna.TrialPruned:
+            raise
+        except Exception as error:
+            trial.set_user_attr(REASON, one_line(error))
             raise
 
     def _judged(self, trial: optuna.Trial) -> float | tuple[float, float]:

@@ -21,23 +21,27 @@ from typing import Any
 import optuna
 import torch
 
+from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import reference_point
 from trainers.tuning.storage import Place, turn
 from trainers.tuning.study import (
     all_trials,
+    default_name,
     enqueue_first,
     finished,
     give_back_of_the_dead,
     open_study,
     running,
+    taken_from_us,
 )
 from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, WakedeployError
+from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
 
 OnTrials = Callable[[optuna.Study], None]
 
+BEST = "best.toml"  # what the study found, in the folder of each of its machines
 _LOOK_S = 0.5  # between two looks at workers and study
 _LEAVE_S = 30.0  # an interrupted worker's time to record its trial
 
@@ -67,6 +71,7 @@ class Work:
 
     def begin(self) -> optuna.Study:
         """The same for the first process: the study begins at the paper's shape."""
+        _check_folder(self)
         study = self.open()
         with turn(self.out), self.place.reachable():
             settings = self.plan.settings()
@@ -75,6 +80,25 @@ class Work:
             )
             enqueue_first(study, point)
         return study
+
+
+def _check_folder(work: Work) -> None:
+    """Refuse a folder that holds what another study found."""
+    path = work.out / BEST
+    if work.place.is_journal or not path.exists():  # a journal is checked itself
+        return
+    there = read_preset(path).study
+    own = {
+        "name": work.study_name or default_name(work.plan),
+        "data_sha256": work.plan.data_sha256,
+        "kept_in": work.place.told,
+    }
+    for what, value in own.items():
+        if there.get(what) != value:
+            raise UnusableInput(
+                f"{path} is of another study ({what} = {there.get(what)}, not {value}); choose"
+                " another --out."
+            )
 
 
 def run_trials(
@@ -138,7 +162,11 @@ def _run_here(
                 leave()
                 return objective(trial)
 
-            study.optimize(begun, n_trials=1, catch=FAILURES)
+            try:
+                study.optimize(begun, n_trials=1, catch=FAILURES)
+            except (optuna.exceptions.UpdateFinishedTrialError, ValueError):
+                if not taken_from_us(study):
+                    raise
         on_trials(study)
 
 

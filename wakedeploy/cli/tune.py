@@ -63,7 +63,13 @@ if TYPE_CHECKING:
     show_default=True,
     help="What ends a trial that is behind; with several objectives none does.",
 )
-@click.option("--workers", type=click.IntRange(1, 256), default=1, show_default=True)
+@click.option(
+    "--workers",
+    type=click.IntRange(1, 256),
+    default=1,
+    show_default=True,
+    help="Processes that share the study; they disturb each other's latency.",
+)
 @click.option(
     "--storage",
     metavar="URL",
