@@ -21,7 +21,7 @@ from trainers.tuning.report import Row, rows_of
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 
-LIMIT_S = 60
+LIMIT_S = 120
 SLOW = ("--dimension", "hidden=130:140", "--dimension", "chunk_steps=16:20")  # seconds a trial
 FAST = ("--dimension", "hidden=4:9", "--dimension", "chunk_steps=32:64")
 

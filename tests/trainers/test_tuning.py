@@ -72,7 +72,7 @@ def test_a_point_that_cannot_be_built_is_pruned_with_the_reason(
     echo: EpisodeSet, tmp_path: Path
 ) -> None:
     study = tuned(echo, tmp_path / "out", "cross-attention", 2, asked=("embed=9", "heads=2"))
-    assert states(study) == ["over budget"] * 2
+    assert states(study) == ["impossible"] * 2
     assert "multiple of 2" in study.trials[0].user_attrs["reason"]
 
 

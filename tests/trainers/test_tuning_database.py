@@ -141,6 +141,7 @@ def test_two_machines_share_a_study_in_the_database(
     first = tune(echo, tmp_path, address, "--trials", 4, "--workers", 2)
     assert first.exit_code == 0, first.output
     assert PASSWORD not in first.output
+    assert len(work_of(echo, tmp_path / "elsewhere", address=address).open().trials) == 4
     other = tuned(echo, tmp_path / "elsewhere", trials=7, address=address)
     assert [t.state.is_finished() for t in other.trials] == [True] * 7
     left = {path.name for path in (tmp_path / "out").iterdir()}
@@ -178,7 +179,8 @@ def test_a_trial_whose_machine_fell_silent_is_begun_again(
 ) -> None:
     work = work_of(echo, tmp_path / "out", trials=2, address=address)
     study = work.begin()
-    silent = study.ask()
+    with pytest.warns(UserWarning, match="Heartbeat"):  # ask() alone lets no heart beat
+        silent = study.ask()
     hidden = silent.suggest_int("hidden", 4, 16, log=True)
     silent.set_user_attr("worker", {**this_worker(), "host": "elsewhere"})
     silent.storage._backend.record_heartbeat(silent._trial_id)

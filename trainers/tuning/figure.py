@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trainers.tuning.report import FAILED, FINISHED, REFUSED, Row, best_of, front_of
+from trainers.tuning.report import FAILED, FINISHED, OVER_BUDGET, Row, best_of, front_of
 from wakedeploy import figures
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ def history(title: str, rows: Sequence[Row]) -> "Figure":
         axes.step(numbers, least, where="post", color=figures.PREDICTED, label="best so far")
         for reference in (row for row in ended if row.reference):
             axes.axhline(reference.error, ls="--", color=figures.LIMIT, label="the paper's shape")
-        for state, mark in ((REFUSED, "|"), (FAILED, "x")):
+        for state, mark in ((OVER_BUDGET, "|"), (FAILED, "x")):
             at = [row.number for row in rows if row.state == state]
             if at:
                 place = axes.get_xaxis_transform()

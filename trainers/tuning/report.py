@@ -18,10 +18,18 @@ from trainers.dimensions import Choice
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split
-from trainers.tuning.study import EPOCHS, INTERRUPTED, PARAMETERS, REASON, REFERENCE, all_trials
+from trainers.tuning.study import (
+    BUDGET,
+    EPOCHS,
+    INTERRUPTED,
+    PARAMETERS,
+    REASON,
+    REFERENCE,
+    all_trials,
+)
 from wakedeploy.files import write_text_whole
 
-FINISHED, BEHIND, REFUSED = "finished", "pruned", "over budget"
+FINISHED, BEHIND, OVER_BUDGET, IMPOSSIBLE = "finished", "pruned", "over budget", "impossible"
 FAILED, LOST, RUNNING, WAITING = "failed", "lost", "running", "waiting"
 _FEWEST_FOR_IMPORTANCE = 6
 _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its authors advise
@@ -144,7 +152,9 @@ def _state(trial: FrozenTrial) -> str:
             return INTERRUPTED
         return LOST if reason is None else FAILED
     if trial.state == TrialState.PRUNED:
-        return BEHIND if trial.intermediate_values else REFUSED
+        if trial.intermediate_values:
+            return BEHIND
+        return OVER_BUDGET if BUDGET in trial.constraints else IMPOSSIBLE
     return {TrialState.COMPLETE: FINISHED, TrialState.RUNNING: RUNNING}.get(trial.state, WAITING)
 
 

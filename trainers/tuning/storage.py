@@ -27,6 +27,7 @@ OnLost = Callable[[optuna.Study, FrozenTrial], None]
 
 _HEARTBEAT_S, _GRACE_S = 20, 90  # a worker on another machine is given up after the second
 _CONNECT_S = 10
+_NO_DRIVER = "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
 
 
@@ -60,7 +61,8 @@ class Place:
         logging.getLogger("optuna").setLevel(logging.CRITICAL)
         if self._url is None:
             return self._open_journal()
-        _require_driver()
+        if importlib.util.find_spec("psycopg") is None:
+            raise UnusableInput(_NO_DRIVER)
         with self.reachable():
             return self._open_database(self._url, on_lost)
 
@@ -93,6 +95,8 @@ class Place:
                     grace_period=_GRACE_S,
                     heartbeat_stale_trial_callback=on_lost,
                 )
+        except ImportError as error:  # psycopg without the C library that it needs
+            raise UnusableInput(_NO_DRIVER) from error
         except RuntimeError as error:  # tables of another Optuna
             raise UnusableInput(f"--storage {self.name}: {self._reason(error)}") from None
 
@@ -187,13 +191,6 @@ def _drop_unfinished_line(journal: Path) -> None:
         if file.read(1) != b"\n":
             content = journal.read_bytes()
             file.truncate(content.rfind(b"\n") + 1)
-
-
-def _require_driver() -> None:
-    if importlib.util.find_spec("psycopg") is None:
-        raise UnusableInput(
-            "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
-        )
 
 
 def _postgresql(address: str) -> URL:

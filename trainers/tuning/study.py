@@ -30,7 +30,7 @@ Study = optuna.Study
 _IDENTITY = "wakedeploy"
 _IDENTITY_WAIT_S = 5.0
 _UNSIGNED_S = 60.0  # a trial that has not said who runs it by then never will
-PRUNERS = ("median", "hyperband", "none")
+BUDGET, SHAPE = "budget", "shape"  # the limits that keep a trial from being trained
 
 
 def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optuna.Study:

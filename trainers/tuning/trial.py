@@ -21,10 +21,12 @@ from trainers.training import new_fit, tapes
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import Point, suggest
 from trainers.tuning.study import (
+    BUDGET,
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
     REASON,
+    SHAPE,
     WORKER,
     begin_again,
     this_worker,
@@ -89,18 +91,18 @@ class Objective:
                 hyper=config.hyper,
             )
         except UnusableInput as error:
-            raise _pruned(trial, str(error), excess=1.0) from error
+            raise _pruned(trial, str(error), SHAPE, excess=1.0) from error
         trial.set_user_attr(PARAMETERS, count)
         if count >= self.plan.budget:
             why = f"{count:,} trainable weights, budget fewer than {self.plan.budget:,}"
-            raise _pruned(trial, why, excess=1 + math.log(count / self.plan.budget))
+            raise _pruned(trial, why, BUDGET, excess=1 + math.log(count / self.plan.budget))
         return config
 
     def _built(self, trial: optuna.Trial, config: RunConfig) -> Predictor:
         try:
             return new_predictor(config)
         except UnusableInput as error:  # a reservoir that came out without a loop
-            raise _pruned(trial, str(error), excess=1.0) from error
+            raise _pruned(trial, str(error), SHAPE, excess=1.0) from error
 
     def _trained(self, trial: optuna.Trial, config: RunConfig, predictor: Predictor) -> float:
         if isinstance(predictor.core, Esn):
@@ -126,8 +128,8 @@ def _error(loss: float, when: str) -> float:
     return math.sqrt(max(loss, 0.0))
 
 
-def _pruned(trial: optuna.Trial, why: str, excess: float) -> optuna.TrialPruned:
-    """A trial that is not trained; `excess` tells the sampler how far out it lies."""
+def _pruned(trial: optuna.Trial, why: str, limit: str, excess: float) -> optuna.TrialPruned:
+    """A trial that is not trained; `excess` tells the sampler how far beyond the limit it lies."""
     trial.set_user_attr(REASON, why)
-    trial.set_constraint("budget", excess)
+    trial.set_constraint(limit, excess)
     return optuna.TrialPruned(why)

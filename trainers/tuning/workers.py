@@ -201,10 +201,10 @@ class _Crew:
         kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             member.start()
+            writing.close()
+            self.members[member] = reading
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, kept)
-        writing.close()
-        self.members[member] = reading
 
     def _dismiss(self, member: SpawnProcess) -> None:
         """A worker that ended: with its work, with an error, or killed."""

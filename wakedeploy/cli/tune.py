@@ -184,13 +184,14 @@ def _tell(found: "Found", work: "Work") -> None:
         [
             f"{row.number}{' (the paper’s shape)' if row.reference else ''}",
             f"{row.error:.4g}",
-            "—" if row.step_us is None else f"{row.step_us:.0f}",
+            *([f"{row.step_us:.0f}"] if row.step_us is not None else []),
             f"{row.parameters:,}",
-            " ".join(f"{name}={value:.3g}" for name, value in row.point.items()),
+            " ".join(f"{name}={_short(value)}" for name, value in row.point.items()),
         ]
         for row in [*shown, *(row for row in reference if row not in shown)]
     ]
-    columns = ["trial", "validation error", "p99 of a step [µs]", "trainable", "point"]
+    cost = ["p99 of a step [µs]"] if plan.timed else []
+    columns = ["trial", "validation error", *cost, "trainable", "point"]
     print_table(title, columns, rows)
     errors = [
         f"{c.name} {run.metrics.test.rmse[c.name]:.4g} {c.unit}"
@@ -202,9 +203,13 @@ def _tell(found: "Found", work: "Work") -> None:
     if found.elsewhere:
         hosts = ", ".join(sorted(set(found.elsewhere)))
         click.echo(
-            f"{len(found.elsewhere)} trials are still in training on {hosts}; the same command"
+            f"Still in training on {hosts}: {len(found.elsewhere)} of the trials; the same command"
             " counts them in when they are done."
         )
+
+
+def _short(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:.3g}"
 
 
 def _share(r2: float | None) -> str:
