@@ -1,13 +1,11 @@
 """Studies: what a trial may see, how one goes on, what it refuses, and what it leaves."""
 
-import csv
 import dataclasses
 import os
 import platform
 import signal
 import subprocess
 import sys
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,19 +13,17 @@ import numpy as np
 import optuna
 import pytest
 from optuna.trial import TrialState
-from small_study import TINY, plan_of, tuned, work_of
+from small_study import cheap_when_small, plan_of, tuned, work_of
 
 from trainers.fit import Fit
-from trainers.preset import read_preset
-from trainers.training import configure, settings_for, train
 from trainers.tuning import study as studies
 from trainers.tuning.conclude import conclude
-from trainers.tuning.report import best_of, front_of, rows_of
+from trainers.tuning.report import rows_of
 from trainers.tuning.storage import JOURNAL, KernelLock
 from trainers.tuning.study import finished, give_back_of_the_dead, this_worker
 from trainers.tuning.workers import run_trials
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.errors import UnusableInput
 
 
 def points_and_values(study: optuna.Study) -> list[tuple[dict, list[float] | None]]:
@@ -419,88 +415,3 @@ def test_data_that_change_meanwhile_are_noticed(
     work = work_of(echo, tmp_path / "out")
     with pytest.raises(UnusableInput, match="changed while it was tuned on"):
         run_trials(work, work.begin(), make_echo(steps=200))
-
-
-# --- what it leaves -----------------------------------------------------------------------------
-
-
-def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
-    echo: EpisodeSet, tmp_path: Path
-) -> None:
-    work = work_of(echo, tmp_path / "out", "gru", 8, asked=(*TINY["gru"], "dropout=0.25"))
-    study = work.begin()
-    run_trials(work, study, echo)
-    found = conclude(work, study, echo)
-    assert found.best == best_of(rows_of(study))
-    preset = read_preset(work.out / "best.toml")
-    config = configure(
-        echo, "gru", seed=0, lead_s=0.0, hyper=preset.hyper,
-        settings=settings_for("gru", others=preset.settings),
-    )  # fmt: skip
-    run = train(config, echo, tmp_path / "again")
-    assert min(run.metrics.history) ** 0.5 == found.best.error
-    assert run.metrics.weights_sha256 == found.run.metrics.weights_sha256
-    assert preset.hyper["dropout"] == 0.25
-    told = tomllib.loads((work.out / "best.toml").read_text())["study"]
-    assert told["data_sha256"] == echo.sha256
-    assert (told["trials"], told["budget"], told["seed"]) == (8, 100_000, 0)
-    assert told["validation_error"] == found.best.error
-    assert told["kept_in"] == JOURNAL
-    assert str(tmp_path) not in (work.out / "best.toml").read_text()
-
-
-def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_path: Path) -> None:
-    work = work_of(echo, tmp_path / "out", trials=9, asked=("hidden=4:16", "layers=1"))
-    study = work.begin()
-    run_trials(work, study, echo)
-    found = conclude(work, study, echo)
-    with (work.out / "trials.csv").open() as file:
-        lines = list(csv.DictReader(file))
-    assert [int(line["number"]) for line in lines] == list(range(9))
-    assert {line["layers"] for line in lines} == {"1"}
-    assert all(line["error"] for line in lines if line["state"] == "finished")
-    for name in ("history", "importances"):
-        assert (work.out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
-        assert (work.out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
-    assert sum(found.importances.values()) == pytest.approx(1)
-    assert set(found.importances) == set(study.trials[0].params)
-
-
-def test_without_any_finished_trial_the_reasons_are_kept(echo: EpisodeSet, tmp_path: Path) -> None:
-    work = work_of(echo, tmp_path / "out", trials=2, budget=10)
-    study = work.begin()
-    run_trials(work, study, echo)
-    with pytest.raises(CheckFailed, match=r"No trial came to its end \(2 over budget\)"):
-        conclude(work, study, echo)
-    assert "budget fewer than 10" in (work.out / "trials.csv").read_text()
-    assert not (work.out / "best.toml").exists()
-
-
-def cheap_when_small(predictor, config, observations) -> float:
-    assert observations.shape[1] == 2
-    return 10.0 + predictor.trainable / 100
-
-
-def test_of_two_objectives_the_front_is_what_none_beats(echo: EpisodeSet, tmp_path: Path) -> None:
-    work = work_of(
-        echo, tmp_path / "out", "history-mlp", 8, objective=("rmse", "latency"),
-        step_cost=cheap_when_small, asked=("hidden=4:24", "snapshots=4:12"),
-    )  # fmt: skip
-    study = work.begin()
-    run_trials(work, study, echo)
-    found = conclude(work, study, echo)
-    front = front_of(found.rows)
-    assert found.front == front
-    assert {row.number for row in front} == {t.number for t in study.best_trials}
-    errors, costs = [r.error for r in front], [r.step_us for r in front]
-    assert errors == sorted(errors)
-    assert costs == sorted(costs, reverse=True)
-    assert {p.name for p in (work.out / "pareto").iterdir()} == {
-        f"trial-{row.number:04d}.toml" for row in front
-    }
-    assert (
-        read_preset(work.out / "pareto" / f"trial-{front[-1].number:04d}.toml").arch
-        == "history-mlp"
-    )
-    assert (work.out / "pareto.png").exists()
-    assert (work.out / "pareto.pdf").exists()

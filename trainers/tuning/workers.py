@@ -43,7 +43,7 @@ OnTrials = Callable[[optuna.Study], None]
 
 BEST = "best.toml"  # what the study found, in the folder of each of its machines
 _LOOK_S = 0.5  # between two looks at workers and study
-_LEAVE_S = 30.0  # an interrupted worker's time to record its trial
+_LEAVE_S = 120.0  # an interrupted worker's time to record its trial, on a busy machine
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Work:
 def _check_folder(work: Work) -> None:
     """Refuse a folder that holds what another study found."""
     path = work.out / BEST
-    if work.place.is_journal or not path.exists():  # a journal is checked itself
+    if not path.exists():
         return
     there = read_preset(path).study
     own = {
@@ -225,15 +225,17 @@ class _Crew:
             self._hire()
 
     def _end_all(self) -> None:
-        for member in self.members:
-            if member.is_alive():
+        """Let every worker record its trial; a second Ctrl-C does not wait for that."""
+        try:
+            for member in self.members:
                 member.terminate()
-        for member in self.members:
-            member.join(_LEAVE_S)
-            if member.is_alive():
+            for member in self.members:
+                member.join(_LEAVE_S)
+        finally:
+            for member in self.members:
                 member.kill()
                 member.join()
-        self.members.clear()
+            self.members.clear()
 
 
 def _told(reading: Connection) -> Exception | None:
