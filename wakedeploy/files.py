@@ -5,7 +5,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,31 @@ def write_text_whole(path: Path, text: str) -> None:
 def sha256_of(data: bytes) -> str:
     """Hexadecimal SHA-256 of some bytes."""
     return hashlib.sha256(data).hexdigest()
+
+
+def append_json_line(path: Path, line: Mapping[str, Any]) -> None:
+    """One line in one write; begins with a line break where a killed writer left half a line."""
+    text = json.dumps(line) + "\n"
+    with path.open("ab+") as file:
+        if file.tell() > 0:
+            file.seek(-1, os.SEEK_END)
+            text = text if file.read(1) == b"\n" else "\n" + text
+        file.write(text.encode())
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def read_json_lines(path: Path) -> list[dict[str, Any]]:
+    """Every whole line in the order of writing, without those that a killed writer left torn."""
+    if not path.exists():
+        return []
+    lines = []
+    for text in path.read_bytes().splitlines():
+        try:
+            lines.append(json.loads(text))
+        except ValueError:  # torn, maybe within a letter
+            continue
+    return [line for line in lines if isinstance(line, dict)]
 
 
 def _write_text(path: Path, text: str) -> None:

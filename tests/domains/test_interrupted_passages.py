@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from wakedeploy.domains import ship
+from wakedeploy.domains import processes, ship
 
 SCRIPT = """
 import os
@@ -47,7 +47,7 @@ def test_workers_end_at_once_and_print_nothing() -> None:
 def test_what_waits_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[dict[str, bool]] = []
 
-    class Pool(ship.ProcessPoolExecutor):
+    class Pool(processes.ProcessPoolExecutor):
         def map(self, *_: object, **__: object):  # type: ignore[override]
             raise KeyboardInterrupt
 
@@ -55,7 +55,13 @@ def test_what_waits_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
             asked.append({"wait": wait, "cancel_futures": cancel_futures})
             super().shutdown(wait, cancel_futures=cancel_futures)
 
-    monkeypatch.setattr(ship, "ProcessPoolExecutor", Pool)
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", Pool)
     with pytest.raises(KeyboardInterrupt):
         ship.make_set(minutes=1.0, seed=0)
     assert asked[0] == {"wait": False, "cancel_futures": True}
+
+
+def test_one_worker_is_this_process_and_sails_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    two = ship.make_set(minutes=1.0, seed=3, workers=2)
+    monkeypatch.setattr(processes, "ProcessPoolExecutor", None)
+    assert ship.make_set(minutes=1.0, seed=3, workers=1).sha256 == two.sha256

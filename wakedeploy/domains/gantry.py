@@ -6,7 +6,6 @@ Out: a run log with the columns of a real flight, or an episode set cut from man
 
 import datetime
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, random_plan
 from runtime.run import metadata, require_fit
 from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
+from wakedeploy.domains.processes import processes
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -162,8 +162,8 @@ def make_set(
     count = max(3, round(minutes * 60.0 / EPISODE_S))
     jobs = [_job(truth, seed, i, packages) for i in range(count)]
     episodes: list[Episode] = []
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        for episode in pool.map(_fly_episode, jobs):
+    with processes(workers) as each:
+        for episode in each(_fly_episode, jobs):
             episodes.append(episode)
             if progress is not None:
                 progress(len(episodes), count)

@@ -8,15 +8,14 @@ happen; forces come from `wakedeploy.physics.ships`.
 
 import itertools
 import math
-import signal
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 import wakedeploy
+from wakedeploy.domains.processes import processes
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -98,20 +97,14 @@ def make_set(
     wanted_s, done_s = 60.0 * minutes, 0.0
     jobs = (_Job(level, 1_000_000 * (seed + 1) + i, f"pass{i:04d}") for i in itertools.count())
     episodes: list[Episode] = []
-    # Workers end at once when interrupted; the parent says so.
-    defaults = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
-        try:
-            while done_s < wanted_s or len(episodes) < 3:
-                for episode in pool.map(_sail, itertools.islice(jobs, 4 * workers)):
-                    if done_s < wanted_s or len(episodes) < 3:
-                        episodes.append(episode)
-                        done_s += len(episode.force) / RATE_HZ
-                if progress is not None:
-                    progress(min(round(done_s), round(wanted_s)), round(wanted_s))
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with processes(workers) as each:
+        while done_s < wanted_s or len(episodes) < 3:
+            for episode in each(_sail, itertools.islice(jobs, 4 * workers)):
+                if done_s < wanted_s or len(episodes) < 3:
+                    episodes.append(episode)
+                    done_s += len(episode.force) / RATE_HZ
+            if progress is not None:
+                progress(min(round(done_s), round(wanted_s)), round(wanted_s))
     split = split_in_order([e.name for e in episodes])
     learned = np.concatenate([e.force for e in episodes if split[e.name] == "train"]).astype(float)
     return EpisodeSet(

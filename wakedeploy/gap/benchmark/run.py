@@ -6,10 +6,7 @@ missing, if it is a run of the same code.
 """
 
 import functools
-import json
-import os
 import shutil
-import subprocess
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,8 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.commit import frozen_at
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
 from wakedeploy.gap.benchmark.cases import Case
 from wakedeploy.gap.benchmark.flown import TRACKED, tracked
 from wakedeploy.gap.benchmark.judge import FAILED, judge
@@ -65,7 +63,7 @@ def run_cases(
         _require_same_code(out, lines, commit)
     out.mkdir(parents=True, exist_ok=True)
     for count, line in enumerate(_lines(jobs, workers), start=len(cases) - len(jobs) + 1):
-        _append(out / LINES, line)
+        append_json_line(out / LINES, line)
         done[line["name"]] = line
         if progress is not None:
             progress(count, len(cases))
@@ -74,36 +72,7 @@ def run_cases(
 
 def read_lines(out: Path) -> list[dict[str, Any]]:
     """Every whole line of a run so far, the newest of each case last."""
-    path = out / LINES
-    if not path.exists():
-        return []
-    lines = []
-    for text in path.read_text(encoding="utf-8").splitlines():
-        try:
-            lines.append(json.loads(text))
-        except json.JSONDecodeError:  # the line that a killed run was writing
-            continue
-    return lines
-
-
-def frozen_at() -> str:
-    """The git commit of this code, "-dirty" if it has been changed since; "" outside git."""
-    git = shutil.which("git")
-    if git is None:
-        return ""
-    root = Path(__file__).parents[3]
-    command = [
-        git,
-        "-C",
-        str(root),
-        "describe",
-        "--always",
-        "--abbrev=12",
-        "--dirty",
-        "--exclude=*",
-    ]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    return told.stdout.strip() if told.returncode == 0 else ""
+    return read_json_lines(out / LINES)
 
 
 def _require_same_code(out: Path, lines: Sequence[Mapping[str, Any]], commit: str) -> None:
@@ -181,18 +150,6 @@ def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
-
-
-def _append(path: Path, line: Mapping[str, Any]) -> None:
-    """One line in one write; begins with a line break where a killed run left half a line."""
-    text = json.dumps(line) + "\n"
-    with path.open("ab+") as file:
-        if file.tell() > 0:
-            file.seek(-1, os.SEEK_END)
-            text = text if file.read(1) == b"\n" else "\n" + text
-        file.write(text.encode())
-        file.flush()
-        os.fsync(file.fileno())
 
 
 def _workflow() -> Close:
