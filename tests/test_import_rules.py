@@ -7,7 +7,16 @@ import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-ABOVE_THE_GROUND = {"cli", "domains", "gap", "study", "sweep", "__init__", "__main__", "__pycache__"}
+ABOVE_THE_GROUND = {
+    "cli",
+    "domains",
+    "gap",
+    "study",
+    "sweep",
+    "__init__",
+    "__main__",
+    "__pycache__",
+}
 
 
 def test_every_module_of_the_ground_is_named_in_its_rule() -> None:

@@ -82,12 +82,14 @@ class Fit:
         warm_up: int,
         settings: FitSettings,
         seed: int,
+        device: str = "cpu",
     ) -> None:
         self.predictor, self.settings, self.seed, self.warm_up = predictor, settings, seed, warm_up
-        self.train, self.validation = train, validation
-        predictor.set_normalisation(train.observation, train.force)
-        self.observation = predictor.normalise(train.observation)  # (N, d)
-        self.target = _normalised_force(predictor, train)  # (N, o)
+        self.train, self.validation = train.to(device), validation.to(device)
+        predictor.to(device)
+        predictor.set_normalisation(self.train.observation, self.train.force)
+        self.observation = predictor.normalise(self.train.observation)  # (N, d)
+        self.target = _normalised_force(predictor, self.train)  # (N, o)
         self.loss = WeightedMse(loss_weights, predictor.force_sd)
         self.optimiser = torch.optim.AdamW(
             _weight_groups(predictor, settings.weight_decay), lr=settings.learning_rate, fused=True

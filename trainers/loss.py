@@ -14,7 +14,7 @@ class WeightedMse:
     """
 
     def __init__(self, weights: Sequence[float], force_sd: Tensor) -> None:
-        shares = torch.tensor(weights, dtype=force_sd.dtype) * force_sd.square()
+        shares = force_sd.new_tensor(weights) * force_sd.square()
         self.shares = shares / shares.sum()  # (o,)
 
     def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:

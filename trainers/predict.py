@@ -26,7 +26,8 @@ def predict(predictor: Predictor, tape: Tape) -> Tensor:
         for index, force in play(tape, predictor.initial_state, predictor.advance):
             forces[index] = force
     else:
-        for index in torch.arange(len(forces)).split(_SAMPLES_AT_ONCE):  # type: ignore[no-untyped-call]
+        everywhere = torch.arange(len(forces), device=forces.device)
+        for index in everywhere.split(_SAMPLES_AT_ONCE):  # type: ignore[no-untyped-call]
             forces[index] = predictor.step(gather(predictor, tape.observation, index, tape.first))
     predictor.train(was_training)
     return forces
@@ -53,10 +54,11 @@ def _lockstep(
     tape: Tape, which: list[int], state: State, run: Run
 ) -> Iterator[tuple[Tensor, Tensor]]:
     """Some episodes in lockstep; the shorter ones repeat their last sample at the end, unseen."""
-    start = torch.tensor([tape.starts[i] for i in which]).unsqueeze(1)  # (B, 1)
-    last = start + torch.tensor([tape.lengths[i] for i in which]).unsqueeze(1) - 1  # (B, 1)
+    at_home = tape.first.new_tensor  # on the tape's device
+    start = at_home([tape.starts[i] for i in which]).unsqueeze(1)  # (B, 1)
+    last = start + at_home([tape.lengths[i] for i in which]).unsqueeze(1) - 1  # (B, 1)
     for at in range(0, max(tape.lengths[i] for i in which), _STEPS_AT_ONCE):
-        index = start + torch.arange(at, at + _STEPS_AT_ONCE)  # (B, L)
+        index = start + torch.arange(at, at + _STEPS_AT_ONCE, device=start.device)  # (B, L)
         inside = index <= last  # (B, L)
         outputs, state = run(tape.observation[torch.minimum(index, last)], state)  # (B, L, …)
         yield index[inside], outputs[inside]

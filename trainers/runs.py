@@ -60,7 +60,10 @@ class RunConfig(_Record):
 
 
 class RunMetrics(_Record):
-    """How a finished run ended; `history` is the loss on validation after each epoch."""
+    """How a finished run ended; `history` is the loss on validation after each epoch.
+
+    `device` is where it was fitted; scores are always computed on the CPU.
+    """
 
     finished_utc: str
     seconds: float
@@ -73,6 +76,7 @@ class RunMetrics(_Record):
     test: Scores
     test_r2_ceiling: dict[str, float] | None
     weights_sha256: str
+    device: str = "cpu"
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,6 +31,11 @@ class Tape:
         """Index of each episode's first sample."""
         return [0, *np.cumsum(self.lengths)[:-1].tolist()]
 
+    def to(self, device: str) -> "Tape":
+        """The tape with its tensors on a device, where all indices into it are made too."""
+        tensors = (self.observation, self.force, self.first, self.scored)
+        return Tape(*(tensor.to(device) for tensor in tensors), self.lengths)
+
 
 @dataclass(frozen=True)
 class Chunk:
@@ -77,7 +82,7 @@ def minibatches(tape: Tape, batch: int, generator: torch.Generator) -> Iterator[
     """Scored samples in random order, `batch` indices at a time: (B,) each."""
     scored = torch.nonzero(tape.scored).squeeze(1)
     order = torch.randperm(len(scored), generator=generator)
-    yield from torch.split(scored[order], batch)
+    yield from torch.split(scored[order.to(scored.device)], batch)
 
 
 def lanes(
@@ -93,9 +98,11 @@ def lanes(
     count = min(count, len(pieces))
     per_lane = -(-len(pieces) // count)
     rows = [_lane(pieces[i * per_lane : (i + 1) * per_lane], per_lane) for i in range(count)]
-    table = torch.tensor(rows)  # (B, M, 4): start, end, fresh, where the state was last fresh
+    table = torch.tensor(
+        rows, device=tape.first.device
+    )  # (B, M, 4): start, end, fresh, where the state was last fresh
     for start, end, fresh, since in table.permute(1, 2, 0):
-        index = start.unsqueeze(1) + torch.arange(steps)  # (B, L)
+        index = start.unsqueeze(1) + torch.arange(steps, device=start.device)  # (B, L)
         scored = (index < end.unsqueeze(1)) & (index >= (since + warm_up).unsqueeze(1))
         yield Chunk(torch.minimum(index, end.unsqueeze(1) - 1), scored, fresh.bool())
 

@@ -12,6 +12,7 @@ from pydantic import ValidationError
 
 from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
+from trainers.device import choose_device
 from trainers.esn import Esn
 from trainers.fit import Fit, FitSettings, Standing
 from trainers.model import Predictor
@@ -110,11 +111,14 @@ def train(
     *,
     on_epoch: OnEpoch = lambda done, total: None,
     fresh: bool = False,
+    device: str = "cpu",
 ) -> TrainedRun:
     """The finished run of this configuration: as it lies there, continued, or trained anew.
 
-    Raises UnusableInput when the folder holds a run of another configuration or a damaged one
-    (unless `fresh`), CheckFailed when the fit diverged.
+    `device` is "cpu", "cuda" or "auto". On CUDA the same seed gives nearly the same weights, on the
+    CPU exactly the same. Raises UnusableInput when the folder holds a run of another configuration
+    or a damaged one (unless `fresh`), or CUDA is asked for in vain; CheckFailed when the fit
+    diverged.
     """
     folder = run_folder(root, config)
     if fresh:
@@ -124,13 +128,14 @@ def train(
     if (folder / METRICS).exists():
         return load_run(folder)
     predictor = new_predictor(config)
+    device = choose_device(device, predictor, FitSettings(**config.settings))  # type: ignore[arg-type]
     write_record(folder / CONFIG, config)
     if isinstance(predictor.core, Esn):
-        standing, seconds = _solve(folder, config, data, predictor)
+        standing, seconds = _solve(folder, config, data, predictor, device)
         on_epoch(1, 1)
     else:
-        standing, seconds = _descend(folder, config, data, predictor, on_epoch)
-    _finish(folder, config, data, standing, seconds)
+        standing, seconds = _descend(folder, config, data, predictor, device, on_epoch)
+    _finish(folder, config, data, standing, seconds, device)
     return load_run(folder)
 
 
@@ -143,7 +148,13 @@ def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
     return learned, lay_tape(data, "validation", lead_s, data.warm_up_steps)
 
 
-def new_fit(config: RunConfig, predictor: Predictor, learned: Tape, held_out: Tape) -> Fit:
+def new_fit(
+    config: RunConfig,
+    predictor: Predictor,
+    learned: Tape,
+    held_out: Tape,
+    device: str = "cpu",
+) -> Fit:
     """The descent of a configuration, before its first epoch."""
     return Fit(
         predictor,
@@ -153,6 +164,7 @@ def new_fit(config: RunConfig, predictor: Predictor, learned: Tape, held_out: Ta
         warm_up=config.warm_up_steps,
         settings=FitSettings(**config.settings),  # type: ignore[arg-type]
         seed=config.seed,
+        device=device,
     )
 
 
@@ -200,21 +212,26 @@ def _flat(config: RunConfig) -> dict[str, Any]:
 
 
 def _solve(
-    folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor
+    folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor, device: str
 ) -> tuple[Standing, float]:
     """The reservoir's way: one pass, nothing to resume."""
     began = time.monotonic()
-    learned, held_out = tapes(data, config.lead_s)
-    loss = solve_readout(predictor, learned, held_out, config.loss_weights)
+    learned, held_out = (tape.to(device) for tape in tapes(data, config.lead_s))
+    loss = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
     write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
     return Standing((loss,)), time.monotonic() - began
 
 
 def _descend(
-    folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor, on_epoch: OnEpoch
+    folder: Path,
+    config: RunConfig,
+    data: EpisodeSet,
+    predictor: Predictor,
+    device: str,
+    on_epoch: OnEpoch,
 ) -> tuple[Standing, float]:
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
-    fit = new_fit(config, predictor, *tapes(data, config.lead_s))
+    fit = new_fit(config, predictor, *tapes(data, config.lead_s), device=device)
     seconds = _resume(folder / LAST, fit)
     began = time.monotonic() - seconds
     while not fit.finished:
@@ -245,7 +262,12 @@ def _resume(path: Path, fit: Fit) -> float:
 
 
 def _finish(
-    folder: Path, config: RunConfig, data: EpisodeSet, standing: Standing, seconds: float
+    folder: Path,
+    config: RunConfig,
+    data: EpisodeSet,
+    standing: Standing,
+    seconds: float,
+    device: str,
 ) -> None:
     """Score the best weights and close the run."""
     predictor = new_predictor(config)
@@ -267,5 +289,6 @@ def _finish(
         test=Scores(rmse=test.rmse, r2=test.r2),
         test_r2_ceiling=test.ceiling,
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
+        device=device,
     )
     write_record(folder / METRICS, metrics)

@@ -10,7 +10,7 @@ from click.testing import CliRunner, Result
 from wakedeploy.cli import main
 from wakedeploy.episodes import EpisodeSet
 
-ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds"}
+ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
 
 
 def wakedeploy(*arguments: object) -> Result:

@@ -56,6 +56,13 @@ _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
     show_default=True,
     help="CPU threads; models this small rarely gain from a second, and lose on a busy machine.",
 )
+@click.option(
+    "--device",
+    type=click.Choice(["auto", "cpu", "cuda"]),
+    default="auto",
+    show_default=True,
+    help="auto: CUDA where torch sees it and the work is large enough.",
+)
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 def command(
@@ -69,6 +76,7 @@ def command(
     hyper: tuple[str, ...],
     preset: str,
     threads: int,
+    device: str,
     fresh: bool,
     json_path: Path | None,
 ) -> None:
@@ -112,7 +120,8 @@ def command(
     runs = []
     for config in configs:
         with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
-            runs.append(train(config, episodes, out, on_epoch=bar.update, fresh=fresh))
+            run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
+            runs.append(run)
     _report(runs, data, out, lead_s, json_path)
 
 
@@ -201,7 +210,10 @@ def score_row(
     r2: dict[str, float | None],
     seconds: float,
 ) -> dict[str, Any]:
-    """A run's errors on a split, as `train --json` and `evaluate --json` write them."""
+    """A run's errors on a split, as `train --json` and `evaluate --json` write them.
+
+    `device` is where it was trained.
+    """
     return {
         "arch": run.config.arch,
         "seed": run.config.seed,
@@ -211,6 +223,7 @@ def score_row(
         "rmse": rmse,
         "r2": r2,
         "seconds": round(seconds, 3),
+        "device": run.metrics.device,
     }
 
 
