@@ -33,8 +33,13 @@ class Tape:
 
     def to(self, device: str) -> "Tape":
         """The tape with its tensors on a device, where all indices into it are made too."""
-        tensors = (self.observation, self.force, self.first, self.scored)
-        return Tape(*(tensor.to(device) for tensor in tensors), self.lengths)
+        return Tape(
+            observation=self.observation.to(device),
+            force=self.force.to(device),
+            first=self.first.to(device),
+            scored=self.scored.to(device),
+            lengths=self.lengths,
+        )
 
 
 @dataclass(frozen=True)

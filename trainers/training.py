@@ -45,6 +45,8 @@ from wakedeploy.validation import first_problem
 # Called after each epoch with the epochs done and the epochs asked for.
 OnEpoch = Callable[[int, int], None]
 
+_LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
+
 
 def configure(
     data: EpisodeSet,
@@ -102,6 +104,14 @@ def settings_for(
     changed = {**(others or {}), **{name: v for name, v in asked.items() if v is not None}}
     check_settings(dataclasses.asdict(usual), changed)
     return dataclasses.replace(usual, **changed)  # type: ignore[arg-type]
+
+
+def stated_lead_s(data: EpisodeSet) -> float:
+    """The lead in seconds that a set's rig asks for; 0 where the set states none."""
+    stated = data.provenance.get(_LEAD_KEY, 0.0)
+    if not isinstance(stated, int | float) or isinstance(stated, bool):
+        raise UnusableInput(f"{_LEAD_KEY} = {stated!r} in the set is no number; ask for a lead.")
+    return float(stated)
 
 
 def train(

@@ -20,6 +20,7 @@ COMMANDS = (
     "train",
     "tune",
     "evaluate",
+    "sweep",
     "export",
     "check",
     "deploy",

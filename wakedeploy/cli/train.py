@@ -12,10 +12,8 @@ from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from trainers.runs import RunConfig, TrainedRun
-    from wakedeploy.episodes import EpisodeSet
 
 _NAMED_PRESETS = ("reference", "tuned")
-_LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
 
 @click.command()
@@ -94,7 +92,7 @@ def command(
     """
     import torch
 
-    from trainers.training import configure, settings_for, train
+    from trainers.training import configure, settings_for, stated_lead_s, train
     from wakedeploy.episodes import read_episode_set
 
     names = _architectures(arch or _arch_of(preset))
@@ -102,7 +100,7 @@ def command(
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
     presets = {name: _preset(preset, name, episodes.domain) for name in names}
-    lead_s = lead_of(episodes, lead_s)
+    lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
     configs = [
         configure(
             episodes,
@@ -174,16 +172,6 @@ def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
         except json.JSONDecodeError as error:
             raise UnusableInput(f"--hyper {entry}: '{text}' is not a number.") from error
     return overrides
-
-
-def lead_of(episodes: "EpisodeSet", asked_s: float | None) -> float:
-    """The lead in seconds: what was asked for, or what the set states, or none."""
-    if asked_s is not None:
-        return asked_s
-    stated = episodes.provenance.get(_LEAD_KEY, 0.0)
-    if not isinstance(stated, int | float) or isinstance(stated, bool):
-        raise UnusableInput(f"{_LEAD_KEY} = {stated!r} in the set is no number; pass --lead.")
-    return float(stated)
 
 
 def _report(

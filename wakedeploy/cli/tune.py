@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import Bar, print_table, progress, write_json
-from wakedeploy.cli.train import lead_of
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
@@ -110,6 +109,7 @@ def command(
             --objective rmse,latency --workers 4
         wakedeploy train --preset tuned/gru/best.toml --data sets/gantry
     """
+    from trainers.training import stated_lead_s
     from trainers.tuning.plan import make_plan
     from trainers.tuning.workers import Work
     from wakedeploy.episodes import read_episode_set
@@ -118,7 +118,7 @@ def command(
     plan = make_plan(
         episodes,
         arch,
-        lead_s=lead_of(episodes, lead_s),
+        lead_s=stated_lead_s(episodes) if lead_s is None else lead_s,
         epochs=epochs,
         budget=budget,
         objective=tuple(name.strip() for name in objective.split(",")),

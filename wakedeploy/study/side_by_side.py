@@ -37,7 +37,7 @@ def side_by_side(
         return results
     # torch does not survive a fork once it has computed; workers end at once when interrupted.
     fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=fresh, initializer=_begin) as pool:
+    with ProcessPoolExecutor(workers, mp_context=fresh, initializer=begin_worker) as pool:
         waiting = [pool.submit(work, job) for job in jobs]
         try:
             for done in as_completed(waiting):
@@ -49,7 +49,7 @@ def side_by_side(
             raise
 
 
-def _begin() -> None:
+def begin_worker() -> None:
     """One thread per process, which libraries read when they are imported; none outlives us."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     os.environ["OMP_NUM_THREADS"] = "1"

@@ -1,0 +1,235 @@
+"""`wakedeploy sweep`: architectures × sets × seeds × settings, here or on a cluster."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import CheckFailed, UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.sweep.executor import Executor
+    from wakedeploy.sweep.run import Report
+
+_PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
+
+
+@click.command()
+@click.argument("plan", type=_PLAN_FILE, required=False)
+@click.option("--data", help="SET[,SET…]: folders of sets, or names of sets that PLAN generates.")
+@click.option("--arch", help="all, or NAME[,NAME…]. Default: all.")
+@click.option("--seeds", type=click.IntRange(1, 1000), help="How many. Default: 1.")
+@click.option("--lead", help="Seconds[,…] ahead. Default: what the set states, or 0.")
+@click.option("--epochs", help="N[,N…]. Default: 60.")
+@click.option("--learning-rate", help="RATE[,RATE…], peak. Default: 0.003, Mamba 0.01.")
+@click.option(
+    "--hyper",
+    multiple=True,
+    metavar="ARCH.NAME=V[,V…]",
+    help="Values of a hyper-parameter; may be repeated.",
+)
+@click.option(
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    default="sweep",
+    show_default=True,
+    help="Folder for results, runs and generated sets; what is done there is not done again.",
+)
+@click.option(
+    "--workers", type=click.IntRange(1, 1024), help="Processes here. Default: one per core."
+)
+@click.option("--scheduler", metavar="ADDRESS", help="A dask scheduler instead: tcp://HOST:PORT.")
+@click.option(
+    "--device",
+    type=click.Choice(["auto", "cpu", "cuda"]),
+    default="auto",
+    show_default=True,
+    help="auto: CUDA where torch sees it and the work is large enough.",
+)
+@click.option("--retry-failed", is_flag=True, help="Try jobs again that failed before.")
+@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+def command(
+    plan: Path | None,
+    out: Path,
+    workers: int | None,
+    scheduler: str | None,
+    device: str,
+    retry_failed: bool,
+    json_path: Path | None,
+    **asked: Any,
+) -> None:
+    """Train every combination that a plan or options ask for, and generate sets.
+
+    Every job is a row of OUT/results.jsonl as soon as it is finished, and of OUT/results.csv at the
+    end. Asked again, a sweep does only what is missing; a changed plan adds rows. A job that fails
+    is a row with its reason and makes the exit status 1. Options replace values of PLAN.
+
+    PLAN is TOML; where it has a value it may have a list, which means each of its values:
+
+    \b
+        data = ["short", "sets/fish"]       # sets below, or folders beside this file
+        arch = ["gru", "tcn"]               # or "all"
+        seeds = 3
+        lead = [0.0, 0.1]                   # s; default: what the set states
+        [settings]                          # epochs, learning_rate, batch, patience, …
+        epochs = 20
+        [hyper.gru]
+        hidden = [16, 32]
+        [[generate]]                        # minutes of gantry, downwash or ship
+        name = "short"
+        domain = "gantry"
+        minutes = 5
+        seed = 1
+        settings = {}                       # gantry: rig; downwash: spread; ship: level
+
+    With --scheduler the jobs run on an existing dask.distributed cluster, whose workers need this
+    version of Python and wakedeploy but no folder in common: sets and runs travel. A worker trains
+    one model at a time, so start them with `dask worker ADDRESS --nthreads 1`.
+
+    \b
+    Example:
+        wakedeploy sweep plan.toml --out sweep
+        wakedeploy sweep --data sets/gantry --arch gru,tcn --seeds 3 --hyper gru.hidden=16,32
+        wakedeploy sweep plan.toml --out sweep --scheduler tcp://head:8786
+    """
+    from wakedeploy.sweep.plan import read_plan
+    from wakedeploy.sweep.run import require_ours, sweep
+
+    wanted = read_plan(plan, _options(asked))
+    require_ours(out)
+    executor = _executor(out, workers, scheduler, device)
+    try:
+        with progress("Jobs", wanted.jobs) as bar:
+            report = sweep(
+                wanted,
+                out,
+                executor,
+                device=device,
+                retry_failed=retry_failed,
+                on_progress=bar.update,
+            )
+    except KeyboardInterrupt:
+        click.echo(
+            f"Stopped; the rows of finished jobs are in {out / 'results.jsonl'}, and the same"
+            " command goes on with the rest.",
+            err=True,
+        )
+        raise click.exceptions.Exit(130) from None
+    _tell(report, out, json_path)
+
+
+def _options(asked: dict[str, Any]) -> dict[str, Any]:
+    """The options as a plan has them; those that were not given are left out."""
+    plan: dict[str, Any] = {}
+    if asked["data"]:
+        plan["data"] = _names(asked["data"])
+    if asked["arch"]:
+        plan["arch"] = _names(asked["arch"])
+    if asked["seeds"]:
+        plan["seeds"] = asked["seeds"]
+    if asked["lead"]:
+        plan["lead"] = _values("--lead", asked["lead"])
+    for name in ("epochs", "learning_rate"):
+        if asked[name]:
+            option = "--" + name.replace("_", "-")
+            plan.setdefault("settings", {})[name] = _values(option, asked[name])
+    for entry in asked["hyper"]:
+        place, equals, text = entry.partition("=")
+        arch, dot, name = place.partition(".")
+        if not (equals and dot and arch and name):
+            raise UnusableInput(f"--hyper {entry}: write ARCH.NAME=VALUE[,VALUE…].")
+        values = _values(f"--hyper {entry}", text)
+        plan.setdefault("hyper", {}).setdefault(arch, {})[name] = values
+    return plan
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",")]
+
+
+def _values(option: str, text: str) -> list[Any]:
+    values = []
+    for one in text.split(","):
+        try:
+            value = json.loads(one)
+        except json.JSONDecodeError as error:
+            raise UnusableInput(f"{option}: '{one}' is not a number.") from error
+        values.append(value)
+    return values
+
+
+def _executor(out: Path, workers: int | None, scheduler: str | None, device: str) -> "Executor":
+    if scheduler is not None:
+        if workers is not None:
+            raise UnusableInput("--workers is for this machine; leave it out with --scheduler.")
+        from wakedeploy.sweep.cluster import Cluster
+
+        return Cluster(scheduler)
+    from trainers.device import require_cuda
+    from wakedeploy.sweep.executor import LocalProcesses
+    from wakedeploy.sweep.jobs import RUNS
+
+    if device == "cuda":
+        require_cuda()
+    return LocalProcesses(out / RUNS, workers)
+
+
+def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
+    """Print the results by set; CheckFailed where jobs failed."""
+    done = [row for row in report.rows if row["state"] == "done"]
+    trained = [row for row in done if row["kind"] == "train"]
+    for data in dict.fromkeys(row["data"] for row in trained):
+        own = [row for row in trained if row["data"] == data]
+        print_table(f"{data}: test episodes, {own[0]['device']}", *_table(own))
+    if json_path:
+        write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
+    click.echo(
+        f"{len(done)} of {len(report.rows) + report.waiting} jobs done, {report.begun} of them"
+        f" attempted now: {out / 'results.csv'}"
+    )
+    if report.failed:
+        first = report.failed[0]
+        name = first.get("arch", first["kind"])
+        waiting = f", and {report.waiting} wait for a set that failed" if report.waiting else ""
+        raise CheckFailed(
+            f"{len(report.failed)} jobs failed{waiting}; the first, {name} on {first['data']}:"
+            f" {first['reason']}; --retry-failed tries them again."
+        )
+
+
+def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
+    """One line for each architecture with its settings, mean ± spread over the seeds."""
+    from wakedeploy.cli.train import _mean_and_spread
+
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        key = json.dumps([row[name] for name in ("arch", "lead_s", "settings", "hyper")])
+        groups.setdefault(key, []).append(row)
+    channels = list(rows[0]["test"]["rmse"])
+    columns = ["architecture", "settings", "seeds", "trainable"]
+    columns += [f"{kind} {name}" for name in channels for kind in ("RMSE", "R²")]
+    lines = []
+    for own in groups.values():
+        line = [own[0]["arch"], _varied(own[0], rows), str(len(own)), f"{own[0]['trainable']:,}"]
+        for name in channels:
+            line.append(_mean_and_spread([row["test"]["rmse"][name] for row in own], ".4g"))
+            line.append(_mean_and_spread([row["test"]["r2"][name] for row in own], ".4f"))
+        lines.append([*line, _mean_and_spread([row["seconds"] for row in own], ".1f")])
+    return [*columns, "seconds"], lines
+
+
+def _varied(row: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:
+    """What distinguishes a row from others of its architecture, the seed aside."""
+
+    def told(one: dict[str, Any]) -> dict[str, Any]:
+        return {"lead_s": one["lead_s"], **one["settings"], **one["hyper"]}
+
+    alike = [told(other) for other in rows if other["arch"] == row["arch"]]
+    return ", ".join(
+        f"{name} {value}"
+        for name, value in told(row).items()
+        if any(other[name] != value for other in alike)
+    )

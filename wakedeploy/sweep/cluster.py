@@ -1,0 +1,180 @@
+"""Jobs on an existing dask.distributed cluster.
+
+Sets travel with the jobs: workers need no folder in common with this machine, and each checks the
+sha256 of what arrived. A set is handed to the scheduler once, as a task that returns it, so that it
+can be made again for any worker when the one that held it is lost (scattered data could not).
+"""
+
+import contextlib
+import logging
+import platform
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+import wakedeploy
+from wakedeploy.episodes import EpisodeSet, read_episode_set
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure
+
+try:
+    import dask
+    import distributed
+    from distributed.scheduler import KilledWorker
+except ModuleNotFoundError as missing:
+    raise UnusableInput(
+        f"{missing.name} is not installed; --scheduler needs: pip install 'wakedeploy[cluster]'."
+    ) from missing
+
+CONNECT_S = 5.0
+Library = str | None
+_NEEDED = ("wakedeploy", "torch")
+
+
+class Cluster:
+    """The workers of a scheduler. A job whose worker is lost is done again by another.
+
+    A worker does one training at a time, however many threads it has. What a worker is at when the
+    sweep is stopped runs to its end there and is not used.
+    """
+
+    def __init__(self, address: str, *, connect_s: float = CONNECT_S) -> None:
+        """Connect and look at the workers.
+
+        Raises UnusableInput for a scheduler that cannot be reached within `connect_s`, has no
+        worker, or whose workers lack wakedeploy or have another version of it or of Python.
+        """
+        self._address = address
+        self._jobs: dict[str, Job] = {}
+        self._sets: dict[str, Any] = {}
+        # Lost workers and connections are this module's to tell of.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        self._client = _connected(address, connect_s)
+        try:
+            _require_workers(self._client, address, connect_s)
+        except BaseException:
+            self._client.close()
+            raise
+        self._completed = distributed.as_completed(loop=self._client.loop)
+
+    def submit(self, job: Job) -> None:
+        """Take on a job."""
+        data = self._shipped(job) if isinstance(job, TrainJob) else None
+        future = self._client.submit(do, job, data, key=f"wakedeploy-{job.identity}")
+        self._jobs[future.key] = job
+        self._completed.add(future)
+
+    def finished(self) -> Iterator[tuple[Job, Outcome]]:
+        """Jobs with what became of them, as they finish.
+
+        Raises CheckFailed when the connection to the scheduler is lost.
+        """
+        while self._jobs:
+            future = next(self._completed)
+            job = self._jobs.pop(future.key)
+            yield job, self._outcome(future, job)
+
+    def cancel(self) -> None:
+        """Take back what waits and leave the cluster to itself."""
+        with contextlib.suppress(Exception):  # the scheduler may be what is gone
+            self._client.cancel([*self._completed.futures, *self._sets.values()], force=False)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=CONNECT_S)
+
+    def _shipped(self, job: TrainJob) -> Any:
+        """The job's set as a task of the cluster, the same for all jobs on it."""
+        sha256 = job.config.data_sha256
+        if sha256 not in self._sets:
+            with warnings.catch_warnings():  # of a graph that is large: that is the point
+                warnings.simplefilter("ignore", UserWarning)
+                self._sets[sha256] = self._client.submit(
+                    _itself, read_episode_set(job.folder), key=f"wakedeploy-set-{sha256}"
+                )
+        return self._sets[sha256]
+
+    def _outcome(self, future: Any, job: Job) -> Outcome:
+        try:
+            outcome: Outcome = future.result()
+        except KilledWorker as error:
+            allowed = dask.config.get("distributed.scheduler.allowed-failures", 3)
+            return failure(job, f"more than {allowed} workers were lost while at it ({error.task})")
+        except (distributed.CancelledError, OSError) as error:
+            raise CheckFailed(
+                f"The connection to the scheduler at {self._address} is lost; rows that were"
+                " written stay, and the same command goes on when it is back."
+            ) from error
+        except Exception as error:
+            return failure(job, f"unexpected {type(error).__name__}: {one_line(error)}")
+        return outcome
+
+
+def _itself(data: EpisodeSet) -> EpisodeSet:
+    return data
+
+
+def _connected(address: str, connect_s: float) -> Any:
+    try:
+        return distributed.Client(address, timeout=connect_s, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        raise UnusableInput(
+            f"No scheduler answers at {address} ({one_line(error).rstrip('.')}); start one with"
+            " `dask scheduler`, or leave --scheduler out."
+        ) from error
+
+
+def _require_workers(client: Any, address: str, connect_s: float) -> None:
+    """UnusableInput unless there are workers, and all of them can do what this machine asks for."""
+    try:
+        client.wait_for_workers(1, timeout=connect_s)
+    except TimeoutError as error:
+        raise UnusableInput(
+            f"The scheduler at {address} has no worker; start some with `dask worker {address}"
+            " --nthreads 1`."
+        ) from error
+    told = client.get_versions()["workers"]
+    pythons = {name: str(worker["host"]["python"]) for name, worker in told.items()}
+    problem = misfit(pythons, None) or misfit(pythons, client.run(_looker()))
+    if problem:
+        raise UnusableInput(problem)
+
+
+def misfit(
+    pythons: Mapping[str, str], libraries: Mapping[str, Mapping[str, Library]] | None
+) -> str | None:
+    """What keeps the workers from doing this machine's jobs, in one sentence; None if nothing does.
+
+    `pythons` has each worker's version, `libraries` its versions of wakedeploy and torch, None
+    where one is missing.
+    """
+    own = ".".join(platform.python_version_tuple()[:2])
+    for name, version in pythons.items():
+        theirs = ".".join(version.split(".")[:2])
+        if theirs != own:  # neither functions nor results would be understood
+            return f"The worker {name} runs Python {theirs}, and this is {own}; use one for both."
+    for name, found in (libraries or {}).items():
+        for library in _NEEDED:
+            if found[library] is None:
+                return (
+                    f"The worker {name} has no {library}; install there:"
+                    " pip install 'wakedeploy[train,cluster]'."
+                )
+        if found["wakedeploy"] != wakedeploy.__version__:
+            return (
+                f"The worker {name} has wakedeploy {found['wakedeploy']}, and this is"
+                f" {wakedeploy.__version__}; install the same there."
+            )
+    return None
+
+
+def _looker() -> Callable[[], dict[str, Library]]:
+    def look() -> dict[str, Library]:  # a closure travels as code: wakedeploy may be missing there
+        import importlib.util
+
+        try:
+            import wakedeploy as there
+        except ImportError:
+            return {"wakedeploy": None, "torch": None}
+        torch = importlib.util.find_spec("torch")
+        return {"wakedeploy": there.__version__, "torch": None if torch is None else "there"}
+
+    return look

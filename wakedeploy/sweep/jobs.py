@@ -1,0 +1,270 @@
+"""What a plan amounts to: jobs, each with an identity, and how one is carried out.
+
+In: choices and a set. Out: jobs, and what became of each, as one row of results.
+"""
+
+import contextlib
+import datetime
+import functools
+import hashlib
+import json
+import platform
+import tempfile
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import wakedeploy
+from trainers.device import one_thread
+from trainers.fit import FitSettings
+from trainers.runs import BEST, CONFIG, METRICS, RunConfig, TrainedRun, run_folder
+from trainers.tape import lay_tape
+from trainers.training import configure, settings_for, stated_lead_s, train
+from wakedeploy.commit import frozen_at
+from wakedeploy.episodes import SPLITS, EpisodeSet, read_episode_set
+from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, one_line
+from wakedeploy.files import write_whole
+from wakedeploy.sweep.generate import Generate, make
+from wakedeploy.sweep.plan import Choice
+
+Row = dict[str, Any]
+
+RUNS, SETS = "runs", "sets"  # folders inside the sweep's
+
+_KEPT = (CONFIG, METRICS, BEST)  # of a run that was trained elsewhere
+# A fit seeds torch's one generator of the process, so two fits must not run in one at a time.
+_ONE_AT_A_TIME = threading.Lock()
+
+
+@dataclass(frozen=True)
+class GenerateJob:
+    """A set to simulate."""
+
+    identity: str
+    asked: Generate
+
+    @property
+    def told(self) -> Row:
+        """What the job's row says of what was asked for."""
+        asked = self.asked
+        return {
+            "identity": self.identity,
+            "kind": "generate",
+            "data": asked.name,
+            "domain": asked.domain,
+            "minutes": asked.minutes,
+            "seed": asked.seed,
+            "settings": dict(asked.settings),
+        }
+
+
+@dataclass(frozen=True)
+class TrainJob:
+    """A run to train on the set in `folder`; `fresh` forgets what a failed attempt left."""
+
+    identity: str
+    data: str
+    folder: Path
+    config: RunConfig
+    device: str
+    fresh: bool = False
+
+    @property
+    def label(self) -> str:
+        """The folder among the sweep's runs that is this job's."""
+        return self.identity[:16]
+
+    @property
+    def told(self) -> Row:
+        """What the job's row says of what was asked for."""
+        config = self.config
+        return {
+            "identity": self.identity,
+            "kind": "train",
+            "data": self.data,
+            "domain": config.domain,
+            "data_sha256": config.data_sha256,
+            "arch": config.arch,
+            "seed": config.seed,
+            "lead_s": config.lead_s,
+            "settings": dict(config.settings),
+            "hyper": dict(config.hyper),
+        }
+
+
+Job = GenerateJob | TrainJob
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a job: its row, and the set it made or the files of its run (name: bytes)."""
+
+    row: Row
+    made: EpisodeSet | None = None
+    files: Mapping[str, bytes] = field(default_factory=dict)
+
+
+def identity_of(kind: str, facts: Mapping[str, Any]) -> str:
+    """The name of a job: a hash of all that determines its result, this version included.
+
+    The order of the facts does not matter. The device is not among them: it rounds differently, and
+    the row says which it was.
+    """
+    told = {"wakedeploy": wakedeploy.__version__, "kind": kind, "facts": facts}
+    text = json.dumps(told, sort_keys=True, allow_nan=False, default=dict)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def generate_job(asked: Generate) -> GenerateJob:
+    """The job that simulates a set; the set's name is part of it, since that is where it goes."""
+    facts = {"name": asked.name, "domain": asked.domain, "minutes": asked.minutes}
+    facts |= {"seed": asked.seed, "settings": dict(asked.settings), "rig": asked.rig}
+    return GenerateJob(identity_of("generate", facts), asked)
+
+
+def train_jobs(
+    name: str,
+    folder: Path,
+    data: EpisodeSet,
+    choices: Sequence[Choice],
+    *,
+    device: str,
+) -> list[TrainJob]:
+    """The jobs of all choices on one set, each once.
+
+    Raises UnusableInput for a set too small to train, validate and test on, and for
+    hyper-parameters that make too large a model of it.
+    """
+    stated_s = stated_lead_s(data)
+    leads = {c.lead_s: stated_s if c.lead_s is None else c.lead_s for c in choices}
+    for lead_s in set(leads.values()):
+        _require_enough(name, data, lead_s)
+    jobs: dict[str, TrainJob] = {}
+    for choice in choices:
+        config = configure(
+            data,
+            choice.arch,
+            seed=choice.seed,
+            lead_s=leads[choice.lead_s],
+            hyper=choice.hyper,
+            settings=FitSettings(**{**vars(settings_for(choice.arch)), **choice.settings}),
+        )
+        identity = identity_of("train", config.model_dump(mode="json"))
+        jobs.setdefault(identity, TrainJob(identity, name, folder.absolute(), config, device))
+    return list(jobs.values())
+
+
+def do(job: Job, data: EpisodeSet | None = None, runs: Path | None = None) -> Outcome:
+    """Carry out a job; whatever goes wrong with it becomes a row with the reason.
+
+    `data` is the set where it came with the job; otherwise it is read from the job's folder. `runs`
+    is where a training run is kept and goes on; without it the run's files come with the outcome.
+    """
+    began = time.monotonic()
+    try:
+        with _ONE_AT_A_TIME, one_thread():
+            if isinstance(job, TrainJob):
+                return _trained(job, data, runs)
+            made = make(job.asked)
+    except WakedeployError as error:
+        reason, _, _ = one_line(error).partition(";")  # the advice is for other commands
+        return failure(job, reason.rstrip("."), time.monotonic() - began)
+    except Exception as error:
+        reason = f"unexpected {type(error).__name__}: {one_line(error)}"
+        return failure(job, reason, time.monotonic() - began)
+    told = {"data_sha256": made.sha256, "device": "cpu"}
+    return Outcome(_row(job, told, time.monotonic() - began), made=made)
+
+
+def failure(job: Job, reason: str, seconds: float | None = None) -> Outcome:
+    """The outcome of a job that could not be done."""
+    return Outcome(_row(job, {"state": "failed", "reason": reason}, seconds))
+
+
+def keep_run(job: TrainJob, files: Mapping[str, bytes], runs: Path) -> None:
+    """Write the files of a run that was trained elsewhere; the one that closes it comes last."""
+    folder = run_folder(runs / job.label, job.config)
+    for name in sorted(files, key=lambda name: name == METRICS):
+        write_whole(folder / name, lambda path, name=name: _write(path, files[name]))  # type: ignore[misc]
+
+
+def _write(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
+
+
+def _require_enough(name: str, data: EpisodeSet, lead_s: float) -> None:
+    for split in SPLITS:
+        try:
+            lay_tape(data, split, lead_s, data.warm_up_steps)
+        except UnusableInput as error:
+            raise UnusableInput(f"{name}: {error}") from error
+
+
+def _trained(job: TrainJob, data: EpisodeSet | None, runs: Path | None) -> Outcome:
+    # What came with the job may bring along a hash that was computed elsewhere; a copy does not.
+    there = _read(job.folder, job.config.data_sha256) if data is None else replace(data)
+    if there.sha256 != job.config.data_sha256:
+        raise UnusableInput(
+            f"{job.data} is not the set that this sweep began with: its sha256 is"
+            f" {there.sha256[:12]}, not {job.config.data_sha256[:12]}"
+        )
+    with _root(job, runs) as root:
+        try:
+            run = train(job.config, there, root, device=job.device, fresh=job.fresh)
+        except CheckFailed as error:
+            told = str(error).removeprefix(f"{run_folder(root, job.config)}: ")
+            raise CheckFailed(told) from error
+        files = {} if runs else {name: (run.folder / name).read_bytes() for name in _KEPT}
+        return Outcome(_row(job, _scores(job, run), run.metrics.seconds), files=files)
+
+
+@contextlib.contextmanager
+def _root(job: TrainJob, runs: Path | None) -> Iterator[Path]:
+    """Where a run is trained: its place among `runs`, or a folder that is gone afterwards."""
+    if runs is not None:
+        yield runs / job.label
+        return
+    with tempfile.TemporaryDirectory(prefix="wakedeploy-sweep-") as folder:
+        yield Path(folder)
+
+
+@functools.lru_cache(maxsize=2)
+def _read(folder: Path, sha256: str) -> EpisodeSet:  # the hash, so that another set is read anew
+    return read_episode_set(folder)
+
+
+def _scores(job: TrainJob, run: TrainedRun) -> Row:
+    """What `wakedeploy train` tells of a run."""
+    metrics = run.metrics
+    return {
+        "trainable": metrics.trainable,
+        "frozen": metrics.frozen,
+        "epochs": metrics.epochs,
+        "best_epoch": metrics.best_epoch,
+        "validation": metrics.validation.model_dump(),
+        "test": metrics.test.model_dump(),
+        "test_r2_ceiling": metrics.test_r2_ceiling,
+        "device": metrics.device,
+        "run": str(run_folder(Path(RUNS) / job.label, run.config)),
+    }
+
+
+def _row(job: Job, told: Row, seconds: float | None) -> Row:
+    """What was asked for, what came of it, and where, when and by which code."""
+    row = job.told | {"state": "done", "reason": None} | told
+    return row | {
+        "seconds": None if seconds is None else round(seconds, 3),
+        "host": platform.node(),
+        "commit": _commit(),
+        "wakedeploy": wakedeploy.__version__,
+        "python": platform.python_version(),
+        "finished_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+    }
+
+
+@functools.cache
+def _commit() -> str:
+    return frozen_at()

@@ -1,0 +1,279 @@
+"""What a sweep is asked for: a plan in TOML, or the same from command-line options.
+
+Wherever a plan has a value it may have a list, which means each of its values.
+"""
+
+import dataclasses
+import itertools
+import re
+import tomllib
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeVar
+
+import pydantic
+from pydantic import BeforeValidator, Field
+
+from trainers.build import ARCHITECTURES, hyper_parameters
+from trainers.fit import FitSettings
+from wakedeploy.episodes import DESCRIPTION
+from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.sweep.generate import Generate, checked
+from wakedeploy.validation import first_problem
+
+Place = tuple[str | int, ...]  # of a value in the plan, as pydantic tells it
+Where = Callable[[Place], str]  # what an error about that place begins with
+
+_MAY_BE_ZERO = {"weight_decay"}
+_LARGEST_COUNT = 100_000
+
+
+@dataclass(frozen=True)
+class Choice:
+    """What one training job of a plan is asked for, the set aside; `lead_s` None: as it states."""
+
+    arch: str
+    seed: int
+    lead_s: float | None
+    settings: Mapping[str, Any]
+    hyper: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A checked plan: what to generate, what to train on (`data` by name: folder), the choices.
+
+    `data` None stands for a set that the plan itself generates under that name.
+    """
+
+    data: Mapping[str, Path | None]
+    choices: tuple[Choice, ...]
+    generate: tuple[Generate, ...]
+
+    @property
+    def jobs(self) -> int:
+        """How many jobs there are, generated sets included."""
+        return len(self.generate) + len(self.data) * len(self.choices)
+
+
+def read_plan(path: Path | None, options: Mapping[str, Any] | None = None) -> Plan:
+    """A plan from its file, from options of the same names, or from both: options come first.
+
+    Folders in a file are relative to it, those of options to where we are. Raises UnusableInput
+    with file, line and reason, or with the option.
+    """
+    text, raw = _file(path) if path else ("", {})
+    given = dict(options or {})
+
+    def where(place: Place) -> str:
+        if place and _within(given, place):
+            name = place[1] if place[0] == "settings" and len(place) > 1 else place[0]
+            value = ".".join(map(str, place[1:])) if place[0] == "hyper" else ""
+            return f"--{str(name).replace('_', '-')} {value}".rstrip() + ": "
+        line = line_of(text, place)
+        return f"{path}, line {line}: " if line else f"{path}: " if path else ""
+
+    base = path.parent if path else Path()
+    return _checked_plan(_merged(raw, given), base, Path() if "data" in given else base, where)
+
+
+def line_of(text: str, place: Place) -> int | None:
+    """The line, counted from 1, where a value of a TOML document stands; None if not found."""
+    lines, found = text.splitlines(), None
+    for i, part in enumerate(place):
+        if isinstance(part, int):
+            continue
+        name = re.escape(part)
+        head = re.compile(
+            rf'\s*(\[\[?\s*([\w."-]*\.)?)?"?{name}"?\s*[=\].]|.*[{{,]\s*"?{name}"?\s*='
+        )
+        hits = [n for n in range(found or 0, len(lines)) if head.match(lines[n])]
+        if not hits:
+            break
+        index = place[i + 1] if i + 1 < len(place) else 0  # of [[…]], which entry
+        several = isinstance(index, int) and lines[hits[0]].lstrip().startswith("[[")
+        found = hits[min(int(index), len(hits) - 1)] if several else hits[0]
+    return None if found is None else found + 1
+
+
+def _checked_plan(raw: Mapping[str, Any], base: Path, sets: Path, where: Where) -> Plan:
+    """A plan from its values; rig files are relative to `base`, folders of sets to `sets`.
+
+    Raises UnusableInput, which begins with what `where` says of the value's place.
+    """
+    try:
+        document = _Document.model_validate(dict(raw))
+    except pydantic.ValidationError as error:
+        place = error.errors()[0]["loc"]
+        raise UnusableInput(f"{where(place)}{first_problem(error)}.") from error
+    generate = [
+        checked(Generate(**entry.model_dump()), base, lambda *at, i=i: where(("generate", i, *at)))
+        for i, entry in enumerate(document.generate)
+    ]
+    names = [entry.name for entry in generate]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise UnusableInput(
+                f"{where(('generate', i, 'name'))}two sets are named '{name}'; rename one."
+            )
+    trains = document.model_fields_set - {"data", "generate"}
+    if not document.data and (trains or not generate):
+        what = f"has {', '.join(sorted(trains))} but no data" if trains else "asks for nothing"
+        raise UnusableInput(f"{where(())}the plan {what}; name sets to train on with data.")
+    data = _data(document, names, sets, where)
+    return Plan(data, tuple(_choices(document, where)) if data else (), tuple(generate))
+
+
+def _file(path: Path) -> tuple[str, dict[str, Any]]:
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise UnusableInput(f"{path}: cannot be read as a plan ({one_line(error)}).") from error
+    try:
+        return text, tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise UnusableInput(f"{path}: not valid TOML: {one_line(error)}.") from error
+
+
+def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Two documents in one; where both have a value it is `above`'s."""
+    merged = dict(below)
+    for name, value in above.items():
+        both = isinstance(value, Mapping) and isinstance(merged.get(name), Mapping)
+        merged[name] = _merged(merged[name], value) if both else value
+    return merged
+
+
+def _within(document: Mapping[str, Any], place: Place) -> bool:
+    """Whether a document has a value at or above this place."""
+    held: Any = document
+    for part in place:
+        if not isinstance(held, Mapping):
+            return True
+        if part not in held:
+            return False
+        held = held[part]
+    return True
+
+
+Value = TypeVar("Value")
+
+
+def _listed(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list | tuple) else (value,)
+
+
+Several = Annotated[tuple[Value, ...], BeforeValidator(_listed), Field(min_length=1)]
+
+
+class _Table(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
+
+
+class _Generate(_Table):
+    name: str = Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,99}$")
+    domain: str
+    minutes: float = Field(ge=0.1, le=10_000)
+    seed: int = Field(default=0, ge=0)
+    settings: dict[str, str | int | float] = {}
+
+
+class _Document(_Table):
+    data: Several[str] | tuple[()] = ()
+    arch: Several[str] = ("all",)
+    seeds: int = Field(default=1, ge=1, le=1000)
+    lead: Several[Annotated[float, Field(ge=0, le=10)]] | tuple[()] = ()
+    settings: dict[str, Several[int | float]] = {}
+    hyper: dict[str, dict[str, Several[int | float | None]]] = {}
+    generate: Annotated[tuple[_Generate, ...], BeforeValidator(_listed)] = ()
+
+
+def _data(
+    document: _Document, generated: list[str], sets: Path, where: Where
+) -> dict[str, Path | None]:
+    found: dict[str, Path | None] = {}
+    for name in document.data:
+        folder = sets / name
+        if name not in generated and not (folder / DESCRIPTION).is_file():
+            made = f" and none of its own sets ({', '.join(generated)})" if generated else ""
+            raise UnusableInput(
+                f"{where(('data',))}'{name}' is no folder with an episode set{made}; make one with"
+                " `wakedeploy data`, or with [[generate]]."
+            )
+        found[name] = None if name in generated else folder
+    return found
+
+
+def _choices(document: _Document, where: Where) -> Iterator[Choice]:
+    archs = _architectures(document.arch, where)
+    _check_settings(document.settings, where)
+    for arch in document.hyper:
+        if arch not in archs:
+            raise UnusableInput(
+                f"{where(('hyper', arch))}'{arch}' is not among the architectures of this sweep"
+                f" ({', '.join(archs)})."
+            )
+    leads: tuple[float | None, ...] = tuple(map(float, document.lead)) or (None,)
+    for arch in archs:
+        hypers = list(_hypers(arch, document.hyper.get(arch, {}), where))
+        for lead_s, settings, hyper in itertools.product(leads, _grid(document.settings), hypers):
+            for seed in range(document.seeds):
+                yield Choice(arch, seed, lead_s, settings, hyper)
+
+
+def _architectures(asked: tuple[str, ...], where: Where) -> list[str]:
+    if asked == ("all",):
+        return list(ARCHITECTURES)
+    for name in asked:
+        if name not in ARCHITECTURES:
+            raise UnusableInput(
+                f"{where(('arch',))}'{name}' is no architecture; choose all or"
+                f" {', '.join(ARCHITECTURES)}."
+            )
+    return list(dict.fromkeys(asked))
+
+
+def _hypers(
+    arch: str, asked: Mapping[str, tuple[Any, ...]], where: Where
+) -> Iterator[dict[str, Any]]:
+    known = [field.name for field in dataclasses.fields(ARCHITECTURES[arch].hyper)]
+    for name in asked:
+        if name not in known:
+            raise UnusableInput(
+                f"{where(('hyper', arch, name))}{arch} has no hyper-parameter '{name}'; it has"
+                f" {', '.join(known)}."
+            )
+    for values in _grid(asked):
+        try:
+            hyper_parameters(arch, values)
+        except UnusableInput as error:
+            place = ("hyper", arch, *(asked if len(asked) == 1 else ()))
+            raise UnusableInput(f"{where(place)}{error}") from error
+        yield values
+
+
+def _check_settings(asked: Mapping[str, tuple[Any, ...]], where: Where) -> None:
+    usual = dataclasses.asdict(FitSettings())
+    for name, values in asked.items():
+        if name not in usual:
+            raise UnusableInput(
+                f"{where(('settings', name))}there is no setting '{name}'; there are"
+                f" {', '.join(usual)}."
+            )
+        count = isinstance(usual[name], int)
+        for value in values:
+            fits = isinstance(value, int if count else int | float) and not isinstance(value, bool)
+            least_ok = value > 0 or (value == 0 and name in _MAY_BE_ZERO)
+            if not (fits and least_ok and value <= (_LARGEST_COUNT if count else 1e3)):
+                kind = "whole number from 1 to 100000" if count else "positive number up to 1000"
+                raise UnusableInput(
+                    f"{where(('settings', name))}{name} = {value} has to be a {kind}."
+                )
+
+
+def _grid(values: Mapping[str, tuple[Any, ...]]) -> list[dict[str, Any]]:
+    """Every combination of one value of each, the last name varying fastest."""
+    return [
+        dict(zip(values, chosen, strict=True)) for chosen in itertools.product(*values.values())
+    ]
