@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 import safetensors.torch
+import torch
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
@@ -111,6 +112,12 @@ def new_predictor(config: RunConfig) -> Predictor:
         hidden = [names.index(name) for name in config.present_only]
         core = present_only(core, hidden, inputs, outputs, config.seed)
     return Predictor(config.arch, core, inputs, outputs)
+
+
+def require_buildable(config: RunConfig) -> None:
+    """Raise UnusableInput for a model beyond the budget, without memory for its weights."""
+    with torch.device("meta"):
+        new_predictor(config)
 
 
 def load_run(folder: Path) -> TrainedRun:

@@ -187,8 +187,8 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
     if json_path:
         write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
     click.echo(
-        f"{len(done)} of {len(report.rows) + report.waiting} jobs done, {report.begun} of them"
-        f" attempted now: {out / 'results.csv'}"
+        f"{len(done)} of {len(report.rows) + report.waiting} jobs are done; {report.begun} were run"
+        f" now. Table: {out / 'results.csv'}"
     )
     if report.failed:
         first = report.failed[0]

@@ -18,7 +18,6 @@ from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure
 
 try:
-    import dask
     import distributed
     from distributed.scheduler import KilledWorker
 except ModuleNotFoundError as missing:
@@ -38,10 +37,10 @@ class Cluster:
     sweep is stopped runs to its end there and is not used.
     """
 
-    def __init__(self, address: str, *, connect_s: float = CONNECT_S) -> None:
+    def __init__(self, address: str) -> None:
         """Connect and look at the workers.
 
-        Raises UnusableInput for a scheduler that cannot be reached within `connect_s`, has no
+        Raises UnusableInput for a scheduler that cannot be reached within CONNECT_S, has no
         worker, or whose workers lack wakedeploy or have another version of it or of Python.
         """
         self._address = address
@@ -49,9 +48,9 @@ class Cluster:
         self._sets: dict[str, Any] = {}
         # Lost workers and connections are this module's to tell of.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
-        self._client = _connected(address, connect_s)
+        self._client = _connected(address)
         try:
-            _require_workers(self._client, address, connect_s)
+            _require_workers(self._client, address)
         except BaseException:
             self._client.close()
             raise
@@ -96,8 +95,7 @@ class Cluster:
         try:
             outcome: Outcome = future.result()
         except KilledWorker as error:
-            allowed = dask.config.get("distributed.scheduler.allowed-failures", 3)
-            return failure(job, f"more than {allowed} workers were lost while at it ({error.task})")
+            return failure(job, f"{error.allowed_failures + 1} workers were lost while at it")
         except (distributed.CancelledError, OSError) as error:
             raise CheckFailed(
                 f"The connection to the scheduler at {self._address} is lost; rows that were"
@@ -112,9 +110,9 @@ def _itself(data: EpisodeSet) -> EpisodeSet:
     return data
 
 
-def _connected(address: str, connect_s: float) -> Any:
+def _connected(address: str) -> Any:
     try:
-        return distributed.Client(address, timeout=connect_s, set_as_default=False)
+        return distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise UnusableInput(
             f"No scheduler answers at {address} ({one_line(error).rstrip('.')}); start one with"
@@ -122,10 +120,10 @@ def _connected(address: str, connect_s: float) -> Any:
         ) from error
 
 
-def _require_workers(client: Any, address: str, connect_s: float) -> None:
+def _require_workers(client: Any, address: str) -> None:
     """UnusableInput unless there are workers, and all of them can do what this machine asks for."""
     try:
-        client.wait_for_workers(1, timeout=connect_s)
+        client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError as error:
         raise UnusableInput(
             f"The scheduler at {address} has no worker; start some with `dask worker {address}"

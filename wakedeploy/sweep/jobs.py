@@ -20,7 +20,15 @@ from typing import Any
 import wakedeploy
 from trainers.device import one_thread
 from trainers.fit import FitSettings
-from trainers.runs import BEST, CONFIG, METRICS, RunConfig, TrainedRun, run_folder
+from trainers.runs import (
+    BEST,
+    CONFIG,
+    METRICS,
+    RunConfig,
+    TrainedRun,
+    require_buildable,
+    run_folder,
+)
 from trainers.tape import lay_tape
 from trainers.training import configure, settings_for, stated_lead_s, train
 from wakedeploy.commit import frozen_at
@@ -152,6 +160,8 @@ def train_jobs(
             hyper=choice.hyper,
             settings=FitSettings(**{**vars(settings_for(choice.arch)), **choice.settings}),
         )
+        if choice.seed == 0:
+            require_buildable(config)
         identity = identity_of("train", config.model_dump(mode="json"))
         jobs.setdefault(identity, TrainJob(identity, name, folder.absolute(), config, device))
     return list(jobs.values())
@@ -188,7 +198,7 @@ def keep_run(job: TrainJob, files: Mapping[str, bytes], runs: Path) -> None:
     """Write the files of a run that was trained elsewhere; the one that closes it comes last."""
     folder = run_folder(runs / job.label, job.config)
     for name in sorted(files, key=lambda name: name == METRICS):
-        write_whole(folder / name, lambda path, name=name: _write(path, files[name]))  # type: ignore[misc]
+        write_whole(folder / name, functools.partial(_write, data=files[name]))
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -176,16 +176,16 @@ class _Generate(_Table):
     domain: str
     minutes: float = Field(ge=0.1, le=10_000)
     seed: int = Field(default=0, ge=0)
-    settings: dict[str, str | int | float] = {}
+    settings: dict[str, Any] = {}
 
 
 class _Document(_Table):
-    data: Several[str] | tuple[()] = ()
+    data: Several[str] = ()
     arch: Several[str] = ("all",)
     seeds: int = Field(default=1, ge=1, le=1000)
-    lead: Several[Annotated[float, Field(ge=0, le=10)]] | tuple[()] = ()
-    settings: dict[str, Several[int | float]] = {}
-    hyper: dict[str, dict[str, Several[int | float | None]]] = {}
+    lead: Several[Annotated[float, Field(ge=0, le=10)]] = ()
+    settings: dict[str, Several[Any]] = {}
+    hyper: dict[str, dict[str, Several[Any]]] = {}
     generate: Annotated[tuple[_Generate, ...], BeforeValidator(_listed)] = ()
 
 

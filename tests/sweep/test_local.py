@@ -1,0 +1,362 @@
+"""Sweeps on this machine: rows as jobs finish, nothing twice, failures told, resumed."""
+
+import csv
+import dataclasses
+import fcntl
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+from trainers.runs import load_run
+from trainers.training import configure, settings_for, train
+from wakedeploy.episodes import EpisodeSet, read_episode_set
+from wakedeploy.sweep.executor import ATTEMPTS, LocalProcesses
+from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, failure, train_jobs
+from wakedeploy.sweep.plan import Choice, read_plan
+from wakedeploy.sweep.run import Report, sweep
+
+GRID = ("--arch", "agile-mlp,gru", "--seeds", 2, "--epochs", 1, "--hyper", "gru.hidden=4,8")
+
+
+def test_one_row_per_job_with_the_scores_that_train_tells(
+    small: Path, tmp_path: Path, wakedeploy: Callable, lines: Callable
+) -> None:
+    out = tmp_path / "out"
+    told = wakedeploy("sweep", "--data", small, *GRID, "--out", out, "--workers", 1,
+                      "--json", tmp_path / "told.json")  # fmt: skip
+    assert told.exit_code == 0, told.output
+    assert "6 of 6 jobs are done; 6 were run now" in told.output
+    rows = lines(out)
+    assert len({row["identity"] for row in rows}) == len(rows) == 6
+    assert json.loads((tmp_path / "told.json").read_text())["rows"] == rows
+    data = read_episode_set(small)
+    (row,) = [r for r in rows if r["hyper"].get("hidden") == 8 and r["arch"] == "gru" and r["seed"]]
+    config = configure(data, "gru", seed=1, lead_s=0.0, hyper={"hidden": 8},
+                       settings=settings_for("gru", epochs=1))  # fmt: skip
+    run = train(config, data, tmp_path / "alone")
+    assert row["test"] == run.metrics.test.model_dump()
+    assert row["validation"] == run.metrics.validation.model_dump()
+    assert row["data_sha256"] == data.sha256
+    assert (row["trainable"], row["device"], row["state"]) == (run.metrics.trainable, "cpu", "done")
+    assert {"seconds", "host", "commit", "wakedeploy", "python", "finished_utc"} <= set(row)
+    assert load_run(out / row["run"]).metrics.weights_sha256 == run.metrics.weights_sha256
+    table = list(csv.DictReader((out / "results.csv").open(newline="")))
+    assert [float(line["test.rmse.f_n"]) for line in table] == [
+        r["test"]["rmse"]["f_n"] for r in rows
+    ]
+
+
+def test_asked_again_only_what_is_missing_is_done_and_rows_stay(
+    small: Path, tmp_path: Path, wakedeploy: Callable, lines: Callable
+) -> None:
+    out, asked = tmp_path / "out", ("sweep", "--data", small, "--epochs", 1, "--workers", 1)
+    assert wakedeploy(*asked, "--arch", "agile-mlp", "--out", out).exit_code == 0
+    first = lines(out)
+    more = wakedeploy(*asked, "--arch", "agile-mlp,history-mlp", "--lead", "0,0.1", "--out", out)
+    assert "4 of 4 jobs are done; 3 were run now" in more.output
+    assert lines(out)[:1] == first
+    fewer = wakedeploy(*asked, "--arch", "history-mlp", "--out", out)
+    assert "1 of 1 jobs are done; 0 were run now" in fewer.output
+    assert len(lines(out)) == 4
+    assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == 4
+
+
+def test_another_set_in_the_same_folder_is_other_jobs(
+    small: Path, tmp_path: Path, wakedeploy: Callable, make_small: Callable, lines: Callable
+) -> None:
+    out = tmp_path / "out"
+    asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 1, "--out", out)
+    assert wakedeploy(*asked).exit_code == 0
+    make_small(seed=1).write(small)
+    assert wakedeploy(*asked).exit_code == 0
+    assert len({row["data_sha256"] for row in lines(out)}) == 2
+
+
+PLAN = """
+data = ["short"]
+arch = "agile-mlp"
+seeds = 2
+[settings]
+epochs = 1
+[[generate]]
+name = "short"
+domain = "gantry"
+minutes = 0.5
+"""
+
+
+def test_a_generated_set_is_trained_on_and_made_again_where_it_is_gone(
+    tmp_path: Path, wakedeploy: Callable, lines: Callable
+) -> None:
+    plan, out = tmp_path / "plan.toml", tmp_path / "out"
+    plan.write_text(PLAN)
+    told = wakedeploy("sweep", plan, "--out", out, "--workers", 1)
+    assert told.exit_code == 0, told.output
+    made, *trained = lines(out)
+    assert (made["kind"], made["domain"], made["minutes"]) == ("generate", "gantry", 0.5)
+    data = read_episode_set(out / "sets" / "short")
+    assert {row["data_sha256"] for row in [made, *trained]} == {data.sha256}
+    assert [row["seed"] for row in trained] == [0, 1]
+    assert "; 0 were run now" in wakedeploy("sweep", plan, "--out", out).output
+    shutil.rmtree(out / "sets")
+    again = wakedeploy("sweep", plan, "--out", out, "--workers", 1)
+    assert "3 of 3 jobs are done; 1 were run now" in again.output
+    assert len(lines(out)) == 3
+
+
+class Instant:
+    """An executor that has what became of every job at hand."""
+
+    def __init__(self, outcome: Callable[[Job], Outcome]) -> None:
+        self.outcome, self.jobs = outcome, list[Job]()
+
+    def submit(self, job: Job) -> None:
+        self.jobs.append(job)
+
+    def finished(self) -> Iterator[tuple[Job, Outcome]]:
+        while self.jobs:
+            job = self.jobs.pop(0)
+            yield job, self.outcome(job)
+
+    def cancel(self) -> None:
+        self.jobs.clear()
+
+
+def test_a_generated_set_too_small_to_validate_on_fails_and_the_rest_waits(
+    tmp_path: Path, make_small: Callable, lines: Callable
+) -> None:
+    plan, out = tmp_path / "plan.toml", tmp_path / "out"
+    plan.write_text(PLAN)
+    tiny = unvalidated(make_small())
+    made = Instant(lambda job: Outcome(job.told | {"seconds": 1.0}, made=tiny))
+    report = sweep(read_plan(plan), out, made)
+    (row,) = lines(out)
+    assert row["state"] == "failed"
+    assert "short: The 'validation' split of this toy set has no episode" in row["reason"]
+    assert (report.failed, report.waiting) == ([row], 2)
+    assert not (out / "sets").exists()
+
+
+def unvalidated(whole: EpisodeSet) -> EpisodeSet:
+    split = {name: "train" if s == "validation" else s for name, s in whole.split.items()}
+    return dataclasses.replace(whole, split=split)
+
+
+def test_a_diverged_job_is_a_row_and_the_others_go_on(
+    small: Path, tmp_path: Path, wakedeploy: Callable, lines: Callable
+) -> None:
+    asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 3, "--workers", 1,
+             "--learning-rate", "1000,0.003", "--hyper", "agile-mlp.layers=4")  # fmt: skip
+    out = tmp_path / "out"
+    told = wakedeploy(*asked, "--out", out)
+    assert told.exit_code == 1
+    assert "1 jobs failed; the first, agile-mlp on" in told.output
+    bad, good = sorted(lines(out), key=lambda row: row["state"] == "done")
+    assert bad["state"] == "failed"
+    assert bad["reason"].startswith("training diverged in epoch")
+    assert good["state"] == "done"
+    again = wakedeploy(*asked, "--out", out)
+    assert again.exit_code == 1
+    assert "; 0 were run now" in again.output
+    assert len(lines(out)) == 2
+    retried = wakedeploy(*asked, "--out", out, "--retry-failed")
+    assert retried.exit_code == 1
+    assert [row["state"] for row in lines(out)].count("failed") == 2
+    assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == 2
+
+
+@pytest.fixture
+def jobs(small: Path) -> list[TrainJob]:
+    choices = [Choice("agile-mlp", seed, None, {"epochs": 1}, {}) for seed in range(2)]
+    return train_jobs("small", small, read_episode_set(small), choices, device="cpu")
+
+
+def outcomes(executor: LocalProcesses) -> dict[str, Outcome]:
+    try:
+        return {job.identity: outcome for job, outcome in executor.finished()}
+    finally:
+        executor.cancel()
+        assert multiprocessing.active_children() == []
+
+
+def test_a_job_whose_process_is_killed_is_done_again(jobs: list[TrainJob], tmp_path: Path) -> None:
+    executor = LocalProcesses(tmp_path / "runs", workers=1)
+    for job in jobs:
+        executor.submit(job)
+    executor._hand_out()
+    os.kill(executor._workers[0].process.pid or 0, signal.SIGKILL)
+    done = outcomes(executor)
+    assert {job.identity for job in jobs} == set(done)
+    assert {outcome.row["state"] for outcome in done.values()} == {"done"}
+
+
+def test_a_job_that_kills_its_process_is_given_up(jobs: list[TrainJob], tmp_path: Path) -> None:
+    class Deadly(LocalProcesses):
+        killed = 0
+
+        def _hand_out(self) -> None:
+            super()._hand_out()
+            for worker in self._workers:
+                if worker.job == jobs[0]:
+                    self.killed += 1
+                    worker.process.kill()
+
+    executor = Deadly(tmp_path / "runs", workers=1)
+    for job in jobs:
+        executor.submit(job)
+    done = outcomes(executor)
+    first, second = (done[job.identity].row for job in jobs)
+    assert executor.killed == ATTEMPTS
+    assert (first["state"], first["reason"]) == ("failed", "its process was killed 3 times")
+    assert second["state"] == "done"
+
+
+def test_a_set_that_changed_under_the_sweep_is_told(
+    jobs: list[TrainJob], small: Path, make_small: Callable, tmp_path: Path
+) -> None:
+    make_small(seed=9).write(small)
+    executor = LocalProcesses(tmp_path / "runs", workers=1)
+    executor.submit(jobs[0])
+    (outcome,) = outcomes(executor).values()
+    assert "small is not the set that this sweep began with" in outcome.row["reason"]
+
+
+@pytest.mark.parametrize("killed", [signal.SIGINT, signal.SIGKILL])
+def test_a_stopped_sweep_keeps_its_rows_and_goes_on(
+    killed: signal.Signals, small: Path, tmp_path: Path, wakedeploy: Callable, lines: Callable
+) -> None:
+    out = tmp_path / "out"
+    asked = ["sweep", "--data", small, "--arch", "agile-mlp,gru", "--seeds", 40, "--epochs", 3,
+             "--hyper", "gru.hidden=64", "--out", out, "--workers", 1]  # fmt: skip
+    started = subprocess.Popen(
+        [sys.executable, "-m", "wakedeploy", *map(str, asked)],
+        stderr=subprocess.PIPE, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        while started.poll() is None and len(lines(out)) < 2:
+            time.sleep(0.02)
+        if killed == signal.SIGINT:
+            os.killpg(started.pid, killed)  # as a terminal does
+        else:
+            started.send_signal(killed)
+        _, said = started.communicate(timeout=60)
+    finally:
+        if started.poll() is None:
+            os.killpg(started.pid, signal.SIGKILL)
+    before = lines(out)
+    assert 2 <= len(before) < 80
+    if killed == signal.SIGINT:
+        assert started.returncode == 130
+        assert len(said.strip().splitlines()) == 1
+        assert "the same command goes on with the rest" in said
+        assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == len(before)
+    with (out / "results.jsonl").open("ab") as torn:
+        torn.write(b'{"identity": "half a li')
+    asked[asked.index(40)] = 4
+    done = wakedeploy(*asked)
+    assert done.exit_code == 0, done.output
+    identities = [row["identity"] for row in lines(out)]
+    assert lines(out)[: len(before)] == before
+    assert len(set(identities)) == len(identities) >= 8
+
+
+def test_help_loads_no_heavy_library() -> None:
+    code = (
+        "import sys\nfrom wakedeploy.cli import main\n"
+        "main(['sweep', '--help'], standalone_mode=False)\n"
+        "heavy = {'torch', 'numpy', 'pydantic', 'rich', 'distributed', 'dask', 'trainers'}\n"
+        "print('LOADED', heavy & set(sys.modules))"
+    )
+    ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert "LOADED set()" in ended.stdout
+
+
+def test_two_sweeps_do_not_share_a_folder_at_once(
+    small: Path, tmp_path: Path, wakedeploy: Callable
+) -> None:
+    out = tmp_path / "out"
+    asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 1, "--out", out)
+    assert wakedeploy(*asked).exit_code == 0
+    with (out / ".lock").open() as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        told = wakedeploy(*asked)
+    assert told.exit_code == 2
+    assert "Another sweep is at work" in told.output
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--arch", "cnn"], "--arch: 'cnn' is no architecture"),
+        (["--lead", "soon"], "--lead: 'soon' is not a number"),
+        (["--lead", "-1"], "--lead: lead.0 = -1"),
+        (["--epochs", "0"], "--epochs: epochs = 0 has to be a whole number"),
+        (["--hyper", "gru.hidden"], "write ARCH.NAME=VALUE"),
+        (["--hyper", "gru.hiden=3"], "--hyper gru.hiden: gru has no hyper-parameter"),
+        (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
+        (["--arch", "gru", "--hyper", "esn.leak=0.1"], "'esn' is not among the architectures"),
+        (["--lead", "5"], "The 'train' split of this toy set has no episode longer"),
+        (["--device", "cuda"], "torch sees no CUDA device"),
+        (["--scheduler", "tcp://x:1", "--workers", "2"], "--workers is for this machine"),
+    ],
+)
+def test_what_cannot_be_used_is_one_sentence_and_leaves_no_trace(
+    arguments: list[str], says: str, small: Path, tmp_path: Path, wakedeploy: Callable,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    told = wakedeploy("sweep", "--data", small, "--out", tmp_path / "out", *arguments)
+    assert told.exit_code == 2, told.output
+    assert says in told.stderr
+    assert len(told.stderr.strip().splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_set_without_validation_is_refused(
+    small: Path, tmp_path: Path, wakedeploy: Callable, make_small: Callable
+) -> None:
+    unvalidated(make_small()).write(small)
+    told = wakedeploy("sweep", "--data", small, "--out", tmp_path / "out")
+    assert told.exit_code == 2
+    assert "The 'validation' split of this toy set" in told.stderr
+
+
+@pytest.mark.parametrize("mark", [None, "{", '{"wakedeploy_sweep": 99}'])
+def test_a_folder_of_something_else_is_left_alone(
+    mark: str | None, small: Path, tmp_path: Path, wakedeploy: Callable
+) -> None:
+    out = tmp_path / "thesis"
+    out.mkdir()
+    (out / "chapter.txt").write_text("Once")
+    if mark:
+        (out / "sweep.json").write_text(mark)
+    before = {path.name: path.read_bytes() for path in out.iterdir()}
+    told = wakedeploy("sweep", "--data", small, "--out", out)
+    assert told.exit_code == 2
+    assert "give" in told.stderr
+    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
+
+
+def test_finished_jobs_are_counted(small: Path, tmp_path: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    plan = read_plan(None, {"data": [str(small)], "arch": ["gru"], "seeds": 3, "lead": [0, 0, 0.1]})
+
+    def sweep_all() -> Report:
+        failing = Instant(lambda job: failure(job, "never mind"))
+        tell = lambda done, total: seen.append((done, total))  # noqa: E731
+        return sweep(plan, tmp_path / "out", failing, on_progress=tell)
+
+    assert len(sweep_all().failed) == 6
+    assert seen == [(done, 6) for done in range(7)]
+    seen.clear()
+    assert sweep_all().begun == 0
+    assert seen == [(6, 6)]
