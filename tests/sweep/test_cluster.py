@@ -237,6 +237,18 @@ def test_a_job_that_takes_its_workers_along_is_given_up(small: Path) -> None:
     assert (row["state"], row["reason"]) == ("failed", "4 workers were lost while at it")
 
 
+def test_a_worker_of_another_version_that_joins_later_is_told(
+    small: Path, make_small: Callable
+) -> None:
+    choices = [Choice("agile-mlp", 0, None, {"epochs": 1}, {})]
+    (job,) = train_jobs("small", small, make_small(), choices, device="cpu")
+    other = cluster.do_there(job, make_small(), "9.9").row
+    assert other["state"] == "failed"
+    assert other["reason"].endswith(f"{package.__version__}, and the sweep is of 9.9")
+    changed = cluster.do_there(job, make_small(seed=1), package.__version__).row
+    assert "small is not the set that this sweep began with" in changed["reason"]
+
+
 def test_without_dask_it_is_told_what_to_install(
     small: Path, wakedeploy: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:

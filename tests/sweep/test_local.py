@@ -20,7 +20,7 @@ from trainers.runs import load_run
 from trainers.training import configure, settings_for, train
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.sweep.executor import ATTEMPTS, LocalProcesses
-from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, failure, train_jobs
+from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure, train_jobs
 from wakedeploy.sweep.plan import Choice, read_plan
 from wakedeploy.sweep.run import Report, sweep
 
@@ -218,6 +218,20 @@ def test_a_job_that_kills_its_process_is_given_up(jobs: list[TrainJob], tmp_path
     assert executor.killed == ATTEMPTS
     assert (first["state"], first["reason"]) == ("failed", "its process was killed 3 times")
     assert second["state"] == "done"
+
+
+def test_what_a_failed_attempt_left_is_forgotten_by_the_next(
+    jobs: list[TrainJob], tmp_path: Path
+) -> None:
+    job, runs = jobs[0], tmp_path / "runs"
+    row = do(job, runs=runs).row
+    assert do(job, runs=runs).row["test"] == row["test"]
+    (tmp_path / row["run"] / "best.safetensors").write_bytes(b"")
+    damaged = do(job, runs=runs).row
+    assert damaged["state"] == "failed"
+    assert "best.safetensors is damaged" in damaged["reason"]
+    again = do(dataclasses.replace(job, fresh=True), runs=runs).row
+    assert (again["state"], again["test"]) == ("done", row["test"])
 
 
 def test_a_set_that_changed_under_the_sweep_is_told(

@@ -1,11 +1,14 @@
 """Plans: what they stand for, and what is told of one that cannot be used."""
 
+import dataclasses
 import math
 from pathlib import Path
 
 import pytest
 
 from wakedeploy.errors import UnusableInput
+from wakedeploy.rig import default_rig_text
+from wakedeploy.sweep.jobs import generate_job
 from wakedeploy.sweep.plan import line_of, read_plan
 
 WHOLE = """\
@@ -144,11 +147,15 @@ def test_a_rig_file_is_part_of_the_plan(tmp_path: Path) -> None:
     text = '[[generate]]\nname = "a"\ndomain = "gantry"\nminutes = 1\nsettings.rig = "rig.toml"'
     with pytest.raises(UnusableInput, match=r"rig\.toml: cannot be read as a rig file"):
         read_plan(plan_file(tmp_path, text))
-    from wakedeploy.rig import default_rig_text
-
     (tmp_path / "rig.toml").write_text(default_rig_text(), encoding="utf-8")
     (made,) = read_plan(plan_file(tmp_path, text)).generate
     assert made.rig == default_rig_text()
+    job = generate_job(made)
+    moved = dataclasses.replace(made, settings={"rig": "elsewhere/rig.toml"})
+    assert generate_job(moved).identity == job.identity
+    changed = dataclasses.replace(made, rig=default_rig_text() + "\n")
+    assert generate_job(changed).identity != job.identity
+    assert job.told["settings"] == {"rig": "rig.toml"}
 
 
 def test_an_option_is_named_as_such() -> None:

@@ -6,7 +6,7 @@ import random
 import tempfile
 from pathlib import Path
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from wakedeploy.sweep.jobs import identity_of
@@ -22,6 +22,7 @@ VALUES = st.recursive(
 FACTS = st.dictionaries(st.text(max_size=8), VALUES, max_size=6)
 
 
+@settings(deadline=None, max_examples=60)
 @given(FACTS, st.randoms())
 def test_an_identity_does_not_depend_on_the_order_of_facts(
     facts: dict, chance: random.Random
@@ -33,6 +34,7 @@ def test_an_identity_does_not_depend_on_the_order_of_facts(
     )
 
 
+@settings(deadline=None, max_examples=60)
 @given(FACTS, FACTS)
 def test_different_facts_have_different_identities(one: dict, other: dict) -> None:
     same = json.dumps(one, sort_keys=True) == json.dumps(other, sort_keys=True)
@@ -56,6 +58,7 @@ def row(identity: str, state: str, told: str) -> dict:
     }
 
 
+@settings(deadline=None, max_examples=60)
 @given(ROWS, st.integers(min_value=0), ROWS)
 def test_a_file_torn_anywhere_keeps_every_whole_row_and_takes_more(
     before: list, cut: int, after: list
@@ -76,7 +79,8 @@ def test_a_file_torn_anywhere_keeps_every_whole_row_and_takes_more(
         assert Results(Path(folder)).rows == again.rows
 
 
-@given(ROWS)
+@settings(deadline=None, max_examples=60)
+@given(ROWS.filter(bool))
 def test_a_job_that_is_done_has_one_row_and_stays_done(rows: list) -> None:
     with tempfile.TemporaryDirectory() as folder:
         results = Results(Path(folder))

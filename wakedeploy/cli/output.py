@@ -34,17 +34,22 @@ class Bar:
 
 
 @contextlib.contextmanager
-def progress(description: str, total: int, done: int = 0) -> Iterator[Bar]:
+def progress(
+    description: str, total: int, done: int = 0, *, counted: bool = False
+) -> Iterator[Bar]:
     """A progress bar on stderr while the block runs; silent when that is not a terminal.
 
-    Of `done` steps, done before, nothing is learned about the time that the others take.
+    Of `done` steps, done before, nothing is learned about the time that the others take. `counted`
+    also shows how many steps of how many are done.
     """
     from rich.console import Console
-    from rich.progress import Progress
+    from rich.progress import MofNCompleteColumn, Progress
 
     console = Console(stderr=True)
+    columns = [*Progress.get_default_columns(), *([MofNCompleteColumn()] if counted else [])]
     # Steps may take minutes: time left is told from all of them, not from the last half minute's.
     shown = Progress(
+        *columns,
         console=console,
         transient=True,
         disable=not console.is_terminal,

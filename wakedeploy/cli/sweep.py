@@ -67,7 +67,8 @@ def command(
     end. Asked again, a sweep does only what is missing; a changed plan adds rows. A job that fails
     is a row with its reason and makes the exit status 1. Options replace values of PLAN.
 
-    PLAN is TOML; where it has a value it may have a list, which means each of its values:
+    PLAN is TOML; where it has a value it may have a list, which means each of its values. Without
+    data it only generates.
 
     \b
         data = ["short", "sets/fish"]       # sets below, or folders beside this file
@@ -102,7 +103,7 @@ def command(
     require_ours(out)
     executor = _executor(out, workers, scheduler, device)
     try:
-        with progress("Jobs", wanted.jobs) as bar:
+        with progress("Jobs", wanted.jobs, counted=True) as bar:
             report = sweep(
                 wanted,
                 out,

@@ -59,7 +59,9 @@ class Cluster:
     def submit(self, job: Job) -> None:
         """Take on a job."""
         data = self._shipped(job) if isinstance(job, TrainJob) else None
-        future = self._client.submit(do, job, data, key=f"wakedeploy-{job.identity}")
+        future = self._client.submit(
+            do_there, job, data, wakedeploy.__version__, key=f"wakedeploy-{job.identity}"
+        )
         self._jobs[future.key] = job
         self._completed.add(future)
 
@@ -69,7 +71,9 @@ class Cluster:
         Raises CheckFailed when the connection to the scheduler is lost.
         """
         while self._jobs:
-            future = next(self._completed)
+            future = next(self._completed, None)
+            if future is None:
+                raise self._lost()
             job = self._jobs.pop(future.key)
             yield job, self._outcome(future, job)
 
@@ -91,19 +95,30 @@ class Cluster:
                 )
         return self._sets[sha256]
 
+    def _lost(self) -> CheckFailed:
+        return CheckFailed(
+            f"The connection to the scheduler at {self._address} is lost; rows that were written"
+            " stay, and the same command goes on when it is back."
+        )
+
     def _outcome(self, future: Any, job: Job) -> Outcome:
         try:
             outcome: Outcome = future.result()
         except KilledWorker as error:
             return failure(job, f"{error.allowed_failures + 1} workers were lost while at it")
         except (distributed.CancelledError, OSError) as error:
-            raise CheckFailed(
-                f"The connection to the scheduler at {self._address} is lost; rows that were"
-                " written stay, and the same command goes on when it is back."
-            ) from error
+            raise self._lost() from error
         except Exception as error:
             return failure(job, f"unexpected {type(error).__name__}: {one_line(error)}")
         return outcome
+
+
+def do_there(job: Job, data: EpisodeSet | None, version: str) -> Outcome:
+    """Carry out a job on a worker, if it is of this version: it may have joined since we looked."""
+    if wakedeploy.__version__ != version:
+        told = f"the worker on {platform.node()} has wakedeploy {wakedeploy.__version__}"
+        return failure(job, f"{told}, and the sweep is of {version}")
+    return do(job, data)
 
 
 def _itself(data: EpisodeSet) -> EpisodeSet:

@@ -127,9 +127,13 @@ def identity_of(kind: str, facts: Mapping[str, Any]) -> str:
 
 
 def generate_job(asked: Generate) -> GenerateJob:
-    """The job that simulates a set; the set's name is part of it, since that is where it goes."""
+    """The job that simulates a set; the set's name is part of it, since that is where it goes.
+
+    Of a rig file the text is, and not where it lies.
+    """
+    settings = {name: value for name, value in asked.settings.items() if name != "rig"}
     facts = {"name": asked.name, "domain": asked.domain, "minutes": asked.minutes}
-    facts |= {"seed": asked.seed, "settings": dict(asked.settings), "rig": asked.rig}
+    facts |= {"seed": asked.seed, "settings": settings, "rig": asked.rig}
     return GenerateJob(identity_of("generate", facts), asked)
 
 

@@ -46,7 +46,9 @@ class Results:
         return self.rows.get(identity, {}).get("state") == "failed"
 
     def write_table(self) -> None:
-        """Write results.csv: a row per job, a column per value that any job has."""
+        """Write results.csv: a row per job, a column per value that any has; none without rows."""
+        if not self.rows:
+            return
         flat = [_flat(row) for row in self.rows.values()]
         columns = list(dict.fromkeys(name for row in flat for name in row))
         text = io.StringIO()

@@ -137,6 +137,7 @@ class _Sweep:
         self.asked: dict[str, Job] = {}
         self.total = plan.jobs
         self.settled, self.begun = 0, 0
+        self.results: Results  # read once the folder is ours alone
 
     def known_sets(self) -> list[TrainJob]:
         """The trainings on sets that are there already; raises UnusableInput for unusable sets."""
