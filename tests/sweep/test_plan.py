@@ -100,6 +100,7 @@ def test_options_come_before_the_file_and_their_folders_are_where_we_are(
         (('"downwash"', '"air"'), 14, "'air' cannot be simulated; choose gantry, downwash, ship"),
         (("spread", "width"), 16, "downwash has no setting 'width'; it has spread"),
         (("0.1 }", "7 }"), 16, "spread = 7 has to be a number from 0 to 0.75"),
+        (("minutes = 1\n", ""), 12, "generate.0.minutes is missing"),
         (("minutes = 3", "minutes = 0"), 21, "greater than or equal to 0.1"),
         (('"slender"', '"deep"'), 23, "level = 'deep' has to be slender or vortex"),
         (('name = "other"', 'name = "short"'), 19, "two sets are named 'short'"),
@@ -123,7 +124,7 @@ def test_what_is_wrong_is_told_with_file_line_and_reason(
     ("text", "says"),
     [
         ("seeds = 1\ndata = [}", "not valid TOML: .*line 2"),
-        ("", "asks for nothing; name sets to train on with data"),
+        ("", "asks for nothing; name sets to train on"),
         ('arch = "gru"', "has arch but no data"),
         ("data = [ ]", "at least 1 item"),
         ("data = 3", "line 1: "),
@@ -165,6 +166,15 @@ def test_an_option_is_named_as_such() -> None:
     ):
         with pytest.raises(UnusableInput, match=f"^{says}"):
             read_plan(None, options)
+
+
+def test_the_line_of_a_value_that_is_written_in_place_or_dotted() -> None:
+    text = "hyper.gru.hidden = 3\nhyper = { gru = { head = 2 } }\n[hyper.esn]\nleak = 1"
+    assert line_of(text, ("hyper", "gru", "hidden")) == 1
+    assert line_of(text, ("hyper", "esn", "leak")) == 4
+    text = "[[generate]]\nname = 1\n[generate.settings]\nx = 1\n[[generate]]\nname = 2\n"
+    assert line_of(text, ("generate", 1, "name")) == 6
+    assert line_of(text, ("generate", 0, "settings", "x")) == 4
 
 
 @pytest.mark.parametrize(

@@ -94,6 +94,7 @@ def test_a_job_that_is_done_has_one_row_and_stays_done(rows: list) -> None:
         results.write_table()
         table = list(csv.DictReader((Path(folder) / "results.csv").open(newline="")))
         assert [line["identity"] for line in table] == list(results.rows)
+        assert len((Path(folder) / "results.csv").read_text().splitlines()) == len(table) + 1
 
 
 def test_the_table_has_a_column_for_every_value(tmp_path: Path) -> None:

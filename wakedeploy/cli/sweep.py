@@ -12,6 +12,7 @@ from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.executor import Executor
+    from wakedeploy.sweep.plan import Plan
     from wakedeploy.sweep.run import Report
 
 _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
@@ -97,14 +98,23 @@ def command(
         wakedeploy sweep plan.toml --out sweep --scheduler tcp://head:8786
     """
     from wakedeploy.sweep.plan import read_plan
-    from wakedeploy.sweep.run import require_ours, sweep
+    from wakedeploy.sweep.run import require_ours
 
     wanted = read_plan(plan, _options(asked))
     require_ours(out)
     executor = _executor(out, workers, scheduler, device)
+    _tell(_swept(wanted, out, executor, device, retry_failed), out, json_path)
+
+
+def _swept(
+    wanted: "Plan", out: Path, executor: "Executor", device: str, retry_failed: bool
+) -> "Report":
+    """The sweep with a bar that counts; Ctrl-C says how to go on."""
+    from wakedeploy.sweep.run import sweep
+
     try:
         with progress("Jobs", wanted.jobs, counted=True) as bar:
-            report = sweep(
+            return sweep(
                 wanted,
                 out,
                 executor,
@@ -119,7 +129,6 @@ def command(
             err=True,
         )
         raise click.exceptions.Exit(130) from None
-    _tell(report, out, json_path)
 
 
 def _options(asked: dict[str, Any]) -> dict[str, Any]:

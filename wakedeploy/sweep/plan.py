@@ -7,7 +7,7 @@ import dataclasses
 import itertools
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -79,22 +79,41 @@ def read_plan(path: Path | None, options: Mapping[str, Any] | None = None) -> Pl
 
 
 def line_of(text: str, place: Place) -> int | None:
-    """The line, counted from 1, where a value of a TOML document stands; None if not found."""
+    """The line, counted from 1, where a value of a TOML document stands, or the table it is not in.
+
+    None if neither is found.
+    """
     lines, found = text.splitlines(), None
     for i, part in enumerate(place):
         if isinstance(part, int):
             continue
-        name = re.escape(part)
-        head = re.compile(
-            rf'\s*(\[\[?\s*([\w."-]*\.)?)?"?{name}"?\s*[=\].]|.*[{{,]\s*"?{name}"?\s*='
-        )
-        hits = [n for n in range(found or 0, len(lines)) if head.match(lines[n])]
+        hits = list(_lines_of(lines, part, found or 0))
         if not hits:
             break
         index = place[i + 1] if i + 1 < len(place) else 0  # of [[…]], which entry
-        several = isinstance(index, int) and lines[hits[0]].lstrip().startswith("[[")
-        found = hits[min(int(index), len(hits) - 1)] if several else hits[0]
+        entries = [n for n in hits if _is_head(lines[n], "[[")]
+        several = isinstance(index, int) and entries
+        found = entries[min(int(index), len(entries) - 1)] if several else hits[0]
     return None if found is None else found + 1
+
+
+def _lines_of(lines: Sequence[str], name: str, first: int) -> Iterator[int]:
+    """Lines from `first` on that head a table of this name, or set it before the next table."""
+    name = re.escape(name)
+    head = re.compile(rf'\s*\[\[?\s*([\w."-]*\.)?"?{name}"?\s*[\].]')
+    value = re.compile(rf'(\s*|.*[{{,.]\s*)"?{name}"?\s*[=.]')
+    in_first_table = True
+    for n in range(first, len(lines)):
+        if _is_head(lines[n]):
+            in_first_table = in_first_table and n == first
+            if head.match(lines[n]):
+                yield n
+        elif in_first_table and value.match(lines[n]):
+            yield n
+
+
+def _is_head(line: str, bracket: str = "[") -> bool:
+    return line.lstrip().startswith(bracket)
 
 
 def _checked_plan(raw: Mapping[str, Any], base: Path, sets: Path, where: Where) -> Plan:
@@ -120,7 +139,7 @@ def _checked_plan(raw: Mapping[str, Any], base: Path, sets: Path, where: Where) 
     trains = document.model_fields_set - {"data", "generate"}
     if not document.data and (trains or not generate):
         what = f"has {', '.join(sorted(trains))} but no data" if trains else "asks for nothing"
-        raise UnusableInput(f"{where(())}the plan {what}; name sets to train on with data.")
+        raise UnusableInput(f"{where(())}the plan {what}; name sets to train on (--data).")
     data = _data(document, names, sets, where)
     return Plan(data, tuple(_choices(document, where)) if data else (), tuple(generate))
 

@@ -68,11 +68,12 @@ class Results:
 
 
 def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested values as columns: {"test": {"r2": {"x": 1}}} -> {"test.r2.x": 1}."""
+    """Nested values as columns, text on one line: {"test": {"r2": 1}} -> {"test.r2": 1}."""
     cells: dict[str, Any] = {}
     for name, value in row.items():
         if isinstance(value, Mapping):
             cells |= _flat(value, f"{prefix}{name}.")
         else:
-            cells[prefix + name] = "" if value is None else value
+            told = "" if value is None else value
+            cells[prefix + name] = " ".join(told.split()) if isinstance(told, str) else told
     return cells
