@@ -61,8 +61,18 @@ def test_what_waits_is_cancelled(monkeypatch: pytest.MonkeyPatch) -> None:
     assert asked[0] == {"wait": False, "cancel_futures": True}
 
 
-def test_one_worker_is_this_process_and_sails_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    two = ship.make_set(minutes=1.0, seed=3, level="slender", workers=2)
+def pid_and_root(number: float) -> tuple[int, float]:
+    return os.getpid(), number**0.5
+
+
+def test_one_worker_is_this_process_and_results_are_in_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with processes.processes(2) as each:
+        two = list(each(pid_and_root, [9.0, 4.0, 1.0]))
     monkeypatch.setattr(processes, "ProcessPoolExecutor", None)
-    one = ship.make_set(minutes=1.0, seed=3, level="slender", workers=1)
-    assert one.sha256 == two.sha256
+    with processes.processes(1) as each:
+        one = list(each(pid_and_root, [9.0, 4.0, 1.0]))
+    assert [root for _, root in one] == [root for _, root in two] == [3.0, 2.0, 1.0]
+    assert {pid for pid, _ in one} == {os.getpid()}
+    assert os.getpid() not in {pid for pid, _ in two}
