@@ -8,6 +8,7 @@ can be made again for any worker when the one that held it is lost (scattered da
 import contextlib
 import logging
 import platform
+import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
@@ -27,6 +28,7 @@ except ModuleNotFoundError as missing:
 
 CONNECT_S = 5.0
 Library = str | None
+_POLL_S = 0.05
 _NEEDED = ("wakedeploy", "torch")
 
 
@@ -44,7 +46,7 @@ class Cluster:
         worker, or whose workers lack wakedeploy or have another version of it or of Python.
         """
         self._address = address
-        self._jobs: dict[str, Job] = {}
+        self._jobs: dict[str, tuple[Job, Any]] = {}  # with their futures
         self._sets: dict[str, Any] = {}
         # Lost workers and connections are this module's to tell of.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
@@ -54,7 +56,6 @@ class Cluster:
         except BaseException:
             self._client.close()
             raise
-        self._completed = distributed.as_completed(loop=self._client.loop)
 
     def submit(self, job: Job) -> None:
         """Take on a job."""
@@ -62,25 +63,29 @@ class Cluster:
         future = self._client.submit(
             do_there, job, data, wakedeploy.__version__, key=f"wakedeploy-{job.identity}"
         )
-        self._jobs[future.key] = job
-        self._completed.add(future)
+        self._jobs[future.key] = job, future
 
     def finished(self) -> Iterator[tuple[Job, Outcome]]:
         """Jobs with what became of them, as they finish.
 
         Raises CheckFailed when the connection to the scheduler is lost.
         """
+        # Looked at rather than waited for, so that a scheduler that is gone is noticed in any case.
         while self._jobs:
-            future = next(self._completed, None)
-            if future is None:
-                raise self._lost()
-            job = self._jobs.pop(future.key)
-            yield job, self._outcome(future, job)
+            ended = [key for key, (_, future) in self._jobs.items() if future.status != "pending"]
+            for key in ended:
+                job, future = self._jobs.pop(key)
+                yield job, self._outcome(future, job)
+            if not ended:
+                if self._client.status != "running":
+                    raise self._lost()
+                time.sleep(_POLL_S)
 
     def cancel(self) -> None:
         """Take back what waits and leave the cluster to itself."""
         with contextlib.suppress(Exception):  # the scheduler may be what is gone
-            self._client.cancel([*self._completed.futures, *self._sets.values()], force=False)
+            waiting = [future for _, future in self._jobs.values()]
+            self._client.cancel([*waiting, *self._sets.values()])
         with contextlib.suppress(Exception):
             self._client.close(timeout=CONNECT_S)
 
