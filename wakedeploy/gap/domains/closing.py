@@ -142,6 +142,8 @@ def _still_needed(model: ResponseModel, found: Fit, threshold: float) -> Fit:
 
 
 def _verdict(model: ResponseModel, base: Fit, found: Fit, rivals: tuple[str, ...]) -> str:
+    # What is named may leave coloured innovations, unlike on the gantry: recordings have no noise
+    # model that would pass, and intervals are widened instead.
     if rivals:
         return "class" if len(rivals) <= MOST_IN_CLASS else "unknown"
     if found.hypothesis:
