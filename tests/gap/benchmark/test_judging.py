@@ -104,7 +104,8 @@ def test_where_the_effect_does_not_show_there_is_no_share_to_close() -> None:
 def test_the_sealed_flights_are_those_that_the_workflow_tells(tmp_path: Path) -> None:
     flights = [f"flight{i}" for i in range(7)]
     assert sealed(tmp_path, flights) == flights[5:]
-    assert sealed(tmp_path, flights[:3]) == flights[2:3]
+    assert sealed(tmp_path, flights[:4]) == flights[3:4]
+    assert sealed(tmp_path, flights[:3]) == flights[:3]
     assert sealed(tmp_path, flights[:2]) == flights[:2]  # none sealed: it shows what it fitted
     (tmp_path / "answer").mkdir()
     (tmp_path / "answer" / "show.json").write_text('{"sealed": ["flight3"]}')
