@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from wakedeploy.errors import UnusableInput
+from wakedeploy.files import append_json_line
 from wakedeploy.gap.naming import Thresholds
 from wakedeploy.gap.threshold import (
     FALSE_ALARMS,
@@ -13,6 +14,7 @@ from wakedeploy.gap.threshold import (
     known_thresholds,
     miscalibrated,
     quantiles,
+    simulate,
 )
 from wakedeploy.physics.constants import constants_of, spreads_of
 from wakedeploy.rig import default_rig
@@ -60,6 +62,30 @@ def test_the_default_rigs_thresholds_are_shipped(rig) -> None:
     # The best of thirty effects, each with half a chi-squared less what leaving out costs.
     assert 3.0 < known.effect_nats < 12.0
     assert 40.0 <= known.whiteness < 100.0
+
+
+def test_what_a_stopped_simulation_has_kept_is_not_flown_again(tmp_path) -> None:
+    kept, sets = tmp_path / "sets.jsonl", drawn(3, 1)
+    append_json_line(kept, {"seed": 7, "effect_nats": 3.0})  # of another version
+    for i, one in enumerate(sets):
+        append_json_line(kept, {"seed": 5 + 1000 * i, **dataclasses.asdict(one)})
+    kept.write_bytes(kept.read_bytes() + b'{"seed": 30')  # killed while it wrote
+    asked = []
+    told = simulate(
+        default_rig(), sets=3, first_seed=5, kept=kept, progress=lambda *at: asked.append(at)
+    )
+    assert told == sets
+    assert asked == []
+
+
+@pytest.mark.slow
+def test_a_simulated_set_is_kept_when_it_is_done(tmp_path) -> None:
+    kept = tmp_path / "sets.jsonl"
+    first = simulate(default_rig(), sets=1, first_seed=11, workers=1, kept=kept)
+    lines = kept.read_text()
+    assert simulate(default_rig(), sets=1, first_seed=11, workers=1, kept=kept) == first
+    assert kept.read_text() == lines
+    assert 0.0 < first[0].effect_nats < 20.0
 
 
 def test_a_miscalibrated_truth_scatters_by_what_the_rig_file_states() -> None:

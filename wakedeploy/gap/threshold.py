@@ -11,7 +11,7 @@ import os
 import signal
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,7 @@ import numpy as np
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
@@ -69,13 +69,18 @@ def thresholds_for(
     workers: int = 2,
     progress: Callable[[int, int], None] | None = None,
 ) -> Thresholds:
-    """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, sets)`)."""
+    """The rig's thresholds: shipped, cached, or simulated now (minutes; `progress(done, sets)`).
+
+    Simulated sets are kept as they are done: stopped, it goes on where it was.
+    """
     known = known_thresholds(rig)
     if known is None:
-        simulated = simulate(rig, sets=sets, workers=workers, progress=progress)
-        known = quantiles(simulated)
-        _cache_path(rig).parent.mkdir(parents=True, exist_ok=True)
-        write_text_whole(_cache_path(rig), json.dumps(asdict(known), indent=1))
+        path = _cache_path(rig)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        done = path.with_suffix(".jsonl")
+        known = quantiles(simulate(rig, sets=sets, workers=workers, kept=done, progress=progress))
+        write_text_whole(path, json.dumps(asdict(known), indent=1))
+        done.unlink(missing_ok=True)
     return known
 
 
@@ -91,19 +96,37 @@ def simulate(
     sets: int = SETS,
     workers: int = 2,
     first_seed: int = _FIRST_SEED,
+    kept: Path | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[NullSet]:
-    """Fly and search `sets` times; deterministic by seed."""
-    jobs = [(rig.text, first_seed + 1000 * i) for i in range(sets)]
-    results = []
+    """Fly and search `sets` times; deterministic by seed.
+
+    Each set is appended to the file `kept` when it is done, and not simulated again if it is there.
+    """
+    seeds = [first_seed + 1000 * i for i in range(sets)]
+    results = _known_sets(kept) if kept is not None else {}
+    left = [seed for seed in seeds if seed not in results]
     # Workers end at once when interrupted; the parent says so.
     defaults = (signal.SIGINT, signal.SIG_DFL)
     with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
-        for result in pool.map(_null_set, jobs):
-            results.append(result)
+        flown = pool.map(_null_set, [(rig.text, seed) for seed in left])
+        for done, (seed, result) in enumerate(zip(left, flown, strict=True), sets - len(left) + 1):
+            results[seed] = result
+            if kept is not None:
+                append_json_line(kept, {"seed": seed, **asdict(result)})
             if progress is not None:
-                progress(len(results), sets)
-    return results
+                progress(done, sets)
+    return [results[seed] for seed in seeds]
+
+
+def _known_sets(path: Path) -> dict[int, NullSet]:
+    """The sets that an interrupted simulation has kept, by seed."""
+    known = {}
+    for line in read_json_lines(path):
+        seed = line.pop("seed", None)
+        if seed is not None and set(line) == {f.name for f in fields(NullSet)}:
+            known[int(seed)] = NullSet(**line)
+    return known
 
 
 def quantiles(null: Sequence[NullSet]) -> Thresholds:
