@@ -94,6 +94,7 @@ def test_options_come_before_the_file_and_their_folders_are_where_we_are(
         (("epochs = [", "epoch = ["), 7, "no setting 'epoch'; there are epochs"),
         (("[2, 4]", "[2, 0]"), 7, "epochs = 0 has to be a whole number from 1"),
         (("[2, 4]", "[2.5]"), 7, "epochs = 2.5 has to be a whole number"),
+        (("[2, 4]", '"20"'), 7, "epochs = 20 has to be a whole number"),
         (("hyper.gru", "hyper.esn"), 9, "'esn' is not among the architectures of this sweep"),
         (("hidden = [8", "hiden = [8"), 10, "gru has no hyper-parameter 'hiden'; it has"),
         (("[8, 16]", "[8, -16]"), 10, "hidden = -16 has to be a whole number"),

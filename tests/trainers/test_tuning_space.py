@@ -16,7 +16,7 @@ from trainers.fit import FitSettings
 from trainers.memory import Sizes
 from trainers.runs import new_predictor
 from trainers.training import new_fit, tapes
-from trainers.tuning.space import reference_point, search_space, suggest
+from trainers.tuning.space import reference_point, search_space, split, suggest
 from trainers.tuning.trial import Objective
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -148,14 +148,30 @@ def test_weights_are_counted_as_they_are_built(arch: str) -> None:
 @pytest.mark.parametrize("arch", ARCHITECTURES)
 def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
     space = search_space(arch, 0.5)
-    point = reference_point(arch, space, 0.5, FitSettings())
+    point = reference_point(arch, space, 0.5, 62.5, FitSettings())
     assert point is not None
     assert set(point) == {dimension.name for dimension in space}
     study = optuna.create_study()
     study.enqueue_trial(point)
     assert suggest(study.ask(), space) == pytest.approx(point)
     fixed = search_space(arch, 0.5, (f"{space[0].name}={ends(space_of(arch)[space[0].name])[0]}",))
-    assert reference_point(arch, fixed, 0.5, FitSettings()) is None
+    assert reference_point(arch, fixed, 0.5, 62.5, FitSettings()) is None
+
+
+@pytest.mark.parametrize("arch", ARCHITECTURES)
+@pytest.mark.parametrize(("window_s", "rate_hz"), [(0.75, 100.0), (0.5, 200.0), (30.0, 2.0)])
+def test_the_papers_shape_is_what_training_without_a_preset_builds(
+    arch: str, window_s: float, rate_hz: float
+) -> None:
+    space = search_space(arch, window_s)
+    point = reference_point(arch, space, window_s, rate_hz, FitSettings())
+    assert point is not None
+    hyper, _ = split(arch, point)
+    sizes = {"inputs": 5, "outputs": 1, "window_s": window_s, "rate_hz": rate_hz}
+    asked, plain = build(arch, **sizes, hyper=hyper), build(arch, **sizes)
+    assert asked.memory == plain.memory
+    for name, weights in plain.state_dict().items():
+        torch.testing.assert_close(asked.state_dict()[name], weights)
 
 
 @pytest.mark.parametrize(

@@ -23,14 +23,15 @@ FEWEST_SAMPLES = (
 class Plan:
     """One study: the set (by its hash), the architecture, what is searched and how it is judged.
 
-    Units: `window_s` (the set's) and `lead_s` in seconds. Trials have fewer than `budget` trainable
-    weights.
+    Units: `window_s` and `rate_hz` (the set's) and `lead_s` in seconds and hertz. Trials have fewer
+    than `budget` trainable weights.
     """
 
     arch: str
     domain: str
     data_sha256: str
     window_s: float
+    rate_hz: float
     lead_s: float
     epochs: int
     budget: int
@@ -89,6 +90,7 @@ def make_plan(
         domain=data.domain,
         data_sha256=data.sha256,
         window_s=data.window_s,
+        rate_hz=data.rate_hz,
         lead_s=lead_s,
         epochs=epochs,
         budget=budget,

@@ -11,12 +11,12 @@ from trainers.bounds import check_settings, check_value
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import Choice, Dimension, Span
 from trainers.fit import FitSettings
+from wakedeploy.episodes import window_shape
 from wakedeploy.errors import UnusableInput
 
 Point = dict[str, float]
 
-_SHARES = {"history_s": 1.0, "initial_delay_s": 0.5, "initial_spread_s": 0.125}  # None stands for
-_SNAPSHOTS = 31
+_SHARES = {"initial_delay_s": 0.5, "initial_spread_s": 0.125}  # None stands for, of the window
 
 
 def search_space(arch: str, window_s: float, asked: Sequence[str] = ()) -> tuple[Dimension, ...]:
@@ -56,16 +56,26 @@ def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict
 
 
 def reference_point(
-    arch: str, space: Sequence[Dimension], window_s: float, settings: FitSettings
+    arch: str,
+    space: Sequence[Dimension],
+    window_s: float,
+    rate_hz: float,
+    settings: FitSettings,
 ) -> Point | None:
-    """The paper's shape as a point of the space; None where the space does not hold it."""
+    """The paper's shape as a point of the space; None where the space does not hold it.
+
+    On a set with this window [s] and rate it is what training without a preset builds.
+    """
     usual = dataclasses.asdict(ARCHITECTURES[arch].hyper()) | dataclasses.asdict(settings)
+    count, stride = window_shape(window_s, rate_hz)
+    lasts_s = (count - 1) * stride / rate_hz  # a whole number of strides, hardly the window itself
+    unstated = {name: share * lasts_s for name, share in _SHARES.items()}
+    unstated |= {"snapshots": count, "history_s": lasts_s if "snapshots" in usual else window_s}
     point = {}
     for dimension in space:
         value = usual[dimension.name]
         if value is None:
-            share = _SHARES.get(dimension.name)
-            value = _SNAPSHOTS if share is None else share * window_s
+            value = unstated[dimension.name]
         if not _holds(dimension, value):
             return None
         if isinstance(dimension, Span) or len(dimension.values) > 1:

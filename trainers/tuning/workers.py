@@ -76,7 +76,11 @@ class Work:
         with turn(self.out), self.place.reachable():
             settings = self.plan.settings()
             point = reference_point(
-                self.plan.arch, self.plan.dimensions, self.plan.window_s, settings
+                self.plan.arch,
+                self.plan.dimensions,
+                self.plan.window_s,
+                self.plan.rate_hz,
+                settings,
             )
             enqueue_first(study, point)
         return study

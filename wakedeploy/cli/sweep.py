@@ -68,8 +68,8 @@ def command(
     end. Asked again, a sweep does only what is missing; a changed plan adds rows. A job that fails
     is a row with its reason and makes the exit status 1. Options replace values of PLAN.
 
-    PLAN is TOML; where it has a value it may have a list, which means each of its values. Without
-    data it only generates.
+    PLAN is TOML; where it has a value it may have a list, which means each of its values, but for
+    [[generate]], which is one set. Without data it only generates.
 
     \b
         data = ["short", "sets/fish"]       # sets below, or folders beside this file

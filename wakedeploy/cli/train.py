@@ -11,6 +11,7 @@ from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from trainers.preset import Preset
     from trainers.runs import RunConfig, TrainedRun
 
 _NAMED_PRESETS = ("reference", "tuned")
@@ -101,18 +102,29 @@ def command(
     episodes = read_episode_set(data)
     presets = {name: _preset(preset, name, episodes.domain) for name in names}
     lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
+    for name, chosen in presets.items():
+        found_s = chosen.study.get("lead_s", lead_s) if chosen is not None else lead_s
+        if found_s != lead_s:
+            click.echo(
+                f"The preset of {name} was found for a lead of {found_s:g} s; this trains for"
+                f" {lead_s:g} s (--lead {found_s:g} repeats it).",
+                err=True,
+            )
     configs = [
         configure(
             episodes,
             name,
             seed=seed,
             lead_s=lead_s,
-            hyper={**presets[name][0], **overrides[name]},
+            hyper={**(chosen.hyper if chosen else {}), **overrides[name]},
             settings=settings_for(
-                name, epochs=epochs, learning_rate=learning_rate, others=presets[name][1]
+                name,
+                epochs=epochs,
+                learning_rate=learning_rate,
+                others=chosen.settings if chosen else None,
             ),
         )
-        for name in names
+        for name, chosen in presets.items()
         for seed in range(seeds)
     ]
     runs = []
@@ -130,19 +142,19 @@ def _arch_of(preset: str) -> str:
     return "all" if preset in _NAMED_PRESETS else read_preset(Path(preset)).arch
 
 
-def _preset(asked: str, arch: str, domain: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Hyper-parameters and fit settings that differ from the reference."""
+def _preset(asked: str, arch: str, domain: str) -> "Preset | None":
+    """What differs from the reference; None for the reference itself."""
     from trainers.preset import read_preset, shipped_preset
 
     if asked == "reference":
-        return {}, {}
+        return None
     chosen = shipped_preset(domain, arch) if asked == "tuned" else read_preset(Path(asked))
     if chosen.arch != arch:
         raise UnusableInput(
             f"--preset {asked}: it is one of {chosen.arch}, not of {arch}; train --arch"
             f" {chosen.arch} with it."
         )
-    return chosen.hyper, chosen.settings
+    return chosen
 
 
 def _architectures(asked: str) -> list[str]:

@@ -132,6 +132,8 @@ def _itself(data: EpisodeSet) -> EpisodeSet:
 
 def _connected(address: str) -> Any:
     try:
+        # A client of an address that is none complains once more when it is thrown away.
+        distributed.comm.get_address_host_port(address, strict=True)
         return distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise UnusableInput(

@@ -1,6 +1,7 @@
 """What a sweep is asked for: a plan in TOML, or the same from command-line options.
 
-Wherever a plan has a value it may have a list, which means each of its values.
+Wherever a training has a value it may have a list, which means each of its values; what is
+simulated for it is said one set at a time.
 """
 
 import dataclasses
@@ -283,8 +284,9 @@ def _check_settings(asked: Mapping[str, tuple[Any, ...]], where: Where) -> None:
         count = isinstance(usual[name], int)
         for value in values:
             fits = isinstance(value, int if count else int | float) and not isinstance(value, bool)
-            least_ok = value > 0 or (value == 0 and name in _MAY_BE_ZERO)
-            if not (fits and least_ok and value <= (_LARGEST_COUNT if count else 1e3)):
+            # Only what is a number can be compared with one.
+            fits = fits and (value > 0 or (value == 0 and name in _MAY_BE_ZERO))
+            if not (fits and value <= (_LARGEST_COUNT if count else 1e3)):
                 kind = "whole number from 1 to 100000" if count else "positive number up to 1000"
                 raise UnusableInput(
                     f"{where(('settings', name))}{name} = {value} has to be a {kind}."
