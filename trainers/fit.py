@@ -104,6 +104,16 @@ class Fit:
 
     def run_epoch(self) -> Standing:
         """One pass over the training episodes, then the validation episodes."""
+        self.train_epoch()
+        return self.end_epoch()
+
+    def end_epoch(self) -> Standing:
+        """Validate, and count the epoch."""
+        self.standing = Standing((*self.standing.history, self.validate()))
+        return self.standing
+
+    def train_epoch(self) -> None:
+        """The next pass over the training episodes, which `end_epoch` has to count."""
         self.predictor.train()
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(_epoch_seed(self.seed, self.standing.epoch))  # dropout draws from it
@@ -112,8 +122,6 @@ class Fit:
                 self._play_lanes(generator)
             else:
                 self._play_minibatches(generator)
-        self.standing = Standing((*self.standing.history, self.validate()))
-        return self.standing
 
     def validate(self) -> float:
         """The loss over the scored validation samples."""

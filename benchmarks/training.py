@@ -1,0 +1,407 @@
+"""Training beside a plain PyTorch loop: targets a second, the error both end with, where time goes.
+
+Both train the same predictor from the same weights with the same loss, optimiser, schedule and
+normalisation, on the same number of targets, in alternating turns of one process and one thread.
+The plain loop is what most papers use: every target's window is stored whole, a DataLoader draws
+shuffled batches, and a recurrent model runs over each window from a zero state for one target.
+
+    OMP_NUM_THREADS=1 python benchmarks/training.py --json docs/training-speed.json
+"""
+
+import argparse
+import dataclasses
+import hashlib
+import json
+import platform
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+from torch.utils.data import DataLoader, TensorDataset
+from torch.utils.hooks import RemovableHandle
+
+from trainers.build import ARCHITECTURES
+from trainers.cross_attention import CrossAttention
+from trainers.delay_embedding import DelayEmbedding
+from trainers.fit import Fit, learning_rate
+from trainers.gru import Gru
+from trainers.loss import WeightedMse
+from trainers.mamba import Mamba
+from trainers.memory import Memory
+from trainers.model import Predictor, WakeModel, window_indices
+from trainers.runs import RunConfig, new_predictor
+from trainers.tape import Tape
+from trainers.training import configure, new_fit, settings_for, stated_lead_s, tapes
+from wakedeploy.episodes import EpisodeSet, read_episode_set
+
+DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reservoir is solved
+REFERENCE = 1024  # rows and columns of the matrix product that says what the core can do
+AT_ONCE = 4096  # windows validated together
+MATRIX = ("addmm", "aten::mm", "bmm", "baddbmm", "convolution", "mkldnn_linear", "thnn_conv")
+INDEXING = ("aten::index", "aten::gather", "aten::where", "aten::minimum", "aten::maximum")
+RECURRENCE = ("_LinearRecurrence", "aten::gru")
+# What `aten::gru` runs step by step, seen again in the backward pass under these names.
+GATES = ("Sigmoid", "Tanh", "UnsafeChunk", "aten::sigmoid", "aten::tanh")
+SHARES = ("matrix products", "recurrence", "optimiser", "indexing", "other operations", "Python")
+
+
+def main() -> None:
+    """Measure, print, write."""
+    options = _options()
+    torch.set_num_threads(1)
+    data = _data(options)
+    archs = DESCENDING if options.arch == "all" else tuple(options.arch.split(","))
+    epochs, seeds = (2, 1) if options.quick else (options.epochs, options.seeds)
+    result = measured(data, archs, epochs, seeds, told=print)
+    result |= {"quick": options.quick, "minutes": data.provenance.get("minutes")}
+    print("\n" + table(result["rows"]))
+    if options.json:
+        options.json.write_text(json.dumps(result, indent=1) + "\n")
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--arch", default="all", help="all, or NAME[,NAME…]")
+    parser.add_argument("--data", type=Path, help="an episode set; default: simulated gantry")
+    parser.add_argument("--minutes", type=float, default=10.0, help="of gantry that are simulated")
+    parser.add_argument("--epochs", type=int, default=30, help="as many turns")
+    parser.add_argument("--seeds", type=int, default=3, help="trainings of each architecture")
+    parser.add_argument("--quick", action="store_true", help="little data, two turns, one seed")
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
+
+
+def _data(options: argparse.Namespace) -> EpisodeSet:
+    if options.data:
+        return read_episode_set(options.data)
+    from wakedeploy.domains.gantry import make_set
+
+    return make_set(None, minutes=2.0 if options.quick else options.minutes, seed=0)
+
+
+def measured(
+    data: EpisodeSet,
+    archs: Sequence[str],
+    epochs: int,
+    seeds: int,
+    told: Callable[[str], None] = lambda text: None,
+) -> dict[str, Any]:
+    """Every architecture's row, and what it was measured on."""
+    rows = []
+    for arch in archs:
+        settings = dataclasses.replace(settings_for(arch), epochs=epochs, patience=epochs)
+        configs = [
+            configure(data, arch, seed=seed, lead_s=stated_lead_s(data), settings=settings)
+            for seed in range(seeds)
+        ]
+        rows.append(compared(configs, data))
+        told(json.dumps(rows[-1]))
+    return {
+        "domain": data.domain,
+        "data_sha256": data.sha256,
+        "epochs": epochs,
+        "seeds": seeds,
+        "window_samples": data.warm_up_steps + 1,
+        "equal": "number of targets",
+        "threads": torch.get_num_threads(),
+        "torch": torch.__version__,
+        "machine": platform.machine(),
+        "rows": rows,
+    }
+
+
+class CountedLoss:
+    """A loss that counts the targets that a gradient was taken of."""
+
+    def __init__(self, loss: WeightedMse) -> None:
+        self.loss, self.targets, self.updates = loss, 0, 0
+
+    def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:
+        """As the loss's own."""
+        if predicted.requires_grad:
+            self.updates += 1
+            self.targets += target[..., 0].numel() if scored is None else int(scored.sum())
+        return self.loss(predicted, target, scored)
+
+
+class PlainLoop:
+    """Windows stored whole, a DataLoader that shuffles them, one target each.
+
+    An update has as many targets as one of ours, which is kind to it: small batches cost more.
+    """
+
+    def __init__(self, config: RunConfig, learned: Tape, held_out: Tape, total: int) -> None:
+        self.config, self.total = config, total
+        self.predictor = predictor = new_predictor(config)
+        predictor.set_normalisation(learned.observation, learned.force)
+        self.loss = CountedLoss(WeightedMse(config.loss_weights, predictor.force_sd))
+        self.learned, self.held_out = (self._samples(tape) for tape in (learned, held_out))
+        s = self.settings = settings_for(config.arch, others=dict(config.settings))
+        batch = s.lanes * s.chunk_steps if predictor.memory.kind == "state" else s.batch
+        torch.manual_seed(config.seed)
+        self.loader = DataLoader(self.learned, batch_size=batch, shuffle=True)
+        decays = [p for p in predictor.parameters() if p.dim() > 1]
+        others = [p for p in predictor.parameters() if p.dim() <= 1]
+        groups = [
+            {"params": decays, "weight_decay": s.weight_decay},
+            {"params": others, "weight_decay": 0.0},
+        ]
+        self.optimiser = torch.optim.AdamW(groups, lr=s.learning_rate)
+        self.batches = self._shuffled_for_ever()
+
+    def play(self, targets: int) -> None:
+        """Learn from so many targets more; what is left of the last batch is not used."""
+        self.predictor.train()
+        left = targets
+        while left > 0:
+            windows, wanted = next(self.batches)
+            windows, wanted = windows[:left], wanted[:left]
+            left -= len(windows)
+            rate = learning_rate(self.settings, self.settings.epochs * self.progress)
+            for group in self.optimiser.param_groups:
+                group["lr"] = rate
+            self.optimiser.zero_grad()
+            self.loss(newest_force(self.predictor.core, windows), wanted).backward()
+            nn.utils.clip_grad_norm_(self.predictor.parameters(), self.settings.gradient_clip)
+            self.optimiser.step()
+
+    @property
+    def progress(self) -> float:
+        """How far through the training, 0 to 1."""
+        return self.loss.targets / self.total
+
+    @torch.no_grad()
+    def validate(self) -> float:
+        """The loss over the scored validation samples, each from its window."""
+        self.predictor.eval()
+        windows, wanted = self.held_out.tensors
+        told = [newest_force(self.predictor.core, some) for some in windows.split(AT_ONCE)]
+        return self.loss(torch.cat(told), wanted).item()
+
+    def _shuffled_for_ever(self) -> Iterator[list[Tensor]]:
+        while True:
+            yield from self.loader
+
+    def _samples(self, tape: Tape) -> TensorDataset:
+        """Normalised windows (M, K, d) and targets (M, o) of the scored samples."""
+        p = self.predictor
+        newest = torch.nonzero(tape.scored).squeeze(1)
+        memory = p.memory
+        if memory.kind == "state":
+            memory = Memory("window", k=self.config.warm_up_steps + 1)
+        windows = p.normalise(tape.observation)[window_indices(newest, memory)]  # (M, K, d)
+        windows = windows[:, -1] if memory.kind == "none" else windows
+        return TensorDataset(windows, ((tape.force - p.force_mean) / p.force_sd)[newest])
+
+
+def newest_force(core: WakeModel, windows: Tensor) -> Tensor:
+    """The force at each window's end, (B, K, d) -> (B, o); a recurrent core starts at zero."""
+    if core.memory.kind != "state":
+        return core(windows)
+    if isinstance(core, Gru):  # its head is worth sparing where it is not asked
+        return core.head(core.gru(core.projection(windows))[0][:, -1])
+    return core(windows)[0][:, -1]
+
+
+def compared(configs: Sequence[RunConfig], data: EpisodeSet) -> dict[str, Any]:
+    """One architecture's row: all seeds' turns, their errors, and where our time goes."""
+    runs = [turns_of(config, data) for config in configs]
+    rates = {name: np.array([r for run in runs for r in run[name]]) for name in ("ours", "plain")}
+    core_gflops = float(np.median([rate for run in runs for rate in run["core_gflops"]]))
+    row: dict[str, Any] = {"arch": configs[0].arch}
+    row |= {"trainable": new_predictor(configs[0]).trainable}
+    row |= {f"{name}_per_s": _spread(own) for name, own in rates.items()}
+    row["ratio"] = _spread(rates["ours"] / rates["plain"])
+    for name in ("targets", "updates", "errors", "initial_sha256"):
+        row[name] = {who: [run[name][who] for run in runs] for who in ("ours", "plain")}
+    row["plain_error_carried"] = [run["plain_error_carried"] for run in runs]
+    row["core_gflops"] = core_gflops
+    for name, flops in flops_per_target(configs[0], data).items():
+        gflops = 1e-9 * flops * row[f"{name}_per_s"]["median"]
+        row[f"{name}_flops_per_target"] = flops
+        row[f"{name}_share_of_core"] = gflops / core_gflops
+    row["shares"] = shares(configs[0], data)
+    return row
+
+
+def _spread(values: np.ndarray) -> dict[str, float]:
+    low, median, high = np.quantile(values, [0.1, 0.5, 0.9])
+    return {"median": float(median), "low": float(low), "high": float(high)}
+
+
+def turns_of(config: RunConfig, data: EpisodeSet) -> dict[str, Any]:
+    """One training each, in turns of an epoch of ours, and as many targets of the plain loop's."""
+    learned, held_out = tapes(data, config.lead_s)
+    ours = counted_fit(config, data)
+    plain = PlainLoop(config, learned, held_out, total=_targets(config, data))
+    both = {"ours": ours.predictor, "plain": plain.predictor}
+    told: dict[str, Any] = {"ours": [], "plain": [], "core_gflops": []}
+    told["initial_sha256"] = {name: _sha256(predictor) for name, predictor in both.items()}
+    for _ in range(ours.settings.epochs):
+        before = ours.loss.targets
+        took_s = _seconds(ours.train_epoch)
+        targets = ours.loss.targets - before
+        told["ours"].append(targets / took_s)
+        ours.end_epoch()
+        told["plain"].append(targets / _seconds(lambda n=targets: plain.play(n)))
+        told["core_gflops"].append(core_gflops())
+    for name in ("targets", "updates"):
+        told[name] = {"ours": getattr(ours.loss, name), "plain": getattr(plain.loss, name)}
+    told["errors"] = {"ours": ours.standing.history[-1], "plain": plain.validate()}
+    ours.predictor.load_state_dict(plain.predictor.state_dict())
+    return told | {"plain_error_carried": ours.validate()}  # as it would be flown
+
+
+def counted_fit(config: RunConfig, data: EpisodeSet) -> Fit:
+    """Our training before its first epoch, its targets counted."""
+    fit = new_fit(config, new_predictor(config), *tapes(data, config.lead_s))
+    fit.loss = CountedLoss(fit.loss)
+    return fit
+
+
+def _targets(config: RunConfig, data: EpisodeSet) -> int:
+    """About how many targets the whole training has; sequences lose a few to their first cut."""
+    learned, _ = tapes(data, config.lead_s)
+    return int(learned.scored.sum()) * int(config.settings["epochs"])
+
+
+def _sha256(predictor: Predictor) -> str:
+    digest = hashlib.sha256()
+    for value in predictor.state_dict().values():
+        digest.update(value.numpy().tobytes())
+    return digest.hexdigest()
+
+
+def _seconds(work: Callable[[], object]) -> float:
+    began = time.perf_counter()
+    work()
+    return time.perf_counter() - began
+
+
+def core_gflops() -> float:
+    """What one thread reaches in a large float32 matrix product, in 10⁹ operations a second."""
+    square = torch.ones(REFERENCE, REFERENCE)
+    return 2e-9 * REFERENCE**3 / min(_seconds(lambda: square @ square) for _ in range(3))
+
+
+def flops_per_target(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
+    """Floating-point operations, forward and backward, that each way spends on one target.
+
+    Samples that only warm a state up, or fill a lane, count as spent.
+    """
+    learned, held_out = tapes(data, config.lead_s)
+    ours = counted_fit(config, data)
+    plain = PlainLoop(config, learned, held_out, total=_targets(config, data))
+    played = {"ours": ours.train_epoch, "plain": lambda: plain.play(256)}
+    told = {}
+    for name, loop in (("ours", ours), ("plain", plain)):
+        with MultiplyAdds(loop.predictor.core) as counted:
+            played[name]()
+        told[name] = 2.0 * counted.count / loop.loss.targets
+    return told
+
+
+class MultiplyAdds:
+    """Counts multiply-adds of a core's training from the shapes that its layers see.
+
+    A matrix of W weights takes W for each row that goes through; the backward pass takes W a row
+    for the weights' gradient and, unless the layer stands first, W for its input's. What has no
+    weights is added by architecture: Mamba's recurrence, the weighing of a window.
+    """
+
+    def __init__(self, core: WakeModel) -> None:
+        self.core, self.count = core, 0
+        self._hooks: list[RemovableHandle] = []
+
+    def __enter__(self) -> "MultiplyAdds":
+        for module in self.core.modules():
+            if isinstance(module, nn.Linear | nn.Conv1d | nn.GRU):
+                self._hooks.append(module.register_forward_hook(self._layer))
+        self._hooks.append(self.core.register_forward_hook(self._unweighted))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for hook in self._hooks:
+            hook.remove()
+
+    def _layer(self, module: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
+        given = inputs[0]
+        out = output[0] if isinstance(module, nn.GRU) else output
+        rows = out.shape[0] * out.shape[2] if isinstance(module, nn.Conv1d) else out[..., 0].numel()
+        weights = sum(p.numel() for p in module.parameters() if p.dim() > 1)
+        self.count += rows * weights * (3 if given.requires_grad else 2)
+
+    def _unweighted(self, core: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
+        samples = inputs[0].shape[0] * (inputs[0].shape[1] if inputs[0].dim() > 2 else 1)
+        each = 0
+        if isinstance(core, Mamba):
+            each = 3 * core.a_log.numel()  # decay ∘ h + drive, dt·x ∘ B, C·h
+        elif isinstance(core, CrossAttention):
+            each = 2 * core.heads * core.width  # query·key, weights·value
+        elif isinstance(core, DelayEmbedding):
+            each = inputs[0].shape[2]  # weights·observation
+        self.count += 3 * samples * each
+
+
+def shares(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
+    """Where an epoch of ours spends its time, by torch's profiler; they sum to 1.
+
+    The profiler itself costs time, most where operations are small: read them as proportions.
+    """
+    fit = counted_fit(config, data)
+    fit.train_epoch()
+    with torch.profiler.profile(activities=[torch.profiler.ProfilerActivity.CPU]) as seen:
+        took_us = 1e6 * _seconds(fit.train_epoch)
+    spent = dict.fromkeys(SHARES, 0.0)
+    for event in seen.events():
+        spent[_kind(event)] += event.self_cpu_time_total
+    spent["Python"] += max(0.0, took_us - sum(spent.values()))
+    total = sum(spent.values())
+    return {name: value / total for name, value in spent.items()}
+
+
+def _kind(event: Any) -> str:
+    """The share that an operation of the profiler's belongs to, by its name and its callers'."""
+    names = []
+    while event is not None:
+        names.append(event.name)
+        event = event.cpu_parent
+    if any("Optimizer" in name for name in names):
+        # What stands directly under the optimiser is its Python.
+        return "Python" if "Optimizer" in names[0] else "optimiser"
+    if any(part in names[0] for part in MATRIX):
+        return "matrix products"
+    if any(part in name for name in names for part in RECURRENCE + GATES):
+        return "recurrence"
+    if any(part in names[0] for part in INDEXING):
+        return "indexing"
+    return "other operations"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """A Markdown table: median over turns, 10th to 90th percentile, errors of each seed's mean."""
+    head = ["", "targets/s", "plain loop", "ratio", "error", "plain", "of the core", *SHARES]
+    lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
+    for row in rows:
+        cells = [row["arch"]]
+        cells += [f"{row[f'{name}_per_s']['median']:,.0f}" for name in ("ours", "plain")]
+        ratio = row["ratio"]
+        cells += [f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f})"]
+        cells += [_mean(row["errors"][name]) for name in ("ours", "plain")]
+        cells += [f"{100 * row['ours_share_of_core']:.0f} %"]
+        cells += [f"{100 * row['shares'][name]:.0f} %" for name in SHARES]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def _mean(values: Sequence[float]) -> str:
+    mean = f"{np.mean(values):.4f}"
+    return mean if len(values) < 2 else f"{mean} ± {np.std(values, ddof=1):.4f}"
+
+
+if __name__ == "__main__":
+    main()
