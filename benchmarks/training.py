@@ -43,9 +43,7 @@ REFERENCE = 1024  # rows and columns of the matrix product that says what the co
 AT_ONCE = 4096  # windows validated together
 MATRIX = ("addmm", "aten::mm", "bmm", "baddbmm", "convolution", "mkldnn_linear", "thnn_conv")
 INDEXING = ("aten::index", "aten::gather", "aten::where", "aten::minimum", "aten::maximum")
-RECURRENCE = ("_LinearRecurrence", "aten::gru")
-# What `aten::gru` runs step by step, seen again in the backward pass under these names.
-GATES = ("Sigmoid", "Tanh", "UnsafeChunk", "aten::sigmoid", "aten::tanh")
+RECURRENCE = ("_LinearRecurrence", "_GruSequence")  # but for the matrix products in it
 SHARES = ("matrix products", "recurrence", "optimiser", "indexing", "other operations", "Python")
 
 
@@ -202,7 +200,7 @@ def newest_force(core: WakeModel, windows: Tensor) -> Tensor:
     """The force at each window's end, (B, K, d) -> (B, o); a recurrent core starts at zero."""
     if core.memory.kind != "state":
         return core(windows)
-    if isinstance(core, Gru):  # its head is worth sparing where it is not asked
+    if isinstance(core, Gru):  # torch's own unit; its head is spared where it is not asked
         return core.head(core.gru(core.projection(windows))[0][:, -1])
     return core(windows)[0][:, -1]
 
@@ -321,7 +319,7 @@ class MultiplyAdds:
         for module in self.core.modules():
             if isinstance(module, nn.Linear | nn.Conv1d | nn.GRU):
                 self._hooks.append(module.register_forward_hook(self._layer))
-        self._hooks.append(self.core.register_forward_hook(self._unweighted))
+        self._hooks.append(self.core.register_forward_hook(self._no_layer))
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -329,16 +327,17 @@ class MultiplyAdds:
             hook.remove()
 
     def _layer(self, module: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
-        given = inputs[0]
-        out = output[0] if isinstance(module, nn.GRU) else output
-        rows = out.shape[0] * out.shape[2] if isinstance(module, nn.Conv1d) else out[..., 0].numel()
+        given = output[0] if isinstance(module, nn.GRU) else output
+        rows = given.numel() // given.shape[1 if isinstance(module, nn.Conv1d) else -1]
         weights = sum(p.numel() for p in module.parameters() if p.dim() > 1)
-        self.count += rows * weights * (3 if given.requires_grad else 2)
+        self.count += rows * weights * (3 if inputs[0].requires_grad else 2)
 
-    def _unweighted(self, core: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
+    def _no_layer(self, core: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
         samples = inputs[0].shape[0] * (inputs[0].shape[1] if inputs[0].dim() > 2 else 1)
         each = 0
-        if isinstance(core, Mamba):
+        if isinstance(core, Gru):  # its own way through a sequence, past the module that it keeps
+            each = sum(p.numel() for p in core.gru.parameters() if p.dim() > 1)
+        elif isinstance(core, Mamba):
             each = 3 * core.a_log.numel()  # decay ∘ h + drive, dt·x ∘ B, C·h
         elif isinstance(core, CrossAttention):
             each = 2 * core.heads * core.width  # query·key, weights·value
@@ -375,7 +374,7 @@ def _kind(event: Any) -> str:
         return "Python" if "Optimizer" in names[0] else "optimiser"
     if any(part in names[0] for part in MATRIX):
         return "matrix products"
-    if any(part in name for name in names for part in RECURRENCE + GATES):
+    if any(part in name for name in names for part in RECURRENCE):
         return "recurrence"
     if any(part in names[0] for part in INDEXING):
         return "indexing"

@@ -8,6 +8,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
+from trainers.gru_sequence import gru_sequence
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 
@@ -47,8 +48,13 @@ class Gru(StateModel):
         """(B, T, d), state -> (B, T, o), next state."""
         held = self.initial_state(len(sequence)) if state is None else state
         inputs = self.projection(sequence)  # (B, T, P)
-        hidden, last = self.gru(inputs, held["hidden"].unsqueeze(0))  # (B, T, H), (1, B, H)
-        return self.head(hidden), {"hidden": last.squeeze(0)}  # (B, T, o)
+        if sequence.is_cuda:  # there one kernel does all steps
+            hidden, last = self.gru(inputs, held["hidden"].unsqueeze(0))  # (B, T, H), (1, B, H)
+            return self.head(hidden), {"hidden": last.squeeze(0)}  # (B, T, o)
+        unit: Any = self.gru  # torch does not declare the types of its weights
+        from_input = functional.linear(inputs.transpose(0, 1), unit.weight_ih_l0, unit.bias_ih_l0)
+        history = gru_sequence(from_input, held["hidden"], unit.weight_hh_l0, unit.bias_hh_l0)
+        return self.head(history.transpose(0, 1)), {"hidden": history[-1]}  # (B, T, o)
 
     def step(self, observation: Tensor, state: State) -> tuple[Tensor, State]:
         """(B, d), state -> (B, o), next state, by the unit's equations with the same weights.
