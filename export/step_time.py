@@ -10,7 +10,7 @@ from export.packaging import manifest_of
 from runtime.predictor import PackagePredictor
 from trainers.model import Predictor
 from trainers.runs import RunConfig
-from wakedeploy.package import FloatArray, make_package
+from wakedeploy.package import FloatArray, Package, make_package
 
 _ROUNDS, _STEPS, _WARM_UP = 5, 400, 64
 
@@ -21,12 +21,16 @@ def step_p99_us(predictor: Predictor, config: RunConfig, observations: FloatArra
     Of five rounds of 400 steps the quietest counts: what else runs on the machine makes a round
     slower, never faster. The package stays in memory and has not passed the parity gate.
     """
-    example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
-    manifest = manifest_of(predictor, config, None)
-    runner = PackagePredictor(make_package(graph_bytes(predictor), manifest, example))
+    runner = PackagePredictor(unproved_package(predictor, config))
     series = np.resize(observations, (_STEPS, observations.shape[1]))
     _timed_us(runner, series[:_WARM_UP])
     return min(float(np.percentile(_timed_us(runner, series), 99)) for _ in range(_ROUNDS))
+
+
+def unproved_package(predictor: Predictor, config: RunConfig) -> Package:
+    """A package to be timed and thrown away: it has not passed the parity gate."""
+    example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
+    return make_package(graph_bytes(predictor), manifest_of(predictor, config, None), example)
 
 
 def _timed_us(runner: PackagePredictor, series: FloatArray) -> list[float]:

@@ -16,6 +16,7 @@ from wakedeploy.cli.study_options import (
     study_options,
     train_with_bar,
 )
+from wakedeploy.cli.study_pareto import pareto
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
@@ -178,5 +179,5 @@ def _models(
     return models, min(losses, key=lambda a: losses[a])
 
 
-for _command in (delay, basin, fish_scatter, window, lead):
+for _command in (delay, basin, fish_scatter, window, lead, pareto):
     command.add_command(_command)

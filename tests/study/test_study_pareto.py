@@ -1,0 +1,160 @@
+"""What accuracy costs: the fronts by their definition, the sentence, the figure, the command."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from runtime.bench import BenchRow
+from trainers.build import ARCHITECTURES
+from wakedeploy.cli import main
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.package import read_package
+from wakedeploy.study.pareto import Point, by_parameters, by_step, front, sentence
+from wakedeploy.study.pareto_figure import panels, parts, rows, summary
+
+
+def point(arch: str, errors: tuple[float, ...], trainable: int, step_p99_ms: float) -> Point:
+    return Point("toy", arch, errors, trainable, 0, step_p99_ms)
+
+
+def beaten(one: Point, by: Point, cost) -> bool:
+    no_worse = cost(by) <= cost(one) and by.error <= one.error
+    return no_worse and (cost(by) < cost(one) or by.error < one.error)
+
+
+few = st.integers(1, 5)  # small numbers, so that ties are common
+
+
+@given(st.lists(st.tuples(few, few, few), min_size=1, max_size=12))
+def test_the_front_is_who_is_beaten_by_none(drawn: list[tuple[int, int, int]]) -> None:
+    points = [point(f"m{i}", (e / 10,), n, t / 7) for i, (e, n, t) in enumerate(drawn)]
+    for cost in (by_parameters, by_step):
+        expected = [p for p in points if not any(beaten(p, other, cost) for other in points)]
+        found = front(points, cost)
+        assert sorted(p.arch for p in found) == sorted(p.arch for p in expected)
+        assert [cost(p) for p in found] == sorted(cost(p) for p in found)
+
+
+def test_a_points_error_is_the_mean_over_seeds_with_their_spread() -> None:
+    three = point("gru", (0.2, 0.3, 0.7), 10, 1.0)
+    assert three.error == pytest.approx(0.4)
+    assert three.spread == pytest.approx(np.std([0.2, 0.3, 0.7], ddof=1))
+    assert point("gru", (0.2,), 10, 1.0).spread is None
+    assert json.loads(json.dumps(three.as_json()))["errors"] == [0.2, 0.3, 0.7]
+
+
+def test_the_sentence_names_the_fronts_and_what_a_tenfold_cheaper_step_costs() -> None:
+    points = [
+        point("agile-mlp", (0.8,), 10, 0.02),
+        point("tcn", (0.5,), 30, 0.1),
+        point("gru", (0.2,), 40, 1.0),
+        point("mamba", (0.3,), 50, 2.0),
+    ]
+    told = sentence("toy", points)
+    assert "none beats agile-mlp, tcn and gru in both error and step time" in told
+    assert "gru errs least, by 0.2 standard deviations at 1 ms a step" in told
+    assert "costs a factor of 2.5 in error (tcn, 0.5 at 0.1 ms)" in told
+    near = sentence("toy", [point("agile-mlp", (0.8,), 10, 0.5), points[2]])
+    assert "no step is 10 times cheaper: agile-mlp's, the cheapest, takes 0.5 ms, 2 times" in near
+    assert "for an error of 0.8" in near
+    alone = sentence("toy", [points[2], points[3]])
+    assert "On toy, none beats gru in both" in alone
+    assert "none has a cheaper step" in alone
+
+
+def test_every_architecture_has_a_point_and_a_name_in_each_panel() -> None:
+    rng = np.random.default_rng(0)
+    points = [point(a, tuple(rng.uniform(0.1, 0.9, 3)), int(rng.integers(2e3, 9e4)),
+                    float(rng.uniform(0.1, 0.9))) for a in ARCHITECTURES]  # fmt: skip
+    drawn = panels({"toy": points, "other": points, "third": points})
+    shown = [axes for axes in drawn.axes if axes.axison]
+    assert len(shown) == 6
+    for axes in shown:
+        names = {text.get_text().removesuffix(" (no memory)") for text in axes.texts}
+        assert names == set(ARCHITECTURES)
+        assert axes.get_xscale() == axes.get_yscale() == "log"
+    assert [part.name for part in parts({"toy": points})] == ["pareto", "pareto-toy"]
+    _, lines = summary(points)
+    assert [float(line[1].split()[0]) for line in lines] == sorted(
+        float(f"{p.error:.3g}") for p in points
+    )
+    fronts = [{p.arch for p in front(points, cost)} for cost in (by_parameters, by_step)]
+    for row in rows(points):
+        assert row[-2:] == [int(row[1] in best) for best in fronts]
+
+
+def driven_set() -> EpisodeSet:
+    """A force that is the observation of six samples ago."""
+    rng = np.random.default_rng(0)
+    made = []
+    for i in range(6):
+        driven = lfilter([0.7], [1.0, -0.7], rng.normal(0, 1, 306))[:, None].astype(np.float32)
+        made.append(Episode(f"e{i}", driven[6:], driven[:-6]))
+    split = {f"e{i}": ("train", "train", "train", "validation", "test", "test")[i]
+             for i in range(6)}  # fmt: skip
+    return EpisodeSet("gantry", 20.0, (Channel("drive", "N"),), (Channel("force_z_n", "N"),), 0.5,
+                      (1.0,), split, tuple(made))  # fmt: skip
+
+
+def flown(packages: list[Path], *, ticks: int, progress) -> list[BenchRow]:
+    """What the real loop would be asked; it has tests of its own."""
+    archs = [read_package(path).manifest.arch for path in packages]
+    assert ticks == 128
+    progress(ticks, ticks)
+    cost = {"agile-mlp": 0.05, "history-mlp": 0.06}
+    return [
+        BenchRow(arch, ticks, 1.0, 1.2, 1.3, 1.4, 3.0, 140.0, 5.0, 0,
+                 {"t_predict_s": {"p50": 0.01, "p99": cost[arch], "p999": 1.0, "max": 1.0}})
+        for arch in archs
+    ]  # fmt: skip
+
+
+def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("runtime.bench.bench_latency", flown)
+    driven_set().write(tmp_path / "sets" / "gantry-quick")
+    asked = ["--quick", "--domains", "gantry", "--arch", "agile-mlp,history-mlp"]
+    for study in ("domains", "pareto"):
+        told = CliRunner().invoke(main, ["study", study, *asked, "--out", str(tmp_path)])
+        assert told.exit_code == 0, told.output
+    folder = tmp_path / "pareto"
+    assert {p.name for p in folder.iterdir()} == {
+        "pareto.png", "pareto.pdf", "pareto.csv", "pareto-gantry.csv", "study.json", "study.html",
+    }  # fmt: skip
+    table = list(csv.DictReader((folder / "pareto.csv").open()))
+    points = json.loads((folder / "study.json").read_text())["points"]
+    lines = json.loads((tmp_path / "domains" / "study.json").read_text())["lines"]
+    shares = {line["predictor"]: line["normalised"] for line in lines}
+    assert [row["predictor"] for row in table] == ["agile-mlp", "history-mlp"]
+    for row, told_point in zip(table, points, strict=True):
+        assert float(row["error"]) == told_point["error"] == shares[row["predictor"]]
+        assert int(row["trainable"]) == told_point["trainable"] > 0
+    assert [p["step_p99_ms"] for p in points] == [0.05, 0.06]
+    assert "On gantry, none beats agile-mlp and history-mlp" in (folder / "study.html").read_text()
+    assert "On gantry, none beats" in told.output
+
+
+def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("runtime.bench.bench_latency", flown)
+    driven_set().write(tmp_path / "sets" / "gantry-quick")
+    asked = ["--quick", "--domains", "gantry", "--arch", "agile-mlp", "--out", str(tmp_path)]
+    assert CliRunner().invoke(main, ["study", "domains", *asked]).exit_code == 0
+    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "runs-quick").rglob("*.*")}
+    assert CliRunner().invoke(main, ["study", "pareto", *asked]).exit_code == 0
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "runs-quick").rglob("*.*")} == before
+
+
+def test_a_wrong_name_is_refused_in_one_sentence(tmp_path) -> None:
+    for options in (["--domains", "moon"], ["--arch", "oracle"], ["--domains", "fish"]):
+        told = CliRunner().invoke(main, ["study", "pareto", "--out", str(tmp_path), *options],
+                                  env={"WAKEDEPLOY_DATA": str(tmp_path)})  # fmt: skip
+        assert told.exit_code == 2, told.output
+        assert "Traceback" not in told.output

@@ -1,0 +1,76 @@
+"""`wakedeploy study pareto`: what accuracy costs in parameters and in the loop's time."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from wakedeploy.cli.output import print_table, progress
+from wakedeploy.cli.study_options import (
+    Asked,
+    arch_option,
+    recordings_option,
+    sets_of,
+    study_options,
+    train_with_bar,
+)
+
+if TYPE_CHECKING:
+    from wakedeploy.study.pareto import Point
+
+_QUICK_TICKS = 128
+
+
+@click.command("pareto")
+@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
+@arch_option
+@click.option(
+    "--ticks",
+    type=click.IntRange(64),
+    default=1024,
+    show_default=True,
+    help="Of the loop with each model, at 32 a second; 128 with --quick.",
+)
+@recordings_option("quadrotor", "fish", "crazyflie")
+@study_options
+def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: Asked) -> None:
+    """Set each architecture's error against its parameters and against its step's time.
+
+    The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: half a minute for
+    each model and domain, on a machine that should do nothing else meanwhile. Trains what
+    `study domains` has not trained into the same folder yet.
+
+    \b
+    Example:
+        wakedeploy study pareto --recordings ../data --seeds 3 --out study
+        wakedeploy study pareto --domains gantry --arch agile-mlp,gru --quick
+    """
+    from wakedeploy.cli.train import _architectures
+    from wakedeploy.study.domains import planned
+    from wakedeploy.study.folder import write_study
+    from wakedeploy.study.pareto import learned, measure, sentence
+    from wakedeploy.study.pareto_figure import parts, summary
+
+    architectures = _architectures(arch)
+    sets = sets_of(names, recordings, asked)
+    ticks = _QUICK_TICKS if asked.quick else ticks
+    train_with_bar(
+        [
+            (made, wanted)
+            for made in sets.values()
+            for wanted in planned(made, architectures, asked.seeds, asked.epochs)
+        ],
+        asked.runs,
+    )
+    told: dict[str, list[Point]] = {}
+    for name, made in sets.items():
+        lines = learned(made, architectures, asked.seeds, asked.runs, epochs=asked.epochs)
+        with progress(f"{name}: flying at 32 Hz", len(lines) * ticks) as bar:
+            told[name] = measure(made, lines, asked.runs, ticks=ticks, on_tick=bar.update)
+    points = [point.as_json() for own in told.values() for point in own]
+    result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
+    title = asked.titled("What accuracy costs")
+    path = write_study(asked.out / "pareto", title, parts(told), result)
+    for name, own in told.items():
+        print_table(sentence(name, own), *summary(own))
+    click.echo(f"Figures, tables and the page: {path}")

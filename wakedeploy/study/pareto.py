@@ -1,0 +1,173 @@
+"""What accuracy costs: each architecture's error against its parameters and its step's time.
+
+In: episode sets and the runs of study 1. Out: for each domain and architecture the test error over
+the seeds, trainable weights, and the paced p99 of the exported step; who is on the front of each.
+"""
+
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.episodes import EpisodeSet
+from wakedeploy.study.domains import SOURCE_ONLY, Line, by_predictor, compare
+from wakedeploy.study.runs import obtained_run
+
+Cost = Callable[["Point"], float]
+OnTick = Callable[[int, int], None]
+CHEAPER = 10.0  # the sentence tells what a step so many times cheaper costs
+_PREDICT = "t_predict_s"  # the stage of the loop in which the package is stepped
+
+
+@dataclass(frozen=True)
+class Point:
+    """One architecture on one domain.
+
+    `errors` are RMSE over standard deviation on test episodes, one per seed. `step_p99_ms` is the
+    99th percentile of what the loop spends on predicting, paced at 32 Hz; the weights of all seeds
+    cost the same. `frozen` weights are drawn once and not trained.
+    """
+
+    domain: str
+    arch: str
+    errors: tuple[float, ...]
+    trainable: int
+    frozen: int
+    step_p99_ms: float
+
+    @property
+    def error(self) -> float:
+        """The mean over the seeds."""
+        return float(np.mean(self.errors))
+
+    @property
+    def spread(self) -> float | None:
+        """The standard deviation over the seeds; None for one seed."""
+        return float(np.std(self.errors, ddof=1)) if len(self.errors) > 1 else None
+
+    def as_json(self) -> dict[str, Any]:
+        """The point with every number."""
+        return asdict(self) | {"error": self.error, "spread": self.spread}
+
+
+def by_parameters(point: Point) -> float:
+    """The cost in trainable weights."""
+    return float(point.trainable)
+
+
+def by_step(point: Point) -> float:
+    """The cost in milliseconds a step, p99."""
+    return point.step_p99_ms
+
+
+def front(points: Sequence[Point], cost: Cost) -> list[Point]:
+    """The points that no other beats, the cheapest first.
+
+    One beats another that is no worse in error and cost, and better in one of them.
+    """
+    kept: list[Point] = []
+    for point in sorted(points, key=lambda p: (cost(p), p.error)):
+        least = kept[-1] if kept else None
+        equal = least is not None and (cost(point), point.error) == (cost(least), least.error)
+        if least is None or point.error < least.error or equal:
+            kept.append(point)
+    return kept
+
+
+def learned(
+    data: EpisodeSet,
+    architectures: Sequence[str],
+    seeds: int,
+    runs: Path,
+    *,
+    epochs: int | None = None,
+) -> dict[str, list[Line]]:
+    """Study 1's lines by architecture, those with the whole past; trains what is not there."""
+    lines = compare(data, architectures, seeds, runs, epochs=epochs)
+    trained = [line for line in lines if line.seed is not None]
+    return {n: own for n, own in by_predictor(trained).items() if not n.endswith(SOURCE_ONLY)}
+
+
+def measure(
+    data: EpisodeSet,
+    lines: Mapping[str, Sequence[Line]],
+    runs: Path,
+    *,
+    ticks: int,
+    on_tick: OnTick = lambda done, total: None,
+) -> list[Point]:
+    """The points of one domain, each architecture flown `ticks` ticks as `bench latency` flies.
+
+    Raises CheckFailed where this machine is too busy to pace the loop.
+    """
+    from runtime.bench import bench_latency
+
+    trained = {arch: obtained_run(data, _first(own), runs) for arch, own in lines.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        paths = [_packaged(run, Path(folder) / f"{arch}.onnx") for arch, run in trained.items()]
+        rows = bench_latency(paths, ticks=ticks, progress=on_tick)
+    return [
+        Point(
+            domain=data.domain,
+            arch=arch,
+            errors=tuple(line.normalised for line in own),
+            trainable=trained[arch].metrics.trainable,
+            frozen=trained[arch].metrics.frozen,
+            step_p99_ms=row.stages_ms[_PREDICT]["p99"],
+        )
+        for (arch, own), row in zip(lines.items(), rows, strict=True)
+    ]
+
+
+def _first(lines: Sequence[Line]) -> Any:
+    """What was wanted for the first seed's line."""
+    return next(line.wanted for line in lines if line.wanted is not None)
+
+
+def _packaged(run: Any, path: Path) -> Path:
+    from export.step_time import unproved_package
+    from wakedeploy.package import write_package
+
+    write_package(unproved_package(run.predictor, run.config), path)
+    return path
+
+
+def sentence(domain: str, points: Sequence[Point]) -> str:
+    """Who is on each front, and what a tenfold cheaper step costs in error."""
+    steps, weights = front(points, by_step), front(points, by_parameters)
+    told = (
+        f"On {domain}, none beats {_named(steps)} in both error and step time, and none "
+        f"{_named(weights)} in both error and parameters."
+    )
+    return f"{told} {_cheaper(points)}"
+
+
+def _named(points: Sequence[Point]) -> str:
+    names = [point.arch for point in points]
+    return names[0] if len(names) < 2 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _cheaper(points: Sequence[Point]) -> str:
+    """The most accurate against the best of those whose step costs a tenth of its own."""
+    best = front(points, by_step)[-1]
+    stated = f"{best.arch} errs least, by {best.error:.3g} standard deviations at"
+    stated += f" {best.step_p99_ms:.3g} ms a step"
+    cheap = [p for p in points if CHEAPER * p.step_p99_ms <= best.step_p99_ms]
+    if cheap:
+        other = min(cheap, key=lambda p: (p.error, p.step_p99_ms))
+        return (
+            f"{stated}; a step at least {CHEAPER:.0f} times cheaper costs a factor of "
+            f"{other.error / best.error:.2g} in error ({other.arch}, {other.error:.3g} at "
+            f"{other.step_p99_ms:.3g} ms)."
+        )
+    cheapest = front(points, by_step)[0]
+    if cheapest is best:
+        return f"{stated}, and none has a cheaper step."
+    return (
+        f"{stated}; no step is {CHEAPER:.0f} times cheaper: {cheapest.arch}'s, the cheapest, takes "
+        f"{cheapest.step_p99_ms:.3g} ms, {best.step_p99_ms / cheapest.step_p99_ms:.2g} times less, "
+        f"for an error of {cheapest.error:.3g}."
+    )

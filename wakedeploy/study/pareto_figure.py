@@ -1,0 +1,182 @@
+"""The figure and the tables of the study of costs.
+
+In: points of all domains. Out: two panels per domain, error against parameters and against the
+step's time, the fronts as steps.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from wakedeploy import figures
+from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.folder import Part
+from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COSTS: tuple[tuple[str, Cost], ...] = (
+    ("trainable parameters", by_parameters),
+    ("p99 of a step, paced at 32 Hz [ms]", by_step),
+)
+COLUMNS = (
+    "domain",
+    "predictor",
+    "seeds",
+    "error",
+    "spread",
+    "trainable",
+    "frozen",
+    "step_p99_ms",
+    "front_of_parameters",
+    "front_of_step",
+)
+
+
+def panels(told: Mapping[str, Sequence[Point]]) -> "Figure":
+    """Error against both costs, a row of two panels per domain; two domains side by side."""
+    across = min(len(told), 2)
+    down = -(-len(told) // across)
+    size = (6.6 * across, 0.3 + 2.9 * down)
+    with figures.style():
+        drawn, grid = figures.figure(down, 2 * across, size=size, squeeze=False)
+        pairs = grid.reshape(-1, 2)
+        for pair, (domain, points) in zip(pairs, told.items(), strict=False):
+            for axes, (label, cost) in zip(pair, COSTS, strict=True):
+                _panel(axes, points, cost)
+                axes.set_xlabel(label)
+            pair[0].set_title(domain)
+            pair[0].set_ylabel("RMSE / standard deviation")
+        for axes in pairs[len(told) :].flat:
+            axes.set_axis_off()
+    return drawn
+
+
+def _panel(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
+    best = front(points, cost)
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    for point in points:
+        plain = point.arch == MEMORYLESS
+        axes.errorbar(
+            cost(point),
+            point.error,
+            point.spread,
+            fmt="s" if plain else "o",
+            color=figures.LIMIT if plain else figures.PREDICTED,
+            markerfacecolor=None if point in best else "white",
+            markersize=5,
+            elinewidth=0.8,
+        )
+    axes.step(
+        [cost(p) for p in best],
+        [p.error for p in best],
+        where="post",
+        color=figures.REFERENCE,
+        linewidth=0.9,
+        zorder=1,
+    )
+    axes.margins(x=0.22, y=0.15)
+    _plain_ticks(axes, [cost(p) for p in points], [p.error for p in points])
+    _labels(axes, points, cost)
+
+
+def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
+    """Numbers as one says them, and some even where an axis spans less than a decade."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+
+    for axis, values in ((axes.xaxis, costs), (axes.yaxis, errors)):
+        decades = max(values) / min(values)
+        subs: tuple[float, ...] = (1.0, 2.0, 5.0) if decades < 50 else (1.0,)
+        if decades < 3:
+            subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+        axis.set_major_locator(LogLocator(subs=subs))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.4g}"))
+        axis.set_minor_formatter(NullFormatter())
+
+
+def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
+    """Each name beside its point; names of near points are moved apart, upwards."""
+    axes.figure.canvas.draw()  # limits and sizes are known after it
+    place = axes.transData.transform
+    middle = sum(axes.transAxes.transform([[0.0, 0.0], [1.0, 0.0]])[:, 0]) / 2
+    taken: list[tuple[float, float, bool]] = []
+    for point in sorted(points, key=lambda p: p.error):
+        x, y = place((cost(point), point.error))
+        to_left = x > middle
+        at = y
+        per_point = axes.figure.dpi / 72.0
+        near = [b for a, b, side in taken if side == to_left and abs(a - x) < 75 * per_point]
+        while any(abs(at - b) < 8.5 * per_point for b in near):
+            at += per_point
+        taken.append((x, at, to_left))
+        plain = point.arch == MEMORYLESS
+        axes.annotate(
+            f"{point.arch} (no memory)" if plain else point.arch,
+            (cost(point), point.error),
+            xytext=(-6 if to_left else 6, (at - y) / per_point),
+            textcoords="offset points",
+            ha="right" if to_left else "left",
+            va="center",
+            fontsize=6.5,
+            color=figures.REFERENCE,
+        )
+
+
+def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
+    """The study's figure over all domains, then each domain's table."""
+    first = Part(
+        "pareto",
+        "Error against trainable parameters and against the step's time in the loop; filled points"
+        " on the line are beaten by none in both.",
+        COLUMNS,
+        [row for points in told.values() for row in rows(points)],
+        panels(told),
+        (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
+    )
+    return [first] + [
+        Part(f"pareto-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
+        for name, own in told.items()
+    ]
+
+
+def rows(points: Sequence[Point]) -> list[list[Any]]:
+    """Every point under `COLUMNS`."""
+    fronts = [front(points, cost) for _, cost in COSTS]
+    return [
+        [
+            point.domain,
+            point.arch,
+            len(point.errors),
+            point.error,
+            point.spread,
+            point.trainable,
+            point.frozen,
+            point.step_p99_ms,
+            *(int(point in best) for best in fronts),
+        ]
+        for point in points
+    ]
+
+
+def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
+    """One domain's table, the smallest error first; ● marks who is on a front."""
+    columns = ["predictor", "error", "parameters", "front", "step p99 [ms]", "front"]
+    weights, steps = (front(points, cost) for _, cost in COSTS)
+    told = []
+    for point in sorted(points, key=lambda p: p.error):
+        name = f"{point.arch} (no memory)" if point.arch == MEMORYLESS else point.arch
+        spread = "" if point.spread is None else f" ± {point.spread:.1g}"
+        frozen = f" (and {point.frozen:,} frozen)" if point.frozen else ""
+        told.append(
+            [
+                name,
+                f"{point.error:.3g}{spread}",
+                f"{point.trainable:,}{frozen}",
+                "●" if point in weights else "",
+                f"{point.step_p99_ms:.3f}",
+                "●" if point in steps else "",
+            ]
+        )
+    return columns, told
