@@ -20,6 +20,8 @@ COSTS: tuple[tuple[str, Cost], ...] = (
     ("trainable parameters", by_parameters),
     ("p99 of a step, paced at 32 Hz [ms]", by_step),
 )
+Box = tuple[float, float, float, float]  # left, bottom, right, top, in points
+_LETTER = 3.7  # a letter's width at the names' size, in points
 COLUMNS = (
     "domain",
     "predictor",
@@ -50,6 +52,10 @@ def panels(told: Mapping[str, Sequence[Point]]) -> "Figure":
             pair[0].set_ylabel("RMSE / standard deviation")
         for axes in pairs[len(told) :].flat:
             axes.set_axis_off()
+        drawn.draw_without_rendering()  # sizes are known after it
+        for pair, points in zip(pairs, told.values(), strict=False):
+            for axes, (_, cost) in zip(pair, COSTS, strict=True):
+                _labels(axes, points, cost)
     return drawn
 
 
@@ -79,7 +85,6 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
     )
     axes.margins(x=0.22, y=0.15)
     _plain_ticks(axes, [cost(p) for p in points], [p.error for p in points])
-    _labels(axes, points, cost)
 
 
 def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
@@ -92,36 +97,48 @@ def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) 
         if decades < 3:
             subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
         axis.set_major_locator(LogLocator(subs=subs))
-        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.4g}"))
+        axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.6g}"))
         axis.set_minor_formatter(NullFormatter())
 
 
 def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
-    """Each name beside its point; names of near points are moved apart, upwards."""
-    axes.figure.canvas.draw()  # limits and sizes are known after it
-    place = axes.transData.transform
-    middle = sum(axes.transAxes.transform([[0.0, 0.0], [1.0, 0.0]])[:, 0]) / 2
-    taken: list[tuple[float, float, bool]] = []
-    for point in sorted(points, key=lambda p: p.error):
-        x, y = place((cost(point), point.error))
-        to_left = x > middle
-        at = y
-        per_point = axes.figure.dpi / 72.0
-        near = [b for a, b, side in taken if side == to_left and abs(a - x) < 75 * per_point]
-        while any(abs(at - b) < 8.5 * per_point for b in near):
-            at += per_point
-        taken.append((x, at, to_left))
+    """Each name beside its point, where it covers neither a point nor another name."""
+    from matplotlib.patheffects import withStroke
+
+    scale = 72.0 / axes.figure.dpi
+    at = scale * axes.transData.transform([(cost(p), p.error) for p in points])  # (n, 2) in points
+    (left, _), (right, _) = scale * axes.transAxes.transform([(0.0, 0.0), (1.0, 0.0)])
+    taken: list[Box] = [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y in at]
+    for point, (x, y) in zip(points, at, strict=True):
         plain = point.arch == MEMORYLESS
+        text = f"{point.arch} (no memory)" if plain else point.arch
+        wide = _LETTER * len(text)
+        tried = [
+            (dx, dy, (start, y + dy - 3.5, start + wide, y + dy + 3.5))
+            for dy in sorted(range(-40, 41, 2), key=abs)
+            for dx, start in ((6, x + 6), (-6, x - 6 - wide))
+        ]
+        tried.sort(key=lambda one: not (left < one[2][0] and one[2][2] < right))  # inside first
+        dx, dy, box = next(
+            (one for one in tried if not any(_overlap(one[2], other) for other in taken)), tried[0]
+        )
+        taken.append(box)
         axes.annotate(
-            f"{point.arch} (no memory)" if plain else point.arch,
+            text,
             (cost(point), point.error),
-            xytext=(-6 if to_left else 6, (at - y) / per_point),
+            xytext=(dx, dy),
             textcoords="offset points",
-            ha="right" if to_left else "left",
+            ha="left" if dx > 0 else "right",
             va="center",
             fontsize=6.5,
-            color=figures.REFERENCE,
+            path_effects=[withStroke(linewidth=1.5, foreground="white")],
+            in_layout=False,
+            arrowprops={"arrowstyle": "-", "lw": 0.4, "color": figures.LIMIT} if dy else None,
         )
+
+
+def _overlap(one: Box, other: Box) -> bool:
+    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
 def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
