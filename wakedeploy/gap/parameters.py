@@ -34,6 +34,7 @@ _STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s"
 _STEP = 0.05  # of a prior scale
 # Flights may go far beyond where a term is of typical size; there a longer step loses the track.
 _STEP_OF_TERM = 0.005
+_NEAR_S = 0.0015  # what repeats alone may leave open of a hold
 _JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
 HOLD = "sample-and-hold.hold_s"
 
@@ -153,8 +154,10 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
 
 
 def _around(size: float) -> tuple[float, ...]:
-    """Sizes from half to twice as large, in steps of less than three per cent."""
-    return tuple(float(size * ratio) for ratio in np.geomspace(0.5, 2.0, 51))
+    """Sizes from half to twice as large, and closely about it: a summit may be 0.1 ms wide."""
+    far = size * np.geomspace(0.5, 2.0, 51)
+    near = np.linspace(max(size - _NEAR_S, 0.5 * size), size + _NEAR_S, 61)
+    return tuple(float(one) for one in np.unique(np.concatenate([far, near])))
 
 
 def _scanned(p: Parameter) -> tuple[float, ...]:
