@@ -16,11 +16,12 @@ PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint con
 # Two tests at a time, each with one thread: more, and the 32 Hz loop of some would be late.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2
 
-.PHONY: help venv demo test check format lint bench firmware mutants clean
+.PHONY: help venv demo test explore check format lint bench firmware mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
 	@echo "make test    the tests"
+	@echo "make explore the property tests on new random examples; elsewhere they are always the same"
 	@echo "make check   what CI runs: format, lint, types, import rules, tests, base install"
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
@@ -48,6 +49,9 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(TESTS)
+
+explore: $(INSTALLED)
+	$(TESTS) -m 'hypothesis and not slow' --hypothesis-profile explore
 
 check: lint
 	$(TESTS) -m 'not slow or install'

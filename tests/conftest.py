@@ -1,11 +1,21 @@
-"""Packages small enough to compute by hand, for tests that need one without training anything."""
+"""What all tests share: how examples are drawn, signals, packages small enough to compute by hand."""
 
+import signal
 from collections.abc import Callable
 
+import hypothesis
 import numpy as np
 import pytest
 
 from wakedeploy.package import Example, Manifest, Package, make_package
+
+# The same examples in every run: a check that fails must fail again. `make explore` draws new ones.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.register_profile("explore", print_blob=True)
+hypothesis.settings.load_profile("repeatable")
+
+# A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 BODIES = {
     # the force is the sum of the observation's two channels

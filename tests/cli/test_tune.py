@@ -374,3 +374,13 @@ def test_a_tune_killed_whole_is_gone_on_with_by_the_next(
     ]
     assert len(after) == len(before) + 1
     assert after[-1].point == after[victim.number].point
+
+
+def test_a_folder_with_other_things_is_left_alone(data: Path, tmp_path: Path) -> None:
+    theirs = tmp_path / "trials.csv"
+    theirs.write_text("mine\n")
+    told = tune(data, tmp_path)
+    assert told.exit_code == 2
+    assert "holds trials.csv and no study; choose another --out" in told.output
+    assert [path.name for path in tmp_path.iterdir()] == ["trials.csv"]
+    assert theirs.read_text() == "mine\n"

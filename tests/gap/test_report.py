@@ -197,6 +197,37 @@ def test_the_account_says_how_little_it_rests_on():
     assert "a hint, not a finding" in told
 
 
+def test_the_account_says_what_was_assumed_and_how_far_it_is_from_what_was_tried():
+    logs = [{"path": f"runs/f{i}.mcap", "seconds": 90.0, "notes": []} for i in range(4)]
+    logs[1]["notes"] = ["the source is off"]
+    result = {"verdict": "named", "effects": [{"name": "stiction"}], "logs": logs,
+              "split": {"fit": [log["path"] for log in logs]}, "threshold_of_s": 100.0}  # fmt: skip
+    told = account(result)
+    assert "In f1.mcap: the source is off." in told
+    assert "simulated for 100 s of flight, these are 360 s" in told
+    assert "simulated for" not in account(result | {"threshold_of_s": 200.0})
+    for log in logs:
+        log["notes"] = ["the source is off"]
+    assert account(result).count("In every flight: the source is off.") == 1
+
+
+def test_the_account_does_not_call_unknown_sizes_implausible():
+    sizes = {"ground-effect": {"parameter": "gain", "size": 0.03, "unit": "1", "known": True},
+             "belt-backlash": {"parameter": "backlash_m", "size": None, "unit": "m", "known": True},
+             "pwm-dead-band": {"parameter": "band_us", "size": None, "unit": "us", "known": False},
+             }  # fmt: skip
+    told = account({"verdict": "none", "detectable": sizes})
+    assert "No plausible size of these would have shown: belt-backlash." in told
+    assert "From which size these would have shown is not known: pwm-dead-band." in told
+
+
+def test_the_account_tells_the_retrained_predictors_by_either_force():
+    scores = {"unit": "N", "old_rmse": 0.2, "new_rmse": 0.1}
+    by_old = {"old_rmse": 0.3, "new_rmse": 0.25}
+    told = account({"verdict": "named", "retrain": scores | {"by_old_label": by_old}})
+    assert "by the force that the old one measures, 0.250 N and 0.30 N" in told
+
+
 def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     result = {"verdict": "class", "class": NAMES[:3], "split_by": "a sensor"}
     assert "What would tell them apart: a sensor." in account(result)

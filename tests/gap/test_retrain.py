@@ -103,6 +103,9 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
     assert told["ratio_interval"][1] < 1.0
     assert told["label_sd"] < told["new_rmse"] < told["measured_rms"]
     assert told["flights"] == 3
+    by_old = told["by_old_label"]
+    assert by_old["flights"] == 3
+    assert by_old["old_rmse"] != told["old_rmse"]  # another lag taken off is another force
     assert told["scored_on"] == [*(str(path) for path in paths), "flight2"]
     assert told["unit"] == "N"
     assert told["lead_s"] == {"old": OLD.default_lead_s, "new": TRUTH.default_lead_s}

@@ -280,10 +280,14 @@ def test_friction_in_motion_is_the_plants(vz_mps: float) -> None:
     assert friction(vz_mps, driving_n) == pytest.approx(resisting_n, rel=1e-6)
 
 
-@pytest.mark.parametrize("driving_n", [-0.05, 0.01, 0.03])
-def test_a_resting_sufferer_is_nearly_held(driving_n: float) -> None:
-    """Smooth, so a force well below stiction is balanced to a few per cent only."""
-    assert friction(0.0, driving_n) == pytest.approx(driving_n, rel=0.15)
+@pytest.mark.parametrize("share", [-0.999, -0.9, -0.5, 0.0, 0.2, 0.999])
+def test_a_resting_body_is_held_by_all_that_is_needed(share: float) -> None:
+    """As on the plant's rail: what drives it, up to stiction; no smaller force moves it."""
+    driving_n = share * RIG.rail.stiction_n
+    body = RailBody(RIG.sufferer.mass_kg, RIG.rail, RIG.sufferer.travel_m, z_m=0.5)
+    body.step(driving_n + body.mass_kg * GRAVITY_MPS2, 0.01)
+    assert body.vz_mps == 0.0
+    assert friction(0.0, driving_n) == pytest.approx(driving_n, abs=1e-12)
     assert abs(friction(0.0, 100.0 * driving_n)) <= RIG.rail.stiction_n
 
 

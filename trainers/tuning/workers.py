@@ -24,7 +24,7 @@ import torch
 from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import reference_point
-from trainers.tuning.storage import Place, turn
+from trainers.tuning.storage import JOURNAL, Place, turn
 from trainers.tuning.study import (
     all_trials,
     default_name,
@@ -38,6 +38,7 @@ from trainers.tuning.study import (
 from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
+from wakedeploy.processes import end_with_parent
 
 OnTrials = Callable[[optuna.Study], None]
 
@@ -87,9 +88,10 @@ class Work:
 
 
 def _check_folder(work: Work) -> None:
-    """Refuse a folder that holds what another study found."""
+    """Refuse a folder that holds what another study found, or things of another kind."""
     path = work.out / BEST
     if not path.exists():
+        _check_no_strangers(work)
         return
     there = read_preset(path).study
     own = {
@@ -103,6 +105,17 @@ def _check_folder(work: Work) -> None:
                 f"{path} is of another study ({what} = {there.get(what)}, not {value}); choose"
                 " another --out."
             )
+
+
+def _check_no_strangers(work: Work) -> None:
+    """A journal is there from a study's first moment on: without it, what lies here is not ours."""
+    if not work.place.is_journal or (work.out / JOURNAL).exists() or not work.out.is_dir():
+        return
+    there = sorted(p.name for p in work.out.iterdir() if not p.name.startswith("."))
+    if there:
+        raise UnusableInput(
+            f"{work.out} holds {there[0]} and no study; choose another --out, or an empty one."
+        )
 
 
 def run_trials(
@@ -255,7 +268,7 @@ def _told(reading: Connection) -> Exception | None:
 
 def _member(work: Work, writing: Any) -> None:
     """A worker process: trials until none is left; what it fails with goes to the parent."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
     try:
         with work.place.reachable(), interruptible():
             _run_here(work, work.open(), read_episode_set(work.data))
@@ -265,11 +278,3 @@ def _member(work: Work, writing: Any) -> None:
         writing.send(error)
     except Exception as error:
         writing.send(CheckFailed(f"a worker failed: {type(error).__name__}: {error}"))
-
-
-def _end_with_parent() -> None:
-    """A worker whose parent was killed ends at once; its trial is given back by the next tune."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        multiprocessing.connection.wait([parent.sentinel])
-        os._exit(1)

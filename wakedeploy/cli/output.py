@@ -93,3 +93,14 @@ def _side(rows: Sequence[Sequence[str]], index: int) -> Any:
     """Right for a column of numbers, left for words."""
     cells = [row[index].strip() for row in rows]
     return "right" if all(cell == "" or cell[0] in "-+−.—0123456789" for cell in cells) else "left"
+
+
+def mean_and_spread(values: list[float | None], style: str) -> str:
+    """Mean ± sample standard deviation; a dash where a value is not defined."""
+    import statistics
+
+    known = [value for value in values if value is not None]
+    if not known:
+        return "—"
+    mean = f"{statistics.mean(known):{style}}"
+    return mean if len(known) < 2 else f"{mean} ± {statistics.stdev(known):.2g}"

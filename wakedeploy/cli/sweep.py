@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import mean_and_spread, print_table, progress, write_json
+from wakedeploy.cli.training_options import device_option
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
@@ -43,13 +44,7 @@ _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
     "--workers", type=click.IntRange(1, 1024), help="Processes here. Default: one per core."
 )
 @click.option("--scheduler", metavar="ADDRESS", help="A dask scheduler instead: tcp://HOST:PORT.")
-@click.option(
-    "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="auto: CUDA where torch sees it and the work is large enough.",
-)
+@device_option
 @click.option("--retry-failed", is_flag=True, help="Try jobs again that failed before.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 def command(
@@ -212,8 +207,6 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
 
 def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """One line for each architecture with its settings, mean ± spread over the seeds."""
-    from wakedeploy.cli.train import _mean_and_spread
-
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         key = json.dumps([row[name] for name in ("arch", "lead_s", "settings", "hyper")])
@@ -225,9 +218,9 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     for own in groups.values():
         line = [own[0]["arch"], _varied(own[0], rows), str(len(own)), f"{own[0]['trainable']:,}"]
         for name in channels:
-            line.append(_mean_and_spread([row["test"]["rmse"][name] for row in own], ".4g"))
-            line.append(_mean_and_spread([row["test"]["r2"][name] for row in own], ".4f"))
-        lines.append([*line, _mean_and_spread([row["seconds"] for row in own], ".1f")])
+            line.append(mean_and_spread([row["test"]["rmse"][name] for row in own], ".4g"))
+            line.append(mean_and_spread([row["test"]["r2"][name] for row in own], ".4f"))
+        lines.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
     return [*columns, "seconds"], lines
 
 

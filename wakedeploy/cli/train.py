@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import mean_and_spread, print_table, progress, write_json
+from wakedeploy.cli.training_options import device_option, lead_option
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -21,12 +22,7 @@ _NAMED_PRESETS = ("reference", "tuned")
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
 @click.option("--arch", help="all, or NAME[,NAME…]. Default: all, or the one of the --preset.")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True)
-@click.option(
-    "--lead",
-    "lead_s",
-    type=click.FloatRange(0, 10),
-    help="Predict the force this many seconds ahead. Default: what the set states, or 0.",
-)
+@lead_option
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), default="runs", show_default=True
 )
@@ -55,13 +51,7 @@ _NAMED_PRESETS = ("reference", "tuned")
     show_default=True,
     help="CPU threads; models this small rarely gain from a second, and lose on a busy machine.",
 )
-@click.option(
-    "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
-    default="auto",
-    show_default=True,
-    help="auto: CUDA where torch sees it and the work is large enough.",
-)
+@device_option
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 def command(
@@ -102,14 +92,8 @@ def command(
     episodes = read_episode_set(data)
     presets = {name: _preset(preset, name, episodes.domain) for name in names}
     lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
-    for name, chosen in presets.items():
-        found_s = chosen.study.get("lead_s", lead_s) if chosen is not None else lead_s
-        if found_s != lead_s:
-            click.echo(
-                f"The preset of {name} was found for a lead of {found_s:g} s; this trains for"
-                f" {lead_s:g} s (--lead {found_s:g} repeats it).",
-                err=True,
-            )
+    for chosen in presets.values():
+        _tell_of_another_lead(chosen, lead_s)
     configs = [
         configure(
             episodes,
@@ -133,6 +117,16 @@ def command(
             run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
             runs.append(run)
     _report(runs, data, out, lead_s, json_path)
+
+
+def _tell_of_another_lead(preset: "Preset | None", lead_s: float) -> None:
+    found_s = lead_s if preset is None else preset.study.get("lead_s", lead_s)
+    if preset is not None and found_s != lead_s:
+        click.echo(
+            f"The preset of {preset.arch} was found for a lead of {found_s:g} s; this trains for"
+            f" {lead_s:g} s (--lead {found_s:g} repeats it).",
+            err=True,
+        )
 
 
 def _arch_of(preset: str) -> str:
@@ -244,18 +238,7 @@ def print_scores(
         own = [row for row in rows if row["arch"] == arch]
         line = [arch, f"{own[0]['trainable']:,}", f"{own[0]['frozen']:,}"]
         for channel in config.force:
-            line.append(_mean_and_spread([row["rmse"][channel.name] for row in own], ".4g"))
-            line.append(_mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
-        table.append([*line, _mean_and_spread([row["seconds"] for row in own], ".1f")])
+            line.append(mean_and_spread([row["rmse"][channel.name] for row in own], ".4g"))
+            line.append(mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
+        table.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
     print_table(title, [*columns, "seconds"], table)
-
-
-def _mean_and_spread(values: list[float | None], style: str) -> str:
-    """Mean ± sample standard deviation; a dash where a value is not defined."""
-    import statistics
-
-    known = [value for value in values if value is not None]
-    if not known:
-        return "—"
-    mean = f"{statistics.mean(known):{style}}"
-    return mean if len(known) < 2 else f"{mean} ± {statistics.stdev(known):.2g}"

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import Bar, print_table, progress, write_json
+from wakedeploy.cli.training_options import lead_option
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
+    from trainers.tuning.plan import Plan
     from trainers.tuning.study import Study
     from trainers.tuning.workers import OnTrials, Work
     from wakedeploy.episodes import EpisodeSet
@@ -29,12 +31,7 @@ if TYPE_CHECKING:
 )
 @click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
 @click.option("--epochs", type=click.IntRange(1, 100_000), default=60, show_default=True)
-@click.option(
-    "--lead",
-    "lead_s",
-    type=click.FloatRange(0, 10),
-    help="Predict the force this many seconds ahead. Default: what the set states, or 0.",
-)
+@lead_option
 @click.option(
     "--budget",
     type=click.IntRange(1, 100_000),
@@ -125,8 +122,7 @@ def command(
         seed=seed,
         asked=dimensions,
     )
-    cost = _step_cost() if plan.timed else None
-    work = Work(plan, data, out, storage, study_name, trials, pruner, cost)
+    work = Work(plan, data, out, storage, study_name, trials, pruner, _step_cost(plan))
     try:
         found, study = _tuned(work, episodes, workers)
     except KeyboardInterrupt:
@@ -141,7 +137,10 @@ def command(
         write_json(json_path, _as_json(found, work, study))
 
 
-def _step_cost() -> Any:
+def _step_cost(plan: "Plan") -> Any:
+    """What measures a step, where the study asks for it."""
+    if not plan.timed:
+        return None
     from export.step_time import step_p99_us
 
     return step_p99_us

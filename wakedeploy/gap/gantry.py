@@ -17,7 +17,7 @@ import numpy as np
 
 from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.forces import Forces, Physics
-from wakedeploy.gap.holding import Held, chance_of_equals, likely_period_s
+from wakedeploy.gap.holding import Held, chance_of_equals, likely_periods_s
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.gap.parameters import HOLD, Layout, own_effects
 from wakedeploy.physics.constants import Constants
@@ -61,7 +61,7 @@ class GantryModel:
         self._physics = [Physics(rig, flight) for flight in self.flights]
         self._layouts: dict[Hypothesis, Layout] = {}
         self._own = own_effects(rig)
-        self._held_s: float | None = None
+        self._held_s: tuple[float, ...] | None = None
 
     @property
     def episodes(self) -> int:
@@ -144,15 +144,16 @@ class GantryModel:
     def _layout(self, hypothesis: Hypothesis) -> "Layout":
         if hypothesis not in self._layouts:
             named = [self.effect(name) for name in hypothesis]
-            held_s = self._likely_hold_s() if HOLD.partition(".")[0] in hypothesis else 0.0
+            is_held = HOLD.partition(".")[0] in hypothesis
+            held_s = self._likely_holds_s() if is_held else ()
             self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s)
         return self._layouts[hypothesis]
 
-    def _likely_hold_s(self) -> float:
+    def _likely_holds_s(self) -> tuple[float, ...]:
         """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""
         if self._held_s is None:
             flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
-            self._held_s = likely_period_s(flown, _chance(self.rig))
+            self._held_s = likely_periods_s(flown, _chance(self.rig))
         return self._held_s
 
     def _filter(

@@ -30,6 +30,7 @@ _FINER = np.linspace(-0.001, 0.001, 21)
 _JITTER_S = 0.0015  # of either clock
 _WANDER_S = 0.0004  # by which their phase may move from sample to sample
 _FAR_S = 0.002
+_ALIKE_NATS = 20.0  # a flight may tell the two apart by where the readings lie
 
 
 class Held(NamedTuple):
@@ -90,12 +91,16 @@ def _wander(deviation_bins: float) -> FloatArray:
     return np.asarray(kernel / kernel.sum())
 
 
-def likely_period_s(samples: Sequence[tuple[FloatArray, BoolArray]], chance: float) -> float:
-    """The clock's period [s] that the repeats of some flights are likeliest under.
+def likely_periods_s(
+    samples: Sequence[tuple[FloatArray, BoolArray]], chance: float
+) -> tuple[float, ...]:
+    """The clock's periods [s] that the repeats of some flights are likeliest under, best first.
 
     `samples` are time stamps (n,) and repeats (n,) of each flight. What repeats shows the period
     to a tenth of a millisecond, and is jagged in it: no climb would find it from far away. A phase
-    that may wander far makes it smooth enough to look at every millisecond first.
+    that may wander far makes it smooth enough to look at every millisecond first. There may be a
+    second one: samples that come at a steady rate repeat almost alike under a clock and under its
+    mirror image about half that rate (39 and 41 ms for samples every 20 ms).
     """
 
     def evidence(hold_s: float, wander_s: float) -> float:
@@ -106,8 +111,20 @@ def likely_period_s(samples: Sequence[tuple[FloatArray, BoolArray]], chance: flo
             total += float(np.log(np.where(repeated, equal, 1.0 - equal)).sum())
         return total
 
-    best = max(_PERIODS_S, key=lambda one: evidence(one, _FAR_S))
-    return float(max(best + _FINER, key=lambda one: evidence(one, _WANDER_S)))
+    coarse = np.array([evidence(one, _FAR_S) for one in _PERIODS_S])
+    found = []
+    for k in _highest_two(coarse):
+        finer = [(evidence(one, _WANDER_S), one) for one in _PERIODS_S[k] + _FINER]
+        found.append(max(finer))
+    found.sort(reverse=True)
+    return tuple(float(period_s) for nats, period_s in found if nats > found[0][0] - _ALIKE_NATS)
+
+
+def _highest_two(values: FloatArray) -> list[int]:
+    """Where (n,) values have their highest two summits, the highest first."""
+    left, right = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)
+    summits = np.flatnonzero((values > left) & (values >= right))
+    return [int(k) for k in summits[np.argsort(-values[summits])][:2]]
 
 
 @compiled

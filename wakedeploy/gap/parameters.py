@@ -47,7 +47,7 @@ class Layout:
         rig: Rig,
         own: Sequence[tuple[Effect, Mapping[str, Free]]],
         named: Sequence[Effect],
-        held_s: float = 0.0,
+        held_s: Sequence[float] = (),
     ) -> None:
         self._base = constants_of(rig)
         spreads = spreads_of(rig)
@@ -69,8 +69,14 @@ class Layout:
         order = {name: i for i, name in enumerate(LIBRARY)}
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
         self.free = tuple(
-            replace(f, starts=(held_s,), scanned=_around(held_s), step=_JAGGED_S, finest=_JAGGED_S)
-            if f.name == HOLD and held_s > 0.0  # the rig's own hold is known
+            replace(
+                f,
+                starts=tuple(held_s),
+                scanned=tuple(near_s for one_s in held_s for near_s in _around(one_s)),
+                step=_JAGGED_S,
+                finest=_JAGGED_S,
+            )
+            if f.name == HOLD and held_s  # the rig's own hold is known
             else f
             for f in free
         )

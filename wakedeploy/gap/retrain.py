@@ -74,18 +74,15 @@ def retrain(
     learns the drag of the wake alone: an effect that cuts thrust, or adds another force, is in the
     measured force but not in either simulation's label, and raises both errors.
 
-    Raises UnusableInput without logs, for logs without a flight long enough, or an architecture
-    that does not exist.
+    Raises UnusableInput without logs, without a flight long enough, or for an unknown `arch`.
     """
     from trainers.build import hyper_parameters
 
     hyper_parameters(arch, {})  # refuses an unknown architecture before anything is simulated
     if not measured:
         raise UnusableInput("Retraining is judged on measured flights; give at least one log.")
-    jobs = [
-        _Job(rig.text, minutes, seed, arch, epochs, out, name)
-        for name, rig in (("old", old), ("new", new))
-    ]
+    rigs = {"old": old, "new": new}
+    jobs = [_Job(r.text, minutes, seed, arch, epochs, out, name) for name, r in rigs.items()]
     progress(f"training {arch} on {minutes:g} min of either simulation")
     packages = _in_processes(jobs, workers)
     progress("measuring the force in the flights")
@@ -99,13 +96,13 @@ def retrain(
         **_scores(predictors, truth),
         "by_old_label": _scores(predictors, by_old),
         "scored_on": [
-            str(log) if isinstance(log, Path) else names[i] for i, log in enumerate(measured)
+            str(log) if isinstance(log, Path) else n for log, n in zip(measured, names, strict=True)
         ],
         "label_sd": _rms(truth, "sd"),
         "measured_rms": _rms(truth, "force"),
         "arch": arch,
         "minutes": minutes,
-        "lead_s": {"old": old.default_lead_s, "new": new.default_lead_s},
+        "lead_s": {name: rig.default_lead_s for name, rig in rigs.items()},
         "packages": {name: str(path) for name, path in packages.items()},
     }
 

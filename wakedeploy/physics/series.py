@@ -68,7 +68,8 @@ def rail_friction(
     """Friction [N] against the motion (N,), without jumps in speed.
 
     Coulomb's force grows within `sliding_mps`; below `resting_mps` the rail holds against the
-    driving force, up to stiction.
+    driving force, up to stiction. Up to there it holds all of it: a smooth limit, which begins to
+    give way before, makes a stronger stiction out of every Coulomb friction.
     """
     result = np.empty_like(vz_mps)
     most_n = max(stiction_n, coulomb_n, 1e-6)
@@ -81,7 +82,7 @@ def rail_friction(
         result[k] = sliding
         if abs(v) < 4.0 * resting_mps:
             resting = math.exp(-(v / resting_mps) * (v / resting_mps))
-            holding = most_n * math.tanh(driving_n[k] / most_n)
+            holding = min(max(driving_n[k], -most_n), most_n)
             result[k] += resting * (holding - sliding)
     return result
 
