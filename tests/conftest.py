@@ -1,4 +1,4 @@
-"""What all tests share: how examples are drawn, signals, packages small enough to compute by hand."""
+"""What all tests share: how examples are drawn, signals, packages to compute by hand."""
 
 import signal
 from collections.abc import Callable
