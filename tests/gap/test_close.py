@@ -1,6 +1,7 @@
 """The four steps over files: artefacts agree; foreign and stale ones are refused."""
 
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ import pytest
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
-from wakedeploy.gap.close import Case, add, close, find, name, open_case, result, show_gap
+from wakedeploy.gap.close import Case, add, close, name, open_case, show_gap
 from wakedeploy.gap.naming import Thresholds
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.physics.effects import LIBRARY
@@ -72,18 +73,21 @@ def test_the_last_flight_is_sealed_and_the_rig_file_is_new(world, closed):
     assert read_rig(rig_path).effect == ()
 
 
-@pytest.mark.slow
-def test_the_steps_one_by_one_show_what_close_shows(world, closed, tmp_path):
+def test_show_alone_goes_on_from_what_name_left(world, closed, tmp_path):
     rig_path, logs = world
-    case = open_case(rig_path, logs, thresholds=THRESHOLDS)
-    find(case, tmp_path)
-    name(case, tmp_path)
-    add(case, tmp_path)
-    show_gap(case, tmp_path)
-    told = result(case, tmp_path)
-    for channel, gap in closed[1]["gap"].items():
-        for key in ("before", "after", "noise_floor"):
-            assert told["gap"][channel][key] == pytest.approx(gap[key], rel=0.01)
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    (out / "show.json").unlink()
+    show_gap(open_case(rig_path, logs, thresholds=THRESHOLDS), out)
+    assert content(out, "show") == content(closed[0], "show")
+
+
+@pytest.mark.parametrize("left", [None, b"", b"PK\x03\x04 cut short"])
+def test_show_without_the_fits_of_name_says_which_step_to_run(world, closed, tmp_path, left):
+    rig_path, logs = world
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    (out / "name.npz").unlink() if left is None else (out / "name.npz").write_bytes(left)
+    with pytest.raises(UnusableInput, match="run `wakedeploy gap name` again"):
+        show_gap(open_case(rig_path, logs, thresholds=THRESHOLDS), out)
 
 
 def test_no_step_goes_on_from_other_logs_or_before_its_turn(world, closed, tmp_path):

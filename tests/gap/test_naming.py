@@ -332,7 +332,7 @@ def test_the_artefacts_are_the_same_without_the_truth(tmp_path) -> None:
         flights = written(tmp_path, variant)
         case, out = Case(RIG, tuple(flights), (), LIMITS), tmp_path / f"{variant}.out"
         found = find(case, out)
-        named, _ = name(case, out)
+        named = name(case, out)
         named.pop("seconds")
         found.pop("logs")
         found.pop("split")

@@ -2,7 +2,6 @@
 
 import json
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,10 +9,11 @@ from recorded import RIG, flown, with_effects
 
 from wakedeploy.gap.account import account
 from wakedeploy.gap.close import Case, show_gap
+from wakedeploy.gap.found import Found, Tried
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import fit
 from wakedeploy.gap.naming import Answer, Round, Thresholds, fitted_base
-from wakedeploy.gap.ranking import Candidate, rank
+from wakedeploy.gap.ranking import rank
 from wakedeploy.gap.showing import wrong_effects
 from wakedeploy.gap.whiteness import whiteness
 from wakedeploy.physics.effects import LIBRARY
@@ -68,13 +68,14 @@ def shown(answer: Answer, sealed: tuple, out: Path, scored: list) -> dict:
     for step, content in left.items():
         (out / f"{step}.json").write_text(json.dumps(content), encoding="utf-8")
     TRUTH.write(out / "rig.toml")
+    Found.of(answer).write(out)
 
     def retrain(old, new, logs, into):
         assert (old, new.effect, into) == (RIG, TRUTH.effect, out)
         scored.extend(logs)
         return {"unit": "N", "old_rmse": 0.2, "new_rmse": 0.1, "scored_on": [str(p) for p in logs]}
 
-    return show_gap(case, out, answer, retrain=retrain)
+    return show_gap(case, out, retrain=retrain)
 
 
 def test_a_sealed_flight_is_shown_and_scored_alone(answer, tmp_path) -> None:
@@ -126,18 +127,14 @@ def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_pat
     assert "on the very flights that the effect was found in" in words
 
 
-def ranked(names, used=10.0, members=()) -> SimpleNamespace:
-    """As much of an answer as the choice of a placebo looks at, best first."""
-    ranking = tuple(
-        Candidate(name, None, np.array([float(-i)]), fitted_gain=used)
-        for i, name in enumerate(names)
-    )
-    return SimpleNamespace(rounds=(Round((), ranking),), members=members)
+def tried(names, used=10.0) -> list[Tried]:
+    """Effects as the choice of a placebo looks at them, best first."""
+    return [Tried(name, None, used) for name in names]
 
 
 def test_wrong_effects_cannot_be_taken_for_what_was_found() -> None:
     for name in LIBRARY:
-        wrong = [c.name for c in wrong_effects(ranked(LIBRARY), (name,))]
+        wrong = [t.name for t in wrong_effects(tried(LIBRARY), (name,))]
         assert name not in wrong
         assert not set(LIBRARY[name].confused_with) & set(wrong)
         assert not [n for n in wrong if name in LIBRARY[n].confused_with]
@@ -146,15 +143,13 @@ def test_wrong_effects_cannot_be_taken_for_what_was_found() -> None:
 
 
 def test_no_member_of_a_class_is_a_placebo() -> None:
-    answer = ranked(LIBRARY, members=("stiction", "lost-steps"))
-    wrong = {c.name for c in wrong_effects(answer, ("stiction",))}
-    assert not wrong & {"stiction", "lost-steps", "coulomb-friction", "crosswind-offset"}
+    wrong = wrong_effects(tried(LIBRARY), ("stiction",), ("stiction", "lost-steps"))
+    claimed = {"stiction", "lost-steps", "coulomb-friction", "crosswind-offset"}
+    assert not claimed & {t.name for t in wrong}
 
 
 def test_an_effect_that_was_fitted_to_nothing_is_a_placebo_only_where_all_are() -> None:
     names = ["range-bias", "stiction", "lost-steps"]
-    answer = ranked(names)
-    idle = Candidate("lost-steps", None, np.array([0.0]), fitted_gain=0.0)
-    answer.rounds = (Round((), (*answer.rounds[0].ranking[:2], idle)),)
-    assert [c.name for c in wrong_effects(answer, (HIDDEN,))] == names[:2]
-    assert [c.name for c in wrong_effects(ranked(names, used=0.0), (HIDDEN,))] == names
+    some = [*tried(names[:2]), *tried(names[2:], used=0.0)]
+    assert [t.name for t in wrong_effects(some, (HIDDEN,))] == names[:2]
+    assert [t.name for t in wrong_effects(tried(names, used=0.0), (HIDDEN,))] == names

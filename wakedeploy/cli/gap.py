@@ -168,7 +168,7 @@ def name_gap(
     from wakedeploy.gap.close import name
 
     case = _case(rig_path, measured, out, workers)
-    told, _ = name(case, out, _progress)
+    told = name(case, out, _progress)
     click.echo(verdict_sentence(told))
     for searched in told["rounds"]:
         given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""

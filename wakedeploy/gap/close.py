@@ -9,7 +9,7 @@ import datetime
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from wakedeploy.files import sha256_of
 from wakedeploy.gap.detecting import detectable
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
+from wakedeploy.gap.found import Found
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import (
@@ -31,13 +32,13 @@ from wakedeploy.gap.naming import (
     name_effects,
     refitted,
     sealed_count,
-    with_terms,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.gap.symbolic import to_effect
+from wakedeploy.gap.telling import texts
 from wakedeploy.gap.threshold import FLIGHTS, SECONDS, thresholds_for
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
@@ -120,10 +121,11 @@ def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
     return write_step(out, "find", header | found)
 
 
-def name(
-    case: Case, out: Path, progress: Progress = lambda _: None
-) -> tuple[dict[str, Any], Answer]:
-    """Which effect explains it; writes `name.json`. UnusableInput where `find` has not run."""
+def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str, Any]:
+    """Which effect explains it; writes `name.json` and the fits beside it.
+
+    UnusableInput where `find` has not run.
+    """
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
     model = GantryModel(case.rig, case.flights)
@@ -147,7 +149,8 @@ def name(
         "seconds": time.monotonic() - started,
     }
     forget(out, "name")
-    return write_step(out, "name", told), answer
+    Found.of(answer).write(out)
+    return write_step(out, "name", told)
 
 
 def add(
@@ -195,25 +198,30 @@ def add(
 def show_gap(
     case: Case,
     out: Path,
-    answer: Answer | None = None,
     progress: Progress = lambda _: None,
     retrain: Retrain | None = None,
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
-    UnusableInput where `name` has not run. Without an `answer`, the search of `name` is repeated:
-    its fits are not kept in files.
+    UnusableInput where `name` has not run.
     `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown.
     """
     require(out, "name", case.rig.sha256, case.recordings)
     progress("showing the gap on sealed flights")
-    added = [e["name"] for e in read_steps(out).add.get("effects", ())]
-    answer = answer or _again(case, progress)
-    model, corrected = _corrected(case, answer, added, out)
-    answer = Answer(**(vars(answer) | {"model": model}))
+    steps = read_steps(out)
+    added = [e["name"] for e in steps.add.get("effects", ())]
+    found = Found.read(out, case.rig, case.flights)
+    model, corrected = _corrected(found, steps.name, added, out)
     sealed = case.sealed or case.flights
-    places = read_steps(out).find.get("places", ())
-    told = show(answer, corrected, sealed, places, in_sample=case.in_sample)
+    told = show(
+        replace(found, model=model),
+        corrected,
+        sealed,
+        steps.find.get("places", ()),
+        members=texts(steps.name.get("class")),
+        whiteness_limit=case.thresholds.whiteness,
+        in_sample=case.in_sample,
+    )
     shown = corrected.hypothesis if corrected is not None else ()
     told["as_if"] = [n for n in shown if n not in added]
     if retrain is not None and added:
@@ -273,10 +281,10 @@ def close(
     prepare(out, rig_path)
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
-    named, answer = name(case, out, progress)
+    named = name(case, out, progress)
     if named["effects"]:
         add(case, out)
-    show_gap(case, out, answer, progress, retrain)
+    show_gap(case, out, progress, retrain)
     if plan and len(named["class"]) > 1:
         progress("looking for the manoeuvre that would split the class")
         sizes = stated_sizes(named, named["class"])
@@ -425,25 +433,21 @@ def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
     return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
 
 
-def _again(case: Case, progress: Progress) -> Answer:
-    """What `show` needs of an answer when it runs as a command of its own."""
-    model = GantryModel(case.rig, case.flights)
-    return name_effects(case.rig, model, case.thresholds, progress, share=case.share)
-
-
 def _corrected(
-    case: Case, answer: Answer, added: Sequence[str], out: Path
+    found: Found, named: Mapping[str, Any], added: Sequence[str], out: Path
 ) -> tuple[GantryModel, Fit | None]:
     """The fit whose effects the corrected rig file has, an expression's included."""
-    if set(added) == set(answer.fit.hypothesis):
-        return answer.model, answer.fit
-    if answer.members and set(added) <= set(answer.effects):  # the best member stands for its class
-        return answer.model, answer.fit
+    if set(added) == set(found.fit.hypothesis):
+        return found.model, found.fit
+    settled = {e["name"] for e in named.get("effects", ())}
+    if texts(named.get("class")) and set(added) <= settled:
+        return found.model, found.fit  # the best member stands for its class
     if not added:
-        return answer.model, None
+        return found.model, None
+    rig = found.model.rig
     extra = {e.name: symbolic_effect(e) for e in read_rig(out / "rig.toml").effect if e.expression}
-    model = GantryModel(case.rig, answer.model.flights, extra or with_terms(answer.model).extra)
+    model = GantryModel(rig, found.model.flights, extra or found.model.extra)
     hypothesis = tuple(added)
-    known = dict(zip(answer.base.names, answer.base.theta, strict=True))
+    known = dict(zip(found.base.names, found.base.theta, strict=True))
     start = np.array([known.get(f.name, f.starts[-1]) for f in model.free(hypothesis)])
     return refitted(model, fit(model, hypothesis, range(model.episodes), start))

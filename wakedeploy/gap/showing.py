@@ -2,8 +2,8 @@
 
 Where there are too few to seal any, each is shown with the sizes that the others say.
 
-In: an answer and the flights to show. Out: `show.json`: errors per channel with intervals and the
-noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
+In: what was found and the flights to show. Out: `show.json`: errors per channel with intervals and
+the noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
 parameters, the middle one of those, which must not help.
 """
 
@@ -16,11 +16,12 @@ from scipy.stats import t as student_t
 
 from wakedeploy.gap.finding import HORIZONS_S
 from wakedeploy.gap.flight import Flight, FloatArray
+from wakedeploy.gap.found import Found, Tried
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied, fit
-from wakedeploy.gap.naming import Answer, refitted, with_terms, without_effects
-from wakedeploy.gap.ranking import Candidate
+from wakedeploy.gap.naming import refitted, without_effects
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 from wakedeploy.physics.effects import LIBRARY
 
@@ -69,27 +70,34 @@ class Shown:
 
 
 def show(
-    answer: Answer,
+    found: Found,
     corrected: Fit | None,
     sealed: Sequence[Flight],
     places: Sequence[Any],
     *,
+    members: Sequence[str] = (),
+    whiteness_limit: float,
     in_sample: bool = False,
 ) -> dict[str, Any]:
     """`show.json`, without the predictors of `retrain`.
 
-    `corrected` is the fit whose effects the corrected rig file has (None: nothing was added).
+    `corrected` is the fit whose effects the corrected rig file has (None: nothing was added),
+    `members` the class that was named, if any.
     `in_sample` says that the flights shown are those that were fitted, none being sealed: each is
     then left out in turn, unless there is but one.
     """
-    extra = {**with_terms(answer.model).extra, **answer.model.extra}
+    extra = {**TERMS, **found.model.extra}
     crossed = in_sample and len(sealed) > 1
-    begin = _line(GantryModel(answer.model.rig, sealed, extra), answer.base)
-    before = _under(begin, answer.base_model, answer.base, crossed)
+    begin = _line(GantryModel(found.model.rig, sealed, extra), found.base)
+    before = _under(begin, found.base_model, found.base, crossed)
     after = before
     if corrected is not None:
-        after = _under(before.model, answer.model, corrected, crossed)
+        after = _under(before.model, found.model, corrected, crossed)
     gain = _log_density(after) - _log_density(before)
+
+    def white(shown: Shown) -> dict[str, Any]:
+        return whiteness(shown.fit).as_json(whiteness_limit)
+
     result: dict[str, Any] = {
         "shown_on": [flight.name for flight in sealed],
         "sealed": [] if in_sample else [flight.name for flight in sealed],
@@ -97,8 +105,8 @@ def show(
         "cross_validated": crossed,
         "gap": gaps(before, after),
         "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": _placebo(answer, after.fit.hypothesis, before, gain, crossed),
-        "white": {"before": _white(before, answer), "after": _white(after, answer)},
+        "placebo": _placebo(found, after.fit.hypothesis, members, before, gain, crossed),
+        "white": {"before": white(before), "after": white(after)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),
         "log_density_gain_nats": gain,
@@ -223,14 +231,19 @@ def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
 
 
 def _placebo(
-    answer: Answer, hypothesis: Hypothesis, before: Shown, found_nats: float, crossed: bool
+    found: Found,
+    hypothesis: Hypothesis,
+    members: Sequence[str],
+    before: Shown,
+    found_nats: float,
+    crossed: bool,
 ) -> dict[str, Any]:
     """A wrong effect in the place of what was found, fitted and shown likewise; {} without any."""
-    wrong = wrong_effects(answer, hypothesis)
+    wrong = wrong_effects(found.tried, hypothesis, members)
     if not wrong:
         return {}
     chosen = wrong[len(wrong) // 2]
-    shown = _under(before.model, *refitted(answer.base_model, chosen.fit), crossed)
+    shown = _under(before.model, *refitted(found.base_model, chosen.fit), crossed)
     gain = _log_density(shown) - _log_density(before)
     return {
         "name": chosen.name,
@@ -246,29 +259,27 @@ def _placebo(
     }
 
 
-def wrong_effects(answer: Answer, hypothesis: Hypothesis) -> list[Candidate]:
-    """The first round's effects that can be told from what was found, best held-out gain first.
+def wrong_effects(
+    tried: Sequence[Tried], hypothesis: Hypothesis, members: Sequence[str] = ()
+) -> list[Tried]:
+    """The first search's effects that can be told from what was found, in its order.
 
     None is in the hypothesis, in the class, or confused with one of those, whichever of the two
     names the other. Those that the fit made use of, where there are some: an effect fitted to
     nothing could not help. Of these, those with as many parameters, where there are some.
     """
-    claimed = {*hypothesis, *answer.members}
+    claimed = {*hypothesis, *members}
     known = [LIBRARY[n] for n in claimed if n in LIBRARY]
     related = {r for effect in known for r in effect.confused_with}
     related |= {n for n, effect in LIBRARY.items() if claimed & set(effect.confused_with)}
-    ranking = [c for c in answer.rounds[0].ranking if c.name not in claimed | related]
-    ranking = [c for c in ranking if c.fitted_gain > _USED_NATS] or ranking
+    others = [t for t in tried if t.name not in claimed | related]
+    others = [t for t in others if t.fitted_gain > _USED_NATS] or others
     wanted = sum(len(LIBRARY[n].parameters) for n in hypothesis if n in LIBRARY) or 1
-    return [c for c in ranking if len(LIBRARY[c.name].parameters) == min(wanted, 2)] or ranking
+    return [t for t in others if len(LIBRARY[t.name].parameters) == min(wanted, 2)] or others
 
 
 def _log_density(shown: Shown) -> float:
     return float(shown.fit.per_episode.sum())
-
-
-def _white(shown: Shown, answer: Answer) -> dict[str, Any]:
-    return whiteness(shown.fit).as_json(answer.thresholds.whiteness)
 
 
 def _spectrum(shown: Shown) -> dict[str, Any]:

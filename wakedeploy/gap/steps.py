@@ -125,7 +125,8 @@ def forget(folder: Path, first: str) -> None:
     for drawn in (folder / "report.html", *(folder / "figures").glob("*.png")):
         drawn.unlink(missing_ok=True)
     if "name" in stale:
-        (folder / "plan.json").unlink(missing_ok=True)
+        for beside in ("name.npz", "plan.json"):
+            (folder / beside).unlink(missing_ok=True)
 
 
 def require(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) -> None:

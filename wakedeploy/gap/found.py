@@ -1,0 +1,122 @@
+"""What `name` found, as `show` needs it, in a file beside `name.json`: nothing is searched twice.
+
+In: an answer. Out: `name.npz` with the parameters of its fits and the motions that they are around.
+"""
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from wakedeploy.errors import UnusableInput
+from wakedeploy.files import write_whole
+from wakedeploy.gap.flight import Flight, FloatArray
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit, Hypothesis, Slopes
+from wakedeploy.gap.naming import Answer
+from wakedeploy.gap.terms import TERMS
+from wakedeploy.rig import Rig
+
+FITS = "name.npz"
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """An effect of the first search, alone; `fitted_gain` in nats where it was fitted."""
+
+    name: str
+    fit: Fit
+    fitted_gain: float
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """`fit` has all effects, around the motion of `model`; `base` has none, around `base_model`'s.
+
+    `tried` are in the order of what they gain on flights left out, best first.
+    """
+
+    model: GantryModel
+    base_model: GantryModel
+    base: Fit
+    fit: Fit
+    tried: tuple[Tried, ...]
+
+    @classmethod
+    def of(cls, answer: Answer) -> "Found":
+        """The part of an answer that is kept."""
+        ranking = answer.rounds[0].ranking
+        tried = tuple(Tried(c.name, c.fit, c.fitted_gain) for c in ranking)
+        return cls(answer.model, answer.base_model, answer.base, answer.fit, tried)
+
+    def write(self, folder: Path) -> None:
+        """Write `name.npz`."""
+        content: dict[str, Any] = {
+            "base": self.base.theta,
+            "fit": self.fit.theta,
+            "effects": np.array(self.fit.hypothesis, dtype=str),
+            "tried": np.array([t.name for t in self.tried], dtype=str),
+            "fitted_gain": np.array([t.fitted_gain for t in self.tried]),
+        }
+        content |= {f"tried_{i}": t.fit.theta for i, t in enumerate(self.tried)}
+        for i in range(self.model.episodes):
+            content[f"motion_{i}"] = self.model.flights[i].nominal
+            content[f"base_motion_{i}"] = self.base_model.flights[i].nominal
+        write_whole(folder / FITS, functools.partial(_save, content=content))
+
+    @classmethod
+    def read(cls, folder: Path, rig: Rig, flights: Sequence[Flight]) -> "Found":
+        """What `name` left in the folder about these flights.
+
+        Raises UnusableInput where the file is missing, damaged or does not belong to `rig`.
+        """
+        path = folder / FITS
+        try:
+            with np.load(path, allow_pickle=False) as file:
+                return cls._of_file({name: file[name] for name in file.files}, rig, flights)
+        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            raise UnusableInput(
+                f"{path}: missing or not readable; run `wakedeploy gap name` again."
+            ) from error
+
+    @classmethod
+    def _of_file(cls, content: dict[str, Any], rig: Rig, flights: Sequence[Flight]) -> "Found":
+        base_model = _around(
+            rig, flights, [content[f"base_motion_{i}"] for i in range(len(flights))]
+        )
+        model = _around(rig, flights, [content[f"motion_{i}"] for i in range(len(flights))])
+        tried = tuple(
+            Tried(str(name), _fit(base_model, (str(name),), content[f"tried_{i}"]), float(gain))
+            for i, (name, gain) in enumerate(
+                zip(content["tried"], content["fitted_gain"], strict=True)
+            )
+        )
+        effects = tuple(str(name) for name in content["effects"])
+        base, fitted = _fit(base_model, (), content["base"]), _fit(model, effects, content["fit"])
+        return cls(model, base_model, base, fitted, tried)
+
+
+def _save(path: Path, content: dict[str, Any]) -> None:
+    with path.open("wb") as file:
+        np.savez_compressed(file, **content)
+
+
+def _around(rig: Rig, flights: Sequence[Flight], motions: Sequence[FloatArray]) -> GantryModel:
+    """The flights around these motions, (2, N) each; ValueError for those of other flights."""
+    for flight, motion in zip(flights, motions, strict=True):
+        if motion.shape != flight.nominal.shape:
+            raise ValueError(f"a motion of {motion.shape} for a flight of {flight.nominal.shape}")
+    moved = [replace(f, nominal=motion) for f, motion in zip(flights, motions, strict=True)]
+    return GantryModel(rig, moved, TERMS)
+
+
+def _fit(model: GantryModel, hypothesis: Hypothesis, theta: FloatArray) -> Fit:
+    free = model.free(hypothesis)
+    if len(free) != len(theta):
+        raise ValueError(f"{len(theta)} parameters for {len(free)}")
+    nowhere = Slopes((), (), ())  # parameters are what is kept; scores follow from them
+    return Fit(hypothesis, free, tuple(range(model.episodes)), theta, nowhere, np.zeros(0))
