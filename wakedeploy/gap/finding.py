@@ -21,6 +21,7 @@ from wakedeploy.gap.telling import signs
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 
 IntArray = npt.NDArray[np.int64]
+Orders = npt.NDArray[np.int32]
 BoolArray = npt.NDArray[np.bool_]
 
 FALSE_DISCOVERIES = 0.05
@@ -112,7 +113,7 @@ def _maps(series: Sequence[Residuals]) -> list[dict[str, Any]]:
 
 
 def _map(
-    series: Sequence[Residuals], name: str, length: int, orders: IntArray
+    series: Sequence[Residuals], name: str, length: int, orders: Orders
 ) -> dict[str, Any] | None:
     """Mean residual in bins of one coordinate, with a permutation test of "depends on it"."""
     unit, exogenous = COORDINATES[name]
@@ -128,7 +129,9 @@ def _map(
     centred = _centred(value, known, [len(s.value) for s in series])
     inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
     strength = float(_strength(centred[None, :], inside)[0])
-    p_value, clarity = _judged(strength, _strength(centred[orders], inside))
+    # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
+    shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
+    p_value, clarity = _judged(strength, shuffled)
     means, errors, counts = _bin_means(value, bins, _blocks(series, length), len(edges) - 1)
     return {
         "channel": series[0].channel,
@@ -200,13 +203,13 @@ def _blocks(series: Sequence[Residuals], length: int) -> list[IntArray]:
     return blocks
 
 
-def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> IntArray:
+def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> Orders:
     """Indices (permutations, n) that shuffle blocks of so many samples within each flight.
 
     A flight has few blocks; where they are cut is therefore drawn, too, on the flight bent into a
     ring, which breaks what belongs together only once more.
     """
-    orders = np.empty((_PERMUTATIONS, sum(counts)), np.int64)
+    orders = np.empty((_PERMUTATIONS, sum(counts)), np.int32)
     offset = 0
     for count in counts:
         for row in orders:
