@@ -19,7 +19,6 @@ from typing import Any
 
 import wakedeploy
 from trainers.device import one_thread
-from trainers.fit import FitSettings
 from trainers.runs import (
     BEST,
     CONFIG,
@@ -162,7 +161,7 @@ def train_jobs(
             seed=choice.seed,
             lead_s=leads[choice.lead_s],
             hyper=choice.hyper,
-            settings=FitSettings(**{**vars(settings_for(choice.arch)), **choice.settings}),
+            settings=settings_for(choice.arch, others=choice.settings),
         )
         if choice.seed == 0:
             require_buildable(config)

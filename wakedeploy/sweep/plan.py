@@ -16,6 +16,7 @@ from typing import Annotated, Any, TypeVar
 import pydantic
 from pydantic import BeforeValidator, Field
 
+from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
 from trainers.fit import FitSettings
 from wakedeploy.episodes import DESCRIPTION
@@ -25,9 +26,6 @@ from wakedeploy.validation import first_problem
 
 Place = tuple[str | int, ...]  # of a value in the plan, as pydantic tells it
 Where = Callable[[Place], str]  # what an error about that place begins with
-
-_MAY_BE_ZERO = {"weight_decay"}
-_LARGEST_COUNT = 100_000
 
 
 @dataclass(frozen=True)
@@ -276,21 +274,11 @@ def _hypers(
 def _check_settings(asked: Mapping[str, tuple[Any, ...]], where: Where) -> None:
     usual = dataclasses.asdict(FitSettings())
     for name, values in asked.items():
-        if name not in usual:
-            raise UnusableInput(
-                f"{where(('settings', name))}there is no setting '{name}'; there are"
-                f" {', '.join(usual)}."
-            )
-        count = isinstance(usual[name], int)
         for value in values:
-            fits = isinstance(value, int if count else int | float) and not isinstance(value, bool)
-            # Only what is a number can be compared with one.
-            fits = fits and (value > 0 or (value == 0 and name in _MAY_BE_ZERO))
-            if not (fits and value <= (_LARGEST_COUNT if count else 1e3)):
-                kind = "whole number from 1 to 100000" if count else "positive number up to 1000"
-                raise UnusableInput(
-                    f"{where(('settings', name))}{name} = {value} has to be a {kind}."
-                )
+            try:
+                check_settings(usual, {name: value})
+            except UnusableInput as error:
+                raise UnusableInput(f"{where(('settings', name))}{error}") from error
 
 
 def _grid(values: Mapping[str, tuple[Any, ...]]) -> list[dict[str, Any]]:
