@@ -131,19 +131,53 @@ class Instant:
         self.jobs.clear()
 
 
-def test_a_generated_set_too_small_to_validate_on_fails_and_the_rest_waits(
+def made_of(data: EpisodeSet, lines: Callable, out: Path) -> Instant:
+    """An executor that "simulates" this set, and only if the folder has none."""
+
+    def outcome(job: Job) -> Outcome:
+        if isinstance(job, TrainJob):
+            return do(job, data)
+        assert not lines(out), "the set is simulated again"
+        return Outcome(job.told | {"state": "done", "data_sha256": data.sha256}, made=data)
+
+    return Instant(outcome)
+
+
+def test_a_generated_set_too_small_to_validate_on_is_kept_and_its_trainings_fail(
     tmp_path: Path, make_small: Callable, lines: Callable
 ) -> None:
-    plan, out = tmp_path / "plan.toml", tmp_path / "out"
-    plan.write_text(PLAN)
-    tiny = unvalidated(make_small())
-    made = Instant(lambda job: Outcome(job.told | {"seconds": 1.0}, made=tiny))
-    report = sweep(read_plan(plan), out, made)
-    (row,) = lines(out)
-    assert row["state"] == "failed"
-    assert "short: The 'validation' split of this toy set has no episode" in row["reason"]
-    assert (report.failed, report.waiting) == ([row], 2)
-    assert not (out / "sets").exists()
+    (tmp_path / "plan.toml").write_text(PLAN)
+    plan, out, tiny = read_plan(tmp_path / "plan.toml"), tmp_path / "out", unvalidated(make_small())
+    report = sweep(plan, out, made_of(tiny, lines, out))
+    made, *unfit = rows = lines(out)
+    assert (made["kind"], made["state"]) == ("generate", "done")
+    assert read_episode_set(out / "sets" / "short").sha256 == tiny.sha256
+    assert [(row["state"], row["arch"], row["seed"]) for row in unfit] == [
+        ("failed", "agile-mlp", seed) for seed in range(2)
+    ]
+    for row in unfit:
+        assert "short: The 'validation' split of this toy set has no episode" in row["reason"]
+    assert (report.rows, report.failed, report.waiting, report.begun) == (rows, unfit, 0, 1)
+    again = sweep(plan, out, made_of(tiny, lines, out))
+    assert (again.rows, again.begun, lines(out)) == (rows, 0, rows)
+    assert sweep(plan, out, made_of(tiny, lines, out), retry_failed=True).begun == 0
+    assert [row["state"] for row in lines(out)] == ["done"] + ["failed"] * 4
+
+
+def test_only_the_trainings_that_do_not_fit_a_generated_set_fail(
+    tmp_path: Path, make_small: Callable, lines: Callable
+) -> None:
+    text = PLAN.replace("seeds = 2", "lead = [0.0, 3.9]")
+    (tmp_path / "plan.toml").write_text(text)
+    plan, out = read_plan(tmp_path / "plan.toml"), tmp_path / "out"
+    seen: list[tuple[int, int]] = []
+    tell = lambda done, total: seen.append((done, total))  # noqa: E731
+    report = sweep(plan, out, made_of(make_small(), lines, out), on_progress=tell)
+    assert [(row["kind"], row["state"]) for row in report.rows] == [
+        ("generate", "done"), ("train", "done"), ("train", "failed")
+    ]  # fmt: skip
+    assert [row["lead_s"] for row in report.rows[1:]] == [0.0, 3.9]
+    assert seen[-1] == (3, 3)
 
 
 def unvalidated(whole: EpisodeSet) -> EpisodeSet:

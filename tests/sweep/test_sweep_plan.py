@@ -95,8 +95,16 @@ def test_options_come_before_the_file_and_their_folders_are_where_we_are(
         (("[2, 4]", "[2, 0]"), 7, "epochs = 0 has to be a whole number from 1"),
         (("[2, 4]", "[2.5]"), 7, "epochs = 2.5 has to be a whole number"),
         (("[2, 4]", '"20"'), 7, "epochs = '20' has to be a whole number"),
-        (("[2, 4]", "[4]\nlearning_rate = 2"), 8, "learning_rate = 2 has to be a number from 1e-07"),
-        (("[2, 4]", "[4]\ngradient_clip = 0"), 8, "gradient_clip = 0 has to be a number from 1e-06"),
+        (
+            ("[2, 4]", "[4]\nlearning_rate = 2"),
+            8,
+            "learning_rate = 2 has to be a number from 1e-07",
+        ),
+        (
+            ("[2, 4]", "[4]\ngradient_clip = 0"),
+            8,
+            "gradient_clip = 0 has to be a number from 1e-06",
+        ),
         (("hyper.gru", "hyper.esn"), 9, "'esn' is not among the architectures of this sweep"),
         (("hidden = [8", "hiden = [8"), 10, "gru has no hyper-parameter 'hiden'; it has"),
         (("[8, 16]", "[8, -16]"), 10, "hidden = -16 has to be a whole number"),

@@ -102,6 +102,15 @@ class TrainJob:
         }
 
 
+@dataclass(frozen=True)
+class UnfitJob:
+    """A training that its set does not allow, and why; there is nothing to carry out."""
+
+    identity: str
+    told: Row
+    reason: str
+
+
 Job = GenerateJob | TrainJob
 
 
@@ -143,28 +152,29 @@ def train_jobs(
     choices: Sequence[Choice],
     *,
     device: str,
-) -> list[TrainJob]:
+) -> list[TrainJob | UnfitJob]:
     """The jobs of all choices on one set, each once.
 
-    Raises UnusableInput for a set too small to train, validate and test on, and for
-    hyper-parameters that make too large a model of it.
+    Unfit are those for which the set is too small to train, validate and test on, and those whose
+    hyper-parameters make too large a model of it.
     """
-    stated_s = stated_lead_s(data)
-    leads = {c.lead_s: stated_s if c.lead_s is None else c.lead_s for c in choices}
-    for lead_s in set(leads.values()):
-        _require_enough(name, data, lead_s)
-    jobs: dict[str, TrainJob] = {}
+    enough: set[float] = set()  # by lead
+    buildable: set[str] = set()  # what differs by its seed alone is looked at once
+    jobs: dict[str, TrainJob | UnfitJob] = {}
     for choice in choices:
-        config = configure(
-            data,
-            choice.arch,
-            seed=choice.seed,
-            lead_s=leads[choice.lead_s],
-            hyper=choice.hyper,
-            settings=settings_for(choice.arch, others=choice.settings),
-        )
-        if choice.seed == 0:
-            require_buildable(config)
+        try:
+            config = _configured(data, choice)
+            if config.lead_s not in enough:
+                _require_enough(data, config.lead_s)
+                enough.add(config.lead_s)
+            shape = config.model_copy(update={"seed": 0}).model_dump_json()
+            if shape not in buildable:
+                require_buildable(config)
+                buildable.add(shape)
+        except UnusableInput as error:
+            unfit = _unfit(name, data, choice, f"{name}: {error}")
+            jobs.setdefault(unfit.identity, unfit)
+            continue
         identity = identity_of("train", config.model_dump(mode="json"))
         jobs.setdefault(identity, TrainJob(identity, name, folder.absolute(), config, device))
     return list(jobs.values())
@@ -192,7 +202,7 @@ def do(job: Job, data: EpisodeSet | None = None, runs: Path | None = None) -> Ou
     return Outcome(_row(job, told, time.monotonic() - began), made=made)
 
 
-def failure(job: Job, reason: str, seconds: float | None = None) -> Outcome:
+def failure(job: Job | UnfitJob, reason: str, seconds: float | None = None) -> Outcome:
     """The outcome of a job that could not be done."""
     return Outcome(_row(job, {"state": "failed", "reason": reason}, seconds))
 
@@ -208,12 +218,34 @@ def _write(path: Path, data: bytes) -> None:
     path.write_bytes(data)
 
 
-def _require_enough(name: str, data: EpisodeSet, lead_s: float) -> None:
+def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:
+    return configure(
+        data,
+        choice.arch,
+        seed=choice.seed,
+        lead_s=stated_lead_s(data) if choice.lead_s is None else choice.lead_s,
+        hyper=choice.hyper,
+        settings=settings_for(choice.arch, others=choice.settings),
+    )
+
+
+def _require_enough(data: EpisodeSet, lead_s: float) -> None:
     for split in SPLITS:
-        try:
-            lay_tape(data, split, lead_s, data.warm_up_steps)
-        except UnusableInput as error:
-            raise UnusableInput(f"{name}: {error}") from error
+        lay_tape(data, split, lead_s, data.warm_up_steps)
+
+
+def _unfit(name: str, data: EpisodeSet, choice: Choice, reason: str) -> UnfitJob:
+    """Known by what was asked for: there may be no configuration to know it by."""
+    asked = {
+        "arch": choice.arch,
+        "seed": choice.seed,
+        "lead_s": choice.lead_s,
+        "settings": dict(choice.settings),
+        "hyper": dict(choice.hyper),
+    }
+    identity = identity_of("train", {"data_sha256": data.sha256, "asked": asked})
+    told = {"identity": identity, "kind": "train", "data": name, "domain": data.domain}
+    return UnfitJob(identity, told | {"data_sha256": data.sha256} | asked, reason)
 
 
 def _trained(job: TrainJob, data: EpisodeSet | None, runs: Path | None) -> Outcome:
@@ -265,7 +297,7 @@ def _scores(job: TrainJob, run: TrainedRun) -> Row:
     }
 
 
-def _row(job: Job, told: Row, seconds: float | None) -> Row:
+def _row(job: Job | UnfitJob, told: Row, seconds: float | None) -> Row:
     """What was asked for, what came of it, and where, when and by which code."""
     row = job.told | {"state": "done", "reason": None} | told
     return row | {

@@ -22,6 +22,7 @@ from wakedeploy.sweep.jobs import (
     Outcome,
     Row,
     TrainJob,
+    UnfitJob,
     failure,
     generate_job,
     keep_run,
@@ -67,7 +68,8 @@ def sweep(
 
     `on_progress(done, total)` counts jobs, those of earlier sweeps into this folder included. The
     executor is let go of in any case. Raises UnusableInput for a folder of something else, and for
-    a set that cannot be trained on.
+    a set that is there and cannot be trained on; of a generated one that is a failed row for each
+    training that does not fit it.
     """
     try:
         require_ours(out)
@@ -134,19 +136,21 @@ class _Sweep:
         self.plan, self.out, self.executor = plan, out, executor
         self.device, self.retry_failed, self.on_progress = device, retry_failed, on_progress
         self.generate = [generate_job(asked) for asked in plan.generate]
-        self.asked: dict[str, Job] = {}
+        self.asked: dict[str, Job | UnfitJob] = {}
         self.total = plan.jobs
         self.settled, self.begun = 0, 0
         self.results: Results  # read once the folder is ours alone
 
     def known_sets(self) -> list[TrainJob]:
         """The trainings on sets that are there already; raises UnusableInput for unusable sets."""
-        return [
-            job
-            for name, folder in self.plan.data.items()
-            if folder is not None
-            for job in self._on(name, folder, read_episode_set(folder))
-        ]
+        known: list[TrainJob] = []
+        for name, folder in self.plan.data.items():
+            jobs = [] if folder is None else self._on(name, folder, read_episode_set(folder))
+            for job in jobs:
+                if isinstance(job, UnfitJob):
+                    raise UnusableInput(job.reason)
+                known.append(job)
+        return known
 
     def begin(self, known: list[TrainJob]) -> None:
         """Read what is done, and hand the rest out."""
@@ -184,7 +188,7 @@ class _Sweep:
         else:
             self.executor.submit(job)
 
-    def _ask_for(self, job: TrainJob) -> None:
+    def _ask_for(self, job: TrainJob | UnfitJob) -> None:
         """Hand out a training unless it is done, or failed and is not to be tried again."""
         if job.identity in self.asked:
             self.total -= 1
@@ -192,6 +196,9 @@ class _Sweep:
         self.asked[job.identity] = job
         failed = self.results.failed(job.identity)
         if self.results.done(job.identity) or (failed and not self.retry_failed):
+            self.settled += 1
+        elif isinstance(job, UnfitJob):
+            self.results.add(failure(job, job.reason).row)
             self.settled += 1
         else:
             self.executor.submit(replace(job, fresh=failed))
@@ -207,22 +214,16 @@ class _Sweep:
             self.results.add(outcome.row)
             return
         name, folder = job.asked.name, self.out / SETS / job.asked.name
-        try:
-            trainings = self._on(name, folder, outcome.made) if name in self.plan.data else []
-        except UnusableInput as error:
-            self.results.add(failure(job, str(error), outcome.row["seconds"]).row)
-            return
         outcome.made.write(folder)
         self.results.add(outcome.row)
-        for training in trainings:
-            self._ask_for(training)
+        self._train_on(name, folder, outcome.made)
 
     def _train_on(self, name: str, folder: Path, data: EpisodeSet) -> None:
         if name in self.plan.data:
             for job in self._on(name, folder, data):
                 self._ask_for(job)
 
-    def _on(self, name: str, folder: Path, data: EpisodeSet) -> list[TrainJob]:
+    def _on(self, name: str, folder: Path, data: EpisodeSet) -> list[TrainJob | UnfitJob]:
         jobs = train_jobs(name, folder, data, self.plan.choices, device=self.device)
         self.total -= len(self.plan.choices) - len(jobs)
         return jobs
