@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from wakedeploy.episodes import read_episode_set
 from wakedeploy.errors import CheckFailed
 from wakedeploy.sweep import cluster
 from wakedeploy.sweep.cluster import Cluster, misfit
-from wakedeploy.sweep.jobs import train_jobs
+from wakedeploy.sweep.jobs import do, train_jobs
 from wakedeploy.sweep.plan import Choice, read_plan
 from wakedeploy.sweep.run import sweep
 
@@ -114,22 +115,60 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cluster, "CONNECT_S", 60.0)
 
 
+# What a worker does before and after each job, in a file that all of them append to.
+RECORDED = """
+import os
+from wakedeploy.sweep import jobs
+def tell(*words):
+    with open({path!r}, "a") as file:
+        file.write(" ".join(map(str, words)) + "\\n")
+def recorded(job, *others):
+    tell("begun", job.identity, os.getpid())
+    outcome = jobs.as_ever(job, *others)
+    tell("ended", job.identity, os.getpid())
+    return outcome
+if not hasattr(jobs, "as_ever"):  # dask may load a file twice
+    jobs.as_ever, jobs.do = jobs.do, recorded
+"""
+
+
+class Record:
+    """What workers that preload `script` have begun and ended: pairs of job and process."""
+
+    def __init__(self, folder: Path) -> None:
+        self.script, self._path = folder / "recorded.py", folder / "record"
+        self.script.write_text(RECORDED.format(path=str(self._path)))
+        self._path.touch()
+
+    def told(self, what: str) -> list[tuple[str, int]]:
+        lines = [line.split() for line in self._path.read_text().splitlines()]
+        return [(job, int(pid)) for kind, job, pid in lines if kind == what]
+
+
+@pytest.fixture
+def record(tmp_path: Path) -> Record:
+    return Record(tmp_path)
+
+
 @pytest.mark.usefixtures("patient")
-def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_nothing(
-    machines: Machines, small: Path, tmp_path: Path, lines: Callable
+def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_only_what_it_was_at(
+    machines: Machines, record: Record, small: Path, tmp_path: Path, lines: Callable
 ) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
     plan, out = read_plan(tmp_path / "plan.toml"), tmp_path / "out"
     for _ in range(2):
-        machines.worker()
+        machines.worker("--preload", str(record.script))
     executor = connected(machines, workers=2)
     pids = executor._client.run(os.getpid)
     killed: list[int] = []
+    written: set[str] = set()  # jobs whose rows are on the disk when the worker is killed
 
     def kill_one(done: int, total: int) -> None:
-        busy = [name for name, keys in executor._client.processing().items() if keys]
+        busy = {pid for job, pid in set(record.told("begun")) - set(record.told("ended"))}
         if done >= 3 and busy and not killed:
-            killed.append(pids[busy[0]])
+            written.update(row["identity"] for row in lines(out))
+            killed.append(busy.pop())
+            assert killed[0] in pids.values()
             os.kill(killed[0], signal.SIGKILL)
 
     report = sweep(plan, out, executor, on_progress=kill_one)
@@ -139,6 +178,19 @@ def test_a_worker_killed_in_mid_sweep_loses_nothing_and_repeats_nothing(
     assert len({row["identity"] for row in rows}) == plan.jobs == 13
     assert (report.begun, report.waiting, report.failed) == (13, 0, [])
     assert {row["data"] for row in rows if row["kind"] == "train"} == {"small", "made"}
+
+    # Begun again is what the killed worker had begun and what had not come back from it, no more.
+    begun, ended = record.told("begun"), record.told("ended")
+    times = Counter(job for job, _ in begun)
+    again = {job for job in times if times[job] > 1}
+    assert times.keys() == {row["identity"] for row in rows}
+    assert again
+    assert max(times.values()) == 2
+    assert again <= {job for job, pid in begun if pid == killed[0]} - written
+    # The other worker has begun and ended each of its jobs once; what it has not ended was done.
+    theirs = [job for job, pid in ended if pid != killed[0]]
+    assert sorted(theirs) == sorted({job for job, pid in begun if pid != killed[0]})
+    assert times.keys() - theirs <= written
 
     # What comes back from workers, threads or not, is what this machine would have trained.
     data, settings = read_episode_set(small), settings_for("gru", epochs=6)
@@ -233,26 +285,54 @@ def test_workers_that_do_not_fit(python: str, libraries: dict | None, says: str 
 
 def test_a_job_that_takes_its_workers_along_is_given_up(small: Path) -> None:
     class Lost:
-        def result(self) -> None:
+        def result(self, timeout: float) -> None:
             raise KilledWorker("wakedeploy-1", None, 3)
 
     data = read_episode_set(small)
     choices = [Choice("agile-mlp", 0, None, {}, {})]
     (job,) = train_jobs("small", small, data, choices, device="cpu")
-    row = Cluster._outcome(Cluster.__new__(Cluster), Lost(), job).row
+    alone = Cluster.__new__(Cluster)
+    alone._fetches = Counter()
+    row = Cluster._outcome(alone, Lost(), job).row
     assert (row["state"], row["reason"]) == ("failed", "4 workers were lost while at it")
 
 
-def test_a_worker_of_another_version_that_joins_later_is_told(
+def test_a_job_whose_set_is_another_on_the_worker_is_told(
     small: Path, make_small: Callable
 ) -> None:
     choices = [Choice("agile-mlp", 0, None, {"epochs": 1}, {})]
     (job,) = train_jobs("small", small, make_small(), choices, device="cpu")
-    other = cluster.do_there(job, make_small(), "9.9").row
-    assert other["state"] == "failed"
-    assert other["reason"].endswith(f"{package.__version__}, and the sweep is of 9.9")
-    changed = cluster.do_there(job, make_small(seed=1), package.__version__).row
+    changed = do(job, make_small(seed=1)).row
     assert "small is not the set that this sweep began with" in changed["reason"]
+
+
+@pytest.mark.usefixtures("patient")
+def test_of_workers_that_join_later_those_that_fit_get_jobs(
+    machines: Machines, record: Record, small: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(cluster, "_LOOK_S", 0.1)
+    other, told = tmp_path / "other.py", list[str]()
+    other.write_text(record.script.read_text() + "jobs.wakedeploy.__version__ = '0.0.9'\n")
+    first = machines.worker("--preload", str(record.script))
+    executor = Cluster(machines.address, told.append)
+    joined: list[subprocess.Popen] = []
+
+    def change(done: int, total: int) -> None:
+        """An unfit worker joins; then the only fit one is lost, and another fit one joins."""
+        if done == 2:
+            joined.append(machines.worker("--preload", str(other)))
+            executor._client.wait_for_workers(2, timeout=60)
+        if done == 6:
+            first.kill()
+            joined.append(machines.worker("--preload", str(record.script)))
+
+    plan = read_plan(None, {"data": [str(small)], "arch": ["agile-mlp"], "seeds": 12,
+                            "settings": {"epochs": [1]}})  # fmt: skip
+    report = sweep(plan, tmp_path / "out", executor, on_progress=change)
+    assert [row["state"] for row in report.rows] == ["done"] * 12
+    assert {pid for _, pid in record.told("begun")} == {first.pid, joined[1].pid}
+    (sentence,) = told
+    assert f"has wakedeploy 0.0.9, and this is {package.__version__}; install" in sentence
 
 
 def test_without_dask_it_is_told_what_to_install(

@@ -172,7 +172,9 @@ def _executor(out: Path, workers: int | None, scheduler: str | None, device: str
             raise UnusableInput("--workers is for this machine; leave it out with --scheduler.")
         from wakedeploy.sweep.cluster import Cluster
 
-        return Cluster(scheduler)
+        return Cluster(
+            scheduler, on_misfit=lambda told: click.echo(f"{told} It gets no job.", err=True)
+        )
     from trainers.device import require_cuda
     from wakedeploy.sweep.executor import LocalProcesses
     from wakedeploy.sweep.jobs import RUNS

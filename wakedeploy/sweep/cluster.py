@@ -3,14 +3,18 @@
 Sets travel with the jobs: workers need no folder in common with this machine, and each checks the
 sha256 of what arrived. A set is handed to the scheduler once, as a task that returns it, so that it
 can be made again for any worker when the one that held it is lost (scattered data could not).
+
+Jobs and sets go to admitted workers only: those that were looked at and fit. What they are admitted
+by is a resource in dask's sense, which they are given for as long as they run.
 """
 
+import collections
 import contextlib
 import logging
 import platform
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import wakedeploy
@@ -29,39 +33,54 @@ except ModuleNotFoundError as missing:
 CONNECT_S = 5.0
 Library = str | None
 _POLL_S = 0.05
+_LOOK_S = 2.0  # between two looks at who has joined
+_FETCH_S = 1.0  # for a result to arrive; doubled with each attempt
 _NEEDED = ("wakedeploy", "torch")
+_ADMITTED = f"wakedeploy-{wakedeploy.__version__}"
+_NO_LIMIT = 1e9  # of jobs side by side: the resource admits, it does not count
 
 
 class Cluster:
     """The workers of a scheduler. A job whose worker is lost is done again by another.
 
+    Workers that join later are used as well, if they fit; of those that do not, `on_misfit` is told
+    once in a sentence, and they get no job.
+
     A worker does one training at a time, however many threads it has. What a worker is at when the
     sweep is stopped runs to its end there and is not used.
     """
 
-    def __init__(self, address: str) -> None:
+    def __init__(
+        self, address: str, on_misfit: Callable[[str], None] = lambda sentence: None
+    ) -> None:
         """Connect and look at the workers.
 
         Raises UnusableInput for a scheduler that cannot be reached within CONNECT_S, has no
         worker, or whose workers lack wakedeploy or have another version of it or of Python.
         """
-        self._address = address
+        self._address, self._on_misfit = address, on_misfit
         self._jobs: dict[str, tuple[Job, Any]] = {}  # with their futures
         self._sets: dict[str, Any] = {}
+        self._fetches: collections.Counter[str] = collections.Counter()
+        self._told: set[str] = set()  # of workers that do not fit
         # Lost workers and connections are this module's to tell of.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._client = _connected(address)
         try:
             _require_workers(self._client, address)
+            problems = self._admit()
+            if problems:
+                raise UnusableInput(problems[0])
         except BaseException:
             self._client.close()
             raise
+        self._looked = time.monotonic()
 
     def submit(self, job: Job) -> None:
         """Take on a job."""
         data = self._shipped(job) if isinstance(job, TrainJob) else None
         future = self._client.submit(
-            do_there, job, data, wakedeploy.__version__, key=f"wakedeploy-{job.identity}"
+            do, job, data, key=f"wakedeploy-{job.identity}", resources={_ADMITTED: 1}
         )
         self._jobs[future.key] = job, future
 
@@ -74,11 +93,17 @@ class Cluster:
         while self._jobs:
             ended = [key for key, (_, future) in self._jobs.items() if future.status != "pending"]
             for key in ended:
-                job, future = self._jobs.pop(key)
-                yield job, self._outcome(future, job)
+                job, future = self._jobs[key]
+                if future.status == "pending":  # its result went with a worker since we looked
+                    continue
+                outcome = self._outcome(future, job)
+                if outcome is not None:
+                    del self._jobs[key]
+                    yield job, outcome
+            if self._client.status != "running":
+                raise self._lost()
+            self._look_again()
             if not ended:
-                if self._client.status != "running":
-                    raise self._lost()
                 time.sleep(_POLL_S)
 
     def cancel(self) -> None:
@@ -89,6 +114,27 @@ class Cluster:
         with contextlib.suppress(Exception):
             self._client.close(timeout=CONNECT_S)
 
+    def _look_again(self) -> None:
+        """Now and then: workers may have joined."""
+        if time.monotonic() - self._looked < _LOOK_S:
+            return
+        with contextlib.suppress(OSError):  # of a scheduler or a worker that is just lost
+            for problem in self._admit():
+                if problem not in self._told:
+                    self._told.add(problem)
+                    self._on_misfit(problem)
+        self._looked = time.monotonic()
+
+    def _admit(self) -> list[str]:
+        """Let workers that fit have jobs; what is wrong with the others, a sentence for each."""
+        there = self._client.scheduler_info()["workers"]
+        strangers = [name for name, told in there.items() if _ADMITTED not in told["resources"]]
+        problems = _problems(self._client, strangers) if strangers else {}
+        fit = [name for name, problem in problems.items() if problem is None]
+        if fit:
+            self._client.run(_admission(), workers=fit, on_error="ignore")
+        return [problem for problem in problems.values() if problem is not None]
+
     def _shipped(self, job: TrainJob) -> Any:
         """The job's set as a task of the cluster, the same for all jobs on it."""
         sha256 = job.config.data_sha256
@@ -96,7 +142,10 @@ class Cluster:
             with warnings.catch_warnings():  # of a graph that is large: that is the point
                 warnings.simplefilter("ignore", UserWarning)
                 self._sets[sha256] = self._client.submit(
-                    _itself, read_episode_set(job.folder), key=f"wakedeploy-set-{sha256}"
+                    _itself,
+                    read_episode_set(job.folder),
+                    key=f"wakedeploy-set-{sha256}",
+                    resources={_ADMITTED: 1},
                 )
         return self._sets[sha256]
 
@@ -106,24 +155,24 @@ class Cluster:
             " stay, and the same command goes on when it is back."
         )
 
-    def _outcome(self, future: Any, job: Job) -> Outcome:
+    def _outcome(self, future: Any, job: Job) -> Outcome | None:
+        """What became of a job; None where it did not arrive in time, being large or just lost.
+
+        A result that is lost with its worker is computed again, maybe by one that joins meanwhile.
+        """
+        self._fetches[job.identity] += 1
         try:
-            outcome: Outcome = future.result()
+            limit_s = _FETCH_S * 2 ** self._fetches[job.identity]
+            outcome: Outcome = future.result(timeout=limit_s)
         except KilledWorker as error:
             return failure(job, f"{error.allowed_failures + 1} workers were lost while at it")
+        except TimeoutError:
+            return None
         except (distributed.CancelledError, OSError) as error:
             raise self._lost() from error
         except Exception as error:
             return failure(job, f"unexpected {type(error).__name__}: {one_line(error)}")
         return outcome
-
-
-def do_there(job: Job, data: EpisodeSet | None, version: str) -> Outcome:
-    """Carry out a job on a worker, if it is of this version: it may have joined since we looked."""
-    if wakedeploy.__version__ != version:
-        told = f"the worker on {platform.node()} has wakedeploy {wakedeploy.__version__}"
-        return failure(job, f"{told}, and the sweep is of {version}")
-    return do(job, data)
 
 
 def _itself(data: EpisodeSet) -> EpisodeSet:
@@ -143,7 +192,7 @@ def _connected(address: str) -> Any:
 
 
 def _require_workers(client: Any, address: str) -> None:
-    """UnusableInput unless there are workers, and all of them can do what this machine asks for."""
+    """UnusableInput unless there are workers."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError as error:
@@ -151,11 +200,37 @@ def _require_workers(client: Any, address: str) -> None:
             f"The scheduler at {address} has no worker; start some with `dask worker {address}"
             " --nthreads 1`."
         ) from error
+
+
+def _admission() -> Callable[[Any], Awaitable[None]]:
+    name, limit = _ADMITTED, _NO_LIMIT
+
+    async def admit(dask_worker: Any) -> None:  # a closure, as below
+        from distributed.core import Status
+
+        await dask_worker.set_resources(**{name: limit})
+        # Jobs that wait because all workers before this one are lost go to workers that join or
+        # return from a pause, and not by themselves to one that is given a resource.
+        if dask_worker.status == Status.running:
+            dask_worker.status = Status.paused
+            dask_worker.status = Status.running
+
+    return admit
+
+
+def _problems(client: Any, names: Collection[str]) -> dict[str, str | None]:
+    """What keeps each of these workers from doing jobs, None if nothing does.
+
+    Workers that are lost meanwhile are left out.
+    """
     told = client.get_versions()["workers"]
-    pythons = {name: str(worker["host"]["python"]) for name, worker in told.items()}
-    problem = misfit(pythons, None) or misfit(pythons, client.run(_looker()))
-    if problem:
-        raise UnusableInput(problem)
+    pythons = {n: str(told[n]["host"]["python"]) for n in names if n in told}
+    problems = {name: misfit({name: python}, None) for name, python in pythons.items()}
+    # Code that travels is understood by the same Python only.
+    alike = [name for name, problem in problems.items() if problem is None]
+    found = client.run(_looker(), workers=alike, on_error="ignore") if alike else {}
+    others = {name: problem for name, problem in problems.items() if problem is not None}
+    return others | {name: misfit({}, {name: library}) for name, library in found.items()}
 
 
 def misfit(
@@ -192,7 +267,7 @@ def _looker() -> Callable[[], dict[str, Library]]:
 
         try:
             import wakedeploy as there
-        except ImportError:
+        except Exception:  # whatever is there, it is not what is needed
             return {"wakedeploy": None, "torch": None}
         torch = importlib.util.find_spec("torch")
         return {"wakedeploy": there.__version__, "torch": None if torch is None else "there"}
