@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+from click.testing import Result
 
 from trainers.runs import load_run
 from trainers.training import configure, settings_for, train
@@ -68,6 +69,30 @@ def test_asked_again_only_what_is_missing_is_done_and_rows_stay(
     assert "1 of 1 jobs are done; 0 were run now" in fewer.output
     assert len(lines(out)) == 4
     assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == 4
+
+
+def test_rows_of_another_commit_are_kept_and_told_of(
+    small: Path, tmp_path: Path, wakedeploy: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out, asked = tmp_path / "out", ("sweep", "--data", small, "--epochs", 1, "--arch", "agile-mlp")
+    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "abc-dirty")
+
+    def sweep_with(seeds: int) -> Result:
+        jobs = Instant(lambda job: failure(job, "never mind"))
+        monkeypatch.setattr("wakedeploy.sweep.executor.LocalProcesses", lambda *_: jobs)
+        return wakedeploy(*asked, "--seeds", seeds, "--out", out)
+
+    assert "of another commit" not in sweep_with(2).stderr
+    assert "of another commit" not in sweep_with(2).stderr
+    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "def")
+    told = sweep_with(3)
+    assert "; 1 were run now" in told.output
+    assert (
+        "Rows that were kept are of another commit than this one, def: 2 by abc-dirty; a new --out"
+        " does their jobs again.\n" in told.stderr
+    )
+    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "")
+    assert "of another commit" not in sweep_with(1).stderr
 
 
 def test_another_set_in_the_same_folder_is_other_jobs(

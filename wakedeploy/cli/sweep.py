@@ -197,6 +197,7 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
         f"{len(done)} of {len(report.rows) + report.waiting} jobs are done; {report.begun} were run"
         f" now. Table: {out / 'results.csv'}"
     )
+    _tell_of_other_commits(report)
     if report.failed:
         first = report.failed[0]
         name = first.get("arch", first["kind"])
@@ -204,6 +205,19 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
         raise CheckFailed(
             f"{len(report.failed)} jobs failed{waiting}; the first, {name} on {first['data']}:"
             f" {first['reason']}; --retry-failed tries them again."
+        )
+
+
+def _tell_of_other_commits(report: "Report") -> None:
+    from wakedeploy.sweep.jobs import present_commit
+
+    others = report.of_other_commits(present_commit())
+    if others:
+        made = ", ".join(f"{count} by {commit}" for commit, count in sorted(others.items()))
+        click.echo(
+            f"Rows that were kept are of another commit than this one, {present_commit()}: {made};"
+            " a new --out does their jobs again.",
+            err=True,
         )
 
 

@@ -303,7 +303,7 @@ def _row(job: Job | UnfitJob, told: Row, seconds: float | None) -> Row:
     return row | {
         "seconds": None if seconds is None else round(seconds, 3),
         "host": platform.node(),
-        "commit": _commit(),
+        "commit": present_commit(),
         "wakedeploy": wakedeploy.__version__,
         "python": platform.python_version(),
         "finished_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
@@ -311,5 +311,6 @@ def _row(job: Job | UnfitJob, told: Row, seconds: float | None) -> Row:
 
 
 @functools.cache
-def _commit() -> str:
+def present_commit() -> str:
+    """The commit of this code, looked up once."""
     return frozen_at()

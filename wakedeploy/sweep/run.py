@@ -3,6 +3,7 @@
 In: a plan, a folder, an executor. Out: rows in the folder, and which of them the plan asked for.
 """
 
+import collections
 import contextlib
 import fcntl
 import json
@@ -42,17 +43,25 @@ OnProgress = Callable[[int, int], None]
 class Report:
     """How a sweep ended: the rows of the jobs that the plan asks for, in the plan's order.
 
-    `waiting` counts trainings whose set could not be generated, `begun` the jobs done this time.
+    `waiting` counts trainings whose set could not be generated, `begun` the jobs done this time;
+    `kept` are the rows of jobs that had been done before.
     """
 
     rows: list[Row] = field(default_factory=list)
     waiting: int = 0
     begun: int = 0
+    kept: list[Row] = field(default_factory=list)
 
     @property
     def failed(self) -> list[Row]:
         """The rows of the jobs that failed."""
         return [row for row in self.rows if row["state"] == "failed"]
+
+    def of_other_commits(self, present: str) -> collections.Counter[str]:
+        """How many of the rows that were kept each other commit has made; those unknown aside."""
+        made_by = [row.get("commit") for row in self.kept]
+        known = [commit for commit in made_by if commit and present]
+        return collections.Counter(commit for commit in known if commit != present)
 
 
 def sweep(
@@ -139,6 +148,7 @@ class _Sweep:
         self.asked: dict[str, Job | UnfitJob] = {}
         self.total = plan.jobs
         self.settled, self.begun = 0, 0
+        self.kept: list[Row] = []
         self.results: Results  # read once the folder is ours alone
 
     def known_sets(self) -> list[TrainJob]:
@@ -172,7 +182,7 @@ class _Sweep:
     def report(self) -> Report:
         """The rows of what was asked for."""
         rows = [self.results.rows[identity] for identity in self.asked]
-        return Report(rows, waiting=self.total - len(rows), begun=self.begun)
+        return Report(rows, waiting=self.total - len(rows), begun=self.begun, kept=self.kept)
 
     def _begin_making(self, job: GenerateJob) -> None:
         """Generate a set, unless it lies there as it was made."""
@@ -181,12 +191,17 @@ class _Sweep:
         self.asked[job.identity] = job
         there = (folder / DESCRIPTION).is_file() and stated_sha256(folder)
         if self.results.done(job.identity) and there == row["data_sha256"]:
-            self.settled += 1
+            self._keep(job.identity)
             self._train_on(job.asked.name, folder, read_episode_set(folder))
         elif self.results.failed(job.identity) and not self.retry_failed:
-            self.settled += 1
+            self._keep(job.identity)
         else:
             self.executor.submit(job)
+
+    def _keep(self, identity: str) -> None:
+        """What was done by an earlier sweep is not done again."""
+        self.kept.append(self.results.rows[identity])
+        self.settled += 1
 
     def _ask_for(self, job: TrainJob | UnfitJob) -> None:
         """Hand out a training unless it is done, or failed and is not to be tried again."""
@@ -196,7 +211,7 @@ class _Sweep:
         self.asked[job.identity] = job
         failed = self.results.failed(job.identity)
         if self.results.done(job.identity) or (failed and not self.retry_failed):
-            self.settled += 1
+            self._keep(job.identity)
         elif isinstance(job, UnfitJob):
             self.results.add(failure(job, job.reason).row)
             self.settled += 1
