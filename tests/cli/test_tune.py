@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -122,6 +123,27 @@ def test_more_trials_add_to_the_study(done: Path, data: Path) -> None:
     again = tune(data, done, "--trials", 5, "--epochs", 2, *FAST)
     assert again.exit_code == 0, again.output
     assert (done / "study.journal").read_bytes() == before
+
+
+@pytest.mark.parametrize("device", ["auto", "cpu"])
+def test_where_it_trained_is_told(device: str, data: Path, tmp_path: Path) -> None:
+    asked = ("--trials", 1, "--epochs", 1, *FAST, "--device", device, "--json", tmp_path / "t.json")
+    ended = tune(data, tmp_path / "out", *asked)
+    assert ended.exit_code == 0, ended.output
+    told = json.loads((tmp_path / "t.json").read_text())
+    assert (told["device"], told["best"]["device"]) == ("cpu", "cpu")
+    assert tomllib.loads((tmp_path / "out/best.toml").read_text())["study"]["device"] == "cpu"
+
+
+def test_cuda_that_torch_does_not_see_is_one_sentence_and_leaves_no_trace(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
+    ended = tune(data, tmp_path / "out", "--trials", 1, *FAST, "--device", "cuda")
+    assert ended.exit_code == 2
+    assert "torch sees no CUDA device here; choose --device auto or cpu" in one_line(ended)
+    assert ended.stderr.count("\n") == 1
+    assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(

@@ -33,7 +33,7 @@ def work_of(
 ) -> Work:
     kept = {
         name: changes.pop(name)
-        for name in ("address", "study_name", "step_cost")
+        for name in ("address", "study_name", "step_cost", "device")
         if name in changes
     }
     pruner = str(changes.pop("pruner", "median"))

@@ -16,6 +16,7 @@ from optuna.trial import TrialState
 from small_study import cheap_when_small, plan_of, tuned, work_of
 
 from trainers.fit import Fit
+from trainers.training import new_fit
 from trainers.tuning import study as studies
 from trainers.tuning.conclude import conclude
 from trainers.tuning.report import rows_of
@@ -109,6 +110,23 @@ def test_a_diverged_training_fails_alone(
     study = tuned(echo, tmp_path / "out", trials=3)
     assert states(study) == ["failed", "finished", "finished"]
     assert study.trials[0].user_attrs["reason"] == "training diverged in epoch 2"
+
+
+def test_trials_train_where_they_are_told(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+
+    def fit_on(config: object, predictor: object, learned: object, held_out: object, device: str):
+        asked.append(device)
+        return new_fit(config, predictor, learned, held_out)
+
+    monkeypatch.setattr("torch.cuda.is_available", lambda: True)
+    monkeypatch.setattr("trainers.tuning.trial.new_fit", fit_on)
+    rows = rows_of(tuned(echo, tmp_path / "out", trials=2, device="cuda"))
+    tuned(echo, tmp_path / "auto", trials=1, device="auto")  # small work stays on the CPU
+    assert asked == ["cuda", "cuda", "cpu"]
+    assert [row.device for row in rows] == ["cuda", "cuda"]
 
 
 def test_the_test_episodes_are_looked_at_once_for_the_best_at_the_end(

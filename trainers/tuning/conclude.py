@@ -84,7 +84,8 @@ def _concluded(work: Work, study: optuna.Study, data: EpisodeSet, on_epoch: OnEp
     _write_front(work, study, front if work.plan.timed else [], counts)
     title = f"{work.plan.arch} on {work.plan.domain}: {sum(counts.values())} trials"
     write_figures(work.out, title, rows, shares, work.plan.timed)
-    run = _trained(work.plan.configured(data, _point(work, best)), data, work.out, on_epoch)
+    config = work.plan.configured(data, _point(work, best))
+    run = _trained(config, data, work.out, work.device, on_epoch)
     hosts = [trial.user_attrs.get("worker", {}).get("host", "?") for trial in running(trials)]
     return Found(rows, counts, hosts, best, front, shares, run)
 
@@ -110,6 +111,7 @@ def _preset(
         "trial": row.number,
         "validation_error": row.error,
         "trainable": row.parameters,
+        "device": row.device or "cpu",  # before there was a choice
     }
     if row.step_us is not None:
         told["step_p99_us"] = round(row.step_us, 1)
@@ -134,11 +136,13 @@ def _write_front(
         write_preset(folder / name, *_preset(work, study, row, counts))
 
 
-def _trained(config: RunConfig, data: EpisodeSet, out: Path, on_epoch: OnEpoch) -> TrainedRun:
+def _trained(
+    config: RunConfig, data: EpisodeSet, out: Path, device: str, on_epoch: OnEpoch
+) -> TrainedRun:
     """The best trial's run, taken as it lies there or trained anew."""
     root = out / RUNS
     try:
         same = read_config(run_folder(root, config)) == config
     except UnusableInput:
         same = False
-    return train(config, data, root, on_epoch=on_epoch, fresh=not same)
+    return train(config, data, root, on_epoch=on_epoch, fresh=not same, device=device)

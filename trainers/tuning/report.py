@@ -20,6 +20,7 @@ from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split
 from trainers.tuning.study import (
     BUDGET,
+    DEVICE,
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
@@ -39,7 +40,8 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 class Row:
     """One trial. `error` is 1 for predicting the mean, `step_us` the step's p99; None: unknown.
 
-    `point` holds the dimensions that were searched, `front` says whether no other trial beats it.
+    `point` holds the dimensions that were searched, `front` says whether no other trial beats it,
+    `device` is where it was trained, "" if it was not.
     """
 
     number: int
@@ -50,6 +52,7 @@ class Row:
     parameters: int | None
     epochs: int
     seconds: float | None
+    device: str
     started: str
     front: bool
     reference: bool
@@ -138,6 +141,7 @@ def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         parameters=trial.user_attrs.get(PARAMETERS),
         epochs=trial.user_attrs.get(EPOCHS, len(trial.intermediate_values)),
         seconds=None if seconds is None else round(seconds, 3),
+        device=trial.user_attrs.get(DEVICE, ""),
         started=trial.datetime_start.isoformat(" ", "seconds") if trial.datetime_start else "",
         front=front,
         reference=REFERENCE in trial.user_attrs,

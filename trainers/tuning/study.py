@@ -25,6 +25,7 @@ from wakedeploy.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
+DEVICE = "device"
 INTERRUPTED, LOST_BEFORE, REFERENCE = "interrupted", "lost before", "reference"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"

@@ -13,7 +13,9 @@ import torch
 from numpy.typing import NDArray
 
 from trainers.build import trainable_weights
+from trainers.device import choose_device
 from trainers.esn import Esn
+from trainers.fit import FitSettings
 from trainers.model import Predictor
 from trainers.ridge import solve_readout
 from trainers.runs import RunConfig, new_predictor
@@ -22,6 +24,7 @@ from trainers.tuning.plan import Plan
 from trainers.tuning.space import Point, suggest
 from trainers.tuning.study import (
     BUDGET,
+    DEVICE,
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
@@ -44,13 +47,21 @@ _TIMED_SAMPLES = 512
 class Objective:
     """What Optuna minimises: a trial's validation error, and in a timed study its step's cost.
 
+    Trials train on `device`, which is "auto", "cpu" or "cuda" as in `trainers.training.train`.
     Raises TrialPruned and what FAILURES names, each with its reason in the trial's attributes.
     """
 
-    def __init__(self, plan: Plan, data: EpisodeSet, step_cost: StepCost | None = None) -> None:
+    def __init__(
+        self,
+        plan: Plan,
+        data: EpisodeSet,
+        step_cost: StepCost | None = None,
+        device: str = "cpu",
+    ) -> None:
         if plan.data_sha256 != data.sha256:
             raise UnusableInput("The data set was changed while it was tuned on; tune anew.")
         self.plan, self.data, self.step_cost = plan, data, step_cost
+        self.device = device
         self.learned, self.held_out = tapes(data, plan.lead_s)
 
     def __call__(self, trial: optuna.Trial) -> float | tuple[float, float]:
@@ -76,7 +87,7 @@ class Objective:
             return error
         assert self.step_cost is not None
         observations = self.held_out.observation[:_TIMED_SAMPLES].numpy()
-        return error, self.step_cost(predictor.eval(), config, observations)
+        return error, self.step_cost(predictor.to("cpu").eval(), config, observations)
 
     def _configured(self, trial: optuna.Trial, point: Point) -> RunConfig:
         """Held against the budget before any memory is taken or epoch trained."""
@@ -105,10 +116,14 @@ class Objective:
             raise _pruned(trial, str(error), SHAPE, excess=1.0) from error
 
     def _trained(self, trial: optuna.Trial, config: RunConfig, predictor: Predictor) -> float:
+        settings = FitSettings(**config.settings)  # type: ignore[arg-type]
+        device = choose_device(self.device, predictor, settings)
+        trial.set_user_attr(DEVICE, device)
         if isinstance(predictor.core, Esn):
-            loss = solve_readout(predictor, self.learned, self.held_out, config.loss_weights)
+            learned, held_out = (tape.to(device) for tape in (self.learned, self.held_out))
+            loss = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
             return _error(loss, "its only pass")
-        fit = new_fit(config, predictor, self.learned, self.held_out)
+        fit = new_fit(config, predictor, self.learned, self.held_out, device)
         while not fit.finished:
             standing = fit.run_epoch()
             error = _error(standing.history[-1], f"epoch {standing.epoch}")

@@ -21,6 +21,7 @@ from typing import Any
 import optuna
 import torch
 
+from trainers.device import require_cuda
 from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import reference_point
@@ -59,6 +60,7 @@ class Work:
     trials: int
     pruner: str
     step_cost: StepCost | None = None
+    device: str = "cpu"
 
     @property
     def place(self) -> Place:
@@ -71,7 +73,12 @@ class Work:
             return open_study(self.place, self.plan, self.study_name, self.pruner)
 
     def begin(self) -> optuna.Study:
-        """The same for the first process: the study begins at the paper's shape."""
+        """The same for the first process: the study begins at the paper's shape.
+
+        Raises UnusableInput where CUDA is asked for in vain, with nothing made.
+        """
+        if self.device == "cuda":
+            require_cuda()
         _check_folder(self)
         study = self.open()
         with turn(self.out), self.place.reachable():
@@ -167,7 +174,7 @@ def _run_here(
 ) -> None:
     """One trial after the other in this process."""
     torch.set_num_threads(1)
-    objective = Objective(work.plan, data, work.step_cost)
+    objective = Objective(work.plan, data, work.step_cost, work.device)
     while True:
         with turn(work.out) as leave:  # so that no two count the same trial as theirs
             if _left(study, work.trials) <= 0:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import Bar, print_table, progress, write_json
-from wakedeploy.cli.training_options import lead_option
+from wakedeploy.cli.training_options import device_option, lead_option
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
@@ -73,6 +73,7 @@ if TYPE_CHECKING:
     " or ~/.pgpass). Default: a journal file in --out.",
 )
 @click.option("--study-name", help="Default: DOMAIN-ARCH.")
+@device_option
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
 @click.pass_context
 def command(
@@ -91,6 +92,7 @@ def command(
     workers: int,
     storage: str | None,
     study_name: str | None,
+    device: str,
     json_path: Path | None,
 ) -> None:
     """Search hyper-parameters by Bayesian optimisation, judged on the validation episodes.
@@ -122,7 +124,7 @@ def command(
         seed=seed,
         asked=dimensions,
     )
-    work = Work(plan, data, out, storage, study_name, trials, pruner, _step_cost(plan))
+    work = Work(plan, data, out, storage, study_name, trials, pruner, _step_cost(plan), device)
     try:
         found, study = _tuned(work, episodes, workers)
     except KeyboardInterrupt:
@@ -230,6 +232,7 @@ def _as_json(found: "Found", work: "Work", study: "Study") -> dict[str, Any]:
         "best": dataclasses.asdict(found.best),
         "hyper": found.run.config.hyper,
         "settings": found.run.config.settings,
+        "device": metrics.device,
         "front": [dataclasses.asdict(row) for row in found.front],
         "importances": dict(found.importances),
         "validation": {"rmse": metrics.validation.rmse, "r2": metrics.validation.r2},
