@@ -18,13 +18,14 @@ from click.testing import CliRunner, Result
 from optuna.trial import TrialState
 from small_study import TINY, tuned, work_of
 
+from trainers.tuning.conclude import conclude
 from trainers.tuning.report import rows_of
-from trainers.tuning.storage import Place
+from trainers.tuning.storage import JOURNAL, Place, told_now
 from trainers.tuning.study import this_worker
 from trainers.tuning.workers import run_trials
 from wakedeploy.cli import main
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import CheckFailed, UnusableInput
 
 pytest.importorskip("psycopg", reason="psycopg, of wakedeploy[cluster], is not installed")
 
@@ -218,6 +219,33 @@ def test_an_unreachable_database_is_one_sentence_without_the_password(
         assert secret not in told
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [("thesis.txt", "mine"), ("trials.csv", "mine"), (JOURNAL, ""), ("best", "mine")],
+)
+def test_a_folder_with_other_things_is_left_alone(
+    name: str, content: str, echo: EpisodeSet, tmp_path: Path, address: str
+) -> None:
+    work = work_of(echo, tmp_path / "out", address=address)
+    work.out.mkdir()
+    (work.out / name).write_text(content)
+    with pytest.raises(UnusableInput, match=f"holds {name} and no study; choose another --out"):
+        work.begin()
+    assert [(path.name, path.read_text()) for path in work.out.iterdir()] == [(name, content)]
+
+
+def test_a_folder_with_nothing_but_trials_is_gone_on_in(
+    echo: EpisodeSet, tmp_path: Path, address: str
+) -> None:
+    work = work_of(echo, tmp_path / "out", trials=2, budget=10, address=address)
+    study = work.begin()
+    run_trials(work, study, echo)
+    with pytest.raises(CheckFailed, match="No trial came to its end"):
+        conclude(work, study, echo)
+    assert [p.name for p in work.out.iterdir() if p.name[0] != "."] == ["trials.csv"]
+    assert len(work.begin().trials) == 2
+
+
 def test_a_database_that_goes_away_is_told_and_the_study_goes_on_later(
     echo: EpisodeSet, tmp_path: Path, address: str, server: Server
 ) -> None:
@@ -244,6 +272,26 @@ def test_only_postgresql_is_taken_for_an_address(tmp_path: Path) -> None:
     shown = Place(tmp_path, "postgresql://me:s3cret@h/d?sslpassword=s3cret&application_name=a").name
     assert shown == "postgresql://me:***@h/d?application_name=a&sslpassword=***"
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    "spelling",
+    [
+        "postgresql+psycopg://me:other@h/d?a=1&b=2",
+        "postgresql://me@H:5432/d?b=2&a=1",
+        "postgresql://me:***@h:5432/d?a=1&b=2",
+    ],
+)
+def test_a_database_is_the_same_however_it_is_spelt(spelling: str, tmp_path: Path) -> None:
+    def without_password(told: str) -> str:
+        return told.replace(":***", "")
+
+    told = without_password(Place(tmp_path, spelling).told)
+    assert told == without_password(told_now(spelling)) == "postgresql://me@h/d?a=1&b=2"
+    assert Place(tmp_path, spelling.replace("5432", "5433")).told.count("5433") == (
+        spelling.count("5432")
+    )
+    assert told_now("study.journal") == "study.journal"
 
 
 def test_without_psycopg_it_is_said_what_to_install(

@@ -28,11 +28,11 @@ from trainers.tuning.report import (
 )
 from trainers.tuning.storage import turn
 from trainers.tuning.study import all_trials, finished, running
-from trainers.tuning.workers import BEST, Work
+from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
 
-TRIALS, FRONT, RUNS = "trials.csv", "pareto", "best"
+FRONT, RUNS = "pareto", "best"
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,6 +32,7 @@ from wakedeploy.files import write_text_whole
 
 FINISHED, BEHIND, OVER_BUDGET, IMPOSSIBLE = "finished", "pruned", "over budget", "impossible"
 FAILED, LOST, RUNNING, WAITING = "failed", "lost", "running", "waiting"
+_FIRST = b"number,state,reason,"
 _FEWEST_FOR_IMPORTANCE = 6
 _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its authors advise
 
@@ -127,6 +128,12 @@ def write_trials(path: Path, plan: Plan, rows: Sequence[Row]) -> None:
         cells = [getattr(row, name) for name in names] + [point.get(name) for name in searched]
         writer.writerow(["" if cell is None else cell for cell in cells])
     write_text_whole(path, text.getvalue())
+
+
+def are_trials(path: Path) -> bool:
+    """Whether a file is what `write_trials` writes, of this or an earlier version."""
+    with path.open("rb") as file:
+        return file.read(len(_FIRST)) == _FIRST
 
 
 def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:

@@ -27,6 +27,7 @@ OnLost = Callable[[optuna.Study, FrozenTrial], None]
 
 _HEARTBEAT_S, _GRACE_S = 20, 90  # a worker on another machine is given up after the second
 _CONNECT_S = 10
+_PORT = 5432  # where PostgreSQL listens, if nothing else is said
 _NO_DRIVER = "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
 
@@ -207,9 +208,17 @@ def _postgresql(address: str) -> URL:
     return url.set(drivername="postgresql+psycopg")
 
 
+def told_now(place: str) -> str:
+    """What `Place.told` says now of a place that an earlier version wrote down."""
+    return _shown(_postgresql(place)) if place.startswith("postgresql") else place
+
+
 def _shown(url: URL) -> str:
+    """Without a password, and the same for spellings of the same server."""
     hidden = dict.fromkeys(_hidden(url), "***")
     plain = url.set(drivername="postgresql").update_query_dict(hidden)
+    host, port = url.host and url.host.lower(), None if url.port == _PORT else url.port
+    plain = plain._replace(host=host, port=port)  # set() cannot take a port away
     return plain.render_as_string(hide_password=True).replace(quote("***", safe=""), "***")
 
 

@@ -24,8 +24,9 @@ import torch
 from trainers.device import require_cuda
 from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
+from trainers.tuning.report import are_trials
 from trainers.tuning.space import reference_point
-from trainers.tuning.storage import JOURNAL, Place, turn
+from trainers.tuning.storage import JOURNAL, Place, told_now, turn
 from trainers.tuning.study import (
     all_trials,
     default_name,
@@ -44,6 +45,7 @@ from wakedeploy.processes import end_with_parent
 OnTrials = Callable[[optuna.Study], None]
 
 BEST = "best.toml"  # what the study found, in the folder of each of its machines
+TRIALS = "trials.csv"  # written just before
 _LOOK_S = 0.5  # between two looks at workers and study
 _LEAVE_S = 120.0  # an interrupted worker's time to record its trial, on a busy machine
 
@@ -101,6 +103,7 @@ def _check_folder(work: Work) -> None:
         _check_no_strangers(work)
         return
     there = read_preset(path).study
+    there = {**there, "kept_in": told_now(str(there.get("kept_in")))}
     own = {
         "name": work.study_name or default_name(work.plan),
         "data_sha256": work.plan.data_sha256,
@@ -115,13 +118,17 @@ def _check_folder(work: Work) -> None:
 
 
 def _check_no_strangers(work: Work) -> None:
-    """A journal is there from a study's first moment on: without it, what lies here is not ours."""
-    if not work.place.is_journal or (work.out / JOURNAL).exists() or not work.out.is_dir():
+    """Without a preset a study's journal may lie here, or trials of which none came to its end."""
+    if not work.out.is_dir():
         return
-    there = sorted(p.name for p in work.out.iterdir() if not p.name.startswith("."))
-    if there:
+    shown = sorted(path for path in work.out.iterdir() if not path.name.startswith("."))
+    # A journal is there from a study's first moment on.
+    ours = [path for path in shown if path.name == JOURNAL and work.place.is_journal]
+    if not work.place.is_journal and [path.name for path in shown] == [TRIALS]:
+        ours = [path for path in shown if are_trials(path)]
+    if shown and not ours:
         raise UnusableInput(
-            f"{work.out} holds {there[0]} and no study; choose another --out, or an empty one."
+            f"{work.out} holds {shown[0].name} and no study; choose another --out, or an empty one."
         )
 
 
