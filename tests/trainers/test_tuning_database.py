@@ -6,7 +6,10 @@ import os
 import shutil
 import socket
 import subprocess
+import sys
 import tempfile
+import threading
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +24,7 @@ from small_study import TINY, tuned, work_of
 from trainers.tuning.conclude import conclude
 from trainers.tuning.report import rows_of
 from trainers.tuning.storage import JOURNAL, Place, told_now
-from trainers.tuning.study import this_worker
+from trainers.tuning.study import REFERENCE, this_worker
 from trainers.tuning.workers import run_trials
 from wakedeploy.cli import main
 from wakedeploy.episodes import EpisodeSet
@@ -166,6 +169,81 @@ def test_two_machines_share_a_study_in_the_database(
     )
 
 
+# A tune in which much may happen between a look at the study and what follows from it.
+HESITANT = """
+import os, sys, time
+from pathlib import Path
+import optuna
+from trainers.tuning import workers
+from wakedeploy.cli import main
+counted, enqueued = workers._left, optuna.Study.enqueue_trial
+def left(study, wanted):
+    found = counted(study, wanted)
+    time.sleep(0.5)
+    return found
+def enqueue_trial(*arguments, **others):
+    time.sleep(1)
+    enqueued(*arguments, **others)
+workers._left, optuna.Study.enqueue_trial = left, enqueue_trial
+ready = Path(sys.argv[1])
+(ready / str(os.getpid())).touch()
+while len(list(ready.iterdir())) < 2:
+    time.sleep(0.05)
+main(sys.argv[2:])
+"""
+
+
+def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice(
+    echo: EpisodeSet, tmp_path: Path, address: str
+) -> None:
+    echo.write(tmp_path / "set")
+    (tmp_path / "ready").mkdir()
+    asked = [tmp_path / "ready", "tune", "--arch", "agile-mlp", "--data", tmp_path / "set", "--storage", address,
+             "--epochs", 1, "--trials", 3, "--dimension", "batch=256"]  # fmt: skip
+    machines = [
+        subprocess.Popen(
+            [sys.executable, "-c", HESITANT, *map(str, asked), "--out", tmp_path / name],
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        )
+        for name in ("here", "there")
+    ]  # fmt: skip
+    try:
+        told = [machine.communicate(timeout=LIMIT_S)[0] for machine in machines]
+    finally:
+        for machine in machines:
+            machine.kill()
+    assert [machine.returncode for machine in machines] == [0, 0], told
+    work = work_of(echo, tmp_path / "look", address=address, epochs=1, asked=("batch=256",))
+    trials = work.open().trials
+    assert len({trial.user_attrs["worker"]["pid"] for trial in trials}) == 2
+    assert [trial.state.is_finished() for trial in trials] == [True] * 3
+    assert [REFERENCE in trial.user_attrs for trial in trials] == [True, False, False]
+
+
+def test_the_turn_of_a_killed_process_is_over(tmp_path: Path, address: str) -> None:
+    code = (
+        "import sys, time; from pathlib import Path\n"
+        "from trainers.tuning.storage import Place\n"
+        "with Place(Path('x'), sys.argv[1]).turn('study'):\n"
+        "    print('held', flush=True); time.sleep(60)"
+    )
+    holder = subprocess.Popen([sys.executable, "-c", code, address], stdout=subprocess.PIPE)
+    assert holder.stdout is not None
+    assert holder.stdout.readline() == b"held\n"
+    place = Place(tmp_path, address)
+    with place.turn("another study"):
+        pass
+    threading.Timer(0.5, holder.kill).start()
+    began = time.monotonic()
+    with place.turn("study") as leave:
+        assert time.monotonic() - began > 0.4
+        leave()
+        with place.turn("study"):
+            pass
+    holder.wait()
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_study_in_the_database_is_that_in_the_journal(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
@@ -297,10 +375,12 @@ def test_a_database_is_the_same_however_it_is_spelt(spelling: str, tmp_path: Pat
 def test_without_psycopg_it_is_said_what_to_install(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setitem(sys.modules, "psycopg", None)
     place = Place(tmp_path, "postgresql://me@h/d")
     with pytest.raises(UnusableInput, match=r"pip install 'wakedeploy\[cluster\]'"):
         place.open(lambda study, trial: None)
+    with pytest.raises(UnusableInput, match=r"pip install 'wakedeploy"), place.turn("study"):
+        pass
 
 
 def test_a_mute_server_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,7 +2,8 @@
 
 import contextlib
 import fcntl
-import importlib.util
+import hashlib
+import importlib
 import logging
 import os
 import threading
@@ -27,6 +28,8 @@ OnLost = Callable[[optuna.Study, FrozenTrial], None]
 
 _HEARTBEAT_S, _GRACE_S = 20, 90  # a worker on another machine is given up after the second
 _CONNECT_S = 10
+# After a minute the server lets go of the turn of a machine that lost its power or its network [s].
+_KEEPALIVE = {"tcp_keepalives_idle": 30, "tcp_keepalives_interval": 10, "tcp_keepalives_count": 3}
 _PORT = 5432  # where PostgreSQL listens, if nothing else is said
 _NO_DRIVER = "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
@@ -62,10 +65,35 @@ class Place:
         logging.getLogger("optuna").setLevel(logging.CRITICAL)
         if self._url is None:
             return self._open_journal()
-        if importlib.util.find_spec("psycopg") is None:
-            raise UnusableInput(_NO_DRIVER)
+        _require_driver()
         with self.reachable():
             return self._open_database(self._url, on_lost)
+
+    @contextlib.contextmanager
+    def turn(self, study: str) -> Iterator[Callable[[], None]]:
+        """One process at a time in here, of all that work on the study of this name.
+
+        Those of a journal share its folder, those of a database may be anywhere. A turn ends when
+        it is left, when what it was given is called, or with its process or machine. Raises
+        UnusableInput for a database that cannot be reached.
+        """
+        if self._url is None:
+            with turn(self._journal.parent) as leave:
+                yield leave
+            return
+        _require_driver()
+        engine = sqlalchemy.create_engine(
+            self._url,
+            poolclass=sqlalchemy.NullPool,  # closed is closed: the lock ends with its connection
+            isolation_level="AUTOCOMMIT",
+            connect_args={"connect_timeout": _CONNECT_S},
+        )
+        with self.reachable(), engine.connect() as connection:
+            for name, value in _KEEPALIVE.items():
+                connection.exec_driver_sql(f"SET {name} = {value}")
+            waiting = sqlalchemy.text("SELECT pg_advisory_lock(:key)")
+            connection.execute(waiting, {"key": _lock_key(study)})
+            yield connection.close
 
     @contextlib.contextmanager
     def reachable(self) -> Iterator[None]:
@@ -86,9 +114,7 @@ class Place:
         connecting = {"connect_timeout": _CONNECT_S}
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter(
-                    "ignore"
-                )  # heartbeats have been called experimental for years
+                warnings.simplefilter("ignore")  # heartbeats: experimental for years
                 return RDBStorage(
                     url.render_as_string(hide_password=False),
                     engine_kwargs={"pool_pre_ping": True, "connect_args": connecting},
@@ -96,8 +122,6 @@ class Place:
                     grace_period=_GRACE_S,
                     heartbeat_stale_trial_callback=on_lost,
                 )
-        except ImportError as error:  # psycopg without the C library that it needs
-            raise UnusableInput(_NO_DRIVER) from error
         except RuntimeError as error:  # tables of another Optuna
             raise UnusableInput(f"--storage {self.name}: {self._reason(error)}") from None
 
@@ -192,6 +216,19 @@ def _drop_unfinished_line(journal: Path) -> None:
         if file.read(1) != b"\n":
             content = journal.read_bytes()
             file.truncate(content.rfind(b"\n") + 1)
+
+
+def _require_driver() -> None:
+    try:
+        importlib.import_module("psycopg")
+    except ImportError as error:  # or the C library that it needs
+        raise UnusableInput(_NO_DRIVER) from error
+
+
+def _lock_key(study: str) -> int:
+    """The number that PostgreSQL knows the lock by, of 64 bits with a sign."""
+    digest = hashlib.sha256(f"wakedeploy tune {study}".encode()).digest()
+    return int.from_bytes(digest[:8], "big", signed=True)
 
 
 def _postgresql(address: str) -> URL:

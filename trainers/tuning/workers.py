@@ -26,7 +26,7 @@ from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.report import are_trials
 from trainers.tuning.space import reference_point
-from trainers.tuning.storage import JOURNAL, Place, told_now, turn
+from trainers.tuning.storage import JOURNAL, Place, told_now
 from trainers.tuning.study import (
     all_trials,
     default_name,
@@ -69,9 +69,18 @@ class Work:
         """Where the study is kept."""
         return Place(self.out, self.address)
 
+    @property
+    def name(self) -> str:
+        """What the study is called."""
+        return self.study_name or default_name(self.plan)
+
+    def turn(self) -> contextlib.AbstractContextManager[Callable[[], None]]:
+        """One process at a time in here, on all machines of the study; as `Place.turn`."""
+        return self.place.turn(self.name)
+
     def open(self) -> optuna.Study:
         """The study; UnusableInput as `open_study`."""
-        with turn(self.out):
+        with self.turn():
             return open_study(self.place, self.plan, self.study_name, self.pruner)
 
     def begin(self) -> optuna.Study:
@@ -83,7 +92,7 @@ class Work:
             require_cuda()
         _check_folder(self)
         study = self.open()
-        with turn(self.out), self.place.reachable():
+        with self.turn(), self.place.reachable():
             settings = self.plan.settings()
             point = reference_point(
                 self.plan.arch,
@@ -105,7 +114,7 @@ def _check_folder(work: Work) -> None:
     there = read_preset(path).study
     there = {**there, "kept_in": told_now(str(there.get("kept_in")))}
     own = {
-        "name": work.study_name or default_name(work.plan),
+        "name": work.name,
         "data_sha256": work.plan.data_sha256,
         "kept_in": work.place.told,
     }
@@ -183,7 +192,7 @@ def _run_here(
     torch.set_num_threads(1)
     objective = Objective(work.plan, data, work.step_cost, work.device)
     while True:
-        with turn(work.out) as leave:  # so that no two count the same trial as theirs
+        with work.turn() as leave:  # so that no two count the same trial as theirs
             if _left(study, work.trials) <= 0:
                 return
 
