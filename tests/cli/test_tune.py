@@ -398,6 +398,31 @@ def test_a_tune_killed_whole_is_gone_on_with_by_the_next(
     assert after[-1].point == after[victim.number].point
 
 
+def test_what_another_machine_never_finished_is_begun_again_when_it_is_asked_for(
+    data: Path, tmp_path: Path
+) -> None:
+    out, asked = tmp_path / "out", ("--epochs", 1, *FAST)
+    assert tune(data, out, "--trials", 1, *asked).exit_code == 0
+    study = study_in(out)
+    assert study is not None
+    gone = study.ask()
+    hidden = gone.suggest_int("hidden", 4, 9, log=True)
+    gone.set_user_attr("worker", {"host": "gone-7", "machine": "0", "pid": 1, "born": "0-0"})
+    told = tune(data, out, "--trials", 2, *asked)
+    assert told.exit_code == 0, told.output
+    assert "Still in training on gone-7: 1 of the trials; the same command" in one_line(told)
+    assert "with --give-up-elsewhere begins again what other machines will not finish" in (
+        one_line(told)
+    )
+    assert [row.state for row in rows_in(out)] == ["finished", "running"]
+    again = tune(data, out, "--trials", 2, "--give-up-elsewhere", *asked)
+    assert again.exit_code == 0, again.output
+    assert "Still in training" not in again.output
+    rows = rows_in(out)
+    assert [row.state for row in rows] == ["finished", "lost", "finished"]
+    assert (rows[1].reason, rows[2].point["hidden"]) == ("its process ended; begun again", hidden)
+
+
 def test_a_folder_with_other_things_is_left_alone(data: Path, tmp_path: Path) -> None:
     theirs = tmp_path / "trials.csv"
     theirs.write_text("mine\n")

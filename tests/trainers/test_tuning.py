@@ -235,6 +235,20 @@ def test_the_trials_of_dead_processes_are_given_back_once(echo: EpisodeSet, tmp_
     assert counted == [second.number]
 
 
+def test_of_other_machines_trials_are_given_back_only_when_it_is_asked_for(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    study = work_of(echo, tmp_path / "out").open()
+    mine = this_worker()
+    running_trial(study, mine)
+    running_trial(study, {**mine, "host": "elsewhere"})
+    running_trial(study, {**mine, "machine": "another of that name"})
+    running_trial(study, None)  # has not said yet who runs it
+    assert give_back_of_the_dead(study) == 0
+    assert give_back_of_the_dead(study, elsewhere=True) == 2
+    assert [t.number for t in study.trials if t.state == TrialState.RUNNING] == [0, 3]
+
+
 def test_a_trial_that_never_said_who_runs_it_is_given_up(
     echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -198,8 +198,9 @@ def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice
 ) -> None:
     echo.write(tmp_path / "set")
     (tmp_path / "ready").mkdir()
-    asked = [tmp_path / "ready", "tune", "--arch", "agile-mlp", "--data", tmp_path / "set", "--storage", address,
-             "--epochs", 1, "--trials", 3, "--dimension", "batch=256"]  # fmt: skip
+    asked = [tmp_path / "ready", "tune", "--arch", "agile-mlp", "--data", tmp_path / "set",
+             "--storage", address, "--epochs", 1, "--trials", 3,
+             "--dimension", "batch=256"]  # fmt: skip
     machines = [
         subprocess.Popen(
             [sys.executable, "-c", HESITANT, *map(str, asked), "--out", tmp_path / name],

@@ -88,11 +88,15 @@ def taken_from_us(study: optuna.Study) -> bool:
     return last is not None and last.state == TrialState.FAIL and REASON not in last.user_attrs
 
 
-def give_back_of_the_dead(study: optuna.Study) -> int:
-    """Fail the running trials whose process on this machine is gone; how many there were."""
+def give_back_of_the_dead(study: optuna.Study, elsewhere: bool = False) -> int:
+    """Fail the running trials whose process on this machine is gone; how many there were.
+
+    With `elsewhere` those of all other machines count as gone, too. One that is not goes on with
+    another trial when it is done.
+    """
     lost = 0
     for trial in study.get_trials(deepcopy=False, states=(TrialState.RUNNING,)):
-        if not _is_dead(trial):
+        if not (_is_dead(trial) or (elsewhere and is_elsewhere(trial))):
             continue
         # Of two that notice it at once, one gets the error.
         with contextlib.suppress(ValueError, optuna.exceptions.UpdateFinishedTrialError):
@@ -100,6 +104,13 @@ def give_back_of_the_dead(study: optuna.Study) -> int:
             give_back(study, trial)
             lost += 1
     return lost
+
+
+def is_elsewhere(trial: FrozenTrial) -> bool:
+    """Whether a trial is run by another machine: nothing here can tell if its process lives."""
+    worker = trial.user_attrs.get(WORKER)
+    own = (platform.node(), _machine())
+    return worker is not None and (worker["host"], worker["machine"]) != own
 
 
 def this_worker() -> dict[str, Any]:
@@ -194,8 +205,7 @@ def _is_dead(trial: FrozenTrial) -> bool:
     if worker is None:
         began = trial.datetime_start
         return began is not None and datetime.now() - began > timedelta(seconds=_UNSIGNED_S)
-    here = (worker["host"], worker["machine"]) == (platform.node(), _machine())
-    return here and worker["born"] != _born(worker["pid"])
+    return not is_elsewhere(trial) and worker["born"] != _born(worker["pid"])
 
 
 def _machine() -> str:

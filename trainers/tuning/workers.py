@@ -52,7 +52,10 @@ _LEAVE_S = 120.0  # an interrupted worker's time to record its trial, on a busy 
 
 @dataclass(frozen=True)
 class Work:
-    """What every worker is told; `trials` is how many are to be finished in all."""
+    """What every worker is told; `trials` is how many are to be finished in all.
+
+    With `give_up_elsewhere` what other machines are at when we begin counts as lost.
+    """
 
     plan: Plan
     data: Path
@@ -63,6 +66,7 @@ class Work:
     pruner: str
     step_cost: StepCost | None = None
     device: str = "cpu"
+    give_up_elsewhere: bool = False
 
     @property
     def place(self) -> Place:
@@ -153,7 +157,7 @@ def run_trials(
     Raises CheckFailed when workers die faster than they work, and what a worker raises.
     """
     with work.place.reachable(), interruptible():
-        give_back_of_the_dead(study)
+        give_back_of_the_dead(study, elsewhere=work.give_up_elsewhere)
         on_trials(study)
         left = _left(study, work.trials)
         if min(workers, left) <= 1:

@@ -74,10 +74,13 @@ if TYPE_CHECKING:
 )
 @click.option("--study-name", help="Default: DOMAIN-ARCH.")
 @device_option
+@click.option(
+    "--give-up-elsewhere",
+    is_flag=True,
+    help="Begin again what other machines were training: for those that will not come back.",
+)
 @click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
-@click.pass_context
 def command(
-    ctx: click.Context,
     data: Path,
     arch: str,
     trials: int,
@@ -93,6 +96,7 @@ def command(
     storage: str | None,
     study_name: str | None,
     device: str,
+    give_up_elsewhere: bool,
     json_path: Path | None,
 ) -> None:
     """Search hyper-parameters by Bayesian optimisation, judged on the validation episodes.
@@ -124,16 +128,11 @@ def command(
         seed=seed,
         asked=dimensions,
     )
-    work = Work(plan, data, out, storage, study_name, trials, pruner, _step_cost(plan), device)
-    try:
-        found, study = _tuned(work, episodes, workers)
-    except KeyboardInterrupt:
-        click.echo(
-            f"Stopped: the study in {work.place.name} is kept, and what was in training will be"
-            " begun again; the same command goes on.",
-            err=True,
-        )
-        ctx.exit(130)
+    cost = _step_cost(plan)
+    work = Work(
+        plan, data, out, storage, study_name, trials, pruner, cost, device, give_up_elsewhere
+    )
+    found, study = _tuned(work, episodes, workers)
     _tell(found, work)
     if json_path:
         write_json(json_path, _as_json(found, work, study))
@@ -149,6 +148,19 @@ def _step_cost(plan: "Plan") -> Any:
 
 
 def _tuned(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
+    """What the study found; Ctrl-C says how to go on."""
+    try:
+        return _found(work, data, workers)
+    except KeyboardInterrupt:
+        click.echo(
+            f"Stopped: the study in {work.place.name} is kept, and what was in training will be"
+            " begun again; the same command goes on.",
+            err=True,
+        )
+        raise click.exceptions.Exit(130) from None
+
+
+def _found(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
     from trainers.tuning.conclude import conclude
     from trainers.tuning.study import all_trials, finished
     from trainers.tuning.workers import run_trials
@@ -205,7 +217,8 @@ def _tell(found: "Found", work: "Work") -> None:
         hosts = ", ".join(sorted(set(found.elsewhere)))
         click.echo(
             f"Still in training on {hosts}: {len(found.elsewhere)} of the trials; the same command"
-            " counts them in when they are done."
+            " counts them in when they are done, and with --give-up-elsewhere begins again what"
+            " other machines will not finish."
         )
 
 
