@@ -111,7 +111,7 @@ def _preset(
         "trial": row.number,
         "validation_error": row.error,
         "trainable": row.parameters,
-        "device": row.device or "cpu",  # before there was a choice
+        "device": row.device,
     }
     if row.step_us is not None:
         told["step_p99_us"] = round(row.step_us, 1)

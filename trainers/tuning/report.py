@@ -131,7 +131,7 @@ def write_trials(path: Path, plan: Plan, rows: Sequence[Row]) -> None:
 
 
 def are_trials(path: Path) -> bool:
-    """Whether a file is what `write_trials` writes, of this or an earlier version."""
+    """Whether a file is what `write_trials` writes."""
     with path.open("rb") as file:
         return file.read(len(_FIRST)) == _FIRST
 

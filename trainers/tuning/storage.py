@@ -245,11 +245,6 @@ def _postgresql(address: str) -> URL:
     return url.set(drivername="postgresql+psycopg")
 
 
-def told_now(place: str) -> str:
-    """What `Place.told` says now of a place that an earlier version wrote down."""
-    return _shown(_postgresql(place)) if place.startswith("postgresql") else place
-
-
 def _shown(url: URL) -> str:
     """Without a password, and the same for spellings of the same server."""
     hidden = dict.fromkeys(_hidden(url), "***")

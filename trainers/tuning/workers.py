@@ -26,7 +26,7 @@ from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.report import are_trials
 from trainers.tuning.space import reference_point
-from trainers.tuning.storage import JOURNAL, Place, told_now
+from trainers.tuning.storage import JOURNAL, Place
 from trainers.tuning.study import (
     all_trials,
     default_name,
@@ -116,7 +116,6 @@ def _check_folder(work: Work) -> None:
         _check_no_strangers(work)
         return
     there = read_preset(path).study
-    there = {**there, "kept_in": told_now(str(there.get("kept_in")))}
     own = {
         "name": work.name,
         "data_sha256": work.plan.data_sha256,
