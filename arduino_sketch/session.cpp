@@ -5,11 +5,13 @@ uint8_t Session::hear(uint8_t byte, uint32_t now_us, const Surroundings &around,
   if (!decoder_.take(byte, frame)) {
     return 0;
   }
-  if (frame.type == HELLO) {
+  if (frame.type == HELLO && !mcu_.is_flying()) {
     return encode(frame.sequence, now_us, greet(frame, around), wire);
   }
-  if (!is_new(frame.sequence)) {
-    count(decoder_.dropped);  // duplicated or overtaken on the way, or before any handshake
+  // Duplicated or overtaken on the way, or before any handshake. A HELLO in flight is an old one:
+  // who opens the port anew resets the board. It would take the motors away.
+  if (frame.type == HELLO || !is_new(frame.sequence)) {
+    count(decoder_.dropped);
     return 0;
   }
   last_sequence_ = frame.sequence;

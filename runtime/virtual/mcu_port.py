@@ -4,6 +4,7 @@ from collections import deque
 
 from runtime.mcu import Mcu, McuStatus, Outputs
 from runtime.protocol import (
+    FIRMWARE,
     PROTOCOL_VERSION,
     SEQUENCE_WRAP,
     TIME_WRAP_US,
@@ -25,7 +26,6 @@ from wakedeploy.rig import Rig
 
 BOOT_S = 1.7  # an UNO's bootloader, from opening the port
 HOME_SWITCH_M = 1e-3
-FIRMWARE = 1
 
 
 class McuPort:
@@ -78,10 +78,12 @@ class McuPort:
 
     def _act(self, t_s: float, frame: Frame, plant: GantryPlant) -> Message | None:
         message = frame.message
-        if isinstance(message, Hello):
+        is_flying = self._mcu.status.armed and not self._mcu.status.latched
+        if isinstance(message, Hello) and not is_flying:
             return self._hello(frame.sequence, message)
-        if isinstance(message, HelloReply | Status) or not self._is_new(frame.sequence):
-            self._refused += 1  # echoed, duplicated or overtaken on the way, or before a handshake
+        # Echoed, duplicated or overtaken on the way, or before a handshake; a HELLO in flight is old.
+        if isinstance(message, Hello | HelloReply | Status) or not self._is_new(frame.sequence):
+            self._refused += 1
             return None
         self._last_sequence = frame.sequence
         if isinstance(message, Command):

@@ -162,6 +162,11 @@ class Board:
         answers = self.hear(encode_frame(Frame(sequence, 0, message)))
         return answers[0].message if answers else None
 
+    def send_after_noise(self, sequence: int, message) -> HelloReply | Status | None:
+        """As `send`, after a zero that ends whatever came before."""
+        self.hear(b"\0")
+        return self.send(sequence, message)
+
     def run(self, ticks: int) -> np.ndarray:
         """Let time pass; pulse widths offered and steps taken, one row a tick."""
         trace = np.zeros(ticks, dtype=TRACE)

@@ -15,6 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from runtime.protocol import (
+    FIRMWARE,
     Arm,
     Command,
     Disarm,
@@ -165,4 +166,4 @@ def test_the_runtimes_pulse_widths_are_the_timers_half_microseconds():
 def test_a_board_answers_in_frames_that_a_host_reads():
     (answer,) = Board().hear(encode_frame(Frame(9, 0, Hello())))
     assert answer.sequence == 9
-    assert answer.message == HelloReply(version=1, board=1, boot=1, firmware=1)
+    assert answer.message == HelloReply(version=1, board=1, boot=1, firmware=FIRMWARE)

@@ -160,6 +160,14 @@ def test_duplicated_reordered_and_corrupted_frames_are_dropped_and_counted():
     assert status.source_us == 1300
 
 
+def test_a_hello_in_flight_is_counted_and_disarms_nothing():
+    board = Board().flying()
+    board.send(3, Command(1300, 1300, 0))
+    assert board.send(1, Hello()) is None
+    status = board.send(4, Command(1300, 1300, 0))
+    assert (status.armed, status.malformed, status.source_us) == (True, 1, 1300)
+
+
 def test_a_reboot_forgets_everything_but_counts_itself():
     board = Board().flying()
     board.send(3, Command(1500, 1500, 0))
