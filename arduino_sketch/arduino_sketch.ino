@@ -22,7 +22,7 @@
 
 // 250,000 baud is exact on 16 MHz (115,200 is off by 2 %). A command and its answer take 2.1 ms on
 // the wire, of the loop's 31 ms. 500,000 would save half of it, but leave 40 us in which the chip
-// holds two bytes for a 10 kHz interrupt that takes up to 41 us; here it is 80 us.
+// holds two bytes for a 10 kHz interrupt that takes up to 47 us; here it is 80 us.
 const uint32_t BAUD = 250000;
 
 const uint16_t FRAME_TOP = 39999;     // 20 ms in half microseconds
@@ -32,8 +32,11 @@ const uint16_t BATTERY_PERIOD_MS = 100;
 const uint16_t STARVED = 0x5A17;
 uint16_t *const BOOTS_IN_EEPROM = 0;
 
-// Kept over a reset. Some bootloaders clear MCUSR, hence the second mark: set while the interrupt
-// leaves the watchdog unfed because the main loop hangs.
+// Kept over a reset. Some bootloaders clear MCUSR (by its source Optiboot does, which an UNO comes
+// with), hence the second mark: set while the interrupt leaves the watchdog unfed because the main
+// loop hangs. A watchdog that bites for want of interrupts, and a brownout, have no such mark: behind
+// a bootloader like that the count of boots alone tells of them. Tried on a simulated chip only,
+// which has no bootloader.
 uint8_t reset_flags __attribute__((section(".noinit")));
 uint16_t starved __attribute__((section(".noinit")));
 
@@ -71,20 +74,20 @@ void offer_pulses() {
   OCR1B = mcu.offered_half_us(SUFFERER) - 1;
 }
 
-void point_carriage(int8_t step) {
-  if (step > 0) {
-    PORTD |= _BV(DIRECTION_PIN);
-  } else if (step < 0) {
-    PORTD &= ~_BV(DIRECTION_PIN);
-  }
-}
-
+// Drivers for a NEMA 23 want up to 5 us of direction before a step, and up to 5 us of step. Only a
+// reversal waits for the first. The core's delayMicroseconds would be too short by a microsecond.
 void move_carriage(int8_t step) {
-  if (step != 0) {
-    PORTD |= _BV(STEP_PIN);
-    _delay_us(2);  // a DRV8825 sees 1.9 us and more; the core's delayMicroseconds makes it 0.9
-    PORTD &= ~_BV(STEP_PIN);
+  if (step == 0) {
+    return;
   }
+  const uint8_t direction = step > 0 ? _BV(DIRECTION_PIN) : 0;
+  if ((PORTD & _BV(DIRECTION_PIN)) != direction) {
+    PORTD ^= _BV(DIRECTION_PIN);
+    _delay_us(5);
+  }
+  PORTD |= _BV(STEP_PIN);
+  _delay_us(5);
+  PORTD &= ~_BV(STEP_PIN);
 }
 
 void feed_watchdog() {
@@ -102,7 +105,6 @@ ISR(TIMER2_COMPA_vect) {
     mcu.frame_began(micros() - TCNT1 / 2);
   }
   const int8_t step = mcu.tick();
-  point_carriage(step);  // a driver wants its direction 0.65 us before the step
   offer_pulses();
   move_carriage(step);
   feed_watchdog();
@@ -133,7 +135,7 @@ void count_boot() {
 }
 
 void measure_battery() {
-  static uint16_t last_ms = 0;
+  static uint16_t last_ms = -BATTERY_PERIOD_MS;  // at once, for the first host may arm at once
   const uint16_t now_ms = millis();
   if (static_cast<uint16_t>(now_ms - last_ms) < BATTERY_PERIOD_MS) {
     return;

@@ -26,7 +26,7 @@ enum { SOURCE_BIT = 1, SUFFERER_BIT = 2, STEP_BIT = 2, DIRECTION_BIT = 3, HOME_B
 
 typedef struct {
   uint64_t cycle;
-  uint8_t pin; /* of the UNO: 9, 10, 2 */
+  uint8_t pin; /* of the UNO: 9, 10, 2, 3 */
   uint8_t level;
 } Edge;
 
@@ -115,7 +115,7 @@ static void step_changed(avr_irq_t *irq, uint32_t value, void *param) {
 
 static void direction_changed(avr_irq_t *irq, uint32_t value, void *param) {
   (void)irq, (void)param;
-  levels[3] = value != 0;
+  note_edge(3, value != 0);
 }
 
 static avr_irq_t *pin_irq(char port, int bit) {
@@ -211,7 +211,7 @@ int sim_run(uint64_t until) {
 /* Opening the port resets an UNO; its bootloader then takes some time, and loses what comes. */
 void sim_open_port(uint64_t boot_cycles) {
   avr_reset(avr);
-  note_edge(9, 0), note_edge(10, 0), note_edge(2, 0);
+  note_edge(9, 0), note_edge(10, 0), note_edge(2, 0), note_edge(3, 0);
   compare[0].waits = compare[1].waits = 0;
   to_head = to_tail = from_length = 0;
   boots_until = avr->cycle + boot_cycles;
@@ -237,12 +237,12 @@ int sim_receive(uint8_t *bytes, int room) {
   return (int)length;
 }
 
-/* Edges on the pins since the last call; -1 when there were too many to keep. */
+/* Edges on the pins since the last call; -1, and none kept, when there were too many. */
 int sim_edges(Edge *into, int room) {
-  const uint32_t count = edge_count;
-  if (edges_lost || count > (uint32_t)room) return -1;
+  const uint32_t count = edge_count, lost = edges_lost;
+  edge_count = edges_lost = 0;
+  if (lost || count > (uint32_t)room) return -1;
   memcpy(into, edges, count * sizeof *into);
-  edge_count = 0;
   return (int)count;
 }
 

@@ -14,7 +14,7 @@ from runtime.virtual.firmware_build import firmware, simulator_library
 
 CYCLES_PER_S = 16_000_000
 BOOT_S = 1.7  # an UNO's bootloader, from opening the port
-SOURCE_PIN, SUFFERER_PIN, STEP_PIN = 9, 10, 2
+SOURCE_PIN, SUFFERER_PIN, STEP_PIN, DIRECTION_PIN = 9, 10, 2, 3
 
 _MOST_EDGES = 1 << 16
 _MOST_BYTES = 1 << 16
@@ -29,10 +29,14 @@ class Edges:
     pin: npt.NDArray[np.uint8]
     rose: npt.NDArray[np.bool_]
 
+    def changes(self, pin: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.bool_]]:
+        """When a pin changed [s], and whether it rose."""
+        mine = self.pin == pin
+        return self.time_s[mine], self.rose[mine]
+
     def pulses(self, pin: int) -> tuple[npt.NDArray[np.float64], npt.NDArray[np.float64]]:
         """Whole pulses of a pin: when each began [s], how long each was [µs]."""
-        mine = self.pin == pin
-        time_s, rose = self.time_s[mine], self.rose[mine]
+        time_s, rose = self.changes(pin)
         whole = np.flatnonzero(rose[:-1] & ~rose[1:])
         return time_s[whole], 1e6 * (time_s[whole + 1] - time_s[whole])
 

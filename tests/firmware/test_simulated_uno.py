@@ -7,7 +7,7 @@ import pytest
 from simulated import needs_simulator, the_uno
 
 from runtime.protocol import Arm, Command, Disarm, Fault, Frame, FrameDecoder, Hello, encode_frame
-from runtime.virtual.simulated_uno import SOURCE_PIN, STEP_PIN, SUFFERER_PIN
+from runtime.virtual.simulated_uno import DIRECTION_PIN, SOURCE_PIN, STEP_PIN, SUFFERER_PIN
 
 pytestmark = needs_simulator
 
@@ -202,18 +202,18 @@ def test_bad_frames_are_dropped_and_counted():
     assert bench.send_bytes(encode_frame(Frame(9, 0, Command(1900, 1900, 0)))) == []  # reordered
     assert bench.send_bytes(good[:4] + b"\x55" + good[5:]) == []  # corrupted
     assert bench.send_bytes(b"\x41" * 200 + b"\0", 0.02) == []  # oversized
+    hello = encode_frame(Frame(1, 0, Hello()))
+    assert bench.send_bytes(hello) == []  # duplicated: that of the handshake, once more
     (answer,) = bench.send_bytes(encode_frame(Frame(11, 0, Command(1300, 1300, 0))))
-    assert answer.message.malformed == 4
+    assert answer.message.malformed == 5
+    assert answer.message.armed
     bench.uno.edges()
     bench.run(0.05)
     assert np.abs(bench.uno.edges().pulses(SOURCE_PIN)[1] - 1300).max() < 0.2
 
 
-@pytest.mark.parametrize("is_armed", [False, True])
-def test_random_bytes_neither_hang_nor_move_anything(is_armed):
+def test_random_bytes_neither_hang_nor_move_anything():
     bench, rng = Bench(), random.Random(13)
-    if is_armed:
-        bench.armed()
     steps = bench.uno.steps
     for _ in range(100):
         bench.send_bytes(rng.randbytes(1000), 0.05)
@@ -225,6 +225,26 @@ def test_random_bytes_neither_hang_nor_move_anything(is_armed):
     bench.sequence = 40_000
     assert bench.send(Hello()).version == 1
     assert bench.send(LIMITS).armed
+
+
+def test_random_bytes_between_commands_change_no_pulse():
+    bench, rng = Bench().armed(AT_ONCE), random.Random(19)
+    for wait_s in (PERIOD_S, PERIOD_S, 0.005):
+        bench.send(Command(1400, 1400, 0), wait_s)
+    bench.uno.edges()
+    for _ in range(200):
+        bench.send_bytes(rng.randbytes(500) + b"\0", PERIOD_S - 0.005)
+        status = bench.send(Command(1400, 1400, 0))
+        assert status.armed
+    seen = bench.uno.edges()
+    for pin in (SOURCE_PIN, SUFFERER_PIN):
+        start_s, width_us = seen.pulses(pin)
+        assert len(width_us) >= 310  # 6.25 s
+        assert np.abs(np.diff(start_s) - 0.02).max() < 1e-6
+        assert np.abs(width_us - 1400).max() < 0.2
+    assert STEP_PIN not in seen.pin
+    assert (status.missed, status.faults) == (0, Fault.NONE)
+    assert status.malformed > 300
 
 
 def step_for(seconds: float) -> None:
@@ -261,9 +281,11 @@ def test_the_step_count_is_that_of_the_pulses_for_a_minute():
 def test_the_interrupt_ends_before_a_third_byte_can_arrive():
     bench = Bench().armed()
     bench.uno.longest_tick_us()
-    for tick in range(32):  # both pulses slew, the carriage accelerates
-        bench.send(Command(1000 + 1000 * (tick % 2), 2000 - 1000 * (tick % 2), 2100), PERIOD_S)
-        bench.uno.edges()
+    for tick in range(64):  # both pulses slew, the carriage accelerates and reverses
+        speed = 300 if tick % 4 < 2 else -300
+        bench.send(Command(1000 + 1000 * (tick % 2), 2000 - 1000 * (tick % 2), speed), PERIOD_S)
+    _, rose = bench.uno.edges().changes(DIRECTION_PIN)
+    assert rose.sum() > 10
     assert 10 < bench.uno.longest_tick_us() < 60  # 80 µs are two bytes, the chip holds no more
 
 
@@ -275,7 +297,37 @@ def test_a_constant_speed_is_exact():
         bench.send(Command(1000, 1000, 2100), PERIOD_S)
     start_s, width_us = bench.uno.edges().pulses(STEP_PIN)
     assert (len(start_s) - 1) / (start_s[-1] - start_s[0]) == pytest.approx(2100, rel=2e-4)
-    assert width_us.min() > 1.9  # the shortest pulse that the driver sees
+    assert width_us.min() >= 5.0  # what drivers for a NEMA 23 want
+
+
+def test_the_direction_stands_5_us_before_each_step_and_while_it_lasts():
+    bench, rng = Bench().armed(AT_ONCE), random.Random(23)
+    steps = bench.uno.steps
+    for _ in range(96):
+        bench.send(Command(1000, 1000, rng.randint(-2100, 2100)), PERIOD_S)
+    status = bench.send(Disarm())
+    seen = bench.uno.edges()
+    turned_s, _ = seen.changes(DIRECTION_PIN)
+    step_s, width_us = seen.pulses(STEP_PIN)
+    assert len(turned_s) > 30
+    assert len(step_s) > 2000
+    before = np.searchsorted(step_s, turned_s)  # the step after each turn
+    setup_us = 1e6 * (step_s[before] - turned_s)
+    hold_us = 1e6 * (turned_s[1:] - step_s[before[1:] - 1]) - width_us[before[1:] - 1]
+    assert setup_us.min() >= 5.0
+    assert hold_us.min() >= 5.0
+    assert width_us.min() >= 5.0
+    assert status.steps == bench.uno.steps - steps
+
+
+def test_more_edges_than_are_kept_are_told_and_then_forgotten():
+    bench = Bench().armed(Arm(1000, 2000, 20_000, 250, 1000, 10_000, 2**32 - 1))
+    for _ in range(32 * 4):  # 20,000 edges a second
+        bench.send(Command(1000, 1000, 10_000), PERIOD_S)
+    with pytest.raises(RuntimeError, match="look more often"):
+        bench.uno.edges()
+    bench.send(Command(1000, 1000, 10_000), PERIOD_S)
+    assert len(bench.uno.edges().pulses(STEP_PIN)[1]) == pytest.approx(312, abs=2)
 
 
 def test_the_time_reported_is_that_at_which_the_pulse_began():
