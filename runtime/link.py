@@ -15,6 +15,7 @@ import serial
 
 from runtime.protocol import (
     BAUD,
+    FIRMWARE,
     PROTOCOL_VERSION,
     SEQUENCE_WRAP,
     Arm,
@@ -31,6 +32,7 @@ from runtime.protocol import (
 from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 HANDSHAKE_LIMIT_S = 5.0  # opening the port reboots an UNO, which takes about 1.7 s
+REBOOT_LIMIT_S = 3.0  # for a board that fell silent: its watchdog's wait and its bootloader
 HELLO_PERIOD_S = 0.1
 ANSWER_LIMIT_S = 0.5
 SKETCH = "arduino_sketch/arduino_sketch.ino"
@@ -96,16 +98,27 @@ class Link:
 
         Raises UnusableInput when nobody, something else, or another version answers.
         """
-        deadline_s = time.monotonic() + limit_s
-        self._reply = None
-        while time.monotonic() < deadline_s:
-            self._send(Hello())
-            with self._news:
-                self._news.wait_for(lambda: self._reply or self._failure, HELLO_PERIOD_S)
-            self._require_alive(UnusableInput)
-            if self._reply is not None:
-                return _agreed(self._reply, self.port)
-        raise UnusableInput(self._silence(limit_s))
+        reply = self._greeted(limit_s)
+        self._require_alive(UnusableInput)
+        if reply is None:
+            raise UnusableInput(self._silence(limit_s))
+        return _agreed(reply, self.port)
+
+    def status(self) -> Status:
+        """What the board says of itself, motors idle; CheckFailed when it stops answering."""
+        return self._ask(Disarm())
+
+    def greet_again(self, limit_s: float = REBOOT_LIMIT_S) -> Status | None:
+        """The status of a board that fell silent in flight, motors idle; None if it stays silent.
+
+        One that has restarted knows of no handshake, so that it answers nothing but a greeting.
+        """
+        if self._greeted(limit_s) is None:
+            return None
+        try:
+            return self.status()
+        except CheckFailed:
+            return None
 
     def arm(self, limits: Arm) -> Status:
         """Switch the MCU's outputs on; CheckFailed when it refuses."""
@@ -143,6 +156,16 @@ class Link:
         self._serial.close()
         for end in self._wake:
             os.close(end)
+
+    def _greeted(self, limit_s: float) -> HelloReply | None:
+        """The reply to one of the greetings sent until then; None without any."""
+        deadline_s = time.monotonic() + limit_s
+        self._reply = None
+        while time.monotonic() < deadline_s and not (self._reply or self._failure):
+            self._send(Hello())
+            with self._news:
+                self._news.wait_for(lambda: self._reply or self._failure, HELLO_PERIOD_S)
+        return self._reply
 
     def _ask(self, message: Message) -> Status:
         answer = self.wait_for(self._send(message), ANSWER_LIMIT_S)
@@ -254,6 +277,11 @@ def _agreed(reply: HelloReply, port: str) -> HelloReply:
             f"{port}: the board's firmware {reply.firmware} {said} of the protocol, and this "
             f"wakedeploy speaks version {PROTOCOL_VERSION}; upload the sketch that belongs to it, "
             f"{SKETCH}."
+        )
+    if reply.firmware != FIRMWARE:
+        raise UnusableInput(
+            f"{port}: the board runs firmware {reply.firmware}, and firmware {FIRMWARE} belongs to "
+            f"this wakedeploy; upload its sketch, {SKETCH}."
         )
     return reply
 

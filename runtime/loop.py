@@ -16,7 +16,7 @@ from runtime.estimator import Measurement
 from runtime.link import Answer
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
-from runtime.protocol import TIME_WRAP_US, Arm, Status
+from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
 from runtime.realtime import Clock, Pacer, Tick
@@ -96,6 +96,9 @@ class Wire(Protocol):
     def send(self, message: WireCommand) -> int:
         """Send a command without waiting; its sequence number."""
 
+    def greet_again(self) -> Status | None:
+        """The status of a board that fell silent, after a new greeting; None if it stays so."""
+
 
 class Laps:
     """Times between marks, on the monotonic clock."""
@@ -139,6 +142,7 @@ class Loop:
         self._last_range_us, self._range_repeats = -1, 0
         self._last_sequence: int | None = None
         self._finished = False
+        self.last_reset = Fault.NONE  # of a board that restarted in flight
         self.stop_asked = False
         self.tally = Tally(PERIOD_S)
 
@@ -165,11 +169,22 @@ class Loop:
                 if self._beat is not None:
                     self._beat()
         finally:
-            self.tally.ended = self._ending()
-            self.tally.gap = self._watch.report if self._watch is not None else None
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
+            self._look_for_a_reboot()
+            self.tally.ended = self._ending()
+            self.tally.gap = self._watch.report if self._watch is not None else None
         return self.tally
+
+    def _look_for_a_reboot(self) -> None:
+        """A board that restarted answers no command, as behind a cut cable; a greeting it does."""
+        if "link_lost" not in self.failsafe_cause:
+            return
+        status = self._link.greet_again()
+        if status is not None and status.boot != self._boot:
+            self.last_reset = status.faults
+            cause = ("mcu_reboot", *(c for c in self.failsafe_cause if c != "link_lost"))
+            self._safety = replace(self._safety, cause=cause)
 
     def _ending(self) -> str:
         """How the flight ended, as its summary says it."""
@@ -279,7 +294,6 @@ class Loop:
             link_silence_s=now_s - answer.received_s,
             link_failed=self._link.failure is not None,
             mcu_fault=bool(status.faults) or not status.armed,
-            rebooted=status.boot != self._boot,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
             range_frozen_s=signs.range_frozen_s,

@@ -18,6 +18,7 @@ import numpy as np
 import onnxruntime as ort
 
 import wakedeploy
+from runtime.board import BoardNews, last_reset, met_board
 from runtime.link import Link
 from runtime.loop import PERIOD_S, Loop, require_wait
 from runtime.pilot import OBSERVATION
@@ -62,7 +63,7 @@ HINTS = {
     "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "
     "propeller, that nothing covers the range sensor, and that the wake is not stronger than it",
     "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",
-    "mcu_reboot": "the board restarted: check its power supply",
+    "mcu_reboot": "the board restarted in flight: check its power supply",
     "recorder_failed": "the run could not be recorded any further: check the disk's free space",
     "operator_stop": "stopped by hand",
     "x_limit": "the carriage left limits.x_m: check the belt and steps_per_m",
@@ -133,17 +134,19 @@ def fly(
         link = opened.enter_context(Link(port))
         ranges = _ranges(range_socket, opened)
         if request.arm_file is not None:
-            _stand_by(request.arm_file, link, ranges, manager, warn)
+            _stand_by(request.arm_file, link, ranges, manager, warn, _may_be_virtual(request))
             request = _current(request)  # what is current now, not when the standby began
             plan, package = _wanted(request)
         worker = _worker(package, opened)
-        link.handshake()
+        board = met_board(link, may_be_virtual=_may_be_virtual(request))
+        if warn is not None and board.warning is not None:
+            warn(board.warning)
         wait_for_first(ranges)
         if worker is not None:
             worker.wait_until_warm()
         if not plan.motors_off:
             _require_on_stop(ranges, request.rig)
-        recorder = _recorder(request, package, opened)
+        recorder = _recorder(request, package, board, opened)
         del package  # its bytes have become a model; megabytes for the reservoir
         watch = GapWatch(request.rig, warn) if request.watch_gap else None
         beat = manager.beat
@@ -203,13 +206,18 @@ def _current(request: RunRequest) -> RunRequest:
 
 
 def _stand_by(
-    arm_file: Path, link: Link, ranges: RangeSource, manager: ServiceManager, warn: Warn | None
+    arm_file: Path,
+    link: Link,
+    ranges: RangeSource,
+    manager: ServiceManager,
+    warn: Warn | None,
+    may_be_virtual: bool,
 ) -> None:
     """Wait with the motors off until a person asks for this flight; a polite kill ends it."""
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         forgotten = begin_standby(arm_file)
-        link.handshake()
+        met_board(link, may_be_virtual=may_be_virtual)
         wait_for_first(ranges)
         if warn is not None:
             old = "An old one was taken away unheeded. " if forgotten else ""
@@ -273,7 +281,14 @@ def _ranges(range_socket: Path | None, opened: ExitStack) -> RangeSource:
     return source
 
 
-def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -> Recorder | None:
+def _may_be_virtual(request: RunRequest) -> bool:
+    """Whether there is a plant process; its range socket is named where the port is, too."""
+    return request.port is None or request.range_socket is not None
+
+
+def _recorder(
+    request: RunRequest, package: Package | None, board: BoardNews, opened: ExitStack
+) -> Recorder | None:
     if request.log is None:
         return None
     is_virtual = request.port is None
@@ -288,6 +303,7 @@ def _recorder(request: RunRequest, package: Package | None, opened: ExitStack) -
         started=started,
         simulated=is_virtual,
     )
+    told |= board.metadata
     if request.reference is not None:
         told |= {"reference_sha256": sha256_of(request.reference.read_bytes())}
     if is_virtual:
@@ -401,4 +417,6 @@ def _judge(loop: Loop, link: Link, ranges: RangeSource) -> None:
         # A port that is gone explains whatever else is, then a sensor that says why it stopped.
         failed = ranges.failure if "sensor_lost" in cause else None
         why = link.failure or failed or HINTS[cause[0]]
+        if reset := last_reset(loop.last_reset):
+            why += f"; its last reset: {reset}"
         raise CheckFailed(f"The flight ended in a failsafe ({'+'.join(cause)}): {why}")

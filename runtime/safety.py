@@ -37,9 +37,7 @@ FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
 # After these the height is not known, or cannot be controlled: the pulse goes to idle on a ramp.
 # A controller would wind up against motors without a battery, and jump when it comes back.
-BLINDING = frozenset(
-    {"sensor_lost", "sensor_frozen", "link_lost", "mcu_reboot", "thrust_lost", "battery_lost"}
-)
+BLINDING = frozenset({"sensor_lost", "sensor_frozen", "link_lost", "thrust_lost", "battery_lost"})
 DESCENT_MPS = 0.25
 DESCENT_LIMIT_S = 8.0
 LANDED_M = 0.03
@@ -100,7 +98,6 @@ class Findings:
     link_silence_s: float = 0.0  # since the MCU last answered
     link_failed: bool = False
     mcu_fault: bool = False
-    rebooted: bool = False
     recorder_failed: bool = False
     stop_asked: bool = False  # by the operator
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
@@ -159,7 +156,6 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
         "thrust_lost": fell or found.not_lifting_s > NOT_LIFTING_S,
         "mcu_fault": found.mcu_fault,
-        "mcu_reboot": found.rebooted,
         "recorder_failed": found.recorder_failed,
         "operator_stop": found.stop_asked,
         "x_limit": not limits.x_m[0] <= found.x_m <= limits.x_m[1],

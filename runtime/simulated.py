@@ -85,6 +85,10 @@ class SimulatedGantry:
         self._under_way.append((arrives_s, self._sequence, message))
         return self._sequence
 
+    def greet_again(self) -> Status | None:
+        """The board answers as before: it has not restarted."""
+        return self._answer.status
+
     # A range source.
 
     @property

@@ -81,7 +81,7 @@ class McuPort:
         is_flying = self._mcu.status.armed and not self._mcu.status.latched
         if isinstance(message, Hello) and not is_flying:
             return self._hello(frame.sequence, message)
-        # Echoed, duplicated or overtaken on the way, or before a handshake; a HELLO in flight is old.
+        # Echoed, duplicated, overtaken, or before a handshake; a HELLO in flight is an old one.
         if isinstance(message, Hello | HelloReply | Status) or not self._is_new(frame.sequence):
             self._refused += 1
             return None

@@ -1,36 +1,27 @@
 """What the link says when the other end is not the board it expects, over real pseudo-terminals."""
 
 import os
-import threading
-import tty
 
 import pytest
+from far_end import FarEnd
 
+from runtime.board import met_board
 from runtime.link import Link
-from runtime.protocol import Command, Frame, FrameDecoder, Hello, HelloReply, encode_frame
+from runtime.protocol import (
+    FIRMWARE,
+    Board,
+    Command,
+    Fault,
+    Frame,
+    FrameDecoder,
+    Hello,
+    HelloReply,
+    Status,
+    encode_frame,
+)
 from wakedeploy.errors import UnusableInput
 
-
-class FarEnd:
-    """A pseudo-terminal whose board answers with what a function makes of each read."""
-
-    def __init__(self, answer):
-        self.master, self.slave = os.openpty()
-        tty.setraw(self.slave)
-        self.name = os.ttyname(self.slave)
-        self.answer = answer
-        threading.Thread(target=self._serve, daemon=True).start()
-
-    def _serve(self):
-        try:
-            while data := os.read(self.master, 4096):
-                os.write(self.master, self.answer(data))
-        except OSError:
-            return
-
-    def close(self):
-        for end in (self.slave, self.master):
-            os.close(end)
+IDLE = Status(1, 7, Fault.NONE, False, True, 1000.0, 1000.0, 0, 0, 0, 0, 0)
 
 
 @pytest.fixture
@@ -91,6 +82,45 @@ def test_a_board_that_answers_in_a_version_not_asked_for_is_refused_by_number(fa
         pytest.raises(UnusableInput, match=r"firmware 12 answers in version 3 .* speaks version 1"),
     ):
         link.handshake()
+
+
+def test_a_sketch_of_another_number_is_refused(far_end):
+    reply = encode_frame(Frame(1, 0, HelloReply(1, 1, 1, FIRMWARE - 1)))
+    words = rf"runs firmware {FIRMWARE - 1}, and firmware {FIRMWARE} belongs .* upload its sketch"
+    with Link(far_end(lambda _: reply).name) as link, pytest.raises(UnusableInput, match=words):
+        link.handshake()
+
+
+def test_a_board_that_is_no_uno_flies_no_rig(far_end):
+    def answering(board):
+        def answer(data):
+            said = b""
+            for frame in FrameDecoder().feed(data):
+                hello = isinstance(frame.message, Hello)
+                message = HelloReply(1, board, 7, FIRMWARE) if hello else IDLE
+                said += encode_frame(Frame(frame.sequence, 0, message))
+            return said
+
+        return far_end(answer).name
+
+    with Link(answering(Board.UNO)) as link:
+        met = met_board(link, may_be_virtual=False)
+        assert met.metadata == {
+            "board": "uno",
+            "firmware": str(FIRMWARE),
+            "board_boot": "7",
+            "board_faults": "",
+        }
+    with Link(answering(Board.VIRTUAL)) as link:
+        assert met_board(link, may_be_virtual=True).metadata["board"] == "virtual"
+    for board, words in ((Board.VIRTUAL, "a virtual board answers"), (9, "board 9 answers")):
+        with (
+            Link(answering(board)) as link,
+            pytest.raises(UnusableInput, match=words),
+        ):
+            met_board(link, may_be_virtual=False)
+    with Link(answering(9)) as link, pytest.raises(UnusableInput, match="board 9"):
+        met_board(link, may_be_virtual=True)
 
 
 def test_a_port_in_use_a_missing_one_and_a_file_are_refused(far_end, tmp_path):

@@ -7,98 +7,17 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from world import RIG, World, resting_plan
 
 from runtime.link import Answer
 from runtime.loop import Loop, applied_s, arm_limits, budget_s, require_wait
 from runtime.prediction import Result
 from runtime.protocol import Command as WireCommand
-from runtime.protocol import Frame, FrameDecoder, Hello, encode_frame
-from runtime.range_source import RangeReading
 from runtime.reference import hold_plan, random_plan
-from runtime.virtual.mcu_port import McuPort
 from wakedeploy.errors import UnusableInput
-from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig
 
-RIG = default_rig().changed(disturbance={"rest_s": 0.25})
 FLIGHT_S = 5.2
-
-
-class World:
-    """Plant and MCU, brought up to the present whenever someone looks; link and sensor in one."""
-
-    def __init__(self, rig=RIG, **hooks):
-        self.now_s = 1000.0
-        self.plant, self.port = GantryPlant(rig, seed=1, **hooks), McuPort(rig, boot_s=0.0)
-        self.decoder, self.sequence, self.sent_s = FrameDecoder(), 0, {}
-        self.failure = None
-        self.muted = False
-        self.commands = []
-        self._answer, self._newest = None, RangeReading(0.0, 0)
-        self.origin_s = self.now_s
-        self.port.opened(0.0)
-        self._send(Hello())
-        self.sleep(0.02)
-
-    # What Loop asks of a clock …
-    def monotonic(self):
-        self.now_s += 1e-5  # nothing takes no time
-        return self.now_s
-
-    def sleep(self, seconds):
-        self.now_s += seconds
-        self.present()
-
-    def present(self):
-        plant = self.plant
-        while plant.t_s <= self.now_s - self.origin_s:
-            for frame in self.decoder.feed(self.port.answer(plant.t_s, plant)):
-                self._hear(frame)
-            out = self.port.advance(plant.t_s, plant.dt_s)
-            plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
-            sample = plant.range_sample()
-            if math.isfinite(sample.range_m):
-                taken_us = int((self.origin_s + sample.sensor_time_s) * 1e6)
-                self._newest = RangeReading(1e3 * sample.range_m, taken_us)
-
-    def _hear(self, frame):
-        if hasattr(frame.message, "steps"):
-            now_s = self.now_s
-            trip_s = now_s - self.sent_s[frame.sequence]
-            self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
-
-    def _send(self, message):
-        self.sequence += 1
-        self.sent_s[self.sequence] = self.now_s
-        frame = encode_frame(Frame(self.sequence, 0, message))
-        self.port.receive(self.now_s - self.origin_s, frame)
-        return self.sequence
-
-    # … of a link …
-    @property
-    def answer(self):
-        self.present()
-        return self._answer
-
-    def arm(self, limits):
-        self._send(limits)
-        self.sleep(0.03)
-        self.started_s = self.now_s
-        return self.answer.status
-
-    def send(self, command):
-        self.present()
-        self.commands.append(command)
-        return self.sequence if self.muted else self._send(command)
-
-    def disarm(self):
-        self.disarmed = True
-
-    # … and of a range source.
-    @property
-    def newest(self):
-        self.present()
-        return self._newest
 
 
 class Forces:
@@ -134,9 +53,9 @@ class Rows:
         return [row.get(name) for row in self.rows]
 
 
-def fly(world, predictor=None, seconds=FLIGHT_S, during=None):
+def fly(world, predictor=None, seconds=FLIGHT_S, during=None, plan=None):
     rows = Rows()
-    plan = hold_plan(RIG, seconds, 0.4, 1400.0)
+    plan = plan or hold_plan(RIG, seconds, 0.4, 1400.0)
     loop = Loop(RIG, world, world, plan, predictor, rows, world)
     if during:
         put = rows.put
@@ -252,20 +171,34 @@ def test_a_sensor_that_stops_brings_the_sufferer_down_blind_within_its_descent_t
     assert {row["source_cmd_us"] for row in down} == {1000.0}
 
 
-def test_a_board_that_falls_silent_reboots_or_faults_ends_the_flight():
+def test_a_board_that_falls_silent_ends_the_flight():
     def mute(loop):
         loop._link.muted = True
 
     loop, _ = fly(World(), during=at_tick(20, mute))
     assert loop.failsafe_cause == ("link_lost",)
 
+
+@pytest.mark.parametrize("plan", [hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), resting_plan(40)])
+def test_a_board_that_restarts_is_told_from_a_cable_that_is_cut(plan):
+    """It answers no command, as if it were gone, but a greeting: with another boot number."""
+
     def reboot(loop):
         world = loop._link
-        world.port.opened(world.plant.t_s - 0.1)
-        world._send(Hello())
+        world.port.opened(world.plant.t_s)
 
-    loop, _ = fly(World(), during=at_tick(20, reboot))
-    assert set(loop.failsafe_cause) & {"mcu_reboot", "mcu_fault"}
+    world = World()
+    loop, rows = fly(world, during=at_tick(20, reboot), plan=plan)
+    assert loop.failsafe_cause == ("mcu_reboot",)
+    assert loop.tally.ended == "failsafe: mcu_reboot"
+    assert loop.last_reset == 0  # the virtual board knows of no fault
+    began = rows.column("mode").index("FAILSAFE")
+    assert rows.rows[began]["faults"] == "link_lost"  # what was known then
+    assert began - 20 == pytest.approx(4, abs=1)
+    assert world.answer.status.boot == 2
+    assert not world.answer.status.armed
+    if plan.motors_off:
+        assert {command.sufferer_us for command in world.commands} == {1000.0}
 
 
 def test_a_recording_that_fails_and_a_limit_that_is_left_end_the_flight():

@@ -60,10 +60,6 @@ def mute(loop, bench, rows):
     bench.muted = True
 
 
-def restarted(loop, bench, rows):
-    bench.changes = {"boot": 2}
-
-
 def latched(loop, bench, rows):
     bench.changes = {"armed": False}
 
@@ -75,7 +71,6 @@ def latched(loop, bench, rows):
         (stop, "operator_stop"),
         (disk_full, "recorder_failed"),
         (mute, "link_lost"),
-        (restarted, "mcu_reboot"),
         (latched, "mcu_fault"),
     ],
 )

@@ -97,7 +97,6 @@ def test_what_passes_soon_ends_no_flight():
         (Findings(link_silence_s=0.2), "link_lost"),
         (Findings(range_silence_s=0.3), "sensor_lost"),
         (Findings(mcu_fault=True), "mcu_fault"),
-        (Findings(rebooted=True), "mcu_reboot"),
         (Findings(range_frozen_s=0.8), "sensor_frozen"),
         (Findings(not_lifting_s=1.1), "thrust_lost"),
         (Findings(z_m=-0.1, thrust_share=1.2), "thrust_lost"),
