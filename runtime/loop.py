@@ -154,10 +154,12 @@ class Loop:
     def run(self) -> Tally:
         """Arm, fly, come to rest. The motors are idle when it returns or raises.
 
-        Raises UnusableInput when the carriage is not at home: steps are counted from there.
+        Raises UnusableInput when the carriage is not at home, from where steps are counted, or a
+        flight's battery is not there.
         """
         armed = self._link.arm(self._limits)
         self._require_home(armed)
+        self._require_battery(armed)
         self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
         self._origin_s = self._range_seen_s = self._clock.monotonic()
@@ -199,9 +201,20 @@ class Loop:
         if not armed.homed:
             self._link.disarm()
             raise UnusableInput(
-                "The carriage is not at its home mark, from where its steps are counted; push it "
-                "there and start again."
+                "The carriage is not at its home mark, from where its steps are counted; switch "
+                "the stepper's supply off, push it there, switch it on and start again."
             )
+
+    def _require_battery(self, armed: Status) -> None:
+        if not self._rig.battery.has_divider:
+            return
+        if not armed.battery_mv and not self._plan.motors_off:
+            self._link.disarm()
+            raise UnusableInput(
+                "The board measures no battery: release the emergency stop, plug the battery in "
+                "and start again; a rig without a divider has no battery.has_divider."
+            )
+        self._signs = replace(self._signs, armed_v=armed.battery_mv / 1000.0)
 
     def _tick(self, tick: Tick) -> None:
         """The order of everything."""

@@ -57,7 +57,7 @@ Warn = Callable[[str], None]
 
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
-    "battery_lost": "the board measures the battery no more: check its plug and its charge",
+    "battery_lost": "the battery's voltage fell far: check its plug, its charge and the stop",
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
     "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",
     "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "

@@ -30,8 +30,8 @@ NOT_LIFTING_S = 1.0
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
-# A battery that was measured is not any more. The UNO looks each 0.1 s and needs 2 V; no flight
-# battery sags to that, and a bad contact is over within two looks.
+# A battery has fallen far below what it had at arming. The UNO looks each 0.1 s, and a bad contact
+# is over within two looks.
 BATTERY_LOST_S = 0.25
 FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back

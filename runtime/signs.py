@@ -17,6 +17,9 @@ AIRBORNE_M = 0.1  # below, a VL53L0X may say the same for long: so near it measu
 GROUNDED_M = 0.05  # the stop, range noise and the filter's error in a hard landing
 REPEAT_CHANCE = 1e-9  # that a healthy sensor repeats itself for long enough to be called frozen
 LIFTING_SHARE = 1.5  # of the weight: a thrust that lifts, see `runtime.safety`
+# Of the voltage at arming. Below, a lithium cell that was full is at 2.5 V: empty, or cut off. It
+# need not fall to zero: behind an emergency stop the ESCs' capacitors hold some for a while.
+BATTERY_GONE_SHARE = 0.6
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +32,7 @@ class Signs:
     battery_gone_s: float = 0.0
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     range_m: float = float("nan")
-    has_battery: bool = False
+    armed_v: float = 0.0  # the battery's voltage at arming; 0 where none is measured
 
 
 def frozen_limit_s(rig: Rig) -> float:
@@ -69,13 +72,13 @@ class SignReader:
     ) -> Signs:
         """Look at one tick: `thrust_n` is what the commands should give by now, after spool.
 
-        `battery_v` is 0 where no battery is measured; it can only be gone once it was there.
+        A battery can only be gone where one was measured at arming.
         """
         passed_s = max(t_s - before.t_s, 0.0)
         share = thrust_n / self._weight_n
         is_frozen = z_m > AIRBORNE_M and range_m == before.range_m
         is_heavy = z_m < GROUNDED_M and share > LIFTING_SHARE
-        is_gone = before.has_battery and battery_v == 0.0
+        is_gone = battery_v < BATTERY_GONE_SHARE * before.armed_v
         return Signs(
             t_s,
             before.range_frozen_s + passed_s if is_frozen else 0.0,
@@ -83,5 +86,5 @@ class SignReader:
             before.battery_gone_s + passed_s if is_gone else 0.0,
             share,
             range_m,
-            before.has_battery or battery_v > 0.0,
+            before.armed_v,
         )

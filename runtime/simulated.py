@@ -15,7 +15,7 @@ from runtime.prediction import Result
 from runtime.predictor import PackagePredictor
 from runtime.protocol import Arm, Command, Status
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
-from runtime.virtual.mcu_port import mcu_time_us, status_of
+from runtime.virtual.mcu_port import battery_v, mcu_time_us, status_of
 from wakedeploy.package import FloatArray
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import Rig
@@ -122,7 +122,8 @@ class SimulatedGantry:
         plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
 
     def _answered(self, sequence: int, t_s: float, round_trip_s: float) -> Answer:
-        status = status_of(self._mcu.status, self.plant, sequence=sequence, boot=1)
+        volts = battery_v(self._truth)
+        status = status_of(self._mcu.status, self.plant, sequence=sequence, boot=1, battery_v=volts)
         return Answer(status, mcu_time_us(t_s), t_s, round_trip_s)
 
 

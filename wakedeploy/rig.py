@@ -32,6 +32,7 @@ _LATER = (  # constants that rig files once did not have, and what they are with
     ("wake", "speed_exponent", 0.0),
     ("range_sensor", "bias_m", 0.0),
     ("range_sensor", "scale", 1.0),
+    ("battery", "has_divider", False),
 )
 
 
@@ -176,6 +177,12 @@ class Limits(_Section):
         return pair
 
 
+class Battery(_Section):
+    """The flight battery; measured through a divider on A0, it is asked for and watched."""
+
+    has_divider: bool = False
+
+
 class Wake(_Section):
     """The paper's field: injection S, width σ, descent w_a, diffusivity κ, decay λ, area Cd·A.
 
@@ -261,6 +268,7 @@ class Rig(_Section):
     range_sensor: RangeSensor
     latency: Latency
     limits: Limits = Limits()
+    battery: Battery = Battery()
     wake: Wake
     control: Control = Control()
     disturbance: Disturbance = Disturbance()
@@ -346,6 +354,8 @@ class Rig(_Section):
         for section, name, neutral in _LATER:  # a rig without them keeps its hash
             if raw[section][name] == neutral:
                 del raw[section][name]
+                if not raw[section]:
+                    del raw[section]
         return raw
 
 

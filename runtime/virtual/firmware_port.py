@@ -7,11 +7,12 @@ that were measured on the ESC pins, and the steps that were counted on the step 
 from collections import deque
 
 from runtime.mcu import Outputs
-from runtime.virtual.mcu_port import HOME_SWITCH_M
+from runtime.virtual.mcu_port import HOME_SWITCH_M, battery_v
 from runtime.virtual.simulated_uno import SOURCE_PIN, SUFFERER_PIN, SimulatedUno
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import Rig
 
+DIVIDER = 4.0  # 30 kΩ over 10 kΩ, as arduino_sketch/pins.h has it
 WIRE_S = 0.001  # a command's bytes on the simulated wire, and the main loop's turn
 SIGNAL_LOST_S = 0.1  # an ESC without pulses for so long stops its motor
 
@@ -19,6 +20,7 @@ SIGNAL_LOST_S = 0.1  # an ESC without pulses for so long stops its motor
 class FirmwarePort:
     """Takes bytes, lets the sketch run, answers with its bytes. Times are the plant's [s].
 
+    `battery_v` is the voltage before the divider, if the rig has one; a test may let it sag.
     Raises UnusableInput when the sketch cannot be compiled or simulated here.
     """
 
@@ -29,6 +31,7 @@ class FirmwarePort:
         # The command's half of the round trip, of which the simulated wire is a part.
         self._delay_s = max(0.0, 0.5 * rig.latency.round_trip_s - WIRE_S)
         self._under_way: deque[tuple[float, bytes]] = deque()
+        self.battery_v = battery_v(rig)
         self._pulses = {pin: _PulseMeter() for pin in (SOURCE_PIN, SUFFERER_PIN)}
 
     def opened(self, t_s: float) -> None:
@@ -42,6 +45,7 @@ class FirmwarePort:
 
     def answer(self, t_s: float, plant: GantryPlant) -> bytes:
         """What the sketch has sent by now; the plant moves its home switch."""
+        self._uno.set_battery(self.battery_v / DIVIDER)
         self._uno.set_home(abs(plant.x_m) < HOME_SWITCH_M)
         return self._uno.receive()
 

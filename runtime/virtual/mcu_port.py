@@ -26,6 +26,7 @@ from wakedeploy.rig import Rig
 
 BOOT_S = 1.7  # an UNO's bootloader, from opening the port
 HOME_SWITCH_M = 1e-3
+BATTERY_V = 11.1  # what a rig with a divider measures here: three cells that never sag
 
 
 class McuPort:
@@ -136,6 +137,7 @@ class McuPort:
             plant,
             sequence=self._last_sequence or 0,
             boot=self._boots,
+            battery_v=battery_v(self._rig),
             malformed=self._decoder.malformed + self._refused,
             started_s=self._started_s,
         )
@@ -150,6 +152,7 @@ def status_of(
     *,
     sequence: int,
     boot: int,
+    battery_v: float,
     malformed: int = 0,
     started_s: float = 0.0,
 ) -> Status:
@@ -166,8 +169,13 @@ def status_of(
         missed=min(mcu.missed_commands, 0xFFFF),
         malformed=min(malformed, 0xFFFF),
         applied_time_us=mcu_time_us(plant.pulse_applied_s, started_s),
-        battery_mv=0,
+        battery_mv=round(1000.0 * battery_v),
     )
+
+
+def battery_v(rig: Rig) -> float:
+    """What a virtual board measures of its flight battery [V]; 0 without a divider."""
+    return BATTERY_V if rig.battery.has_divider else 0.0
 
 
 def mcu_time_us(t_s: float, started_s: float = 0.0) -> int:

@@ -20,7 +20,8 @@ class Bench(SimulatedGantry):
 
     def arm(self, limits):
         self.limits = limits
-        return super().arm(limits)
+        super().arm(limits)
+        return self.answer.status
 
     def send(self, message):
         self.commands.append((message.source_us, message.sufferer_us))

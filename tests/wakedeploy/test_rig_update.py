@@ -116,6 +116,14 @@ def test_a_rig_without_bias_and_scale_keeps_its_hash_and_one_with_them_has_anoth
     assert parse_rig(dated.text).calibration["range_sensor.scale"].date == DATE
 
 
+def test_a_rig_without_a_divider_keeps_its_hash_and_one_with_it_has_another():
+    rig = default_rig()
+    assert "battery" not in rig.text
+    measured = rig.changed(battery={"has_divider": True})
+    assert parse_rig(measured.text) == measured != rig
+    assert measured.changed(battery={"has_divider": False}).sha256 == rig.sha256
+
+
 def test_another_file_to_write_begins_as_the_first_and_keeps_what_it_was_given(rig_file) -> None:
     text, desk = rig_file.read_text(), rig_file.with_name("desk.toml")
     bias = {"range_sensor.bias_m": Calibrated(0.02, 0.001, "m")}

@@ -1,4 +1,7 @@
-"""A board that restarts in flight, with the compiled sketch: the run ends by its name."""
+"""A board that restarts in flight, or whose battery goes, with the compiled sketch in the loop."""
+
+import functools
+import math
 
 import pytest
 from simulated import needs_simulator, the_uno
@@ -9,6 +12,7 @@ from runtime.protocol import Fault
 from runtime.reference import hold_plan
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.simulated_uno import BOOT_S
+from wakedeploy.errors import UnusableInput
 
 pytestmark = needs_simulator
 
@@ -30,15 +34,19 @@ class Rows:
             self._act()
 
 
-def flown(act):
+# The sketch makes servo frames of its own.
+WITH_DIVIDER = RIG.changed(disturbance={"esc_frame_s": 0.0}, battery={"has_divider": True})
+
+
+def flown(act, first_fault="link_lost"):
     """A flight at whose tick `AT` something is done to its world."""
-    rig = RIG.changed(disturbance={"esc_frame_s": 0.0})  # the sketch makes frames of its own
+    rig = WITH_DIVIDER
     world = World(rig, FirmwarePort(rig, the_uno()), boot_s=BOOT_S)
     rows = Rows(lambda: act(world))
     loop = Loop(rig, world, world, hold_plan(rig, 6.0, 0.5, 1400.0), None, rows, world)
     loop.run()
     assert rows.faults[AT - 1] == ""
-    assert next(f for f in rows.faults if f) == "link_lost"
+    assert next(f for f in rows.faults if f) == first_fault
     return loop, world
 
 
@@ -71,3 +79,31 @@ def test_a_cut_cable_is_no_restart_whether_or_not_it_comes_back(comes_back):
     assert loop.tally.ended == "failsafe: link_lost"
     if comes_back:
         assert world.answer.status.faults == Fault.DEADMAN
+
+
+def test_a_battery_that_drains_behind_the_stop_ends_the_flight_at_six_tenths():
+    """Measured by the chip's own converter, behind the divider; the motors run on here."""
+    began_s = []
+
+    def drain(world):
+        began_s.append(world.now_s)
+        for tenths in range(1, 40):
+            volts = 11.1 * math.exp(-tenths / 10.0)
+
+            sags = functools.partial(setattr, world.port, "battery_v", volts)
+            world.later.append((world.now_s + tenths / 10.0, sags))
+
+    loop, world = flown(drain, "battery_lost")
+    assert loop.tally.ended == "failsafe: battery_lost"
+    ended_s = world.now_s - began_s[0] - RIG.limits.sufferer_descent_s
+    assert ended_s == pytest.approx(0.5 + 0.25 + 0.1, abs=0.2)
+
+
+def test_no_flight_begins_on_the_sketch_without_a_battery():
+    port = FirmwarePort(WITH_DIVIDER, the_uno())
+    port.battery_v = 0.0
+    world = World(WITH_DIVIDER, port, boot_s=BOOT_S)
+    loop = Loop(WITH_DIVIDER, world, world, hold_plan(RIG, 6.0, 0.5, 1400.0), clock=world)
+    with pytest.raises(UnusableInput, match="measures no battery"):
+        loop.run()
+    assert world.commands == []
