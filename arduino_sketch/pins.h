@@ -14,8 +14,8 @@ const uint8_t DIRECTION_PIN = 3;  // high: towards positive x
 
 const uint8_t HOME_PIN = 4;  // a switch to ground, closed while the carriage is at home
 
-// The battery through a divider of 30 kOhm over 10 kOhm: 20 V at full scale. Below 2 V, where no
-// flight battery is, the pin counts as not wired (its 10 kOhm pull it down).
+// The battery through a divider of 30 kOhm over 10 kOhm: 20 V at full scale. Below 2 V there is no
+// flight battery. Without the divider the pin reads anything; the host's rig file says which it is.
 const uint8_t BATTERY_PIN = A0;
 const uint16_t BATTERY_FULL_SCALE_MV = 20000;
 const uint16_t BATTERY_LEAST_MV = 2000;

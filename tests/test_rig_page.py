@@ -1,18 +1,25 @@
 """docs/rig.md against what it speaks of: pins, picture, commands, names of endings."""
 
 import importlib.util
+import itertools
 import re
 import shlex
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import click
 import pytest
 from click.testing import CliRunner
 
+from runtime.loop import Loop
+from runtime.reference import random_plan
 from runtime.run import HINTS
+from runtime.simulated import SimulatedGantry
 from wakedeploy.cli import main
 from wakedeploy.cli.doctor import CALIBRATIONS
-from wakedeploy.rig import default_rig_text, read_rig
+from wakedeploy.physics.gantry import GantryPlant
+from wakedeploy.rig import default_rig, default_rig_text, read_rig
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "rig.md").read_text("utf-8")
@@ -48,6 +55,129 @@ def test_the_picture_and_the_table_have_the_sketchs_pins() -> None:
     for name, pin in pins.items():
         (row,) = [line for line in PAGE.splitlines() if line.startswith(f"| UNO {pin} |")]
         assert words[name] in row
+
+
+# How the table names the parts of the drawing, longest first: what is found is cut out.
+NAMED = {
+    "source's ESC": ["ESC, source"],
+    "sufferer's ESC": ["ESC, sufferer"],
+    "both ESCs' minus and signal grounds": ["ESC, source", "ESC, sufferer"],
+    "both ESCs' plus": ["ESC, source", "ESC, sufferer"],
+    "source's motor": ["Motor, source"],
+    "sufferer's motor": ["Motor, sufferer"],
+    "stepper driver": ["Stepper driver"],
+    "stepper supply": ["Stepper supply"],
+    "NEMA 23": ["NEMA 23"],
+    "home switch": ["Home switch"],
+    "emergency stop": ["Emergency stop"],
+    "divider": ["Divider"],
+    "battery": ["Flight battery"],
+    "VL53L0X": ["VL53L0X"],
+    "Pi ": ["Raspberry Pi 5"],
+    "UNO supply": ["UNO supply"],
+    "UNO": ["Arduino UNO"],
+}
+
+
+def drawn_nets():
+    """The drawing's nets: name -> its wires; and the parts by name."""
+    wiring = drawing()
+    pins = wiring.pins(wiring.PINS.read_text("utf-8"))
+    nets = {}
+    for wire in wiring.wires(pins):
+        nets.setdefault(wire.net, []).append(wire.points)
+    return nets, wiring.parts(pins)
+
+
+def on(point, one, other):
+    """Whether a point is on a level or upright line."""
+    (x, y), (ax, ay), (bx, by) = point, one, other
+    return min(ax, bx) <= x <= max(ax, bx) and min(ay, by) <= y <= max(ay, by)
+
+
+def on_edge(point, box):
+    (x, y), right, bottom = point, box.x + box.width, box.y + box.height
+    is_inside = box.x <= x <= right and box.y <= y <= bottom
+    return is_inside and (x in (box.x, right) or y in (box.y, bottom))
+
+
+def test_no_wire_of_the_drawing_ends_in_empty_space_or_on_another_net() -> None:
+    nets, parts = drawn_nets()
+    for name, wires in nets.items():
+        for wire in wires:
+            assert all(a[0] == b[0] or a[1] == b[1] for a, b in itertools.pairwise(wire))
+            for end in (wire[0], wire[-1]):
+                others = [w for w in wires if w is not wire]
+                joined = any(on(end, a, b) for w in others for a, b in itertools.pairwise(w))
+                assert joined or any(on_edge(end, box) for box in parts.values()), (name, end)
+            foreign = [w for other, ws in nets.items() if other != name for w in ws]
+            assert not any(
+                on(corner, a, b)
+                for corner in wire
+                for w in foreign
+                for a, b in itertools.pairwise(w)
+            ), name
+
+
+def test_each_net_of_the_drawing_is_one_piece() -> None:
+    for name, wires in drawn_nets()[0].items():
+        reached, left = [wires[0]], list(wires[1:])
+        for wire in reached:  # grows
+            for other in list(left):
+                ends = [(e, other) for e in (wire[0], wire[-1])]
+                ends += [(e, wire) for e in (other[0], other[-1])]
+                if any(on(e, a, b) for e, w in ends for a, b in itertools.pairwise(w)):
+                    reached.append(other)
+                    left.remove(other)
+        assert left == [], name
+
+
+def test_each_row_of_the_table_has_a_wire_that_ends_at_every_part_it_names() -> None:
+    nets, parts = drawn_nets()
+    touched = {
+        net: {
+            name
+            for name, box in parts.items()
+            if any(on_edge(end, box) for w in wires for end in (w[0], w[-1]))
+        }
+        for net, wires in nets.items()
+    }
+    table = PAGE[PAGE.index("## Wiring") : PAGE.index("- **Do not fly")]
+    rows = [line.strip("| ") for line in table.splitlines() if line.startswith("|")][2:]
+    used = set()
+    for row in rows:
+        left, named = row, set()
+        for words, names in NAMED.items():
+            if words in left:
+                left, named = left.replace(words, ""), named | set(names)
+        assert len(named) >= 2, row
+        fitting = {net for net, ends in touched.items() if named <= ends}
+        pin = re.match(r"UNO ([AD]\d+) ", row)
+        fitting &= {pin[1]} if pin else fitting
+        assert fitting, row
+        used |= fitting
+    assert len(rows) == 16
+    assert used == set(nets)  # and the drawing has none that the table does not name
+
+
+def test_where_wires_meet_is_a_dot_and_where_they_cross_a_hop() -> None:
+    nets, _ = drawn_nets()
+    svg = (ROOT / "docs" / "wiring.svg").read_text("utf-8")
+    meet, cross = set(), set()
+    pieces = [(n, p) for n, ws in nets.items() for w in ws for p in itertools.pairwise(w)]
+    for (net, (a, b)), (other, (c, d)) in itertools.permutations(pieces, 2):
+        if a[1] == b[1] and c[0] == d[0] and on((c[0], a[1]), a, b) and on((c[0], a[1]), c, d):
+            at = (c[0], a[1])
+            if net != other:
+                cross.add(at)
+            elif at not in (c, d):
+                meet.add(at)
+    dots = {(int(x), int(y)) for x, y in re.findall(r'<circle cx="(\d+)" cy="(\d+)"', svg)}
+    arcs = re.findall(r"H(\d+)A5,5 0 0 \d (\d+),(\d+)", svg)
+    hops = {((int(x) + int(end_x)) // 2, int(y)) for x, end_x, y in arcs}
+    assert dots == meet
+    assert hops == cross
+    assert len(cross) > 8
 
 
 @pytest.mark.parametrize("line", COMMANDS)
@@ -90,6 +220,24 @@ def test_the_page_can_be_rehearsed_from_its_first_command_to_its_last(
     calibrated = read_rig(Path("desk.toml")).calibration
     assert {name for name in CALIBRATIONS if name not in calibrated} == set()
     assert (folder / "rig.toml").read_text() == default_rig_text()
+
+
+def test_bare_motors_never_get_more_than_the_page_says() -> None:
+    """Nothing lifts without propellers, and the integral asks for ever more."""
+    ((low, high),) = re.findall(r"`limits.pulse_us = \[(\d+), (\d+)\]`", PAGE)
+    for pulse_us, cause in (((float(low), float(high)), ()), ((1000.0, 2000.0), ("thrust_lost",))):
+        rig = default_rig().changed(limits={"pulse_us": pulse_us})
+        idle = (1000.0, 1000.0)
+        plant = GantryPlant(rig, seed=1, command_hook=lambda t, source, sufferer, dt, i=idle: i)
+        gantry = SimulatedGantry(plant, model=rig, truth=rig, seed=1)
+        rows: list[dict[str, Any]] = []
+        sink = SimpleNamespace(error=None, put=rows.append)
+        loop = Loop(rig, gantry, gantry, random_plan(rig, 6.0, 0), None, sink, gantry)
+        loop.run()
+        assert loop.failsafe_cause == cause
+        asked_us = [row["sufferer_cmd_us"] for row in rows]
+        assert max(asked_us) == pulse_us[1]
+        assert sum(us > 1900.0 for us in asked_us) / 32.0 < 1.5
 
 
 def test_nothing_turns_before_what_needs_no_motor_and_paths_are_one() -> None:

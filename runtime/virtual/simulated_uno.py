@@ -16,6 +16,7 @@ CYCLES_PER_S = 16_000_000
 BOOT_S = 1.7  # an UNO's bootloader, from opening the port
 SOURCE_PIN, SUFFERER_PIN, STEP_PIN, DIRECTION_PIN = 9, 10, 2, 3
 
+_FOR_EVER = 1 << 60  # cycles
 _MOST_EDGES = 1 << 16
 _MOST_BYTES = 1 << 16
 _EDGE = np.dtype([("cycle", "u8"), ("pin", "u1"), ("level", "u1")], align=True)
@@ -78,6 +79,10 @@ class SimulatedUno:
     def open_port(self, boot_s: float = BOOT_S) -> None:
         """What a host's opening does: a reset, then the bootloader for `boot_s`."""
         self._simulator.sim_open_port(round(boot_s * CYCLES_PER_S))
+
+    def switch_off(self) -> None:
+        """Its supply is gone, until a host opens the port again; every pin falls."""
+        self._simulator.sim_open_port(_FOR_EVER)
 
     def send(self, data: bytes) -> None:
         """Put bytes on the wire; lost while the bootloader runs."""

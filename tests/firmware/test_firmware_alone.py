@@ -1,4 +1,4 @@
-"""A USB cable pulled in flight, with the compiled sketch at its other end."""
+"""A USB cable pulled in flight; the compiled sketch at its other end has a supply of its own."""
 
 import time
 

@@ -43,9 +43,19 @@ class Rig:
         heard = self.run(seconds)
         return heard[-1].message if heard else None
 
-    def flying(self):
+    def hover(self, aim_m, seconds):
+        """Under a controller without an integral: heights [m], and the last status."""
+        hover_n, heights_m, status = 9.81 * self.rig.sufferer.mass_kg, [], None
+        for _ in range(round(32 * seconds)):
+            error_m, speed_mps = aim_m - self.plant.z_m, self.plant.vz_mps
+            asked_n = hover_n + 8.0 * error_m - 3.2 * speed_mps
+            status = self.send(Command(1000, self.rig.thrust.sufferer.pulse(asked_n), 0))
+            heights_m.append(self.plant.z_m)
+        return heights_m, status
+
+    def flying(self, limits=LIMITS):
         assert self.send(Hello()).board == protocol.Board.UNO
-        assert self.send(LIMITS).armed
+        assert self.send(limits).armed
         return self
 
 
@@ -109,15 +119,36 @@ def test_the_sketch_answers_over_a_real_pseudo_terminal():
 
 @needs_simulator
 def test_behind_the_sketch_the_sufferer_hovers():
-    rig, aim_m, heights_m = Rig().flying(), 0.6, []
-    hover_n = 9.81 * rig.rig.sufferer.mass_kg
-    for _ in range(32 * 5):
-        error_m, speed_mps = aim_m - rig.plant.z_m, rig.plant.vz_mps
-        asked_n = hover_n + 8.0 * error_m - 3.2 * speed_mps
-        status = rig.send(Command(1000, rig.rig.thrust.sufferer.pulse(asked_n), 0))
-        heights_m.append(rig.plant.z_m)
+    rig, aim_m = Rig().flying(), 0.6
+    heights_m, status = rig.hover(aim_m, 5.0)
     assert heights_m[-32:] == pytest.approx([aim_m] * 32, abs=0.05)
     assert (status.missed, status.malformed) == (0, 0)
+
+
+def landing_speed(rig):
+    """How fast the sufferer is before it stands on the stop [m/s]."""
+    fastest_mps = 0.0
+    while rig.plant.z_m > 0.0:
+        rig.run(rig.plant.dt_s)
+        fastest_mps = max(fastest_mps, -rig.plant.vz_mps)
+    return fastest_mps
+
+
+@needs_simulator
+def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
+    """From 0.7 m, as docs/rig.md has it: a board on USB power, one with a supply of its own."""
+    switched_off = Rig().flying()
+    switched_off.hover(0.7, 4.0)
+    the_uno().switch_off()
+    assert landing_speed(switched_off) == pytest.approx(3.6, abs=0.05)
+    assert switched_off.plant.sufferer_applied_us == 0.0
+    assert switched_off.send(Hello()) is None
+    for descent_ms, speed_mps in ((1000, 3.2), (3000, 2.5)):
+        alone = Rig().flying(Arm(1000, 2000, 20_000, 250, descent_ms, 2100, 8400))
+        alone.hover(0.7, 4.0)
+        assert landing_speed(alone) == pytest.approx(speed_mps, abs=0.05)
+        alone.run(0.125 + descent_ms / 1000)
+        assert alone.plant.sufferer_applied_us == pytest.approx(1000, abs=0.2)
 
 
 def test_a_real_board_has_its_own_firmware():
