@@ -10,11 +10,22 @@ import hypothesis
 import numpy as np
 import pytest
 
-from runtime.protocol import Frame, FrameDecoder, HelloReply, Status, encode_frame, to_half_us
+from runtime.protocol import (
+    Arm,
+    Frame,
+    FrameDecoder,
+    Hello,
+    HelloReply,
+    Status,
+    encode_frame,
+    to_half_us,
+)
 from runtime.virtual.firmware_build import host_library, missing_tools
 
 TICKS_PER_S = 10_000
 FRAME_TICKS = 200  # 50 Hz
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+AT_ONCE = Arm(1000, 2000, 2**32 - 1, 1, 1, 2**16 - 1, 2**32 - 1)
 
 if "WAKEDEPLOY_DECISIONS" in os.environ:  # that a mutant fails is enough, no example need be small
     hypothesis.settings.register_profile(
@@ -178,6 +189,13 @@ class Board:
     @property
     def is_flying(self) -> bool:
         return bool(self._library.board_is_flying(self._board))
+
+
+def flying(limits: Arm = LIMITS, **board) -> Board:
+    board = Board(**board)
+    board.send(1, Hello())
+    assert board.send(2, limits).armed
+    return board
 
 
 class Decoder:

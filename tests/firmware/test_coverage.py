@@ -16,7 +16,7 @@ MISSING = missing_tools("g++", "gcov")
 pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
 
 HERE = Path(__file__).parent
-DRIVERS = ("test_frames.py", "test_decisions.py")
+DRIVERS = ("test_frames.py", "test_decisions.py", "test_noise.py")
 
 
 def counted(folder: Path) -> dict[str, list[dict]]:

@@ -6,10 +6,13 @@ import random
 import numpy as np
 import pytest
 from decisions_library import (
+    AT_ONCE,
     FRAME_TICKS,
+    LIMITS,
     TICKS_PER_S,
     Board,
     LoopWatch,
+    flying,
     library,
     needs_compiler,
     unhurried,
@@ -36,19 +39,10 @@ from wakedeploy.rig import default_rig
 pytestmark = needs_compiler
 
 RESOLUTION_US = 0.5
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
-AT_ONCE = Arm(1000, 2000, 2**32 - 1, 1, 1, 2**16 - 1, 2**32 - 1)
 PERIOD_TICKS = TICKS_PER_S / 32
 RIG = default_rig().changed(latency={"round_trip_s": 0.0})
 TICK_S = 1.0 / TICKS_PER_S
 LATER_S = 1e-9  # a frame arrives between two ticks, where rounding decides nothing
-
-
-def flying(limits: Arm = LIMITS, **board) -> Board:
-    board = Board(**board)
-    board.send(1, Hello())
-    assert board.send(2, limits).armed
-    return board
 
 
 class Twin:
@@ -275,39 +269,6 @@ def test_before_a_handshake_nothing_is_answered_but_all_is_counted():
     assert board.send(4, Disarm()).malformed == 2
 
 
-def test_duplicated_and_overtaken_frames_are_counted():
-    board = flying()
-    assert board.send(2, Command(1500, 1500, 0)) is None
-    assert board.send(1, Command(1500, 1500, 0)) is None
-    assert board.send(2 + SEQUENCE_WRAP // 2, Command(1500, 1500, 0)) is None
-    assert board.send(1 + SEQUENCE_WRAP // 2, Disarm()).malformed == 3
-
-
-def test_a_hello_in_flight_is_counted_and_changes_nothing():
-    board = flying(AT_ONCE)
-    board.send(3, Command(1800, 1700, 10_000))
-    for sequence in (1, 4, 50):  # the handshake's own again, the next one, one from elsewhere
-        assert board.send(sequence, Hello()) is None
-        still = board.run(100)
-        assert set(still["source_half_us"]) == {3600}
-        assert (still["step"] == 1).all()
-    status = board.send(4, Command(1800, 1700, 0))
-    assert (status.armed, status.malformed) == (True, 3)
-
-
-def test_a_hello_neither_feeds_the_deadman_nor_cuts_its_ramp():
-    board = flying()
-    board.send(3, Command(1000, 2000, 0))
-    board.run(1251)
-    for _ in range(9):
-        assert board.send(1, Hello()) is None
-        board.run(1000)
-    assert 2000 < board.run(1)["sufferer_half_us"][0] < 2400  # nine tenths of the way down
-    board.run(1000)
-    assert not board.is_flying
-    assert board.send(1, Hello()).version == 1
-
-
 def test_limits_that_no_motor_understands_are_refused():
     for low, high, source_ms, sufferer_ms in (
         (499.5, 2000, 250, 1000),
@@ -412,37 +373,6 @@ def test_the_carriage_follows_the_runtimes_planner_for_a_minute():
         assert abs(our.message.steps - their.message.steps) <= 1
         ours.run(312)
         theirs.run(312)
-
-
-@pytest.mark.parametrize("opening", [[], [Hello()]])
-def test_a_hundred_thousand_random_bytes_move_nothing(opening):
-    board, rng = Board(), random.Random(len(opening))
-    for number, message in enumerate(opening):
-        board.send(1 + number, message)
-    for _ in range(1000):
-        board.hear(rng.randbytes(100))
-        trace = board.run(40)  # as long as the bytes take on the wire
-        assert set(trace["source_half_us"]) == set(trace["sufferer_half_us"]) == {2000}
-        assert not trace["step"].any()
-    board.hear(b"\0")
-    board.send(9, Hello())
-    assert board.send(10, LIMITS).malformed > 100
-
-
-def test_a_hundred_thousand_random_bytes_between_commands_change_no_pulse_and_no_step():
-    board, rng, travelled, stepped = flying(AT_ONCE), random.Random(3), 0, 0
-    for number in range(1000):
-        board.hear(rng.randbytes(50))
-        status = board.send_after_noise(3 + number, Command(1400, 1400, 2000))
-        assert status.armed
-        board.hear(rng.randbytes(50))
-        trace = board.run(100)
-        assert set(trace["source_half_us"]) == set(trace["sufferer_half_us"]) == {2800}
-        stepped += int(trace["step"].sum())
-        travelled += 2000 * 100
-        assert stepped == travelled // TICKS_PER_S
-    assert (status.faults, status.missed) == (Fault.NONE, 0)
-    assert status.malformed > 300
 
 
 def test_the_count_of_missed_commands_stays_at_its_end():

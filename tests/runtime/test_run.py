@@ -114,6 +114,21 @@ def test_a_cable_pulled_in_flight_is_one_sentence_and_the_log_is_whole(rig_file,
     assert "unfinished" not in recorded.metadata
 
 
+def test_a_virtual_board_at_a_rigs_port_is_refused_and_its_kind_is_in_the_log(
+    tmp_path, monkeypatch
+):
+    sensor = SimpleNamespace(close=lambda: None)
+    monkeypatch.setattr("runtime.run.I2cRangeSource", lambda: sensor)
+    with VirtualGantryProcess(RIG, seed=0) as gantry:
+        with pytest.raises(UnusableInput, match="a virtual board answers, and only an UNO may fly"):
+            fly(RunRequest(RIG, 6.0, port=gantry.port, log=tmp_path / "no.mcap"))
+        assert not (tmp_path / "no.mcap").exists()
+        log = tmp_path / "f.mcap"
+        fly(RunRequest(RIG, 6.0, port=gantry.port, range_socket=gantry.range_socket, log=log))
+    told = read_run_log(log).metadata
+    assert (told["board"], told["firmware"], told["board_faults"]) == ("virtual", "2", "")
+
+
 def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkeypatch):
     log, write, rows = tmp_path / "flight.mcap", RunLogWriter.write, []
 
