@@ -134,7 +134,9 @@ def test_the_command_writes_a_set(tmp_path: Path) -> None:
     told = CliRunner().invoke(main, ["data", "import", "crazyflie", str(saved(tmp_path / "in")),
                                      "--out", str(out)])  # fmt: skip
     assert told.exit_code == 0, told.output
-    assert read_episode_set(out).domain == "crazyflie"
+    made = read_episode_set(out)
+    assert made.domain == "crazyflie"
+    assert made.provenance["groups"] == dict.fromkeys(made.split, "swap_sl_00")
 
 
 @pytest.mark.skipif(not (DATA / "crazyflie").is_dir(), reason="the recordings are not here")

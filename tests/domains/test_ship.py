@@ -85,3 +85,4 @@ def test_the_command_writes_a_set(tmp_path) -> None:
     assert made.domain == "ship"
     assert set(made.split.values()) == {"train", "validation", "test"}
     assert made.provenance["level"] == "vortex"
+    assert made.provenance["groups"] == {name: name for name in made.split}

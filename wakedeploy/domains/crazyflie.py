@@ -77,11 +77,12 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     """Read every flight below `path`; UnusableInput names the file, the key and the reason.
 
     `progress(done, total)` is called after each flight. The provenance has who flew by whom in each
-    episode, and which channels tell of the sufferer's own motion.
+    episode, which flight it is of (`groups`: both sufferers of one flight share its air), and which
+    channels tell of the sufferer's own motion.
     """
     files = _find(path)
     episodes, split, splits = list[Episode](), dict[str, str](), _split(files)
-    pairs = dict[str, JsonValue]()
+    pairs, flights = dict[str, JsonValue](), dict[str, JsonValue]()
     for done, file in enumerate(files, 1):
         a, b = _read(file)
         for sufferer, source, letter in ((a, b, "a"), (b, a, "b")):
@@ -89,6 +90,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             episode = _episode(f"{plain}-{letter}", source, sufferer)
             episodes.append(episode)
             split[episode.name] = splits[file]
+            flights[episode.name] = file.stem
             pairs[episode.name] = f"{_SIZE[sufferer.mass_kg]} by {_SIZE[source.mass_kg]}"
         if progress is not None:
             progress(done, len(files))
@@ -105,6 +107,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "generator": f"wakedeploy {wakedeploy.__version__} crazyflie",
             "files": {file.name: sha256_of(file.read_bytes()) for file in files},
             "manoeuvre": pairs,
+            "groups": flights,
             "own_motion": [*OWN_MOTION],
         },
     )

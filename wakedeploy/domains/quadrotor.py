@@ -59,11 +59,12 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     """
     flights = read_flights(path)
     split, manoeuvres = _split(flights), dict[str, JsonValue]()
-    episodes, splits = list[Episode](), dict[str, str]()
+    episodes, splits, groups = list[Episode](), dict[str, str](), dict[str, JsonValue]()
     for done, (name, flight) in enumerate(zip(_names(flights), flights, strict=True), 1):
         episode = _episode(name, flight)
         episodes.append(episode)
         splits[episode.name] = split[flight.file]
+        groups[episode.name] = str(flight.file.relative_to(path))
         manoeuvres[episode.name] = _manoeuvre(flight.file)
         if progress is not None:
             progress(done, len(flights))
@@ -81,6 +82,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "generator": f"wakedeploy {wakedeploy.__version__} flaredw",
             "files": {str(p.relative_to(path)): sha256_of(p.read_bytes()) for p in files},
             "manoeuvre": manoeuvres,
+            "groups": groups,
             "own_motion": [*OWN_MOTION],
         },
     )

@@ -122,6 +122,7 @@ def make_set(
             "seed": seed,
             "minutes": minutes,
             "level": level,
+            "groups": {e.name: e.name for e in episodes},  # a pass is one sample, however long
         },
     )
 
