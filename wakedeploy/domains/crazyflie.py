@@ -10,19 +10,17 @@ motors are estimated to give; nothing is smoothed.
 """
 
 import re
-import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import JsonValue
 
 import wakedeploy
+from wakedeploy.domains.npz import Arrays, Vector, clock, column, read_arrays, refused, require_even
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 
 RATE_HZ = 100.0
@@ -47,11 +45,8 @@ _SIZE = {MASS_KG["s"]: "small", MASS_KG["l"]: "large"}
 _COLUMNS = {"pos": 3, "vel": 3, "acc": 3, "quat_xyzw": 4, "motor_thrust": 4, "pwm": 4, "vbat": 1}
 _NAME = re.compile(r"swap_(ss|sl|ll)_.+")
 _SHORTEST = 200  # samples
-_UNEVEN_S = 0.002
-_OFF = 0.01  # of the rate, on the whole; of a quaternion's length, at any time
+_UNIT = 0.01  # by which a quaternion's length may be off
 _ROUND = ("train", "train", "test", "validation", "train")
-
-Vector = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,68 +164,24 @@ def _read(file: Path) -> tuple[_Vehicle, _Vehicle]:
     """Vehicles a and b."""
     kind = _kind(file)
     masses = (MASS_KG["l"], MASS_KG["s"]) if kind == "sl" else (MASS_KG[kind[0]],) * 2
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            arrays = {key: np.asarray(archive[key]) for key in archive.files}
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise UnusableInput(
-            f"{file}: cannot be read ({one_line(error)}); fetch it again."
-        ) from error
+    arrays = read_arrays(file)
     n = len(_time(file, arrays))
     for letter in "ab":
-        length = np.linalg.norm(_column(file, arrays, f"{letter}_quat_xyzw", (n, 4)), axis=1)
-        if (np.abs(length - 1.0) > _OFF).any():
-            at = int(np.argmax(np.abs(length - 1.0) > _OFF))
-            raise _refused(file, f"{letter}_quat_xyzw", f"is no unit quaternion at sample {at}")
+        length = np.linalg.norm(column(file, arrays, f"{letter}_quat_xyzw", (n, 4)), axis=1)
+        if (np.abs(length - 1.0) > _UNIT).any():
+            at = int(np.argmax(np.abs(length - 1.0) > _UNIT))
+            raise refused(file, f"{letter}_quat_xyzw", f"is no unit quaternion at sample {at}")
     a, b = (
-        _Vehicle(
-            {k: _column(file, arrays, f"{letter}_{k}", (n, w)) for k, w in _COLUMNS.items()}, m
-        )
+        _Vehicle({k: column(file, arrays, f"{letter}_{k}", (n, w)) for k, w in _COLUMNS.items()}, m)
         for letter, m in zip("ab", masses, strict=True)
     )
     return a, b
 
 
-def _time(file: Path, arrays: dict[str, NDArray[np.generic]]) -> Vector:
+def _time(file: Path, arrays: Arrays) -> Vector:
     """`t` [s], rising evenly at 100 Hz."""
-    time_s = _column(file, arrays, "t", None)
+    time_s = clock(file, arrays, "t")
     if len(time_s) < _SHORTEST:
-        raise _refused(file, "t", f"has {len(time_s)} samples, less than {_SHORTEST}")
-    steps_s = np.diff(time_s)
-    if (steps_s <= 0.0).any():
-        raise _refused(file, "t", f"does not rise at sample {np.argmax(steps_s <= 0.0) + 1}")
-    uneven = np.abs(steps_s - 1.0 / RATE_HZ) > _UNEVEN_S
-    if uneven.any():
-        at = int(np.argmax(uneven))
-        reason = f"steps by {steps_s[at]:.4g} s after sample {at}, not by {1.0 / RATE_HZ:g} s"
-        raise _refused(file, "t", reason)
-    if abs(float(steps_s.mean()) * RATE_HZ - 1.0) > _OFF:
-        raise _refused(file, "t", f"runs at {1.0 / steps_s.mean():.4g} Hz, not at {RATE_HZ:g} Hz")
+        raise refused(file, "t", f"has {len(time_s)} samples, less than {_SHORTEST}")
+    require_even(file, "t", time_s, RATE_HZ)
     return time_s
-
-
-def _column(
-    file: Path,
-    arrays: dict[str, NDArray[np.generic]],
-    key: str,
-    shape: tuple[int, int] | None,
-) -> Vector:
-    """An array of finite real numbers of a shape, of any length where none is given."""
-    if key not in arrays:
-        raise _refused(file, key, "is missing")
-    array = arrays[key]
-    if array.dtype.kind not in "fiu":
-        raise _refused(file, key, "does not hold real numbers")
-    wanted = shape if shape is not None else (array.size,)
-    if array.shape != wanted:
-        raise _refused(file, key, f"has shape {array.shape}, not {wanted}")
-    values = array.astype(np.float64)
-    # Sets hold float32: what overflows there is as little a measurement as a NaN.
-    finite = np.abs(values) < np.finfo(np.float32).max
-    if not finite.all():
-        raise _refused(file, key, f"is not finite at sample {np.argwhere(~finite)[0][0]}")
-    return values
-
-
-def _refused(file: Path, key: str, reason: str) -> UnusableInput:
-    return UnusableInput(f"{file}: {key}: {reason}; fetch the file again or leave it out.")

@@ -5,8 +5,6 @@ source and `uav_2_states` the sufferer). Out: flights, cut where positions jump,
 with the authors' force label recomputed for all three axes.
 """
 
-import zipfile
-import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.domains.npz import (
+    Arrays,
+    Vector,
+    clock,
+    column,
+    read_arrays,
+    refused,
+    require_even,
+)
+from wakedeploy.errors import UnusableInput
 
 RATE_HZ = 200.0
 MASS_KG = 3.035
@@ -29,8 +36,10 @@ _CRASH_RAD = 0.8
 _SMOOTHED = 21  # samples of the authors' filter, 50 ms to either side
 _SHORTEST = 200  # samples
 _UNIT = 0.05  # by which a quaternion's length may be off
-
-Vector = NDArray[np.float64]
+_OFF = 0.05  # of the way that velocities tell; the public files agree within 0.001
+_STILL_MPS = 0.02  # slower than this, noise would decide
+_STATES = ("uav_1_states", "uav_2_states")
+_PLANNED = ("uav_1_planned_pos", "uav_2_planned_pos")
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +47,8 @@ class Flight:
     """One flight: states of source and sufferer (n, 26) and the label (n, 3) [N] in world axes.
 
     `file` is the recording that it was cut from, `stated_n` the file's own label of the z axis
-    (n,), where it has one.
+    (n,), where it has one. `planned_m` is where the whole file's flight plan has source and
+    sufferer (·, 6), where the file tells.
     """
 
     name: str
@@ -47,6 +57,7 @@ class Flight:
     sufferer: Vector
     label: Vector
     stated_n: Vector | None = None
+    planned_m: Vector | None = None
 
     @property
     def offset_m(self) -> Vector:
@@ -115,43 +126,78 @@ def differentiated(states: Vector) -> Vector:
 
 
 def _flights(file: Path) -> list[Flight]:
-    try:
-        with np.load(file, allow_pickle=False) as archive:
-            source, sufferer = (_states(file, archive, k) for k in (1, 2))
-            stated = archive.get("dw_forces")
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
-        raise UnusableInput(
-            f"{file}: cannot be read ({one_line(error)}); copy it again."
-        ) from error
-    if len(source) != len(sufferer):
-        raise UnusableInput(f"{file}: {len(source)} states of the source, {len(sufferer)} of the "
-                            "sufferer; the samples do not correspond.")  # fmt: skip
+    arrays = read_arrays(file, {*_STATES, *_PLANNED, "dw_forces", "time"})
+    source = _states(file, arrays, _STATES[0], None)
+    sufferer = _states(file, arrays, _STATES[1], len(source))
+    given = None
+    if "dw_forces" in arrays:
+        given = column(file, arrays, "dw_forces", (len(source), 3))[:, 2]
+    planned = _planned(file, arrays, len(source))
     name = "/".join(file.parts[-2:]).removesuffix(".npz")
     found = []
-    for start, end in _cuts((source, sufferer)):
+    for start, end in _pieces(file, arrays, (source, sufferer)):
         one, two = source[start:end], sufferer[start:end]
-        crashed = max(np.abs(s[:, 10:12]).max() for s in (one, two)) > _CRASH_RAD
-        if end - start >= _SHORTEST and not crashed:
-            given = None if stated is None else np.asarray(stated[start:end, 2], float)
-            label = force_label(two)
-            found.append(Flight(f"{name}@{start}", file, one, two, label, given))
+        if end - start < _SHORTEST:
+            continue
+        if max(np.abs(s[:, 10:12]).max() for s in (one, two)) > _CRASH_RAD:
+            continue
+        label = force_label(two)
+        stated = None if given is None else given[start:end]
+        found.append(Flight(f"{name}@{start}", file, one, two, label, stated, planned))
     return found
 
 
-def _states(file: Path, archive: "np.lib.npyio.NpzFile", vehicle: int) -> Vector:
-    key = f"uav_{vehicle}_states"
-    if key not in archive:
-        raise UnusableInput(f"{file}: {key} is missing; give FlareDW's own files.")
-    states = np.asarray(archive[key], dtype=np.float64)
-    if states.ndim != 2 or states.shape[1] != COLUMNS or not np.isfinite(states).all():
-        raise UnusableInput(f"{file}: {key} has shape {states.shape} or holds NaN, not (n, 26).")
-    if (np.abs(np.linalg.norm(states[:, 18:22], axis=1) - 1.0) > _UNIT).any():
-        raise UnusableInput(f"{file}: {key}: columns 18 to 21 are no unit quaternions w, x, y, z.")
+def _states(file: Path, arrays: Arrays, key: str, length: int | None) -> Vector:
+    states = column(file, arrays, key, (length, COLUMNS))
+    off = np.abs(np.linalg.norm(states[:, 18:22], axis=1) - 1.0) > _UNIT
+    if off.any():
+        reason = "columns 18 to 21 are no unit quaternions w, x, y, z"
+        raise refused(file, key, f"{reason}, first at sample {np.argmax(off)}")
     return states
 
 
-def _cuts(vehicles: Sequence[Vector]) -> list[tuple[int, int]]:
-    """First and last index of every stretch without a jump of either vehicle."""
+def _planned(file: Path, arrays: Arrays, length: int) -> Vector | None:
+    """Planned positions (n, 6) of source and sufferer, None where the file has none."""
+    if not any(key in arrays for key in _PLANNED):
+        return None
+    both = [column(file, arrays, key, (length, 10))[:, :3] for key in _PLANNED]
+    return np.hstack(both)
+
+
+def _pieces(file: Path, arrays: Arrays, vehicles: Sequence[Vector]) -> list[tuple[int, int]]:
+    """First and last index of every stretch in which no vehicle jumps and time does not restart.
+
+    Within each, samples have to follow each other at the rate that everything here is made for.
+    """
     jumps = [np.linalg.norm(np.diff(s[:, 0:3], axis=0), axis=1) > _JUMP_M for s in vehicles]
-    at = np.flatnonzero(np.logical_or(*jumps)) + 1
-    return list(zip([0, *at.tolist()], [*at.tolist(), len(vehicles[0])], strict=True))
+    cut = np.logical_or(*jumps)
+    time_s = clock(file, arrays, "time", len(vehicles[0])) if "time" in arrays else None
+    if time_s is not None:
+        # A new iteration counts from where the first one did; any other step back is an error.
+        cut |= (np.diff(time_s) < 0.0) & (np.abs(time_s[1:] - time_s[0]) < 0.5 / RATE_HZ)
+    at = (np.flatnonzero(cut) + 1).tolist()
+    pieces = list(zip([0, *at], [*at, len(vehicles[0])], strict=True))
+    for start, end in pieces:
+        if time_s is not None:
+            require_even(file, "time", time_s[start:end], RATE_HZ, start)
+    for key, states in zip(_STATES, vehicles, strict=True):
+        _require_rate(file, key, states, ~cut)
+    return pieces
+
+
+def _require_rate(file: Path, key: str, states: Vector, within: NDArray[np.bool_]) -> None:
+    """Refuse states whose positions move otherwise than their velocities say at `RATE_HZ`.
+
+    `within` (n − 1,) says between which samples nothing was cut.
+    """
+    moved_m = np.linalg.norm(np.diff(states[:, 0:3], axis=0), axis=1)[within]
+    speed_mps = np.linalg.norm(0.5 * (states[1:, 3:6] + states[:-1, 3:6]), axis=1)[within]
+    if not len(moved_m) or max(moved_m.mean() * RATE_HZ, speed_mps.mean()) < _STILL_MPS:
+        return
+    ratio = moved_m.sum() * RATE_HZ / max(float(speed_mps.sum()), 1e-9)
+    if abs(ratio - 1.0) > _OFF:
+        raise refused(
+            file,
+            key,
+            f"positions move {ratio:.3g} times as far as the velocities say at {RATE_HZ:g} Hz",
+        )

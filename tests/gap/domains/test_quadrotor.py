@@ -65,7 +65,7 @@ def test_jumps_start_flights_and_crashes_are_left_out(tmp_path):
 
 def test_a_file_without_states_is_refused_by_key(tmp_path):
     np.savez(tmp_path / "other.npz", uav_1_states=states(turning_axes=False))
-    with pytest.raises(UnusableInput, match="uav_2_states is missing"):
+    with pytest.raises(UnusableInput, match="uav_2_states: is missing"):
         read_flights(tmp_path)
 
 
