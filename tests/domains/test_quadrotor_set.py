@@ -14,7 +14,6 @@ from wakedeploy.cli import main
 from wakedeploy.domains.flaredw import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
 from wakedeploy.episodes import read_episode_set
-from wakedeploy.errors import UnusableInput
 
 DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
 HOVER_RADPS = 379.0
@@ -110,20 +109,50 @@ def test_files_are_split_whole_within_each_manoeuvre(tmp_path: Path) -> None:
         assert {made.split[n] for n in names} == {"train", "validation", "test"}
 
 
-@pytest.mark.parametrize(
-    ("overrides", "told"),
-    [
-        ({"uav_2_states": np.zeros((600, 20))}, "uav_2_states has shape (600, 20)"),
-        ({"uav_1_states": np.full((600, 26), np.nan)}, "uav_1_states"),
-        ({"uav_1_states": states(2.0, 1)}, "400 states of the source, 600 of the sufferer"),
-    ],
-)
-def test_bad_recordings_are_refused_by_file_and_key(tmp_path: Path, overrides, told: str) -> None:
-    saved(tmp_path, "bad", **overrides)
-    with pytest.raises(UnusableInput) as refused:
-        import_set(tmp_path)
-    assert "bad.npz" in str(refused.value)
-    assert told in str(refused.value)
+def plan(metres: float, samples: int = 600, lower_m: float = 0.0) -> np.ndarray:
+    """Planned positions on the way to a place so far ahead."""
+    planned = np.zeros((samples, 10))
+    planned[:, 1] = metres * np.linspace(0.0, 1.0, samples) ** 2
+    planned[:, 2] = -lower_m
+    return planned
+
+
+def test_flights_of_one_plan_are_one_course_in_one_split(tmp_path: Path) -> None:
+    still = {"uav_1_planned_pos": plan(0.0)}
+    for number, metres in enumerate((2.0, 3.0, 4.0)):
+        for again in range(3):
+            ahead = plan(metres, lower_m=0.5 * again)
+            seen = states(3.0, 10 * number + again)
+            saved(tmp_path / "1_flybelow", f"plan{number}{again}", uav_2_states=seen,
+                  uav_2_planned_pos=ahead, **still)  # fmt: skip
+    longer = np.vstack([plan(2.0), plan(2.0)[-1:]])
+    saved(tmp_path / "1_flybelow", "plan0longer", uav_1_states=states(3.005, 1),
+          uav_2_states=states(3.005, 50), uav_1_planned_pos=plan(0.0, 601),
+          uav_2_planned_pos=longer)  # fmt: skip
+    made = import_set(tmp_path)
+    splits = {name: set() for name in ("plan0", "plan1", "plan2")}
+    for name, split in made.split.items():
+        splits[name.split("-")[1][:5]].add(split)
+    assert all(len(own) == 1 for own in splits.values())
+    assert set.union(*splits.values()) == {"train", "validation", "test"}
+    assert splits["plan0"] == {"train"}  # the longest
+    groups = made.provenance["groups"]
+    assert len(set(groups.values())) == 3
+    assert made.provenance["recordings"] == {
+        "train": {"files": 4, "independent": 1},
+        "validation": {"files": 3, "independent": 1},
+        "test": {"files": 3, "independent": 1},
+    }
+
+
+def test_copies_of_a_file_are_one_course(tmp_path: Path) -> None:
+    for folder in ("first", "second"):
+        saved(tmp_path / "3_swapping" / folder, folder)
+    saved(tmp_path / "3_swapping", "other", uav_2_states=states(3.0, 9))
+    made = import_set(tmp_path)
+    groups = made.provenance["groups"]
+    assert groups["3_swapping-first-0"] == groups["3_swapping-second-0"]
+    assert groups["3_swapping-other-0"] != groups["3_swapping-first-0"]
 
 
 def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -> None:
@@ -133,6 +162,7 @@ def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -
                                      str(out)])  # fmt: skip
     assert told.exit_code == 0, told.output
     assert read_episode_set(out).domain == "quadrotor"
+    assert "independent" in told.output
     empty = tmp_path / "empty"
     empty.mkdir()
     refused = CliRunner().invoke(main, ["data", "import", "flaredw", str(empty), "--out",
@@ -140,6 +170,31 @@ def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -
     assert refused.exit_code == 2
     assert "no .npz" in refused.output
     assert not (tmp_path / "none").exists()
+
+
+@pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")
+def test_no_two_splits_of_the_recordings_share_a_plan() -> None:
+    made = import_set(DATA / "quadrotor")
+    planned = list[tuple[str, np.ndarray]]()
+    seen = dict[str, set[str]]()
+    for file in sorted((DATA / "quadrotor").rglob("*.npz")):
+        manoeuvre = file.relative_to(DATA / "quadrotor").parts[0]
+        own = {s for n, s in made.split.items()
+               if n.rpartition("-")[0] == f"{manoeuvre}-{file.stem}"}  # fmt: skip
+        assert len(own) == 1
+        seen.setdefault(manoeuvre, set()).update(own)
+        with np.load(file) as archive:
+            if "uav_2_planned_pos" in archive:
+                planned.append((*own, archive["uav_2_planned_pos"][:, :3]))
+    assert len(planned) >= 10
+    for split, one in planned:
+        for other_split, other in planned:
+            n = min(len(one), len(other))
+            # Horizontally, so that the same approach at another height is the same.
+            apart_m = np.linalg.norm(one[:n, :2] - other[:n, :2], axis=1).max()
+            assert split == other_split or apart_m > 0.1
+    assert seen["1_flybelow"] == seen["3_swapping"] == {"train", "validation", "test"}
+    assert seen["2_flyabove"] >= {"train", "test"}
 
 
 @pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")

@@ -229,8 +229,9 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
     title = (
         f"{folder}: {described.domain}, {described.rate_hz:g} Hz, window {described.window_s:g} s"
     )
-    cells = [[s["split"], str(s["episodes"]), f"{s['seconds']:.1f}"] for s in splits]
-    print_table(title, ["split", "episodes", "seconds"], cells)
+    shown = ["split", *(n for n in ("files", "independent", "episodes") if n in splits[0])]
+    cells = [[*(str(s[n]) for n in shown), f"{s['seconds']:.1f}"] for s in splits]
+    print_table(title, [*shown, "seconds"], cells)
     numbers = ("min", "mean", "sd", "max")
     print_table(
         "channels",
@@ -248,9 +249,11 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
     from wakedeploy.episodes import SPLITS
 
     parts = {split: described.part(split) for split in SPLITS}
+    recordings: Any = described.provenance.get("recordings", {})
     return [
         {
             "split": split,
+            **recordings.get(split, {}),
             "episodes": len(part),
             "seconds": sum(map(len, part)) / described.rate_hz,
         }

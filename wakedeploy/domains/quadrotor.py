@@ -1,13 +1,13 @@
 """Two quadrotors: an episode set from FlareDW recordings in their public layout.
 
 In: a folder with the recordings (see `flaredw`). Out: an episode set at 200 Hz: the authors' 14
-features of source and sufferer predict the authors' force label in world axes. Files, not samples,
-are split: iterations of one file are too much alike.
+features of source and sufferer predict the authors' force label in world axes. Courses, not samples
+and not files, are split (see `courses`).
 """
 
 import itertools
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from pydantic import JsonValue
 
 import wakedeploy
+from wakedeploy.domains.courses import REVISION, courses_of, split_courses
 from wakedeploy.domains.flaredw import (
     LABEL_GRAVITY_MPS2,
     MASS_KG,
@@ -25,7 +26,7 @@ from wakedeploy.domains.flaredw import (
     read_flights,
     thrust_n,
 )
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.episodes import SPLITS, Channel, Episode, EpisodeSet
 from wakedeploy.files import sha256_of
 
 WINDOW_S = 0.5
@@ -43,7 +44,6 @@ OBSERVATION = (
 # Channels into which the sufferer's own motion goes: their past tells its acceleration.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 OBSERVER_S = 0.025  # over which the no-learning observer takes the sufferer's change of speed
-_ROUND = ("train", "test", "validation", "train", "train")
 _MANOEUVRE = re.compile(r"\d_[A-Za-z_]+")  # 1_flybelow, 3_swapping
 
 Vector = NDArray[np.float64]
@@ -55,17 +55,21 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     Each episode carries, beside the features, what a force observer that learns nothing would say
     (`observer_n`, (T, 3) [N], causal) and whether the thrust curve holds (`thrust_valid`, (T,)).
     `progress(done, total)` is called after each flight. The provenance has each episode's
-    manoeuvre, and which channels tell of the sufferer's own motion.
+    manoeuvre and course (`groups`), how many files and courses each split has, and which channels
+    tell of the sufferer's own motion.
     """
     flights = read_flights(path)
-    split, manoeuvres = _split(flights), dict[str, JsonValue]()
-    episodes, splits, groups = list[Episode](), dict[str, str](), dict[str, JsonValue]()
+    courses = courses_of(flights)
+    manoeuvre = {file: _manoeuvre(file) for file in courses}
+    split = split_courses(flights, courses, manoeuvre)
+    episodes, splits = list[Episode](), dict[str, str]()
+    manoeuvres, groups = dict[str, JsonValue](), dict[str, JsonValue]()
     for done, (name, flight) in enumerate(zip(_names(flights), flights, strict=True), 1):
-        episode = _episode(name, flight)
-        episodes.append(episode)
-        splits[episode.name] = split[flight.file]
-        groups[episode.name] = str(flight.file.relative_to(path))
-        manoeuvres[episode.name] = _manoeuvre(flight.file)
+        episodes.append(_episode(name, flight))
+        course = courses[flight.file]
+        splits[name] = split[course]
+        manoeuvres[name] = manoeuvre[flight.file]
+        groups[name] = str(course.relative_to(path))
         if progress is not None:
             progress(done, len(flights))
     files = sorted(p for p in path.rglob("*.npz") if not p.name.startswith("."))
@@ -83,6 +87,8 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "files": {str(p.relative_to(path)): sha256_of(p.read_bytes()) for p in files},
             "manoeuvre": manoeuvres,
             "groups": groups,
+            "recordings": _recordings(courses, split),
+            "split_rule": REVISION,
             "own_motion": [*OWN_MOTION],
         },
     )
@@ -160,14 +166,12 @@ def _manoeuvre(file: Path) -> str:
     return named[-1] if named else "other"
 
 
-def _split(flights: Sequence[Flight]) -> dict[Path, str]:
-    """A split for each file: within each manoeuvre in turn, the longest recordings first."""
-    lengths = dict[str, dict[Path, int]]()
-    for flight in flights:
-        files = lengths.setdefault(_manoeuvre(flight.file), {})
-        files[flight.file] = files.get(flight.file, 0) + len(flight.label)
+def _recordings(courses: Mapping[Path, Path], split: Mapping[Path, str]) -> dict[str, JsonValue]:
+    """How many files each split has, and how many of them are independent of each other."""
     return {
-        file: _ROUND[place % len(_ROUND)]
-        for files in lengths.values()
-        for place, file in enumerate(sorted(files, key=lambda f: (-files[f], str(f))))
+        one: {
+            "files": sum(split[course] == one for course in courses.values()),
+            "independent": sum(told == one for told in split.values()),
+        }
+        for one in SPLITS
     }
