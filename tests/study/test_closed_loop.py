@@ -70,6 +70,6 @@ def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     )
     assert told.exit_code == 0, told.output
     assert "agile-mlp" in told.output
-    assert {p.suffix for p in (tmp_path / "closed-loop").iterdir()} == {
+    assert {p.suffix for p in (tmp_path / "closed-loop-quick").iterdir()} == {
         ".png", ".pdf", ".csv", ".json", ".html",
     }  # fmt: skip

@@ -88,7 +88,7 @@ def test_the_command_draws_the_scatter(tmp_path: Path, recordings: Path, monkeyp
         fish_scatter, ["--quick", "--recordings", str(recordings), "--out", str(tmp_path)]
     )
     assert told.exit_code == 0, told.output
-    folder = tmp_path / "fish-scatter"
+    folder = tmp_path / "fish-scatter-quick"
     assert {p.name for p in folder.iterdir()} == {
         "fish-scatter.png", "fish-scatter.pdf", "fish-scatter.csv", "study.json", "study.html",
     }  # fmt: skip

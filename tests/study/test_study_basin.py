@@ -202,7 +202,7 @@ def test_the_command_tells_where_each_start_ended(tmp_path: Path, recordings: Pa
         basin, ["--quick", "--recordings", str(recordings), "--out", str(tmp_path)]
     )
     assert told.exit_code == 0, told.output
-    folder = tmp_path / "basin"
+    folder = tmp_path / "basin-quick"
     assert {p.name for p in folder.iterdir()} == {
         "basin.png", "basin.pdf", "basin.csv", "study.json", "study.html",
     }  # fmt: skip

@@ -176,7 +176,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
         late_set(steps, domain).write(sets / f"{case.domain.name}-quick")
     told = CliRunner().invoke(delay, ["--quick", "--out", str(tmp_path)])
     assert told.exit_code == 0, told.output
-    folder = tmp_path / "delay"
+    folder = tmp_path / "delay-quick"
     assert {p.name for p in folder.iterdir()} == {
         "delay.png", "delay.pdf", "delay.csv", "delay-embedding.csv", "study.json", "study.html",
     }  # fmt: skip

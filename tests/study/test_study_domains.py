@@ -132,7 +132,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
          str(tmp_path)],
     )  # fmt: skip
     assert told.exit_code == 0, told.output
-    folder = tmp_path / "domains"
+    folder = tmp_path / "domains-gantry-quick"
     assert {p.name for p in folder.iterdir()} == {
         "domains.png", "domains.pdf", "domains.csv", "domains-gantry.csv", "study.json",
         "study.html",

@@ -207,7 +207,7 @@ def told(tmp_path_factory):
 
 def test_the_command_writes_figures_tables_and_a_page(told) -> None:
     output, out = told
-    folder = out / "lead"
+    folder = out / "lead-quick"
     assert {p.name for p in folder.iterdir()} == {
         "lead.png", "lead.pdf", "lead.csv", "lead-gantry.csv", "lead-downwash.csv",
         "lead-flights.csv", "study.json", "study.html",
@@ -240,7 +240,7 @@ def test_flights_side_by_side_are_those_flown_one_after_the_other(told) -> None:
     runs = out / "runs-quick" / "lead"
     jobs = planned(data, ["history-mlp"], [0.1], 1, 4)
     again = measure(data, "force_z_n", jobs, [0.1], runs, flights=2, seconds=6.0, workers=2)
-    written = json.loads((out / "lead" / "study.json").read_text())["points"]
+    written = json.loads((out / "lead-quick" / "study.json").read_text())["points"]
     for point in again:
         same = [w for w in written if (w["domain"], w["predictor"], w["lead_s"])
                 == ("gantry", point.predictor, point.lead_s)]  # fmt: skip

@@ -124,13 +124,13 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     for study in ("domains", "pareto"):
         told = CliRunner().invoke(main, ["study", study, *asked, "--out", str(tmp_path)])
         assert told.exit_code == 0, told.output
-    folder = tmp_path / "pareto"
+    folder = tmp_path / "pareto-gantry-quick"
     assert {p.name for p in folder.iterdir()} == {
         "pareto.png", "pareto.pdf", "pareto.csv", "pareto-gantry.csv", "study.json", "study.html",
     }  # fmt: skip
     table = list(csv.DictReader((folder / "pareto.csv").open()))
     points = json.loads((folder / "study.json").read_text())["points"]
-    lines = json.loads((tmp_path / "domains" / "study.json").read_text())["lines"]
+    lines = json.loads((tmp_path / "domains-gantry-quick" / "study.json").read_text())["lines"]
     shares = {line["predictor"]: line["normalised"] for line in lines}
     assert [row["predictor"] for row in table] == ["agile-mlp", "history-mlp"]
     for row, told_point in zip(table, points, strict=True):

@@ -74,10 +74,10 @@ def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     )
     assert run.exit_code == 0, run.output
     assert "Kendall's τ" in run.output
-    flown = json.loads((tmp_path / "shift" / "study.json").read_text())["rms_m"]
+    flown = json.loads((tmp_path / "shift-quick" / "study.json").read_text())["rms_m"]
     assert set(flown) == {"0", "0.1", "0.3"}
     for own in flown.values():
         assert set(own) == {"no compensation", "oracle", "mean force", "agile-mlp", "esn"}
-    assert {p.suffix for p in (tmp_path / "shift").iterdir()} == {
+    assert {p.suffix for p in (tmp_path / "shift-quick").iterdir()} == {
         ".png", ".pdf", ".csv", ".json", ".html",
     }  # fmt: skip

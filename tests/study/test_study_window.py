@@ -194,7 +194,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     data.write(tmp_path / "sets" / "gantry-quick")
     told = CliRunner().invoke(window, ["--quick", "--domains", "gantry", "--out", str(tmp_path)])
     assert told.exit_code == 0, told.output
-    folder = tmp_path / "window"
+    folder = tmp_path / "window-gantry-quick"
     assert {p.name for p in folder.iterdir()} == {
         "window.png", "window.pdf", "window.csv", "window-gantry.csv", "study.json", "study.html",
     }  # fmt: skip

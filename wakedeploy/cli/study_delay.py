@@ -69,7 +69,7 @@ def delay(asked: Asked) -> None:
         },
     }
     title = asked.titled("Learned and physical delays")
-    path = write_study(asked.out / "delay", title, parts(looks, lines), result)
+    path = write_study(asked.results("delay"), title, parts(looks, lines), result)
     print_table(attention_sentence(looks), *attention_summary(looks))
     print_table(delay_sentence(lines), *delay_summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
@@ -103,7 +103,7 @@ def basin(recordings: Path | None, asked: Asked) -> None:
         "ends": [dataclasses.asdict(end) | {"at": study.where(end, echo)} for end in ends],
     }
     title = asked.titled("Where Delay Embedding ends, by where it starts")
-    path = write_study(asked.out / "basin", title, parts(ends, echo), result)
+    path = write_study(asked.results("basin"), title, parts(ends, echo), result)
     print_table(sentence(ends, echo), *summary(ends, echo))
     click.echo(f"Figures, tables and the page: {path}")
 
@@ -140,7 +140,9 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
         "lines": [line.as_json() for line in lines],
     }
     title = asked.titled("The fish's flag, true and predicted")
-    path = write_study(asked.out / "fish-scatter", title, parts(lines, shown, data.rate_hz), result)
+    path = write_study(
+        asked.results("fish-scatter"), title, parts(lines, shown, data.rate_hz), result
+    )
     print_table(sentence(shown), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 

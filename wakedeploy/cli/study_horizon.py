@@ -61,7 +61,7 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     result = {"quick": asked.quick, "seeds": asked.seeds, "channels": mains, "points": points}
     rates_hz = {name: made.rate_hz for name, made in sets.items()}
     title = asked.titled("How much of the past a predictor has to see")
-    path = write_study(asked.out / "window", title, parts(told, mains, rates_hz), result)
+    path = write_study(asked.results("window", names), title, parts(told, mains, rates_hz), result)
     print_table("The shortest past that suffices", *needed(told))
     for name, own in told.items():
         click.echo(sentence(name, own, rates_hz[name]))
@@ -118,7 +118,7 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     points = [vars(point) for own in told.values() for point in own]
     result = {"quick": asked.quick, "flights": count, "seconds": seconds, "points": points}
     title = asked.titled("How far ahead to predict the force")
-    path = write_study(asked.out / "lead", title, parts(told), result)
+    path = write_study(asked.results("lead"), title, parts(told), result)
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own))
     click.echo(f"Figures, tables and the page: {path}")

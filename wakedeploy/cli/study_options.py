@@ -37,6 +37,11 @@ class Asked:
         """How long to train, None for as usual."""
         return _QUICK_EPOCHS if self.quick else None
 
+    def results(self, study: str, domains: str = "all") -> Path:
+        """Where a study's results lie: those of a quick look or of chosen domains apart."""
+        chosen = [] if domains == "all" else [name.strip() for name in domains.split(",")]
+        return self.out / "-".join([study, *chosen, *["quick"] * self.quick])
+
     def titled(self, title: str) -> str:
         """The title, which says so if this is only a quick look."""
         return title + (" (a quick look)" if self.quick else "")

@@ -70,7 +70,7 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     points = [point.as_json() for own in told.values() for point in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
     title = asked.titled("What accuracy costs")
-    path = write_study(asked.out / "pareto", title, parts(told), result)
+    path = write_study(asked.results("pareto", names), title, parts(told), result)
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own))
     click.echo(f"Figures, tables and the page: {path}")

@@ -1,12 +1,13 @@
 """A study's folder: figures as PNG and PDF, tables as CSV and JSON, and one page with them all.
 
 In: parts in the order in which they are to be read. Out: files that replace those of an earlier
-run, each whole.
+run, each whole; what others put into the folder stays.
 """
 
 import csv
 import io
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from wakedeploy.markup import Markup, element, page, picture, table
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_KINDS = {".png", ".pdf", ".csv", ".json", ".html"}
+_RESULT, _PAGE = "study.json", "study.html"
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,16 +37,19 @@ class Part:
     shown: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None
 
 
-def write_study(folder: Path, title: str, parts: Sequence[Part], result: Any) -> Path:
+def write_study(folder: Path, title: str, parts: Sequence[Part], result: Mapping[str, Any]) -> Path:
     """Write everything and return the page's path. `result` goes into `study.json`.
 
-    What an earlier run left in the folder and this one does not write is removed.
+    `study.json` also lists the study's files; those that an earlier one lists and this one does not
+    write are removed, and nothing else is.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    names = {"study.json", "study.html"}
-    names |= {f"{part.name}.{kind}" for part in parts for kind in ("png", "pdf", "csv")}
-    for path in folder.iterdir():
-        if path.suffix in _KINDS and path.name not in names:
+    names = {_RESULT, _PAGE}
+    for part in parts:
+        names |= {f"{part.name}.{kind}" for kind in ("png", "pdf") if part.figure is not None}
+        names.add(f"{part.name}.csv")
+    for path in _written(folder):
+        if path.name not in names:
             path.unlink()
     body: list[Markup] = [element("h1", title)]
     for part in parts:
@@ -57,10 +61,22 @@ def write_study(folder: Path, title: str, parts: Sequence[Part], result: Any) ->
         write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
         columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
         body.append(table(list(columns), [list(row) for row in rows]))
-    write_text_whole(folder / "study.json", json_text(result))
-    path = folder / "study.html"
+    write_text_whole(folder / _RESULT, json_text({**result, "files": sorted(names)}))
+    path = folder / _PAGE
     write_text_whole(path, page(title, *body))
     return path
+
+
+def _written(folder: Path) -> list[Path]:
+    """What the study whose result lies in the folder wrote there, as far as it tells."""
+    try:
+        result = json.loads((folder / _RESULT).read_bytes())
+    except (OSError, ValueError):
+        return []
+    files = result.get("files") if isinstance(result, dict) else None
+    names = [name for name in files if isinstance(name, str)] if isinstance(files, list) else []
+    paths = [folder / name for name in names if Path(name).name == name]
+    return [path for path in paths if path.is_file()]
 
 
 def _csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
