@@ -25,6 +25,11 @@ from wakedeploy.files import sha256_of, write_text_whole, write_whole
 from wakedeploy.package import ForceChannel, ObservationChannel, Scores
 from wakedeploy.validation import first_problem
 
+# Goes up when equal configurations are fitted to other weights than before: runs of other revisions
+# are refused. A number and not a hash of the source, for no edited comment should cost hours; a
+# test holds the fits of this revision against stored ones.
+TRAINING = 1
+
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
 
@@ -39,8 +44,9 @@ AnyRecord = TypeVar("AnyRecord", bound=_Record)
 class RunConfig(_Record):
     """What is trained on what; two runs of equal configuration give equal weights.
 
-    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted, and
-    `present_only` the observation channels whose past the model is kept from.
+    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted,
+    `present_only` the observation channels whose past the model is kept from, and `training` by
+    which revision of the code it is fitted (runs that do not say are of the first).
     """
 
     format: Literal[1] = 1
@@ -58,6 +64,7 @@ class RunConfig(_Record):
     seed: int
     settings: dict[str, float | int]
     present_only: tuple[str, ...] = ()
+    training: int = 1
 
 
 class RunMetrics(_Record):

@@ -22,6 +22,7 @@ from trainers.runs import (
     CONFIG,
     LAST,
     METRICS,
+    TRAINING,
     RunConfig,
     RunMetrics,
     TrainedRun,
@@ -82,6 +83,7 @@ def configure(
             seed=seed,
             settings=dataclasses.asdict(settings or settings_for(arch)),
             present_only=tuple(present_only),
+            training=TRAINING,
         )
     except ValidationError as error:
         raise UnusableInput(f"This {data.domain} set: {first_problem(error)}.") from error
@@ -206,6 +208,11 @@ def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
     if old["data_sha256"] != new["data_sha256"]:
         raise UnusableInput(
             f"{folder} was trained on other data; choose another --out, or --fresh to replace it."
+        )
+    if old["training"] != new["training"]:
+        raise UnusableInput(
+            f"{folder} was trained by other code (revision {old['training']}, this is"
+            f" {new['training']}); choose another --out, or --fresh to replace it."
         )
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):

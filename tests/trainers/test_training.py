@@ -9,15 +9,32 @@ import numpy as np
 import pytest
 import torch
 
+from trainers.build import ARCHITECTURES
 from trainers.fit import FitSettings, learning_rate
 from trainers.loss import WeightedMse
-from trainers.runs import RunConfig, TrainedRun, finished_runs, load_run, newest_run
+from trainers.runs import (
+    CONFIG,
+    TRAINING,
+    RunConfig,
+    TrainedRun,
+    finished_runs,
+    load_run,
+    newest_run,
+)
 from trainers.score import score
 from trainers.training import configure, settings_for, train
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
 
 SHORT = FitSettings(epochs=5, lanes=4, chunk_steps=32)
+# Validation losses of each revision after two epochs. Where they change, so do all weights: raise
+# TRAINING, so that runs of the code before are not taken for runs of this one.
+ENDS = {
+    1: {
+        "agile-mlp": 0.48500, "history-mlp": 0.13027, "delay-embedding": 0.14833, "gru": 0.13513,
+        "tcn": 0.08296, "mamba": 0.46716, "esn": 0.06615, "cross-attention": 0.30459,
+    }
+}  # fmt: skip
 SMALL = {"gru": {"hidden": 16, "dropout": 0.2}, "esn": {"neurons": 80}, "tcn": {"channels": 8}}
 
 
@@ -77,6 +94,27 @@ def test_another_configuration_or_set_is_told_in_one_sentence(
         trained(echo, tmp_path, "agile-mlp", settings=longer)
     with pytest.raises(UnusableInput, match="trained on other data"):
         trained(make_echo(steps=200), tmp_path, "agile-mlp")
+
+
+def test_a_run_of_another_revision_of_the_code_is_told(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = trained(echo, tmp_path, "agile-mlp")
+    told = json.loads((first.folder / CONFIG).read_text())
+    del told["training"]  # as the first revision wrote it
+    (first.folder / CONFIG).write_text(json.dumps(told))
+    assert trained(echo, tmp_path, "agile-mlp").metrics == first.metrics
+    monkeypatch.setattr("trainers.training.TRAINING", 2)
+    with pytest.raises(UnusableInput, match=r"by other code \(revision 1, this is 2\); choose"):
+        trained(echo, tmp_path, "agile-mlp")
+
+
+@pytest.mark.parametrize("arch", ARCHITECTURES)
+def test_fits_end_where_this_revision_ends(arch: str, echo: EpisodeSet, tmp_path: Path) -> None:
+    """To 0.1 %: machines differ by less, every change of what is fitted by more."""
+    settings = dataclasses.replace(SHORT, epochs=2)
+    run = trained(echo, tmp_path, arch, settings, hyper=None)
+    assert run.metrics.history[-1] == pytest.approx(ENDS[TRAINING][arch], rel=1e-3)
 
 
 def test_a_run_folder_holds_safetensors_and_json_only(echo: EpisodeSet, tmp_path: Path) -> None:

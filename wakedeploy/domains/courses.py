@@ -21,8 +21,6 @@ import numpy as np
 
 from wakedeploy.domains.flaredw import Flight
 
-REVISION = 2  # of the rule; goes up when the same files would be split otherwise
-
 _ROUND = ("train", "test", "validation", "train", "train")
 _SAME_M = 1e-3  # by which plans of one course may differ
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic import JsonValue
 
 import wakedeploy
-from wakedeploy.domains.courses import REVISION, courses_of, split_courses
+from wakedeploy.domains.courses import courses_of, split_courses
 from wakedeploy.domains.flaredw import (
     LABEL_GRAVITY_MPS2,
     MASS_KG,
@@ -88,7 +88,6 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "manoeuvre": manoeuvres,
             "groups": groups,
             "recordings": _recordings(courses, split),
-            "split_rule": REVISION,
             "own_motion": [*OWN_MOTION],
         },
     )

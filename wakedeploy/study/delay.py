@@ -142,10 +142,10 @@ def cases(*, quick: bool) -> list[Case]:
     speed_mps, lag_s = float(np.asarray(World().speed_mps)), source_lag_s(default_rig())
     found = []
     for separation_m in _chosen(SEPARATIONS_M, quick):
-        domain = _domain(f"downwash-{separation_m:g}m", _Downwash(separation_m))
+        domain = _domain("downwash", f"{separation_m:g}m", _Downwash(separation_m))
         found.append(Case(domain, f"{separation_m:g} m apart", speed_mps))
     for speed in _chosen(WAKE_SPEEDS_MPS, quick):
-        domain = _domain(f"gantry-{speed:g}mps", _Gantry(speed))
+        domain = _domain("gantry", f"{speed:g}mps", _Gantry(speed))
         found.append(Case(domain, f"wake at {speed:g} m/s", speed, lag_s))
     return found
 
@@ -283,5 +283,13 @@ def _chosen(values: tuple[float, ...], quick: bool) -> tuple[float, ...]:
     return values[1::2] if quick else values
 
 
-def _domain(name: str, make: Any) -> Domain:
-    return Domain(name, "force_z_n", MINUTES, QUICK_MINUTES, make=make)
+def _domain(of: str, setting: str, make: Any) -> Domain:
+    return Domain(
+        f"{of}-{setting}",
+        "force_z_n",
+        MINUTES,
+        QUICK_MINUTES,
+        make=make,
+        module=f"wakedeploy.domains.{of}",
+        settings=f"{make} {_DEEPER_M}",
+    )

@@ -3,27 +3,33 @@
 In: a folder, and where the public recordings lie. Out: one set per domain.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+from pydantic import JsonValue
 
 import wakedeploy
 from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.rig import default_rig
+from wakedeploy.study.code import code_sha256
 
 OnStep = Callable[[int, int], None]
 Make = Callable[[float, OnStep], EpisodeSet]
 Import = Callable[[Path, OnStep], EpisodeSet]
 
 SEED = 0
+_MADE_BY = "made_by"  # in the provenance
 
 
 @dataclass(frozen=True)
 class Domain:
     """Where a domain's episodes come from: a simulation of some minutes, or a recording's folder.
 
-    `main` is the force channel that figures show.
+    `main` is the force channel that figures show. `module` makes or reads the set; `settings` is
+    what `make` hands it beside minutes and seed. `pattern` finds one file of each recording.
     """
 
     name: str
@@ -32,7 +38,10 @@ class Domain:
     quick_minutes: float = 0.0
     make: Make | None = None
     recordings: str = ""
+    pattern: str = ""
     read: Import | None = None
+    module: str = ""
+    settings: str = ""
 
 
 def _gantry(minutes: float, progress: OnStep) -> EpisodeSet:
@@ -71,15 +80,24 @@ def _crazyflie(path: Path, progress: OnStep) -> EpisodeSet:
     return import_set(path, progress)
 
 
+def _recorded(name: str, main: str, pattern: str, read: Import) -> Domain:
+    module = f"wakedeploy.domains.{name}"
+    return Domain(name, main, recordings=name, pattern=pattern, read=read, module=module)
+
+
+def _simulated(name: str, main: str, minutes: float, quick_minutes: float, make: Make) -> Domain:
+    return Domain(name, main, minutes, quick_minutes, make, module=f"wakedeploy.domains.{name}")
+
+
 DOMAINS = {
     domain.name: domain
     for domain in (
-        Domain("quadrotor", "force_z_n", recordings="quadrotor", read=_quadrotor),
-        Domain("ship", "sway_n", 120.0, 20.0, make=_ship),
-        Domain("fish", "flag_tip_m", recordings="fish", read=_fish),
-        Domain("downwash", "force_z_n", 20.0, 2.0, make=_downwash),
-        Domain("gantry", "force_z_n", 30.0, 2.0, make=_gantry),
-        Domain("crazyflie", "force_z_n", recordings="crazyflie", read=_crazyflie),
+        _recorded("quadrotor", "force_z_n", "*.npz", _quadrotor),
+        _simulated("ship", "sway_n", 120.0, 20.0, _ship),
+        _recorded("fish", "flag_tip_m", "*_Foil.mat", _fish),
+        _simulated("downwash", "force_z_n", 20.0, 2.0, _downwash),
+        _simulated("gantry", "force_z_n", 30.0, 2.0, _gantry),
+        _recorded("crazyflie", "force_z_n", "swap_*.npz", _crazyflie),
     )
 }
 
@@ -91,7 +109,7 @@ def obtain(
 
     None for recordings that are not below `recordings`. The simulated sets of a quick look lie
     apart from the full ones. Raises UnusableInput for a set that was made of other recordings, by
-    another version or for another time.
+    other code, of other constants or for another time.
     """
     place = folder / (f"{domain.name}-quick" if quick and domain.make else domain.name)
     minutes = domain.quick_minutes if quick else domain.minutes
@@ -106,14 +124,28 @@ def obtain(
         if path is None or not path.is_dir() or domain.read is None:
             return None
         made = domain.read(path, progress)
+    made = replace(made, provenance={**made.provenance, _MADE_BY: _made_by(domain, made)})
     made.write(place)
     return made
+
+
+def _made_by(domain: Domain, made: EpisodeSet) -> str:
+    """A hash over what determines the set beside minutes and recordings: code and constants."""
+    if not domain.module:
+        return ""
+    told = [code_sha256(domain.module), str(SEED), domain.settings]
+    if "rig_sha256" in made.provenance:
+        told.append(default_rig().sha256)
+    return sha256_of("\n".join(told).encode())
 
 
 def _require_same(
     place: Path, found: EpisodeSet, domain: Domain, minutes: float, path: Path | None
 ) -> None:
-    """What lies there has to be what would be made or imported now."""
+    """What lies there has to be what would be made or imported now.
+
+    A set that does not say what generated it was put there by hand, and is taken as it is.
+    """
     told = found.provenance
     advice = f"delete {place}, or choose another --out"
     version = wakedeploy.__version__
@@ -121,17 +153,29 @@ def _require_same(
         raise UnusableInput(
             f"{place} was made by {told['generator']}, this is {version}; {advice}."
         )
-    if domain.make is not None:
-        if told.get("minutes", minutes) != minutes:
-            raise UnusableInput(f"{place} has {told['minutes']} minutes, not {minutes}; {advice}.")
-        return
+    if domain.make is not None and told.get("minutes", minutes) != minutes:
+        raise UnusableInput(f"{place} has {told['minutes']} minutes, not {minutes}; {advice}.")
+    if "generator" in told and told.get(_MADE_BY) != _made_by(domain, found):
+        raise UnusableInput(
+            f"{place} was made by other code or of other constants than are here now; {advice}."
+        )
     files = told.get("files")
-    if path is None or not path.is_dir() or not isinstance(files, dict):
-        return  # the recordings are not at hand: what was imported has to do
+    if path is not None and path.is_dir() and isinstance(files, dict):
+        _require_recordings(place, files, path, domain.pattern, advice)
+
+
+def _require_recordings(
+    place: Path, files: Mapping[str, JsonValue], path: Path, pattern: str, advice: str
+) -> None:
+    """The recordings below `path` have to be those that were imported, no more and no fewer."""
     for name, sha256 in files.items():
         there = next((p for p in path.rglob(Path(name).name) if str(p).endswith(name)), None)
         if there is None or sha256_of(there.read_bytes()) != sha256:
             raise UnusableInput(f"{place} was imported from another {name}; {advice}.")
+    for new in sorted(path.rglob(pattern)) if pattern else ():
+        known = any(str(new).endswith(name) for name in files)
+        if not known and not new.name.startswith("."):
+            raise UnusableInput(f"{place} was imported without {new.name}; {advice}.")
 
 
 def chosen(names: str) -> list[Domain]:

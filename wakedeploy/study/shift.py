@@ -7,7 +7,7 @@ what it costs to vary it.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +15,10 @@ import numpy as np
 from scipy.stats import kendalltau
 
 from wakedeploy.domains.downwash import make_set, shifted
-from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
+from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.closed_loop import FIRST_SEED, LIMITS, Always, Tracked, recovered, track
 from wakedeploy.study.domains import MEMORYLESS
-from wakedeploy.study.sets import DOMAINS, SEED, OnStep
+from wakedeploy.study.sets import DOMAINS, SEED, OnStep, obtain
 
 TRAINED = 0.10
 FLOWN = (0.10, 0.50, 0.75)
@@ -52,13 +52,19 @@ class Shifted:
 
 
 def spread_set(folder: Path, *, quick: bool, progress: OnStep) -> EpisodeSet:
-    """Flights in physics that vary by ±10 %, made once and kept in `folder`."""
-    place = folder / f"downwash-{100 * TRAINED:.0f}-per-cent{'-quick' if quick else ''}"
-    if not (place / DESCRIPTION).exists():
-        domain = DOMAINS["downwash"]
-        minutes = domain.quick_minutes if quick else domain.minutes
-        make_set(minutes=minutes, seed=SEED, spread=TRAINED, progress=progress).write(place)
-    return read_episode_set(place)
+    """Flights in physics that vary by ±10 %, made once and kept in `folder`.
+
+    Raises UnusableInput for a set there that would now be another.
+    """
+    name = f"downwash-{100 * TRAINED:.0f}-per-cent"
+    domain = replace(DOMAINS["downwash"], name=name, make=_varied, settings=str(TRAINED))
+    made = obtain(domain, folder, None, quick=quick, progress=progress)
+    assert made is not None  # it has a `make`
+    return made
+
+
+def _varied(minutes: float, progress: OnStep) -> EpisodeSet:
+    return make_set(minutes=minutes, seed=SEED, spread=TRAINED, progress=progress)
 
 
 def fly_shifted(
