@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.domains.ship import OBSERVATION, RATE_HZ, _drawn, _Job, _sail, _steps
+from wakedeploy.domains.ship import OBSERVATION, OWN_MOTION, RATE_HZ, _drawn, _Job, _sail, _steps
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.physics.ships.hull import WATER_KGPM3, Hull
 from wakedeploy.physics.ships.manoeuvring import Ship, State
@@ -76,6 +76,39 @@ def test_a_push_begins_to_move_a_ship_with_its_added_mass() -> None:
     assert 1.5 * displaced_kg < mass_kg < 2.1 * displaced_kg
 
 
+def sailed_under(loads: np.ndarray) -> dict[str, np.ndarray]:
+    """What is observed (n,) of a ship that known forces [N] and moments [N·m] (n, 2) push about."""
+    ship = Ship(Hull(), State(0.0, 0.0, 4.0), 4.0)
+    rows = []
+    for k, (sway_n, yaw_nm) in enumerate(loads):
+        s = ship.state
+        rows.append((150.0 - 1.0 * k - s.x_m, 25.0 - s.aside_m, 2.0 - s.speed_mps, -s.aside_mps,
+                     s.speed_mps, s.heading_rad, s.aside_m, 1.5))  # fmt: skip
+        ship.step(0.0, sway_n, yaw_nm, 1.0 / RATE_HZ)
+    return dict(zip(COLUMN, np.array(rows).T, strict=True))
+
+
+def share_told(loads: np.ndarray, seen: list[np.ndarray]) -> np.ndarray:
+    """R² (2,) of a linear map from the last six samples of some channels, fitted to one half."""
+    columns = [np.roll(channel, back) for channel in seen for back in range(6)]
+    known = np.column_stack([np.ones(len(loads)), *columns])[6:]
+    known /= np.abs(known).max(0)
+    half, wanted = len(known) // 2, loads[6:]
+    fitted = known[half:] @ np.linalg.lstsq(known[:half], wanted[:half], rcond=None)[0]
+    return 1.0 - ((wanted[half:] - fitted) ** 2).mean(0) / wanted[half:].var(0)
+
+
+def test_own_motion_tells_the_force_and_what_is_left_does_not() -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.normal(size=(2, 3040))
+    smooth = np.array([np.convolve(row, np.hanning(41), "valid") for row in noise]).T
+    loads = smooth / smooth.std(0) * [1e5, 3e6]
+    seen = sailed_under(loads)
+    assert share_told(loads, [seen[name] for name in OWN_MOTION]).min() > 0.95
+    left = [channel for name, channel in seen.items() if name not in OWN_MOTION]
+    assert share_told(loads, left).max() < 0.1
+
+
 def test_the_command_writes_a_set(tmp_path) -> None:
     out = tmp_path / "ship"
     told = CliRunner().invoke(main, ["data", "make", "ship", "--out", str(out), "--minutes", "1",
@@ -85,4 +118,5 @@ def test_the_command_writes_a_set(tmp_path) -> None:
     assert made.domain == "ship"
     assert set(made.split.values()) == {"train", "validation", "test"}
     assert made.provenance["level"] == "vortex"
+    assert made.provenance["own_motion"] == [*OWN_MOTION]
     assert made.provenance["groups"] == {name: name for name in made.split}

@@ -122,18 +122,29 @@ def test_what_a_hull_has_shed_stays_in_the_water_as_strong_as_it_was(speeds) -> 
     assert largest > 0.05
 
 
-def test_the_present_alone_does_not_tell_the_force() -> None:
-    """Two ships that are where two others are now, but came there along another way."""
-    forces = []
-    for swerve_m in (0.0, 12.0):
-        ships = VortexShips(Waterway())
-        for k in range(121):
-            left_s = 60.0 - 0.5 * k
-            x_m = np.array([-3.0 * left_s, -20.0 - 5.0 * left_s])
-            aside_m = np.array([25.0 + swerve_m * np.sin(0.1 * left_s) ** 2, 0.0])
-            loads = ships.step(x_m, aside_m, np.array([3.0, 5.0]), 0.5)
-        forces.append(loads.sway_n[0])
-    assert abs(forces[1] - forces[0]) > 0.01 * abs(forces[0])
+def overtaking(swerve_m: float, ahead_m: float) -> float:
+    """Sway force on a ship that overtakes one which had swerved, but has not for ten seconds."""
+    ships = VortexShips(Waterway())
+    for k in range(161):
+        left_s = 80.0 - 0.5 * k
+        swerving = 10.0 < left_s < 30.0
+        aside_m = swerve_m * np.sin(np.pi * (left_s - 10.0) / 20.0) ** 2 if swerving else 0.0
+        x_m = np.array([-5.0 * left_s, ahead_m - 3.0 * left_s])
+        loads = ships.step(x_m, np.array([25.0, aside_m]), np.array([5.0, 3.0]), 0.5)
+    return float(loads.sway_n[0])
+
+
+def test_ten_seconds_of_both_ships_motion_do_not_tell_the_force() -> None:
+    """The wake that a ship left farther back acts on the one that comes up beside it.
+
+    Places, speeds and accelerations of both are the same for ten seconds: no differentiation of
+    them tells the two pasts apart.
+    """
+    largest_n = max(abs(overtaking(0.0, ahead_m)) for ahead_m in (-40.0, 0.0, 40.0))
+    apart_n = abs(overtaking(12.0, 60.0) - overtaking(-12.0, 60.0))
+    assert apart_n > 0.05 * largest_n
+    # It is the wake that does it: far behind it, nothing is left of the difference.
+    assert abs(overtaking(12.0, 300.0) - overtaking(-12.0, 300.0)) < 0.005 * largest_n
 
 
 def test_forces_vanish_far_apart_and_for_a_ship_alone_in_the_middle() -> None:
