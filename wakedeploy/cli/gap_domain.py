@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.recordings import recordings_folder
 
 
 @click.command("domain")
@@ -36,7 +37,8 @@ def domain(
 ) -> None:
     """Find, name and show what a domain's baseline lacks; PATH holds its recordings.
 
-    downwash flies its own simulation and takes no PATH.
+    Without PATH they are looked for in $WAKEDEPLOY_DATA/NAME. downwash flies its own simulation and
+    takes none.
 
     \b
     Example:
@@ -46,6 +48,9 @@ def domain(
     from wakedeploy.gap.domains import further, open_domain
     from wakedeploy.gap.domains.closing import close
 
+    if path is None and name != "downwash":
+        folder = recordings_folder(None)
+        path = None if folder is None else folder / name
     model = open_domain(name, path)
     with progress(f"Closing the gap: {name}", 1) as bar:
 

@@ -1,6 +1,5 @@
 """What all studies ask for: which models, how many seeds, where the recordings are."""
 
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import progress
+from wakedeploy.cli.recordings import VARIABLE, recordings_folder
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def recordings_option(*names: str) -> Decorator:
     return click.option(
         "--recordings",
         type=click.Path(file_okay=False, path_type=Path),
-        help=f"Folder with {', '.join(names)} in it. Default: $WAKEDEPLOY_DATA.",
+        help=f"Folder with {', '.join(names)} in it. Default: ${VARIABLE}.",
     )
 
 
@@ -98,12 +98,10 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
     """The chosen domains' sets, as far as their recordings are there; says what is left out."""
     from wakedeploy.study.sets import chosen, obtain
 
-    if recordings is None and "WAKEDEPLOY_DATA" in os.environ:
-        recordings = Path(os.environ["WAKEDEPLOY_DATA"])
-    if recordings is not None and not recordings.is_dir():
-        raise UnusableInput(f"{recordings} is no folder; give --recordings one that is there.")
-    sets = {}
     domains = chosen(names)
+    if any(domain.recordings for domain in domains):
+        recordings = recordings_folder(recordings)
+    sets = {}
     for domain in domains:
         with progress(f"{domain.name}: episodes", 1) as bar:
             made = obtain(

@@ -44,7 +44,9 @@ class Account:
 def required(path: Path | None, domain: str) -> Path:
     """The path, or UnusableInput for none."""
     if path is None:
-        raise UnusableInput(f"{domain}: no path given; give the folder of its recordings.")
+        raise UnusableInput(
+            f"{domain}: no path given; give the folder of its recordings, or set WAKEDEPLOY_DATA."
+        )
     return path
 
 
