@@ -20,6 +20,8 @@ _JSON = click.option(
     "--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON."
 )
 
+_COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells
+
 
 @click.group()
 def command() -> None:
@@ -229,7 +231,7 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
     title = (
         f"{folder}: {described.domain}, {described.rate_hz:g} Hz, window {described.window_s:g} s"
     )
-    shown = ["split", *(n for n in ("files", "independent", "episodes") if n in splits[0])]
+    shown = ["split", *(n for n in (*_COUNTED, "episodes") if n in splits[0])]
     cells = [[*(str(s[n]) for n in shown), f"{s['seconds']:.1f}"] for s in splits]
     print_table(title, [*shown, "seconds"], cells)
     numbers = ("min", "mean", "sd", "max")
@@ -249,11 +251,12 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
     from wakedeploy.episodes import SPLITS
 
     parts = {split: described.part(split) for split in SPLITS}
-    recordings: Any = described.provenance.get("recordings", {})
+    told = described.provenance.get("recordings")
+    recordings: dict[str, Any] = told if isinstance(told, dict) else {}
     return [
         {
             "split": split,
-            **recordings.get(split, {}),
+            **{name: recordings[split][name] for name in _COUNTED if split in recordings},
             "episodes": len(part),
             "seconds": sum(map(len, part)) / described.rate_hz,
         }
