@@ -2,8 +2,11 @@
 
 import importlib.util
 import itertools
+import os
 import re
 import shlex
+import subprocess
+import tomllib
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -252,7 +255,50 @@ def test_nothing_turns_before_what_needs_no_motor_and_paths_are_one() -> None:
         asked = re.findall(rf"{option} (\S+)", flown)
         assert asked == re.findall(rf"{option} (\S+)", service)
     assert service.startswith("/opt/wakedeploy/bin/wakedeploy ")
-    assert "/opt/wakedeploy/bin/pip install '.[rig]'" in PAGE
+
+
+# The far end of a line of ssh, played by a shell with another home.
+SSH = '#!/bin/sh\ncd "$(dirname "$0")/../home" && exec sh -c "$2"\n'
+OF_THE_REPOSITORY = re.compile(r"[\w@-]+([./][\w@.-]+)+")
+
+
+def on_the_pi() -> list[list[str]]:
+    """The words of each line that sets the Pi up: the page's, and those of the files to install."""
+    (page,) = re.findall(r"Then on the Pi:\n\n```\n(.*?)```", PAGE, re.DOTALL)
+    comments = [
+        line.removeprefix("#   ")
+        for file in sorted((ROOT / "deployment").glob("*wakedeploy*"))
+        for line in file.read_text("utf-8").splitlines()
+        if line.startswith("#   ")
+    ]
+    return [shlex.split(line) for line in [*page.splitlines(), *comments]]
+
+
+def test_what_the_laptop_sends_holds_all_that_is_installed_on_the_pi(tmp_path: Path) -> None:
+    (sending,) = re.findall(r"^git archive .*$", PAGE, re.MULTILINE)
+    ssh, home = tmp_path / "bin" / "ssh", tmp_path / "home"
+    home.mkdir()
+    ssh.parent.mkdir()
+    ssh.write_text(SSH)
+    ssh.chmod(0o755)
+    environment = os.environ | {"PATH": f"{ssh.parent}:{os.environ['PATH']}"}
+    subprocess.run(sending, shell=True, cwd=ROOT, env=environment, check=True)
+    lines = on_the_pi()
+    assert lines[0][0] == "cd"
+    checkout = home / lines[0][1].removeprefix("~/")
+    wanted = {word for line in lines for word in line if OF_THE_REPOSITORY.fullmatch(word)}
+    installed = {"deployment/60-wakedeploy.rules", "deployment/wakedeploy-gantry@.service"}
+    assert wanted >= installed | {"constraints.txt"}
+    assert {name for name in wanted if not (checkout / name).is_file()} == set()
+
+
+def test_the_pi_installs_this_project_with_an_extra_that_it_has() -> None:
+    (line,) = [line for line in on_the_pi() if "/opt/wakedeploy/bin/pip" in line]
+    extra = re.fullmatch(r"\.\[(\w+)\]", line[-1])
+    assert extra is not None
+    assert extra[1] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"][
+        "optional-dependencies"
+    ]  # fmt: skip
 
 
 def test_every_ending_is_explained() -> None:
