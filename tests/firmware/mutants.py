@@ -1,9 +1,11 @@
 """Changes the firmware's decisions one token at a time and asks the tests whether they notice.
 
-    python tests/firmware/mutants.py [--every N] [--start N] [--json FILE]
+    python tests/firmware/mutants.py [--every N] [--start N] [--listed] [--json docs/mutants.json]
 
-Prints the mutants that survive. Those in `EQUIVALENT` behave as the original does.
-Exits 1 when fewer than nine in ten of the others are killed.
+Prints the mutants that survive. Those in `EQUIVALENT` behave as the original does: each has to
+survive and does not count. Exits 1 when fewer than nine in ten of the others are noticed or when a
+listed one is, 2 when nothing can be judged. `--listed` tries the list alone, as is due after a
+change of the sketch.
 """
 
 import argparse
@@ -14,14 +16,15 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
 from runtime.virtual.firmware_build import DECISIONS, SKETCH, UNDEFINED_TRAPS  # noqa: E402
+from wakedeploy.commit import frozen_at  # noqa: E402
 
 HERE = Path(__file__).parent
 LEAST_SHARE = 0.9
@@ -56,43 +59,106 @@ NUMBER = re.compile(r"(?<![\w.])(0x[0-9A-Fa-f]+|\d+)(?=UL\b|\b)")
 DECLARATION = "return|const|int|uint|bool|Reader|Body|Frame|Limits|Status"
 STATEMENT = re.compile(rf"^\s+(?!{DECLARATION})[\w.\[\]]+(\(.*\)| [-+^]?= .*);$")
 
-# Changes that cannot be seen from outside, and why. A key ends where several changes share it.
-EQUIVALENT = {
-    "deadman.cpp: if (expected_in_quarters_ <= 0) { -> if (expected_in_quarters_ < 0) {": (
-        "the count is odd at every tick"
-    ),
-    "deadman.cpp: } else if (quiet_ticks_ < HUNG_AFTER_TICKS) { -> } else if (quiet_ticks_ <=": (
-        "one more tick beyond the end is no other"
-    ),
-    "deadman.h: uint32_t silent_ticks_ = 0; ->": "starting a flight sets it",
-    "deadman.h: int16_t expected_in_quarters_ = 0; ->": "starting a flight sets it",
-    "deadman.h: uint16_t missed_ = 0; -> uint16_t missed_ = 1;": "starting a flight sets it",
-    "deadman.h: void turned() { has_turned_ = 1; } -> void turned() { has_turned_ = 2; }": (
-        "any number but zero says so"
-    ),
-    "mcu.h: bool armed_ = false; ->": "the constructor disarms",
-    "mcu.h: bool ramping_ = false; ->": "the first command clears it, and nothing moves before",
-    "mcu.cpp: stepper_.aim(0); -> stepper_.aim(1);": "a 65,536th of a step in a second",
-    "stepper.cpp: speed_q16_ = 0; -> speed_q16_ = 1;": "a 65,536th of a step in a second",
-    "stepper.cpp: target_q16_ = 0; -> target_q16_ = 1;": "a 65,536th of a step in a second",
-    "stepper.h: int32_t target_q16_ = 0; ->": "the constructor disarms, which stops the carriage",
-    "stepper.h: int32_t speed_q16_ = 0; ->": "the constructor disarms, which stops the carriage",
-    "tick_limits.cpp: const uint32_t FASTEST_SLEW_US_PER_S = 2500UL * TICKS_PER_S; -> "
-    "const uint32_t FASTEST_SLEW_US_PER_S = 2501UL": "either covers the whole range in a tick",
-    "tick_limits.cpp: uint32_t smaller(uint32_t one, uint32_t other) { return one < other ? one : "
-    "other; } -> uint32_t smaller(uint32_t one, uint32_t other) { return one <=": "equal is equal",
-    "tick_limits.cpp: return value > high ? high : value; -> return value >=": "equal is equal",
-    "tick_limits.cpp: if (value < low) { -> if (value <= low) {": "equal is equal",
-    "frames.cpp: const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES - 2; -> "
-    "const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES + 2": "a larger buffer",
-    "frames.h: const uint8_t STATUS_FRAME_BYTES = 35; ->": "a larger buffer",
-    "frames.cpp: return 0; -> return 1;": "too short for a frame, too",
-    "frames.cpp: oversized_ = true; ->": "what fits of an oversized frame is no frame either",
-    "frames.cpp: if (length < HEADER_BYTES + CRC_BYTES) { ->": (
-        "a body so short has no payload of any type's length"
-    ),
-    "frames.h: const uint8_t MAX_FRAME_BYTES = 64; ->": "the longest valid frame has 28 bytes",
-    "frames.h: uint8_t pending_[MAX_FRAME_BYTES - 1]; ->": "the longest valid frame has 28 bytes",
+# Changes that cannot be seen from outside, and why: file, line before, line after.
+Change = tuple[str, str, str]
+EQUIVALENT: dict[Change, str] = {
+    (
+        "deadman.cpp",
+        "if (expected_in_quarters_ <= 0) {",
+        "if (expected_in_quarters_ < 0) {",
+    ): "the count is odd at every tick",
+    (
+        "deadman.cpp",
+        "} else if (quiet_ticks_ < HUNG_AFTER_TICKS) {",
+        "} else if (quiet_ticks_ <= HUNG_AFTER_TICKS) {",
+    ): "one more tick beyond the end is no other",
+    (
+        "deadman.h",
+        "uint32_t silent_ticks_ = 0;",
+        "uint32_t silent_ticks_ = 1;",
+    ): "starting a flight sets it",
+    (
+        "deadman.h",
+        "int16_t expected_in_quarters_ = 0;",
+        "int16_t expected_in_quarters_ = 1;",
+    ): "starting a flight sets it",
+    (
+        "deadman.h",
+        "void turned() { has_turned_ = 1; }",
+        "void turned() { has_turned_ = 2; }",
+    ): "any number but zero says so",
+    ("mcu.h", "bool armed_ = false;", "bool armed_ = true;"): "the constructor disarms",
+    (
+        "mcu.h",
+        "bool ramping_ = false;",
+        "bool ramping_ = true;",
+    ): "the first command clears it, and nothing moves before",
+    ("mcu.cpp", "stepper_.aim(0);", "stepper_.aim(1);"): "a 65,536th of a step in a second",
+    ("stepper.cpp", "speed_q16_ = 0;", "speed_q16_ = 1;"): "a 65,536th of a step in a second",
+    ("stepper.cpp", "target_q16_ = 0;", "target_q16_ = 1;"): "a 65,536th of a step in a second",
+    (
+        "stepper.h",
+        "int32_t target_q16_ = 0;",
+        "int32_t target_q16_ = 1;",
+    ): "the constructor disarms, which stops the carriage",
+    (
+        "stepper.h",
+        "int32_t speed_q16_ = 0;",
+        "int32_t speed_q16_ = 1;",
+    ): "the constructor disarms, which stops the carriage",
+    (
+        "tick_limits.cpp",
+        "const uint32_t FASTEST_SLEW_US_PER_S = 2500UL * TICKS_PER_S;",
+        "const uint32_t FASTEST_SLEW_US_PER_S = 2501UL * TICKS_PER_S;",
+    ): "either covers the whole range in a tick",
+    (
+        "tick_limits.cpp",
+        "uint32_t smaller(uint32_t one, uint32_t other) { return one < other ? one : other; }",
+        "uint32_t smaller(uint32_t one, uint32_t other) { return one <= other ? one : other; }",
+    ): "equal is equal",
+    (
+        "tick_limits.cpp",
+        "return value > high ? high : value;",
+        "return value >= high ? high : value;",
+    ): "equal is equal",
+    ("tick_limits.cpp", "if (value < low) {", "if (value <= low) {"): "equal is equal",
+    (
+        "frames.cpp",
+        "const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES - 2;",
+        "const uint8_t MAX_BODY_BYTES = STATUS_FRAME_BYTES + 2;",
+    ): "a larger buffer",
+    (
+        "frames.h",
+        "const uint8_t STATUS_FRAME_BYTES = 35;",
+        "const uint8_t STATUS_FRAME_BYTES = 36;",
+    ): "a larger buffer",
+    ("frames.cpp", "return 0;", "return 1;"): "too short for a frame, too",
+    (
+        "frames.cpp",
+        "oversized_ = true;",
+        "oversized_ = false;",
+    ): "what fits of an oversized frame is no frame either",
+    ("frames.cpp", "oversized_ = true;", ";"): "what fits of an oversized frame is no frame either",
+    (
+        "frames.cpp",
+        "if (length < HEADER_BYTES + CRC_BYTES) {",
+        "if (length < HEADER_BYTES - CRC_BYTES) {",
+    ): "a body so short has no payload of any type's length",
+    (
+        "frames.h",
+        "const uint8_t MAX_FRAME_BYTES = 64;",
+        "const uint8_t MAX_FRAME_BYTES = 65;",
+    ): "the longest valid frame has 28 bytes",
+    (
+        "frames.h",
+        "uint8_t pending_[MAX_FRAME_BYTES - 1];",
+        "uint8_t pending_[MAX_FRAME_BYTES + 1];",
+    ): "the longest valid frame has 28 bytes",
+    (
+        "frames.h",
+        "uint8_t pending_[MAX_FRAME_BYTES - 1];",
+        "uint8_t pending_[MAX_FRAME_BYTES - 2];",
+    ): "the longest valid frame has 28 bytes",
 }
 
 
@@ -106,8 +172,11 @@ class Mutant:
     after: str
 
     @property
-    def name(self) -> str:
-        return f"{self.file}: {self.before.strip()} -> {self.after.strip()}"
+    def change(self) -> Change:
+        return self.file, self.before.strip(), self.after.strip()
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}: {self.before.strip()} -> {self.after.strip()}"
 
 
 def mutants() -> Iterator[Mutant]:
@@ -133,14 +202,18 @@ def changed(code: str) -> Iterator[str]:
         yield ";"
 
 
-def fate(mutant: Mutant, folder: Path) -> str:
-    """'killed', 'survived', or 'no program' when it does not compile."""
+def fate(mutant: Mutant | None, folder: Path) -> str:
+    """'killed', 'timed out', 'survived', or 'no program' when it does not compile.
+
+    None is the firmware as it is. RuntimeError when the tests did not run.
+    """
     sketch = folder / "sketch"
     shutil.rmtree(sketch, ignore_errors=True)
     shutil.copytree(SKETCH, sketch)
-    lines = (sketch / mutant.file).read_text().splitlines()
-    lines[mutant.line - 1] = mutant.after
-    (sketch / mutant.file).write_text("\n".join(lines) + "\n")
+    if mutant is not None:
+        lines = (sketch / mutant.file).read_text().splitlines()
+        lines[mutant.line - 1] = mutant.after
+        (sketch / mutant.file).write_text("\n".join(lines) + "\n")
     library = folder / "decisions.so"
     sources = [sketch / f"{name}.cpp" for name in DECISIONS]
     flags = ["-std=c++11", "-fno-exceptions", "-fno-rtti", "-w", "-O1", *UNDEFINED_TRAPS]
@@ -151,38 +224,84 @@ def fate(mutant: Mutant, folder: Path) -> str:
     if compiled.returncode != 0:
         return "no program"
     environment = os.environ | {"WAKEDEPLOY_DECISIONS": str(library), "PYTHONPATH": str(ROOT)}
-    tests = TESTS[::-1] if mutant.file.startswith("frames") else TESTS  # the likelier ones first
+    frames_first = mutant is not None and mutant.file.startswith("frames")
+    tests = TESTS[::-1] if frames_first else TESTS  # the likelier ones first
     pytest_alone = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider"]
     try:
         ended = subprocess.run(
             [*pytest_alone, *(HERE / name for name in tests)],
-            cwd=ROOT, env=environment, capture_output=True, timeout=LIMIT_S,
+            cwd=ROOT, env=environment, capture_output=True, text=True, timeout=LIMIT_S,
         )  # fmt: skip
     except subprocess.TimeoutExpired:
-        return "killed"
+        return "timed out"
+    if ended.returncode > 1:  # below 0: undefined behaviour has ended the tests
+        raise RuntimeError(f"pytest could not run the tests:\n{ended.stdout}{ended.stderr}")
     return "survived" if ended.returncode == 0 else "killed"
 
 
+def unmatched(every: Sequence[Mutant]) -> list[Change]:
+    """Entries of `EQUIVALENT` that change nothing, or more than one line."""
+    return [change for change in EQUIVALENT if sum(m.change == change for m in every) != 1]
+
+
+def judged(fates: Sequence[tuple[Mutant, str]]) -> dict[str, object]:
+    """The record of a run: how many were tried and noticed, and which of them say something."""
+    programs = [(mutant, end) for mutant, end in fates if end != "no program"]
+    real = [(mutant, end) for mutant, end in programs if mutant.change not in EQUIVALENT]
+    listed = [(mutant, end) for mutant, end in programs if mutant.change in EQUIVALENT]
+    noticed = sum(end != "survived" for _, end in real)
+    return {
+        "tried": len(real),
+        "noticed": noticed,
+        "share": noticed / len(real) if real else None,
+        "no_program": len(fates) - len(programs),
+        "timed_out": [str(mutant) for mutant, end in real if end == "timed out"],
+        "survived": [str(mutant) for mutant, end in real if end == "survived"],
+        "equivalent": {str(m): EQUIVALENT[m.change] for m, end in listed if end == "survived"},
+        "wrongly_listed": [str(mutant) for mutant, end in listed if end != "survived"],
+    }
+
+
+def tried(wanted: Sequence[Mutant]) -> list[tuple[Mutant, str]]:
+    """What becomes of each; SystemExit (2) when the firmware as it is does not pass."""
+    fates = []
+    with tempfile.TemporaryDirectory() as folder:
+        if (end := fate(None, Path(folder))) != "survived":
+            print(f"The firmware as it is does not pass these tests ({end}).", file=sys.stderr)
+            sys.exit(2)
+        for mutant in wanted:
+            end = fate(mutant, Path(folder))
+            fates.append((mutant, end))
+            if end in ("survived", "timed out") and mutant.change not in EQUIVALENT:
+                print(f"{end}: {mutant}", flush=True)
+    return fates
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--every", type=int, default=1, help="try every Nth mutant only")
     parser.add_argument("--start", type=int, default=0, help="begin with this one")
-    parser.add_argument("--json", type=Path, help="write what became of each here")
+    parser.add_argument("--listed", action="store_true", help="try those in EQUIVALENT only")
+    parser.add_argument("--json", type=Path, help="write the record here")
     asked = parser.parse_args()
-    fates: list[tuple[Mutant, str]] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for mutant in list(mutants())[asked.start :: asked.every]:
-            fates.append((mutant, fate(mutant, Path(folder))))
-            if fates[-1][1] == "survived":
-                print(f"survived: {mutant.file}:{mutant.line}: {mutant.name}", flush=True)
-    real = [(mutant, end) for mutant, end in fates
-            if end != "no program" and not mutant.name.startswith(tuple(EQUIVALENT))]  # fmt: skip
-    killed = sum(end == "killed" for _, end in real)
-    print(f"{killed} of {len(real)} mutants killed ({killed / len(real):.1%})")
+    every = list(mutants())
+    for change in (gone := unmatched(every)):
+        print(f"in EQUIVALENT, and no such mutant or several: {change}", file=sys.stderr)
+    if gone:
+        sys.exit(2)
+    wanted = [m for m in every if m.change in EQUIVALENT] if asked.listed else every
+    record = judged(tried(wanted[asked.start :: asked.every]))
+    print(
+        f"{record['noticed']} of {record['tried']} mutants noticed, {len(record['timed_out'])} of "
+        f"them by running out of time; {len(record['equivalent'])} are equivalent."
+    )
+    for mutant in record["wrongly_listed"]:
+        print(f"in EQUIVALENT, and noticed: {mutant}")
     if asked.json:
-        told = [asdict(mutant) | {"fate": end} for mutant, end in fates]
-        asked.json.write_text(json.dumps(told, indent=1) + "\n")
-    sys.exit(killed / len(real) < LEAST_SHARE)
+        of = {"commit": frozen_at(), "start": asked.start, "every": asked.every}
+        asked.json.write_text(json.dumps(of | record, indent=1) + "\n")
+    too_few = record["tried"] and record["share"] < LEAST_SHARE
+    sys.exit(1 if too_few or record["wrongly_listed"] else 0)
 
 
 if __name__ == "__main__":

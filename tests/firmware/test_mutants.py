@@ -1,0 +1,73 @@
+"""What the mutation run takes for noticed, and what it refuses to judge; not the run itself."""
+
+import sys
+from pathlib import Path
+
+import mutants
+import pytest
+from decisions_library import needs_compiler
+from mutants import EQUIVALENT, Mutant, fate, judged, unmatched
+
+ALL = list(mutants.mutants())
+LISTED = next(m for m in ALL if m.change in EQUIVALENT)
+OTHERS = [m for m in ALL if m.change not in EQUIVALENT][:4]
+
+
+def test_each_change_of_the_list_can_be_made_at_one_place() -> None:
+    assert unmatched(ALL) == []
+    twice = Mutant(LISTED.file, LISTED.line + 1, LISTED.before, LISTED.after)
+    assert unmatched([*ALL, twice]) == [LISTED.change]
+    assert unmatched([m for m in ALL if m != LISTED]) == [LISTED.change]
+
+
+def test_out_of_time_is_noticed_and_told_and_what_is_listed_does_not_count() -> None:
+    ends = ["killed", "timed out", "survived", "no program"]
+    record = judged([*zip(OTHERS, ends, strict=True), (LISTED, "survived")])
+    assert (record["noticed"], record["tried"], record["share"]) == (2, 3, 2 / 3)
+    assert record["timed_out"] == [str(OTHERS[1])]
+    assert record["survived"] == [str(OTHERS[2])]
+    assert record["no_program"] == 1
+    assert record["equivalent"] == {str(LISTED): EQUIVALENT[LISTED.change]}
+    assert record["wrongly_listed"] == []
+
+
+@pytest.mark.parametrize("end", ["killed", "timed out"])
+def test_a_listed_change_that_is_noticed_is_an_error(end: str) -> None:
+    record = judged([(LISTED, end)])
+    assert record["wrongly_listed"] == [str(LISTED)]
+    assert record["equivalent"] == {}
+
+
+@pytest.fixture
+def judge(monkeypatch, tmp_path):
+    """Lets these lines be the tests."""
+
+    def write(lines: str) -> Path:
+        (tmp_path / "test_judge.py").write_text(lines)
+        monkeypatch.setattr(mutants, "TESTS", (str(tmp_path / "test_judge.py"),))
+        return tmp_path
+
+    return write
+
+
+@needs_compiler
+def test_a_suite_that_fails_anyhow_judges_nothing(judge, monkeypatch, tmp_path, capsys) -> None:
+    judge("def test_one(): assert False\n")
+    told = tmp_path / "record.json"
+    monkeypatch.setattr(sys, "argv", ["mutants.py", "--json", str(told)])
+    with pytest.raises(SystemExit) as ended:
+        mutants.main()
+    assert ended.value.code == 2
+    assert "as it is does not pass" in capsys.readouterr().err
+    assert not told.exists()
+
+
+@needs_compiler
+def test_what_runs_out_of_time_or_not_at_all_is_not_killed(judge, monkeypatch) -> None:
+    folder = judge("import time\ndef test_one(): time.sleep(60)\n")
+    monkeypatch.setattr(mutants, "LIMIT_S", 1)
+    assert fate(None, folder) == "timed out"
+    judge("import nothing_of_this_name\n")
+    monkeypatch.setattr(mutants, "LIMIT_S", 60)
+    with pytest.raises(RuntimeError, match="nothing_of_this_name"):
+        fate(None, folder)
