@@ -212,6 +212,7 @@ def test_a_constant_that_an_effect_replaces_is_refused(files, random_flight) -> 
         (("range", "--virtual", "--height-m", "0"), "two or more heights"),
         (("range", "--log", "x", "--height-m", "0", "--height-m", "0.4"), "2 logs are needed"),
         (("thrust", "--virtual", "--mass-kg", "0"), "3 different masses"),
+        (("thrust", "--virtual", *MASSES), "fly the first mass again at the end"),
         (("steps", "--virtual"), "--distance-m"),
         (("steps", "--log", "x"), "give --measured-m"),
         (("steps", "--virtual", "--distance-m", "3"), "limits.x_m"),

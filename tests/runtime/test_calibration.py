@@ -4,15 +4,19 @@ In simulated time, by the loop that flies the rig. A value has to lie within thr
 spreads, and within what is useful.
 """
 
+import contextlib
 import re
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from simulated_site import SimulatedSite
 
 from runtime.calibration import heights, latency, noise, spool, steps, thrust, zero
 from runtime.calibration.session import resting
 from runtime.reference import FlightPlan, hold_plan
+from wakedeploy.cli import main
+from wakedeploy.cli.calibrate_options import Request
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.gantry import INNER_RATE_HZ
@@ -218,6 +222,22 @@ def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
         thrust.estimate(logs[:3], CLIPS_KG[:3], RIG)
     three = thrust.estimate(measured[:3], CLIPS_KG[:3], RIG)
     assert "curve is that of 12.00 V" in " ".join(three.told)
+
+
+def test_without_a_voltage_the_first_flight_tells_that_its_mass_has_to_come_again(
+    tmp_path, monkeypatch
+):
+    site, rig = SimulatedSite(RIG), tmp_path / "rig.toml"
+    RIG.write(rig)
+    before = rig.read_text()
+    monkeypatch.setattr(Request, "site", lambda request, rig: contextlib.nullcontext(site))
+    masses = ("--mass-kg", "0", "--mass-kg", "0.1", "--mass-kg", "0.2")
+    command = ["calibrate", "thrust", "--rig", str(rig), "--port", "x", "--trust-curve", *masses]
+    refused = CliRunner().invoke(main, command, input="\n" * 4)
+    assert refused.exit_code == 1, refused.output
+    assert refused.output.count("Press Enter") == 1
+    assert "fly the first mass again at the end, as in --mass-kg 0" in refused.output
+    assert rig.read_text() == before
 
 
 def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():

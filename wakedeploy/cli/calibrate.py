@@ -1,8 +1,15 @@
 """`wakedeploy calibrate`: a rig's constants measured at the rig, with spread and date."""
 
+from typing import TYPE_CHECKING
+
 import click
 
 from wakedeploy.cli.calibrate_options import Request, curve_option, shared_options
+
+if TYPE_CHECKING:
+    from runtime.calibration.session import Site
+    from wakedeploy.rig import Rig
+    from wakedeploy.runlog import RunLog
 
 
 @click.group()
@@ -106,14 +113,15 @@ def latency(request: Request) -> None:
 
 @command.command()
 @click.option("--mass-kg", "clips_kg", type=float, multiple=True, required=True,
-              help="A known mass clipped onto the sufferer; three or more, 0 is none.")  # fmt: skip
+              help="A known mass clipped onto the sufferer; 0 is none.")  # fmt: skip
 @curve_option
 @shared_options
 def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> None:
     """The sufferer's thrust curve (thrust.sufferer.thrust_n), from hovering with known masses.
 
     A flight of half a minute for each mass, the source off; sufferer.mass_kg has to be right.
-    Without a measured battery voltage the first mass has to be flown again at the end. The
+    Three different masses or more, the heaviest sufferer at least 10 % above the lightest. Without
+    a measured battery voltage (no divider, or --virtual) the first mass again at the end. The
     source cannot hover: its thrust is only known as wake strength times thrust. With --log: one log
     for each mass, in the same order.
 
@@ -126,10 +134,16 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
 
     rig = request.rig("thrust.sufferer.thrust_n")
     request.require_curve(rig, trust_curve)
-    procedure.require_masses(clips_kg, rig)
+    procedure.require_masses(clips_kg, rig, may_have_voltage=not request.virtual)
+
+    def flown(site: "Site", rig: "Rig", clip_kg: float, number: int) -> "RunLog":
+        log = procedure.record(site, rig, clip_kg, number)
+        procedure.require_series(clips_kg, log)  # at once: each flight takes half a minute
+        return log
+
     question = "Clip {:g} kg onto the sufferer, charge the battery, and keep clear: it will fly."
     runs = [(question.format(kg), kg, number) for number, kg in enumerate(clips_kg, 1)]
-    logs = request.measured(rig, procedure.record, runs)
+    logs = request.measured(rig, flown, runs)
     request.finish(rig, procedure.estimate(logs, clips_kg, rig))
 
 
