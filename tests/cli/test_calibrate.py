@@ -182,7 +182,7 @@ def test_nothing_flies_at_a_port_on_the_default_thrust_curve(files, arguments) -
     where = ("--rig", rig, "--port", missing)
     refused = calibrated(*arguments, *where)
     assert refused.exit_code == 2
-    assert "[thrust.sufferer] is the default gantry's estimate" in refused.output
+    assert f"{rig}: [thrust.sufferer] is the default gantry's estimate" in refused.output
     trusted = calibrated(*arguments, *where, "--trust-curve", given="\n")
     assert "no such port" in trusted.output
     entered = [0.9 * thrust_n for thrust_n in RIG.thrust.sufferer.thrust_n]

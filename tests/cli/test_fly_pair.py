@@ -75,7 +75,7 @@ def test_ctrl_c_in_the_first_flight_keeps_it_and_flies_no_second(here):
 @pytest.mark.parametrize("answer", ["n\n", "y\n"])
 def test_at_a_port_the_operator_is_asked_between_the_flights(here, answer):
     with VirtualGantryProcess(RIG, seed=1) as gantry:
-        where = ("--port", gantry.port, "--range-socket", gantry.range_socket)
+        where = ("--port", gantry.port, "--range-socket", gantry.range_socket, "--trust-curve")
         run = started(*where, "--seconds", 6)
         _, err = run.communicate(answer, timeout=180)
     assert "Is the rig clear?" in err
@@ -98,7 +98,8 @@ def test_at_a_port_the_operator_is_asked_between_the_flights(here, answer):
         (["--virtual", "--yes"], "--yes belongs to --port"),
         (["--virtual", "--baseline", "--package", "a.onnx"], "--package FILE or --baseline"),
         (["--port", "/dev/ttyACM97", "--hooks", "a:b"], "belong to --virtual"),
-        (["--port", "/dev/ttyACM97"], "no such port"),
+        (["--port", "/dev/ttyACM97", "--trust-curve"], "no such port"),
+        (["--port", "/dev/ttyACM97"], "rig.toml: [thrust.sufferer] is the default gantry's"),
     ],
 )
 def test_what_does_not_go_together_is_one_sentence(here, arguments, words):

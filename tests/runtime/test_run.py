@@ -99,7 +99,7 @@ def test_ctrl_c_lands_closes_the_log_and_says_130_within_160_mb(rig_file, tmp_pa
 def test_a_cable_pulled_in_flight_is_one_sentence_and_the_log_is_whole(rig_file, tmp_path):
     log = tmp_path / "flight.mcap"
     with VirtualGantryProcess(RIG, seed=0) as gantry:
-        where = ("--port", gantry.port, "--range-socket", gantry.range_socket)
+        where = ("--port", gantry.port, "--range-socket", gantry.range_socket, "--trust-curve")
         run = started(*where, "--seconds", 60, "--rig", rig_file, "--log", log)
         flying_for(log, 0.5)
         gantry.kill()
@@ -280,7 +280,8 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
     [
         (["--baseline"], "--virtual or --port"),
         (["--virtual"], "--package FILE or --baseline"),
-        (["--baseline", "--port", "/dev/ttyACM97"], "no such port"),
+        (["--baseline", "--port", "/dev/ttyACM97", "--trust-curve"], "no such port"),
+        (["--baseline", "--port", "/dev/ttyACM97"], "The default rig: [thrust.sufferer] is"),
         (["--baseline", "--port", "/dev/ttyACM97", "--hooks", "a:b"], "belong to --virtual"),
         (["--baseline", "--virtual", "--range-socket", "a.sock"], "belongs to --port"),
         (["--package", "none.onnx", "--virtual"], "none.onnx"),

@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wakedeploy.cli.calibrate_options import Request, curve_option, shared_options
+from wakedeploy.cli.calibrate_options import Request, shared_options
+from wakedeploy.cli.flight_options import curve_option, require_curve
 
 if TYPE_CHECKING:
     from runtime.calibration.session import Site
@@ -86,7 +87,7 @@ def noise(request: Request, trust_curve: bool) -> None:
     from runtime.calibration import noise as procedure
 
     rig = request.rig("range_sensor.noise_m")
-    request.require_curve(rig, trust_curve)
+    require_curve(rig, request.rig_path, port=request.port, trusted=trust_curve)
     question = "The sufferer will hover: keep clear, with the emergency stop at hand."
     (log,) = request.measured(rig, procedure.record, [(question,)])
     request.finish(rig, procedure.estimate(log, rig))
@@ -133,7 +134,7 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
     from runtime.calibration import thrust as procedure
 
     rig = request.rig("thrust.sufferer.thrust_n")
-    request.require_curve(rig, trust_curve)
+    require_curve(rig, request.rig_path, port=request.port, trusted=trust_curve)
     procedure.require_masses(clips_kg, rig, may_have_voltage=not request.virtual)
 
     def flown(site: "Site", rig: "Rig", clip_kg: float, number: int) -> "RunLog":
@@ -204,7 +205,7 @@ def spool(request: Request, trust_curve: bool) -> None:
     from runtime.calibration import spool as procedure
 
     rig = request.rig("spool.sufferer.up_s")
-    request.require_curve(rig, trust_curve)
+    require_curve(rig, request.rig_path, port=request.port, trusted=trust_curve)
     question = "The sufferer will fly quickly up and down: keep clear."
     (log,) = request.measured(rig, procedure.record, [(question,)])
     request.finish(rig, procedure.estimate(log, rig))

@@ -146,19 +146,6 @@ class Request:
         if self.keep_logs is not None and tally.log is not None:
             self.recorded.append(tally.log)
 
-    def require_curve(self, rig: "Rig", trusted: bool) -> None:
-        """UnusableInput before a real flight on the default gantry's estimated thrust curve.
-
-        A motor that gives more than the curve says takes off too fast.
-        """
-        from wakedeploy.rig import default_rig
-
-        if self.by_hand and not trusted and rig.thrust.sufferer == default_rig().thrust.sufferer:
-            raise UnusableInput(
-                f"{self.rig_path}: [thrust.sufferer] is the default gantry's estimate; enter the "
-                "curve of a bench or a data sheet, or say --trust-curve if it is right."
-            )
-
     def measured(
         self, rig: "Rig", record: "Callable[..., RunLog]", runs: Sequence[tuple[Any, ...]]
     ) -> "list[RunLog]":
@@ -262,13 +249,6 @@ def shared_options(command: Command) -> Command:
             raise
 
     return with_options(_RIG_FILES, place_options(with_options(_LOGS, with_request)))
-
-
-def curve_option(command: Command) -> Command:
-    """The option of calibrations that fly: what `Request.require_curve` takes as `trusted`."""
-    return click.option(
-        "--trust-curve", is_flag=True, help="Fly even on the default rig's thrust curve."
-    )(command)
 
 
 def _remove_if_empty(folder: Path) -> None:

@@ -11,6 +11,7 @@ from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from runtime.run import RunRequest, Show
+    from wakedeploy.rig import Rig
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 _BAR_WIDTH = 30
@@ -26,6 +27,9 @@ _PLACE = (
     ),
     click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
     click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core."),
+)
+_CURVE = click.option(
+    "--trust-curve", is_flag=True, help="With --port: fly even on the default rig's thrust curve."
 )
 _FLIGHT = (
     click.option("--package", type=FILE, help="Predictor whose force is fed forward."),
@@ -46,6 +50,7 @@ _FLIGHT = (
     click.option(
         "--allow-lead-mismatch", is_flag=True, help="Fly a package made for another lead."
     ),
+    _CURVE,
 )
 
 
@@ -57,6 +62,11 @@ def flight_options(function: Command) -> Command:
 def place_options(function: Command) -> Command:
     """Give a command the options that say where to fly; `require_place` judges them."""
     return with_options(_PLACE, function)
+
+
+def curve_option(function: Command) -> Command:
+    """Give a command the option that `require_curve` takes as `trusted`."""
+    return _CURVE(function)
 
 
 def with_options(options: Sequence[Callable[[Command], Command]], function: Command) -> Command:
@@ -85,6 +95,22 @@ def require_place(
         raise UnusableInput(f"{given} to --virtual; a real rig is as it is.")
 
 
+def require_curve(rig: "Rig", path: Path | None, *, port: str | None, trusted: bool) -> None:
+    """UnusableInput before a real flight on the default gantry's estimated thrust curve.
+
+    A motor that gives more than the curve says takes off too fast.
+    """
+    from wakedeploy.rig import default_rig
+
+    if port and not trusted and rig.thrust.sufferer == default_rig().thrust.sufferer:
+        raise UnusableInput(
+            f"{path or 'The default rig'}: [thrust.sufferer] is the default gantry's estimate, and "
+            "a stronger motor throws the sufferer against the top; enter the curve of a bench or a "
+            "data sheet, which wakedeploy calibrate thrust then corrects, or say --trust-curve if "
+            "it is right."
+        )
+
+
 def flight_request(
     *,
     baseline: bool,
@@ -94,6 +120,7 @@ def flight_request(
     rig: Path | None,
     plant_rig: Path | None,
     seconds: float | None,
+    trust_curve: bool,
     **others: Any,
 ) -> "RunRequest":
     """What to fly, from the options; UnusableInput when they do not go together."""
@@ -108,8 +135,10 @@ def flight_request(
     from runtime.run import RunRequest
     from wakedeploy.rig import default_rig, read_rig
 
+    model = read_rig(rig) if rig else default_rig()
+    require_curve(model, rig, port=port, trusted=trust_curve)
     return RunRequest(
-        rig=read_rig(rig) if rig else default_rig(),
+        rig=model,
         rig_path=rig,
         package=package,
         port=port,
