@@ -2,9 +2,9 @@
 
 Flies the gantry in simulation, every flight with a calibration drawn from the rig file's spreads:
 as it is, with stronger wakes, and with a battery that is pulled at a random moment, so that neither
-motor turns on. A processor core takes about half a second for each flight.
+motor turns on. A processor core takes about a third of a second for each flight.
 
-    python benchmarks/thrust_lost.py --json thrust-lost.json
+    python benchmarks/thrust_lost.py --json docs/thrust-lost.json
 """
 
 import argparse
