@@ -124,3 +124,13 @@ def test_missing_old_and_future_calibrations_are_stale_and_named_with_their_comm
     result = CliRunner().invoke(main, ["doctor", "--rig", str(tmp_path / "rig.toml")])
     assert result.exit_code == 0
     assert "wakedeploy calibrate steps --rig" in result.output
+
+
+@pytest.mark.parametrize("name", doctor.CALIBRATIONS)
+def test_the_command_that_renews_a_calibration_is_a_whole_one(name: str, tmp_path: Path) -> None:
+    rig, path = default_rig(), tmp_path / "rig.toml"
+    curve = [0.9 * thrust_n for thrust_n in rig.thrust.sufferer.thrust_n]
+    rig.changed(thrust={"sufferer": {"thrust_n": curve}}).write(path)
+    (fix,) = [f.fix for f in doctor.calibrations(path) if f.name == name]
+    told = CliRunner().invoke(main, fix.split()[1:], input="\n")
+    assert "PORT: no such port" in told.output

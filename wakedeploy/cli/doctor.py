@@ -38,6 +38,12 @@ CALIBRATIONS = {
     "spool.sufferer.up_s": "spool",
     "spool.sufferer.down_s": "spool",
 }
+# What these calibrations have to be told besides, as an example.
+_ASKED = {
+    "range": " --height-m 0 --height-m 0.4 --height-m 0.8",
+    "thrust": " --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 --mass-kg 0",
+    "steps": " --distance-m 0.5",
+}
 
 
 @dataclass(frozen=True)
@@ -169,7 +175,7 @@ def _frozen_sensor(rig: "Rig") -> list[Finding]:
 def _calibration(
     name: str, procedure: str, known: "Calibration | None", today: datetime.date, path: Path
 ) -> Finding:
-    fix = f"wakedeploy calibrate {procedure} --rig {path} --port PORT"
+    fix = f"wakedeploy calibrate {procedure} --rig {path} --port PORT{_ASKED.get(procedure, '')}"
     stated = known.date if known is not None else None
     if stated is None:
         return Finding(name, STALE, "never calibrated", fix)
