@@ -44,13 +44,13 @@ _SCALES, _EXPONENTS = (0.6, 1.6), (0.6, 1.6)
 _MOST_BEND_SD = 0.05  # of the exponent; more is worse than the tabulated shape
 _MOST_SAG = 0.03  # of the voltage, twice that of the thrust
 _SAGS = (
-    "The board measures no voltage, and a battery that sags bends the curve: fly the first mass "
-    "again at the end, as in --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 --mass-kg 0, or wire the "
-    "divider."
+    "No voltage is measured, and a battery that sags bends the curve: fly the first mass again at "
+    "the end, as in --mass-kg 0 --mass-kg 0.1 --mass-kg 0.2 --mass-kg 0, or wire the divider and "
+    "say so by battery.has_divider."
 )
 
 
-def require_masses(clips_kg: Sequence[float], rig: Rig, *, may_have_voltage: bool = True) -> None:
+def require_masses(clips_kg: Sequence[float], rig: Rig) -> None:
     """UnusableInput for masses that say too little or that the sufferer cannot carry."""
     weights_n = [(rig.sufferer.mass_kg + clip) * GRAVITY_MPS2 for clip in clips_kg]
     if len(set(clips_kg)) < _FEWEST or not max(weights_n) >= (1.0 + _APART) * min(weights_n):
@@ -64,13 +64,8 @@ def require_masses(clips_kg: Sequence[float], rig: Rig, *, may_have_voltage: boo
             f"--mass-kg is what is clipped onto the sufferer; with {max(clips_kg):g} kg it weighs "
             f"{max(weights_n):.2f} N, too close to the curve's {top_n:g} N."
         )
-    if not (may_have_voltage or _repeats_first(clips_kg)):
+    if not (rig.battery.has_divider or _repeats_first(clips_kg)):
         raise UnusableInput(_SAGS)
-
-
-def require_series(clips_kg: Sequence[float], log: RunLog) -> None:
-    """CheckFailed for masses that say too little where a flight's log has no voltage."""
-    require(_has_voltage(log) or _repeats_first(clips_kg), _SAGS)
 
 
 def record(site: Site, rig: Rig, clip_kg: float, number: int) -> RunLog:
@@ -131,9 +126,8 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
     hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
     weight_n = np.array([(rig.sufferer.mass_kg + clip) * GRAVITY_MPS2 for clip in clips_kg])
     table_n = np.array([_mean_thrust(log, rig) for log in logs])
-    for log in logs:
-        require_series(clips_kg, log)
-    volts = _voltages(logs)
+    volts = _voltages(logs) if rig.battery.has_divider else None  # an open pin reads anything
+    require(volts is not None or _repeats_first(clips_kg), _SAGS)
     bend = _fitted(np.log(table_n / hover_n), np.log(weight_n / hover_n), volts)
     moved_n = moved_thrust(
         np.array(rig.thrust.sufferer.thrust_n), bend.scale, bend.exponent, hover_n

@@ -1,16 +1,9 @@
 """`wakedeploy calibrate`: a rig's constants measured at the rig, with spread and date."""
 
-from typing import TYPE_CHECKING
-
 import click
 
 from wakedeploy.cli.calibrate_options import Request, shared_options
 from wakedeploy.cli.flight_options import curve_option, require_curve
-
-if TYPE_CHECKING:
-    from runtime.calibration.session import Site
-    from wakedeploy.rig import Rig
-    from wakedeploy.runlog import RunLog
 
 
 @click.group()
@@ -122,7 +115,7 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
 
     A flight of half a minute for each mass, the source off; sufferer.mass_kg has to be right.
     Three different masses or more, the heaviest sufferer at least 10 % above the lightest. Without
-    a measured battery voltage (no divider, or --virtual) the first mass again at the end. The
+    a measured battery voltage (battery.has_divider) the first mass again at the end. The
     source cannot hover: its thrust is only known as wake strength times thrust. With --log: one log
     for each mass, in the same order.
 
@@ -135,16 +128,10 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
 
     rig = request.rig("thrust.sufferer.thrust_n")
     require_curve(rig, request.rig_path, port=request.port, trusted=trust_curve)
-    procedure.require_masses(clips_kg, rig, may_have_voltage=not request.virtual)
-
-    def flown(site: "Site", rig: "Rig", clip_kg: float, number: int) -> "RunLog":
-        log = procedure.record(site, rig, clip_kg, number)
-        procedure.require_series(clips_kg, log)  # at once: each flight takes half a minute
-        return log
-
+    procedure.require_masses(clips_kg, rig)
     question = "Clip {:g} kg onto the sufferer, charge the battery, and keep clear: it will fly."
     runs = [(question.format(kg), kg, number) for number, kg in enumerate(clips_kg, 1)]
-    logs = request.measured(rig, flown, runs)
+    logs = request.measured(rig, procedure.record, runs)
     request.finish(rig, procedure.estimate(logs, clips_kg, rig))
 
 
