@@ -60,7 +60,8 @@ class World:
             sample = plant.range_sample()
             if math.isfinite(sample.range_m):
                 taken_us = int((self.origin_s + sample.sensor_time_s) * 1e6)
-                self._newest = RangeReading(1e3 * sample.range_m, taken_us)
+                truth = (plant.wake_force_n, plant.hook_force_n, plant.z_m)
+                self._newest = RangeReading(1e3 * sample.range_m, taken_us, 0, *truth)
 
     def _hear(self, frame):
         if isinstance(frame.message, HelloReply):

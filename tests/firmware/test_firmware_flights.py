@@ -25,14 +25,14 @@ pytestmark = needs_simulator
 HERE = Path(__file__).parent
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 SECONDS, SEED = 6.0, 5
-# Servo frames of another phase make 2.7 mm; pulses too long by 3 % would make 32 mm.
-SAME_M = 0.006
+# Servo frames of another phase make 3.5 mm; pulses too long by 3 % would make 31 mm.
+SAME_M = 0.007
 
 
 def run(*command: str | Path, folder: Path, project: Path = ROOT) -> subprocess.CompletedProcess:
     return subprocess.run(
         [sys.executable, *map(str, command)],
-        cwd=folder, env={"PATH": "/usr/bin:/bin", "PYTHONPATH": str(project)},
+        cwd=folder, env={"PATH": "/usr/bin:/bin", "PYTHONPATH": f"{project}:{HERE.parent}"},
         capture_output=True, text=True, timeout=300, check=False,
     )  # fmt: skip
 
