@@ -5,6 +5,7 @@ normalised input, stands in for a bias per neuron: without it h would be an odd 
 input, and a force that is the same left and right of the jet could not be read out of it.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -16,6 +17,8 @@ from trainers.dimensions import Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
 from wakedeploy.errors import UnusableInput
+
+_BESIDE = 500  # fixed functions of the present, beside a reservoir that is kept from some inputs
 
 
 @dataclass(frozen=True)
@@ -44,7 +47,10 @@ class EsnHyper:
 
 
 class Esn(StateModel):
-    """Carries the reservoir's activations h (neurons,); only the readout is trained."""
+    """Carries the reservoir's activations h (neurons,); only the readout is trained.
+
+    `beside` is there only where the reservoir is kept from some inputs (`keep_from`).
+    """
 
     def __init__(self, sizes: Sizes, hyper: EsnHyper) -> None:
         super().__init__()
@@ -54,17 +60,35 @@ class Esn(StateModel):
         spread = hyper.input_scale / sizes.inputs**0.5
         drawn = torch.empty(hyper.neurons, sizes.inputs).uniform_(-(3**0.5), 3**0.5)
         self.inward = nn.Parameter(spread * drawn, requires_grad=False)
+        self.beside: nn.Linear | None = None
         self.readout = nn.Linear(hyper.neurons, sizes.outputs)
 
+    @torch.no_grad()
+    def keep_from(self, hidden: Sequence[int], outputs: int) -> None:
+        """Let no past of the inputs `hidden` in, before anything is trained.
+
+        The reservoir is driven by the others only. The readout, to `outputs` forces, sees the whole
+        present observation beside it, as it is and through neurons that carry no state.
+        """
+        neurons, inputs = self.inward.shape
+        self.inward[:, list(hidden)] = 0.0
+        self.beside = nn.Linear(inputs, _BESIDE).requires_grad_(False)
+        nn.init.normal_(self.beside.weight, std=inputs**-0.5)
+        nn.init.normal_(self.beside.bias)
+        self.readout = nn.Linear(neurons + _BESIDE + inputs, outputs)
+
     def echoes(self, sequence: Tensor, state: State) -> tuple[Tensor, State]:
-        """The reservoir's activations, without the readout: (B, T, d) -> (B, T, N), next state."""
+        """All that the readout sees: (B, T, d) -> (B, T, N), next state.
+
+        The reservoir's activations, and what is `beside` them.
+        """
         driven = functional.linear(sequence + self.offset, self.inward)  # (B, T, N)
         h = state["reservoir"]  # (B, N)
         history = []
         for drive in driven.unbind(1):
             h = self._turn(h, drive)
             history.append(h)
-        return torch.stack(history, 1), {"reservoir": h}  # (B, T, N)
+        return self._joined(torch.stack(history, 1), sequence), {"reservoir": h}  # (B, T, N)
 
     def forward(self, sequence: Tensor, state: State | None = None) -> tuple[Tensor, State]:
         """(B, T, d), state -> (B, T, o), next state."""
@@ -76,7 +100,13 @@ class Esn(StateModel):
         """(B, d), state -> (B, o), next state."""
         drive = functional.linear(observation + self.offset, self.inward)  # (B, N)
         h = self._turn(state["reservoir"], drive)  # (B, N)
-        return self.readout(h), {"reservoir": h}  # (B, o)
+        return self.readout(self._joined(h, observation)), {"reservoir": h}  # (B, o)
+
+    def _joined(self, h: Tensor, observation: Tensor) -> Tensor:
+        """The activations with the functions of the present: (…, N), (…, d) -> (…, N')."""
+        if self.beside is None:
+            return h
+        return torch.cat([h, torch.tanh(self.beside(observation)), observation], -1)
 
     def _turn(self, h: Tensor, drive: Tensor) -> Tensor:
         """One turn of the reservoir: (B, N), (B, N) -> (B, N)."""

@@ -2,7 +2,8 @@
 
 A memory of the sufferer's own motion lets a model differentiate its way to a force without knowing
 anything of wakes. Here the core sees only the other channels and tells what it makes of their past
-in a few numbers; a small network joins these with the whole present observation.
+in a few numbers; a small network joins these with the whole present observation. A reservoir stays
+one, with its readout solved: it is driven by the other channels, and the present stands beside it.
 """
 
 from collections.abc import Sequence
@@ -12,6 +13,7 @@ from torch import Tensor, nn
 
 from trainers.agile_mlp import mlp
 from trainers.build import PARAMETER_BUDGET
+from trainers.esn import Esn
 from trainers.model import State, StateModel, WakeModel
 from wakedeploy.errors import UnusableInput
 
@@ -70,7 +72,7 @@ class PresentOnlyState(StateModel):
 def present_only(
     core: WakeModel, hidden: Sequence[int], inputs: int, outputs: int, seed: int
 ) -> WakeModel:
-    """The core, whose outputs are CODE numbers, kept from the past of channels `hidden`.
+    """The core, built for CODE outputs, kept from the past of channels `hidden`: d in, o out.
 
     Raises UnusableInput for a core without memory, and beyond the parameter budget.
     """
@@ -79,8 +81,12 @@ def present_only(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         joint = _Joint(hidden, inputs, outputs)
+        if isinstance(core, Esn):
+            core.keep_from(hidden, outputs)
     made: WakeModel
-    if isinstance(core, StateModel):
+    if isinstance(core, Esn):
+        made = core
+    elif isinstance(core, StateModel):
         made = PresentOnlyState(core, joint)
     else:
         made = PresentOnlyWindow(core, joint)

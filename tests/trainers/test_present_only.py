@@ -1,5 +1,7 @@
 """A model that is kept from the past of some channels cannot have used it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -91,3 +93,23 @@ def two_channels() -> EpisodeSet:
              for i in range(6)}  # fmt: skip
     return EpisodeSet("toy", 30.0, (Channel("source", "1"), Channel("own", "1")),
                       (Channel("force", "N"),), 0.5, (1.0,), split, tuple(episodes))  # fmt: skip
+
+
+def test_a_reservoir_without_the_hidden_past_is_solved_like_any_other(tmp_path) -> None:
+    """The force is the past of "own", which only the others may see; then its square, at once."""
+    rmse = {}
+    for hidden in ((), ("own",), ("source",)):
+        config = configure(two_channels(), "esn", seed=0, lead_s=0.0, present_only=hidden,
+                           hyper={"neurons": 200, "input_scale": 0.03})  # fmt: skip
+        run = train(config, two_channels(), tmp_path / "-".join(hidden or ("all",)))
+        assert run.metrics.epochs == 1  # solved, not descended
+        rmse[hidden] = run.metrics.test.rmse["force"]
+    assert rmse[("source",)] < 0.5
+    assert rmse[()] < 0.5
+    assert rmse[("own",)] > 0.9
+    data = two_channels()
+    now = tuple(replace(e, force=e.observation[:, 1:] ** 2) for e in data.episodes)
+    data = replace(data, episodes=now)
+    config = configure(data, "esn", seed=0, lead_s=0.0, present_only=("own",))
+    spread = float(np.concatenate([e.force for e in data.part("test")]).std())
+    assert train(config, data, tmp_path / "now").metrics.test.rmse["force"] < 0.2 * spread
