@@ -6,7 +6,15 @@ from click.testing import CliRunner
 
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.study.closed_loop import Always, Tracked, mean_force, recovered, sentence, track
+from wakedeploy.study.closed_loop import (
+    Always,
+    Tracked,
+    above,
+    mean_force,
+    recovered,
+    sentence,
+    track,
+)
 
 
 def lines(model_m: float) -> list[Tracked]:
@@ -28,14 +36,58 @@ def test_a_models_share_is_of_what_the_oracle_gains() -> None:
     assert recovered(oracle, nothing, oracle).share == 1.0
     assert recovered(nothing, nothing, oracle).share == 0.0
     told = sentence([nothing, oracle, constant, model], "gru")
-    assert "a constant, already reaches 60 % [60, 60] of that gain" in told
-    assert "gru, the best on validation, tracks to 15.9 mm, which is 80 %" in told
+    assert "a constant, reaches 60 % [60, 60] of the oracle's gain" in told
+    assert "gru, the best on validation, tracks to 15.9 mm and reaches 80 % [" in told
     assert "passes the oracle" not in told
-    plain = Tracked("agile-mlp", np.full((1, 12), 0.020))
-    told = sentence([nothing, oracle, constant, plain, model], "gru")
-    assert "agile-mlp tracks to 20.0 mm, 67 % [67, 67]; 1 of 1 models with memory do better" in told
     lucky = Tracked("esn", np.full((1, 12), 0.009))
     assert "passes the oracle" in sentence([nothing, oracle, constant, lucky], "esn")
+
+
+def test_no_share_is_told_of_a_gain_that_is_next_to_nothing() -> None:
+    rng = np.random.default_rng(1)
+    nothing = Tracked("no compensation", np.full((1, 12), 0.040))
+    near = Tracked("oracle", np.full((1, 12), 0.0395))
+    unsure = Tracked("oracle", 0.030 * np.exp(0.8 * rng.standard_normal((1, 12))))
+    model = Tracked("gru", np.full((1, 12), 0.020))
+    for oracle in (near, unsure):
+        assert recovered(model, nothing, oracle) is None
+        assert "no share of the oracle's gain" in sentence([nothing, oracle, model, model], "gru")
+
+
+def test_the_interval_draws_flights_and_seeds() -> None:
+    """Seeds that differ widen what equal flights alone would make certain."""
+    oracle = Tracked("oracle", np.full((1, 12), 0.010))
+    alike = above(Tracked("gru", np.full((3, 12), 0.012)), oracle)
+    assert alike == pytest.approx((0.002, 0.002, 0.002))
+    apart = above(Tracked("gru", np.array([[0.011], [0.012], [0.013]]).repeat(12, 1)), oracle)
+    assert apart[1] < 0.0016 < 0.0024 < apart[2]
+    few = above(Tracked("gru", np.full((3, 4), 0.012)), Tracked("oracle", np.full((1, 4), 0.010)))
+    assert few[1:] == (-np.inf, np.inf)
+
+
+@pytest.mark.parametrize(
+    ("errors", "said"),
+    [
+        ({"gru": 0.012, "tcn": 0.013}, "2 of 2 models with memory track clearly better than "
+         "agile-mlp and 0 clearly worse, which agrees"),
+        ({"gru": 0.012, "tcn": 0.025}, "1 of 2 models with memory track clearly better than "
+         "agile-mlp and 1 clearly worse, which does not agree"),
+    ],
+)  # fmt: skip
+def test_memory_is_held_against_none_as_the_paper_claims(
+    errors: dict[str, float], said: str
+) -> None:
+    hard = 1.0 + 0.3 * np.random.default_rng(0).standard_normal((1, 12))
+    made = [Tracked(n, hard * m) for n, m in ({"agile-mlp": 0.020} | errors).items()]
+    assert said in sentence([*lines(0.02)[:3], *made], "gru")
+
+
+def test_memory_is_left_open_where_flights_cannot_tell() -> None:
+    rng = np.random.default_rng(3)
+    made = [
+        Tracked(n, 0.02 * np.exp(0.3 * rng.standard_normal((1, 12)))) for n in ("agile-mlp", "gru")
+    ]
+    assert "cannot be told from these flights" in sentence([*lines(0.02)[:3], *made], "gru")
 
 
 def test_all_fly_the_same_flights_and_the_oracle_is_ahead() -> None:

@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +18,17 @@ from wakedeploy.domains.downwash import World, make_set
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.rig import default_rig
 from wakedeploy.study import delay as study
-from wakedeploy.study.delay import Attended, Case, Learned, Transport, attended, learned, trend
-from wakedeploy.study.delay_figure import attention_sentence, delay_sentence
+from wakedeploy.study.delay import (
+    Attended,
+    Case,
+    Learned,
+    Transport,
+    attended,
+    best,
+    learned,
+    trend,
+)
+from wakedeploy.study.delay_figure import attention_sentence, delay_sentence, delay_summary, draw
 from wakedeploy.study.sets import Domain
 
 RATE_HZ, SPEED_MPS = 20.0, 5.0
@@ -45,9 +55,13 @@ CASE = Case(Domain("toy", "force_z_n"), "toy", SPEED_MPS)
 
 
 def test_the_learned_delay_is_the_one_that_the_force_has(tmp_path: Path) -> None:
-    lines = [
+    every = [
         line for steps in (3, 7) for line in learned(CASE, late_set(steps), 1, tmp_path, epochs=25)
     ]
+    assert [line.start_s for line in every] == [0.033, 0.467] * 2  # not where the delays are
+    lines = [min(every[:2], key=lambda x: x.validation), min(every[2:], key=lambda x: x.validation)]
+    every = [replace(x, setting=f"{x.transport.mean_s:.2f}") for x in every]
+    assert [x.start_s for x in best(every)] == [x.start_s for x in lines]
     for line, true_s in zip(lines, (0.15, 0.35), strict=True):
         assert line.transport.mean_s == pytest.approx(true_s, abs=0.001)
         assert line.delay_s == pytest.approx(true_s, abs=1.5 / RATE_HZ)
@@ -110,9 +124,12 @@ def test_cases_state_the_delays_that_their_rigs_have() -> None:
     assert study.source_lag_s(late) == pytest.approx(0.3 + 0.02 + 0.01)
 
 
-def line(domain: str, true_s: float, delay_s: float, lag_s: float = 0.0) -> Learned:
+def line(
+    domain: str, true_s: float, delay_s: float, lag_s: float = 0.0, *, start_s: float = 0.05,
+    validation: float = 0.1,
+) -> Learned:  # fmt: skip
     true = Transport(true_s, true_s - 0.01, true_s + 0.01)
-    return Learned(domain, f"{true_s:g}", 0, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25,
+    return Learned(domain, f"{true_s:g}", 0, start_s, validation, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25,
                    0.9, 0.88, 0.92)  # fmt: skip
 
 
@@ -147,6 +164,38 @@ def test_the_papers_shift_stands_beside_the_learned_one(
     assert f"{delay_s:.3f} s longer, which {said[0]} within 0.05 s" in told
     assert f"slope of {slope:.2f}, which {said[1]} within 0.25" in told
     assert "In the paper" not in delay_sentence([line("gantry", t, t, 0.1) for t in (0.2, 0.3)])
+
+
+@pytest.mark.parametrize(
+    ("ends_s", "said"),
+    [
+        ((0.40, 0.42), "in 2 of 2 cases; in the paper it ends at the physical delay wherever it "
+         "starts, which agrees"),
+        ((0.40, 0.10), "in 0 of 2 cases; in the paper it ends at the physical delay wherever it "
+         "starts, which does not agree"),
+        ((0.70, 0.70), "in 2 of 2 cases; in the paper it ends at the physical delay wherever it "
+         "starts, which does not agree"),
+    ],
+)  # fmt: skip
+def test_what_counts_is_the_start_that_validates_better_and_all_ends_are_told(
+    ends_s: tuple[float, float], said: str
+) -> None:
+    lines = []
+    for true_s in (0.35, 0.40):
+        late = {"start_s": 0.70, "validation": 0.2 if true_s < 0.38 else 0.05}
+        lines += [line("downwash", true_s, ends_s[0]), line("downwash", true_s, ends_s[1], **late)]
+    told = delay_sentence(lines)
+    assert "began at μ₀ = 0.050 and 0.700 s whatever the transport delay" in told
+    assert "(1 from 0.050 s, 1 from 0.700 s)" in told
+    assert said in told
+    slope = (ends_s[1] - ends_s[0]) / 0.05  # of the better two alone
+    assert f"grows by {slope:.2f} s" in told
+    columns, rows = delay_summary(lines)
+    assert rows[0][-1] == f"0.050 → {ends_s[0]:.3f}, 0.700 → {ends_s[1]:.3f}"
+    assert len(columns) == len(rows[0])
+    axes = draw([], lines).axes[-1]
+    marked = [tuple(x.get_ydata()) for x in axes.lines if x.get_marker() == ">"]
+    assert ((0.05,) in marked, (0.70,) in marked) == (True, True)
 
 
 def test_the_papers_peak_stands_beside_the_attention() -> None:
@@ -188,5 +237,6 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
     rows = list(csv.DictReader((folder / "delay-embedding.csv").open()))
     result = json.loads((folder / "study.json").read_text())
     assert [float(row["delay_s"]) for row in rows] == [x["delay_s"] for x in result["delays"]]
-    assert len(rows) == 4
+    assert len(rows) == 8  # two starts each
+    assert [sum(int(r["best_start"]) for r in rows[i : i + 2]) for i in (0, 2, 4, 6)] == [1] * 4
     assert "delay μ grows by" in (folder / "study.html").read_text()

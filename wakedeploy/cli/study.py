@@ -20,6 +20,7 @@ from wakedeploy.cli.study_pareto import pareto
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.study.closed_loop import Model
     from wakedeploy.study.domains import Line
 
 
@@ -50,8 +51,9 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
         wakedeploy study domains --domains gantry,ship --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.domains import compare, planned, sentence
+    from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.domains_figure import parts, summary
+    from wakedeploy.study.domains_sentence import sentence
     from wakedeploy.study.folder import write_study
 
     architectures = _architectures(arch)
@@ -167,15 +169,20 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
 
 def _models(
     data: "EpisodeSet", architectures: list[str], asked: Asked
-) -> tuple[list[tuple[str, list[Any]]], str]:
+) -> "tuple[list[Model], str]":
     """Each architecture's predictors, one per seed, and which is the best on validation."""
-    from wakedeploy.study.runs import Wanted, obtained_run
+    from wakedeploy.study.closed_loop import Model
+    from wakedeploy.study.runs import Wanted, best_run, candidates
 
     wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
-    train_with_bar([(data, one) for own in wanted.values() for one in own], asked.runs)
-    runs = {a: [obtained_run(data, w, asked.runs) for w in own] for a, own in wanted.items()}
-    losses = {a: sum(min(run.metrics.history) for run in own) for a, own in runs.items()}
-    models = [(a, [run.predictor for run in own]) for a, own in runs.items()]
+    jobs = [(data, one) for own in wanted.values() for w in own for one in candidates(w)]
+    train_with_bar(jobs, asked.runs)
+    runs = {a: [best_run(data, w, asked.runs) for w in own] for a, own in wanted.items()}
+    losses = {a: sum(min(run.metrics.history) for run, _ in own) for a, own in runs.items()}
+    models = [
+        Model(a, [run.predictor for run, _ in own], [w.hyper_text for _, w in own])
+        for a, own in runs.items()
+    ]
     return models, min(losses, key=lambda a: losses[a])
 
 

@@ -28,7 +28,8 @@ def delay(asked: Asked) -> None:
     """Compare where models look back to with how long the wake is on its way.
 
     Cross-Attention's weights on the downwash and on the gantry; Delay Embedding's delays for five
-    separations of the one and five wake speeds of the other.
+    separations of the one and five wake speeds of the other, each trained from both ends of the
+    window.
 
     \b
     Example:
@@ -50,9 +51,12 @@ def delay(asked: Asked) -> None:
     nominal = [(study.nominal(name, DOMAINS[name]), made) for name, made in whole.items()]
     varied = [(case, _made(case, asked)) for case in study.cases(quick=asked.quick)]
     attending = study.planned(study.ATTENDING, asked.seeds, asked.epochs)
-    delaying = study.planned(study.DELAYING, asked.seeds, asked.epochs)
     jobs = [(made, wanted) for _, made in nominal for wanted in attending]
-    jobs += [(made, wanted) for _, made in varied for wanted in delaying]
+    jobs += [
+        (made, wanted)
+        for _, made in varied
+        for wanted in study.planned_delays(made, asked.seeds, asked.epochs)
+    ]
     train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs, asked.epochs)
     looks = [study.attended(case, made, *common) for case, made in nominal]
@@ -65,7 +69,7 @@ def delay(asked: Asked) -> None:
         "trends": {
             name: {of: dataclasses.asdict(study.trend(own, of)) for of in study.TRENDS}
             for name in _SIMULATED
-            if (own := [line for line in lines if line.domain == name])
+            if (own := study.best([line for line in lines if line.domain == name]))
         },
     }
     title = asked.titled("Learned and physical delays")

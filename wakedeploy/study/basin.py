@@ -16,7 +16,7 @@ from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained_run
-from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
+from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
 STARTS_S = (0.04, 0.095, 0.15, 0.205, 0.26, 0.315, 0.37, 0.425, 0.48)  # the window is 0.5 s long
 QUICK_STARTS_S = (0.04, 0.15, 0.37)
@@ -111,7 +111,7 @@ def ended(data: EpisodeSet, runs: Sequence[Wanted], folder: Path) -> list[End]:
     forecasts = [predicted(run.predictor, data) for run in trained]
     truth, episode = forecasts[0][0][:, 0], forecasts[0][2]
     errors = np.array([forces[:, 0] for _, forces, _ in forecasts]) - truth
-    block = blocks_of(data, episode)
+    block = units_of(data, episode)
     losses = [min(run.metrics.history) for run in trained]
     low = behind(truth, errors, block, int(np.argmin(losses)))
     ends = []

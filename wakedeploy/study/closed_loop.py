@@ -9,25 +9,31 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from wakedeploy.domains.downwash import Predict, World, fly
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.side_by_side import side_by_side
-from wakedeploy.study.uncertainty import FloatArray
+from wakedeploy.study.uncertainty import FEWEST, FloatArray
 
 FIRST_SEED = 900_000_000  # far from every training seed
 LIMITS = ("no compensation", "oracle", "mean force")
 _DRAWS = 2000
+_RISK = 0.05
+_QUANTILES = (_RISK, 1.0 - _RISK)
+_LEAST_GAIN = 0.1  # of the error without compensation, for a share of the oracle's gain to be told
 
 
 @dataclass(frozen=True, eq=False)
 class Tracked:
-    """One line: tracking errors (seeds, episodes) [m] of one way to compensate."""
+    """One line: tracking errors (seeds, episodes) [m] of one way to compensate.
+
+    `hyper` says of each seed what differs from the architecture's usual hyper-parameters.
+    """
 
     name: str
     rms_m: FloatArray
+    hyper: tuple[str, ...] = ()
 
     @property
     def mean_m(self) -> float:
@@ -42,11 +48,30 @@ class Tracked:
 
 @dataclass(frozen=True)
 class Recovered:
-    """What a model gains of what the oracle gains, with a 90 % interval over the flights."""
+    """What a model gains of what the oracle gains, with a 90 % interval over flights and seeds.
+
+    Without bounds where there are too few flights.
+    """
 
     share: float
-    low: float
-    high: float
+    low: float | None
+    high: float | None
+
+    @property
+    def text(self) -> str:
+        """In per cent."""
+        if self.low is None or self.high is None:
+            return f"{100 * self.share:.0f} %"
+        return f"{100 * self.share:.0f} % [{100 * self.low:.0f}, {100 * self.high:.0f}]"
+
+
+@dataclass(frozen=True)
+class Model:
+    """What flies: an architecture's predictors, one per seed, and each one's hyper-parameters."""
+
+    name: str
+    predictors: Sequence[Any]
+    hyper: Sequence[str]
 
 
 def flights(
@@ -80,7 +105,7 @@ def mean_force(data: EpisodeSet) -> Always:
 
 
 def track(
-    models: Sequence[tuple[str, Sequence[Any]]],
+    models: Sequence[Model],
     episodes: int,
     seconds: float,
     *,
@@ -95,13 +120,14 @@ def track(
     All fly the same flights, each in its own lockstep, on `workers` processes (None: all cores).
     """
     named: list[tuple[str, Any]] = list(zip(LIMITS, ("nothing", "truth", constant), strict=True))
-    named += [(name, predictor) for name, predictors in models for predictor in predictors]
+    named += [(model.name, predictor) for model in models for predictor in model.predictors]
     jobs = [(episodes, seconds, expect, world, settling_s) for _, expect in named]
     flown = side_by_side(_flown, jobs, workers=workers, on_done=on_flight)
     found: dict[str, list[FloatArray]] = {}
     for (name, _), tracking_m in zip(named, flown, strict=True):
         found.setdefault(name, []).append(tracking_m)
-    return [Tracked(name, np.array(own)) for name, own in found.items()]
+    hyper = {model.name: tuple(model.hyper) for model in models}
+    return [Tracked(name, np.array(own), hyper.get(name, ())) for name, own in found.items()]
 
 
 def _flown(job: tuple[int, float, Any, World | None, float | None]) -> FloatArray:
@@ -114,20 +140,96 @@ def _flown(job: tuple[int, float, Any, World | None, float | None]) -> FloatArra
     return flights(episodes, seconds, expect, world, settling_s)
 
 
-def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered:
-    """How much of the oracle's gain in tracking error a model reaches, flights drawn in pairs."""
+def resampled(lines: Sequence[Tracked]) -> FloatArray | None:
+    """Each line's error over drawn flights and seeds (L, D) [m]; None with too few flights.
 
-    def share(chosen: npt.NDArray[np.int64]) -> FloatArray:
-        rms = [
-            np.sqrt(np.mean(one.per_flight_m[chosen] ** 2, axis=-1))
-            for one in (nothing, line, oracle)
-        ]
-        return np.asarray((rms[0] - rms[1]) / (rms[0] - rms[2]))
+    All lines fly the same drawn flights. Seeds are drawn from each line's own, by its place: lines
+    at the same place of two lists have the same seeds drawn.
+    """
+    count = len(lines[0].per_flight_m)
+    if count < FEWEST:
+        return None
+    even = np.full(count, 1.0 / count)
+    flights = np.random.default_rng(0).multinomial(count, even, _DRAWS)  # (D, F)
+    told = []
+    for place, line in enumerate(lines):
+        seeds = len(line.rms_m)
+        rng = np.random.default_rng([1, place])
+        drawn = rng.multinomial(seeds, np.full(seeds, 1.0 / seeds), _DRAWS)  # (D, S)
+        told.append(np.sqrt(((drawn @ line.rms_m**2) * flights).sum(-1) / (seeds * count)))
+    return np.array(told)
 
-    count = len(nothing.per_flight_m)
-    drawn = np.random.default_rng(0).integers(0, count, (_DRAWS, count))
-    low, high = np.quantile(share(drawn), [0.05, 0.95])
-    return Recovered(float(share(np.arange(count, dtype=np.int64))), float(low), float(high))
+
+def above(line: Tracked, base: Tracked) -> tuple[float, float, float]:
+    """By how much a line's error lies above another's [m], with a 90 % interval.
+
+    The interval is without end where there are too few flights for one.
+    """
+    apart_m = line.mean_m - base.mean_m
+    drawn = resampled([base, line])
+    if drawn is None:
+        return apart_m, -np.inf, np.inf
+    low, high = np.quantile(drawn[1] - drawn[0], _QUANTILES)
+    return apart_m, float(low), float(high)
+
+
+def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered | None:
+    """How much of the oracle's gain in tracking error a model reaches.
+
+    None where that gain is less than a tenth of the error without compensation, or not sure: a
+    share of next to nothing is any number.
+    """
+
+    def gain(of: FloatArray) -> FloatArray:
+        return np.asarray(of[0] - of[1] - _LEAST_GAIN * of[0])
+
+    lines = [nothing, oracle, line]
+    mean_m, drawn = np.array([one.mean_m for one in lines]), resampled(lines)
+    if gain(mean_m) <= 0.0 or (drawn is not None and np.quantile(gain(drawn), _RISK) <= 0.0):
+        return None
+    share = (mean_m[0] - mean_m[2]) / (mean_m[0] - mean_m[1])
+    if drawn is None:
+        return Recovered(float(share), None, None)
+    low, high = np.quantile((drawn[0] - drawn[2]) / (drawn[0] - drawn[1]), _QUANTILES)
+    return Recovered(float(share), float(low), float(high))
+
+
+@dataclass(frozen=True)
+class Memory:
+    """How many of the models with memory track better than the memoryless, and how many worse.
+
+    Clearly: with an interval, over flights flown by both, that does not hold 0.
+    """
+
+    better: int
+    worse: int
+    of: int
+
+    @property
+    def verdict(self) -> str:
+        """Beside the paper, where every memory helps in flight."""
+        if self.better == self.of:
+            return "agrees"
+        return "does not agree" if self.worse else "cannot be told from these flights"
+
+    @property
+    def text(self) -> str:
+        """In words, with the verdict."""
+        return (
+            f"{self.better} of {self.of} models with memory track clearly better than {MEMORYLESS} "
+            f"and {self.worse} clearly worse, which {self.verdict}"
+        )
+
+
+def memory(models: Sequence[Tracked]) -> Memory | None:
+    """The models with memory against the memoryless one; None where either is missing."""
+    plain = next((line for line in models if line.name == MEMORYLESS), None)
+    others = [line for line in models if line is not plain]
+    if plain is None or not others:
+        return None
+    apart = [above(line, plain) for line in others]
+    better, worse = sum(high < 0.0 for *_, high in apart), sum(low > 0.0 for _, low, _ in apart)
+    return Memory(better, worse, len(others))
 
 
 def sentence(lines: Sequence[Tracked], chosen: str | None = None) -> str:
@@ -136,28 +238,32 @@ def sentence(lines: Sequence[Tracked], chosen: str | None = None) -> str:
     told = (
         f"Without compensation the sufferer is {1e3 * nothing.mean_m:.1f} mm from its reference, "
         f"with the true force {1e3 * oracle.mean_m:.1f} mm. The training flights' mean force, a "
-        f"constant, already reaches {_share(constant, nothing, oracle)} of that gain"
+        f"constant, {share_text(constant, nothing, oracle)}"
     )
     named = {line.name: line for line in models}
     if chosen is None or chosen not in named:
         return f"{told}."
     best, plain = named[chosen], named.get(MEMORYLESS)
     text = (
-        f"{told}; {chosen}, the best on validation, tracks to {1e3 * best.mean_m:.1f} mm, which is "
-        f"{_share(best, nothing, oracle)}."
+        f"{told}; {chosen}, the best on validation, tracks to {1e3 * best.mean_m:.1f} mm and "
+        f"{share_text(best, nothing, oracle)}."
     )
     if plain is not None and plain is not best:
-        beaten = sum(line.mean_m < plain.mean_m for line in models)
         text += (
-            f" The memoryless {MEMORYLESS} tracks to {1e3 * plain.mean_m:.1f} mm, "
-            f"{_share(plain, nothing, oracle)}; {beaten} of {len(models) - 1} models with memory "
-            "do better."
+            f" The memoryless {MEMORYLESS} tracks to {1e3 * plain.mean_m:.1f} mm and "
+            f"{share_text(plain, nothing, oracle)}."
         )
+    against = memory(models)
+    if against is not None:
+        text += f" In the paper models with memory track better than without: here {against.text}."
     if min(line.mean_m for line in models) < oracle.mean_m:
         text += " Who passes the oracle tracks better by chance or by its errors, not by knowing."
     return text
 
 
-def _share(line: Tracked, nothing: Tracked, oracle: Tracked) -> str:
-    share = recovered(line, nothing, oracle)
-    return f"{100 * share.share:.0f} % [{100 * share.low:.0f}, {100 * share.high:.0f}]"
+def share_text(line: Tracked, nothing: Tracked, oracle: Tracked) -> str:
+    """What a line reaches of the oracle's gain, in words."""
+    told = recovered(line, nothing, oracle)
+    if told is None:
+        return "can be given no share of the oracle's gain, which is too small"
+    return f"reaches {told.text} of the oracle's gain"

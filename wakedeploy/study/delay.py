@@ -2,6 +2,10 @@
 
 In: simulated sets whose wake takes a known time to arrive. Out: Cross-Attention's weights over the
 age of what it sees, and the delays that Delay Embedding chooses, beside the transport delay.
+
+Delay Embedding's usual start, half the window, is where the downwash's nominal delay lies. Here it
+is trained from both ends of the window instead, the same for every setting: an agreement that is
+found was learned. Of each seed's two runs the one counts that does better on validation.
 """
 
 from collections.abc import Sequence
@@ -13,9 +17,9 @@ import numpy as np
 
 from wakedeploy.episodes import EpisodeSet, window_shape
 from wakedeploy.study.domains import predicted
-from wakedeploy.study.runs import Wanted, obtained
+from wakedeploy.study.runs import Wanted, obtained, obtained_run
 from wakedeploy.study.sets import SEED, Domain, OnStep
-from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
+from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
 ATTENDING, DELAYING = "cross-attention", "delay-embedding"
 TRENDS = ("delay_s", "mean_age_s")  # of what trends are told
@@ -23,6 +27,9 @@ MINUTES, QUICK_MINUTES = 6.0, 1.5  # of each set with another delay
 SEPARATIONS_M = (1.1, 1.7, 2.3, 2.9, 3.5)
 WAKE_SPEEDS_MPS = (5.0, 6.0, 7.0, 9.0, 12.0)  # slower, and delays would leave the window
 _DEEPER_M = 1.2  # by which the field's grid goes on below, for the farthest sufferer
+START = "initial_delay_s"
+START_SHARES = (1 / 15, 14 / 15)  # of the window: where training begins, far from nominal delays
+ALIKE_S = 0.05  # ends of two starts that lie no farther apart are one
 _DISTANCE = "dz_m"  # the observation that says how far the wake has to sink
 
 
@@ -94,7 +101,7 @@ class Attended:
 class Learned:
     """The delays of one trained Delay Embedding over the test samples, seconds.
 
-    `delay_s` and `spread_s` are mean and standard deviation of the kernel's centre μ, `width_s` is
+    `start_s` is μ₀, where training began, `validation` the least loss on validation. `delay_s` and `spread_s` are mean and standard deviation of the kernel's centre μ, `width_s` is
     its mean σ, `mean_age_s` the mean age of what it weighs. `outside` is the share of samples whose
     μ lies outside the window: there the kernel weighs the window's end. `r2` is that of the
     domain's main channel; `r2_low` and `r2_high` bound its 90 % interval.
@@ -103,6 +110,8 @@ class Learned:
     domain: str
     setting: str
     seed: int
+    start_s: float
+    validation: float
     transport: Transport
     source_lag_s: float
     delay_s: float
@@ -192,25 +201,28 @@ def attended(
 def learned(
     case: Case, data: EpisodeSet, seeds: int, runs: Path, epochs: int | None = None
 ) -> list[Learned]:
-    """Delay Embedding's delays on a set, one line per seed; trains what is not trained yet."""
+    """Delay Embedding's delays on a set, by seed and start; trains what is not trained yet."""
     from trainers.lookback import kernels
     from trainers.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     channel = [c.name for c in data.force].index(case.domain.main)
     lines = []
-    for wanted in planned(DELAYING, seeds, epochs):
-        predictor = obtained(data, wanted, runs)
+    for wanted in planned_delays(data, seeds, epochs):
+        run = obtained_run(data, wanted, runs)
+        predictor = run.predictor
         chosen = kernels(predictor, tape)
         outside = (chosen.delay_s < 0.0) | (chosen.delay_s > data.window_s)
         truth, forces, episode = predicted(predictor, data)
         error = (forces - truth)[:, channel]
-        r2 = r2_with_interval(truth[:, channel], error, blocks_of(data, episode))
+        r2 = r2_with_interval(truth[:, channel], error, units_of(data, episode))
         lines.append(
             Learned(
                 data.domain,
                 case.setting,
                 wanted.seed,
+                float(wanted.hyper[START]),
+                min(run.metrics.history),
                 transport(data, case.speed_mps),
                 case.source_lag_s,
                 float(chosen.delay_s.mean()),
@@ -227,6 +239,28 @@ def learned(
 def planned(arch: str, seeds: int, epochs: int | None) -> list[Wanted]:
     """The runs of one architecture on one set."""
     return [Wanted(arch, seed, epochs) for seed in range(seeds)]
+
+
+def planned_delays(data: EpisodeSet, seeds: int, epochs: int | None) -> list[Wanted]:
+    """The runs of Delay Embedding on one set: every seed from every start."""
+    return [
+        Wanted(DELAYING, seed, epochs, hyper={START: round(share * data.window_s, 3)})
+        for seed in range(seeds)
+        for share in START_SHARES
+    ]
+
+
+def by_run(lines: Sequence[Learned]) -> list[list[Learned]]:
+    """Lines of the same domain, setting and seed together, which differ in their start."""
+    found: dict[tuple[str, str, int], list[Learned]] = {}
+    for line in lines:
+        found.setdefault((line.domain, line.setting, line.seed), []).append(line)
+    return list(found.values())
+
+
+def best(lines: Sequence[Learned]) -> list[Learned]:
+    """Of each setting and seed the start that does best on validation."""
+    return [min(own, key=lambda line: line.validation) for own in by_run(lines)]
 
 
 def trend(lines: Sequence[Learned], of: str = "delay_s") -> Trend:

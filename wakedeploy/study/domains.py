@@ -13,22 +13,25 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.study.runs import Wanted, obtained_run
-from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
+from wakedeploy.study.runs import Wanted, best_run, candidates
+from wakedeploy.study.uncertainty import (
+    R2,
+    FloatArray,
+    interval,
+    r2_of,
+    rmse_interval,
+    sums,
+    units_of,
+)
 
 MEMORYLESS = "agile-mlp"
-RESERVOIRS = ({"input_scale": 0.03}, {"input_scale": 0.001, "leak": 0.3})  # beside the usual
 SOURCE_ONLY = ", source's past only"
 VALID = "thrust_valid"  # extra of sets whose label leans on a curve that does not hold everywhere
 VALID_ONLY = "where the thrust curve holds"
-PUBLISHED = {  # what is known from elsewhere, to be read beside the lines
-    "fish": "The paper has R² = 0.57 without memory and 0.96 for its GRU.",
-    "quadrotor": (
-        "The recordings' authors tell z-RMSEs of 1.5 N below, 1.4 N above and 2.7 N swapping for "
-        "their memoryless network, on other files of the same kind."
-    ),
-}
 OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
+# Domains of which one force channel is told: there the others are mostly noise of the label, or
+# there are none. Elsewhere all count alike.
+MAIN = {"quadrotor": "force_z_n", "crazyflie": "force_z_n", "fish": "flag_tip_m"}
 
 
 @dataclass(frozen=True)
@@ -37,9 +40,9 @@ class Line:
 
     `seed` is None for what learns nothing. `groups` has the RMSE per channel of each kind of test
     episode, where the set tells kinds apart, and of samples at which its label holds. `validation`
-    is the loss on validation episodes, by which the best is chosen, `wanted` the run. `normalised`
-    is the root mean square over the channels of RMSE over the channel's standard deviation: 1 for
-    predicting the mean.
+    is the loss on validation episodes, by which the best is chosen, `wanted` the run. `inputs` are
+    the observation's channels. `sums` (4, U, o) are those of `uncertainty.sums`, by unit and
+    channel.
     """
 
     domain: str
@@ -49,12 +52,33 @@ class Line:
     groups: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     validation: float | None = None
     wanted: Wanted | None = None
+    inputs: tuple[str, ...] = ()
+    sums: FloatArray | None = field(default=None, repr=False, compare=False)
 
     @property
     def normalised(self) -> float:
-        """RMSE over standard deviation, all channels together."""
+        """RMSE over standard deviation, all channels together: 1 for predicting the mean."""
         shares = [(c["rmse"] / c["sd"]) ** 2 for c in self.channels if c["sd"] > 0.0]
         return float(np.sqrt(np.mean(shares)))
+
+    @property
+    def told(self) -> list[int]:
+        """Which channels are told of: the domain's `MAIN`, else all that ever change."""
+        names = [c.get("channel") for c in self.channels]
+        if self.domain in MAIN and MAIN[self.domain] in names:
+            return [names.index(MAIN[self.domain])]
+        return [i for i, c in enumerate(self.channels) if c["sd"] > 0.0]
+
+    @property
+    def error(self) -> float:
+        """RMSE over standard deviation of the channels that are told of."""
+        shares = [(self.channels[i]["rmse"] / self.channels[i]["sd"]) ** 2 for i in self.told]
+        return float(np.sqrt(np.mean(shares)))
+
+    @property
+    def hyper_text(self) -> str:
+        """What differs from the architecture's usual hyper-parameters."""
+        return "" if self.wanted is None else self.wanted.hyper_text
 
     def as_json(self) -> dict[str, Any]:
         """The line with every number."""
@@ -82,54 +106,39 @@ def compare(
     `epochs` is how long each is trained, if not as usual.
     """
     lines = list(_unlearned(data))
-    for hidden in _hidings(data):
-        for arch in architectures:
-            if hidden and arch == MEMORYLESS:
-                continue
-            name = arch + (SOURCE_ONLY if hidden else "")
-            for seed in range(seeds):
-                asked = _candidates(arch, seed, epochs, hidden)
-                tried = [(obtained_run(data, wanted, runs), wanted) for wanted in asked]
-                run, wanted = min(tried, key=lambda one: min(one[0].metrics.history))
-                line = _scored(data, name, seed, *predicted(run.predictor, data))
-                loss = min(run.metrics.history)
-                lines.append(replace(line, validation=loss, wanted=wanted))
+    for asked in _asked(data, architectures, seeds, epochs):
+        run, wanted = best_run(data, asked, runs)
+        name = asked.arch + (SOURCE_ONLY if asked.present_only else "")
+        line = _scored(data, name, asked.seed, *predicted(run.predictor, data))
+        lines.append(replace(line, validation=min(run.metrics.history), wanted=wanted))
     return lines
 
 
 def planned(
     data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None = None
 ) -> list[Wanted]:
-    """The runs that `compare` needs.
+    """The runs that `compare` needs."""
+    asked = _asked(data, architectures, seeds, epochs)
+    return [wanted for one in asked for wanted in candidates(one)]
+
+
+def _asked(
+    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None
+) -> list[Wanted]:
+    """One for each line.
 
     Where a set says which channels tell of the sufferer's own motion, each model with memory has a
     second line that is kept from their past: it cannot differentiate its way to the force.
     """
+    named = data.provenance.get("own_motion")
+    hidings = [(), tuple(map(str, named))] if isinstance(named, list) else [()]
     return [
-        wanted
-        for hidden in _hidings(data)
+        Wanted(arch, seed, epochs, present_only=hidden)
+        for hidden in hidings
         for arch in architectures
         if not (hidden and arch == MEMORYLESS)
         for seed in range(seeds)
-        for wanted in _candidates(arch, seed, epochs, hidden)
     ]
-
-
-def _hidings(data: EpisodeSet) -> list[tuple[str, ...]]:
-    named = data.provenance.get("own_motion")
-    return [(), tuple(map(str, named))] if isinstance(named, list) else [()]
-
-
-def _candidates(arch: str, seed: int, epochs: int | None, hidden: tuple[str, ...]) -> list[Wanted]:
-    """What is tried for one line; the best on validation is taken.
-
-    A reservoir is solved in seconds and its scale cannot be learned: driven gently it is nearly
-    linear and remembers the fine differences between samples, driven hard it mixes them.
-    """
-    plain = Wanted(arch, seed, epochs, present_only=hidden)
-    if arch != "esn" or hidden:
-        return [plain]
-    return [plain, *(replace(plain, hyper=hyper) for hyper in RESERVOIRS)]
 
 
 def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -163,16 +172,19 @@ def _scored(
     forces: FloatArray,
     episode: FloatArray,
 ) -> Line:
-    block = blocks_of(data, episode)
-    channels = []
+    unit = units_of(data, episode)
+    channels, by_unit = [], []
     for i, channel in enumerate(data.force):
         error = forces[:, i] - truth[:, i]
-        r2 = r2_with_interval(truth[:, i], error, block)
+        by_unit.append(sums(truth[:, i], error, unit))
+        r2, rmse = r2_of(by_unit[-1][None]), rmse_interval(by_unit[-1][None])
         channels.append(
             {
                 "channel": channel.name,
                 "unit": channel.unit,
                 "rmse": float(np.sqrt(np.mean(error**2))),
+                "rmse_low": None if rmse is None else rmse[0],
+                "rmse_high": None if rmse is None else rmse[1],
                 "sd": float(truth[:, i].std()),
                 "r2": r2.value,
                 "r2_low": r2.low,
@@ -180,18 +192,24 @@ def _scored(
             }
         )
     return Line(
-        data.domain, predictor, seed, tuple(channels), _by_group(data, forces - truth, episode)
+        data.domain,
+        predictor,
+        seed,
+        tuple(channels),
+        _by_group(data, forces - truth, episode),
+        inputs=tuple(channel.name for channel in data.observation),
+        sums=np.stack(by_unit, -1),
     )
 
 
 def _by_group(
     data: EpisodeSet, error: FloatArray, episode: FloatArray
-) -> dict[str, tuple[float, ...]]:
-    """RMSE per channel of the test episodes of each kind that the provenance names."""
-    kept = [e for e in data.part("test") if len(e.force) > data.warm_up_steps]
-    _, number = np.unique(episode, return_inverse=True)
-    chosen = {}
+) -> Mapping[str, tuple[float, ...]]:
+    """RMSE per channel of each kind of episode, where the set's provenance has them."""
     kinds = data.provenance.get("manoeuvre")
+    number = np.unique(episode, return_inverse=True)[1]
+    kept = [e for e in data.part("test") if len(e.force) > data.warm_up_steps]
+    chosen: dict[str, Any] = {}
     if isinstance(kinds, dict):
         kind = np.array([str(kinds[e.name]) for e in kept])[number]
         chosen = {one: kind == one for one in sorted(set(kind))}
@@ -221,62 +239,40 @@ def held_out(lines: Sequence[Line]) -> dict[str, float]:
     }
 
 
-def sentence(domain: str, lines: Sequence[Line]) -> str:
-    """What a domain's lines say; which model is the best is decided on validation episodes."""
-    mean = {
-        name: float(np.mean([line.normalised for line in own]))
-        for name, own in by_predictor([line for line in lines if line.seed is not None]).items()
-    }
-    validation = held_out(lines)
-    kept = {n: mean.pop(n) for n in list(mean) if n.endswith(SOURCE_ONLY)}
-    if MEMORYLESS not in mean or len(mean) < 2:
-        return f"On {domain}, {len(mean)} architectures were trained."
-    plain = mean[MEMORYLESS]
-    best = min(mean, key=lambda name: validation[name])
-    told = _compared(domain, best, mean)
-    zero = min((x.normalised for x in lines if x.predictor == "zero"), default=1.0)
-    if mean[best] >= min(zero, 1.0):
-        told += " It predicts no better than a constant would: nothing was learned that holds."
-    return f"{told}{_of_the_source(kept, validation, mean[best], plain)}{_published(domain)}"
+def errors(lines: Sequence[Line]) -> dict[str, float]:
+    """Mean error over the seeds of each trained predictor of a domain."""
+    trained = by_predictor([line for line in lines if line.seed is not None])
+    return {name: float(np.mean([line.error for line in own])) for name, own in trained.items()}
 
 
-def _compared(domain: str, best: str, mean: Mapping[str, float]) -> str:
-    plain = mean[MEMORYLESS]
-    if best == MEMORYLESS:
-        return (
-            f"On {domain}, no memory helps: the memoryless {MEMORYLESS} is the best, with an error "
-            f"of {plain:.2f} of the force's standard deviation."
-        )
-    beaten = sum(value < plain for value in mean.values())
-    return (
-        f"On {domain}, {best} is the best, with an error of {mean[best]:.2f} of the force's "
-        f"standard deviation against {plain:.2f} without memory (a factor of "
-        f"{plain / mean[best]:.1f}); {beaten} of {len(mean) - 1} models with memory are better "
-        "than the one without."
-    )
+def r2_over_seeds(own: Sequence[Line], channel: int) -> R2:
+    """The mean R² of a channel over one predictor's lines, with its interval over the units."""
+    by_unit = [line.sums[..., channel] for line in own if line.sums is not None]
+    if not by_unit:
+        return R2(float(np.mean([line.channels[channel]["r2"] for line in own])), None, None)
+    return r2_of(np.array(by_unit))
 
 
-def _of_the_source(
-    kept: Mapping[str, float], validation: Mapping[str, float], best: float, plain: float
-) -> str:
-    """How much of memory's gain is there without any past of the sufferer's place and motion."""
-    if not kept:
-        return ""
-    name = min(kept, key=lambda one: validation[one])
-    told = (
-        " Kept from the past of all that the sufferer's own motion enters, its place beside the "
-        f"source included, the best is {name} with {kept[name]:.2f}"
-    )
-    if best >= plain:
-        return f"{told}."
-    share = max(0.0, (plain - kept[name]) / (plain - best))
-    return (
-        f"{told}: at least {100 * share:.0f} % of what memory gains needs no past of the sufferer. "
-        "How much of the rest is the wake's, and how much is differentiated out of that motion, "
-        "these lines cannot say."
-    )
+def change(lines: Sequence[Line], base: Sequence[Line]) -> tuple[float, float] | None:
+    """By what share the mean error of some lines lies above that of others, a 90 % interval.
 
+    Below 0 they err less. The same units are drawn for both: what is hard for one is hard for all.
+    None where there are too few.
+    """
+    both = [np.array([line.sums for line in own]) for own in (lines, base) if own[0].sums is not None]
+    if len(both) < 2:
+        return None
+    told = lines[0].told
 
-def _published(domain: str) -> str:
-    told = PUBLISHED.get(domain)
-    return f" {told}" if told else ""
+    def of(times: FloatArray) -> FloatArray:
+        mean = []
+        for by_unit in both:  # (S, 4, U, o)
+            count, total, squares, errors = np.moveaxis(
+                np.einsum("skuo,du->skdo", by_unit[..., told], times), 1, 0
+            )
+            lost = errors / (squares - total**2 / count)  # (S, D, o)
+            mean.append(np.sqrt(lost.mean(-1)).mean(0))
+        return np.asarray(np.log(mean[0] / mean[1]))
+
+    found = interval(of, both[0].shape[2])
+    return None if found is None else (float(np.expm1(found[0])), float(np.expm1(found[1])))

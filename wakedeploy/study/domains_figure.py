@@ -10,27 +10,34 @@ import numpy as np
 
 from wakedeploy import figures
 from wakedeploy.study.domains import (
+    MAIN,
     MEMORYLESS,
     SOURCE_ONLY,
     VALID_ONLY,
     Line,
     by_predictor,
     held_out,
-    sentence,
+    r2_over_seeds,
 )
+from wakedeploy.study.domains_sentence import sentence
 from wakedeploy.study.folder import Part
-from wakedeploy.study.uncertainty import R2
+from wakedeploy.study.runs import CHOICE
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_FARTHEST = 1.4  # of the longest bar: what learns nothing is drawn as far as that
 COLUMNS = (
     "domain",
     "predictor",
     "seed",
+    "hyper",
     "channel",
     "unit",
     "rmse",
+    "rmse_low",
+    "rmse_high",
     "sd",
     "r2",
     "r2_low",
@@ -39,58 +46,76 @@ COLUMNS = (
 
 
 def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
-    """Error over the force's standard deviation, mean and spread over seeds, domain by domain."""
+    """Error over the standard deviation, mean and spread over seeds, domain by domain."""
     across = min(len(told), 3)
     down = -(-len(told) // across)
+    size = (3.1 * across, 0.3 + 2.6 * down)
     with figures.style():
-        drawn, grid = figures.figure(down, across, size=(3.1 * across, 2.6 * down), squeeze=False)
+        drawn, grid = figures.figure(down, across, size=size, squeeze=False)
         for axes, (domain, lines) in zip(grid.flat, told.items(), strict=False):
-            every = by_predictor([line for line in lines if line.seed is not None])
-            named = {name: own for name, own in every.items() if not name.endswith(SOURCE_ONLY)}
-            for place, (name, own) in enumerate(named.items()):
-                values = [line.normalised for line in own]
-                plain = name == MEMORYLESS
-                axes.barh(
-                    place,
-                    float(np.mean(values)),
-                    xerr=float(np.std(values, ddof=1)) if len(values) > 1 else None,
-                    color=figures.LIMIT if plain else figures.PREDICTED,
-                    hatch="///" if plain else None,
-                    edgecolor="white",
-                    height=0.75,
-                )
-                kept = [line.normalised for line in every.get(name + SOURCE_ONLY, ())]
-                if kept:
-                    axes.plot(float(np.mean(kept)), place, "D", color=figures.SOURCE, markersize=4)
-            for line in lines:
-                if line.seed is None and line.predictor != "zero":
-                    axes.axvline(line.normalised, color=figures.REFERENCE, linestyle="--")
-                    axes.text(
-                        line.normalised,
-                        len(named) - 0.4,
-                        line.predictor,
-                        fontsize=6.5,
-                        ha="center",
-                        va="bottom",
-                    )
-            axes.set_yticks(range(len(named)), list(named))
-            axes.invert_yaxis()
-            axes.set_title(domain)
-            hidden = len(every) > len(named)
-            axes.set_xlabel(
-                "RMSE / standard deviation" + ("; ◆ source's past only" if hidden else "")
-            )
-            axes.grid(axis="y", visible=False)
+            _panel(axes, lines)
+            axes.set_title(f"{domain}, {MAIN[domain]}" if domain in MAIN else domain)
         for axes in list(grid.flat)[len(told) :]:
             axes.set_axis_off()
+        handles = {
+            label: handle
+            for axes in grid.flat
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        drawn.legend(
+            list(handles.values()), list(handles), loc="outside upper center", ncols=across
+        )
     return drawn
+
+
+def _panel(axes: "Axes", lines: Sequence[Line]) -> None:
+    every = by_predictor([line for line in lines if line.seed is not None])
+    named = {name: own for name, own in every.items() if not name.endswith(SOURCE_ONLY)}
+    longest = 1.0e-9
+    for place, (name, own) in enumerate(named.items()):
+        values = [line.error for line in own]
+        plain = name == MEMORYLESS
+        deviation = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+        longest = max(longest, float(np.mean(values)) + deviation)
+        axes.barh(
+            place,
+            float(np.mean(values)),
+            xerr=deviation if len(values) > 1 else None,
+            color=figures.LIMIT if plain else figures.PREDICTED,
+            hatch="///" if plain else None,
+            edgecolor="white",
+            height=0.75,
+        )
+        kept = [line.error for line in every.get(name + SOURCE_ONLY, ())]
+        if kept:
+            axes.plot(float(np.mean(kept)), place, "D", color=figures.SOURCE, markersize=4,
+                      linestyle="none", label="source's past only")  # fmt: skip
+            longest = max(longest, float(np.mean(kept)))
+    for line, style in _limits(lines):
+        if line.error <= _FARTHEST * longest:
+            axes.axvline(line.error, color=figures.REFERENCE, linestyle=style, linewidth=0.9,
+                         label=line.predictor)  # fmt: skip
+        else:  # drawn where it is, it would squeeze the bars
+            axes.text(0.99, 0.01, f"{line.predictor}: {line.error:.2f} →", fontsize=6.5, ha="right",
+                      va="bottom", transform=axes.transAxes)  # fmt: skip
+    axes.set_yticks(range(len(named)), list(named))
+    axes.set_ylim(len(named) - 0.3, -0.6)
+    axes.set_xlim(left=0.0)
+    axes.set_xlabel("RMSE / standard deviation")
+    axes.grid(axis="y", visible=False)
+
+
+def _limits(lines: Sequence[Line]) -> list[tuple[Line, str]]:
+    """What learns nothing, with the style of its line."""
+    styles = {"zero": ":"}
+    return [(line, styles.get(line.predictor, "--")) for line in lines if line.seed is None]
 
 
 def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
     first = Part(
         "domains",
-        "Error of each architecture, as a share of what predicting the mean would leave.",
+        f"Error of each architecture, as a share of what predicting the mean would leave. {CHOICE}",
         COLUMNS,
         rows([line for own in told.values() for line in own]),
         bars(told),
@@ -123,23 +148,31 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
         shown.append(
             [predictor, *(_spread(v, ".3g") for v in each.values()), _spread(list(mean), ".3g")]
         )
-    best, least = best_over_kinds(lines)
-    text = (
-        f"{channels[-1]['channel']} on {name} by kind of flight, RMSE in {channels[-1]['unit']}: "
-        f"{best}, the best on validation, has a mean of {least:.2f} over the kinds."
-    )
+    text = f"{channels[-1]['channel']} on {name} by kind of flight, RMSE in {channels[-1]['unit']}."
+    best = best_over_kinds(lines)
+    if best is not None:
+        arch, least = best
+        text = (
+            f"{text[:-1]}: {arch}, the best on validation, has a mean of {least:.2f} over the "
+            "kinds of test flights."
+        )
     columns = ("predictor", "seed", "kind", "channel", "unit", "rmse")
     return Part(
         f"domains-{name}-kinds", text, columns, told, shown=(["predictor", *kinds, "mean"], shown)
     )
 
 
-def best_over_kinds(lines: Sequence[Line]) -> tuple[str, float]:
-    """The predictor that is best on validation, and its last channel's RMSE, mean over kinds."""
-    validation = held_out(lines)
+def best_over_kinds(lines: Sequence[Line]) -> tuple[str, float] | None:
+    """The predictor that is best on validation, and its last channel's RMSE, mean over kinds.
+
+    None where nothing was trained. What is kept from a past is no candidate.
+    """
+    validation = {n: v for n, v in held_out(lines).items() if not n.endswith(SOURCE_ONLY)}
+    if not validation:
+        return None
     best = min(validation, key=lambda name: validation[name])
-    own = [line for line in lines if line.predictor == best]
     kinds = [kind for kind in lines[0].groups if kind != VALID_ONLY]
+    own = [line for line in lines if line.predictor == best]
     return best, float(np.mean([[line.groups[kind][-1] for kind in kinds] for line in own]))
 
 
@@ -150,7 +183,8 @@ def rows(lines: Sequence[Line]) -> list[list[Any]]:
             line.domain,
             line.predictor,
             line.seed,
-            *(channel[name] for name in COLUMNS[3:]),
+            line.hyper_text,
+            *(channel[name] for name in COLUMNS[4:]),
         ]
         for line in lines
         for channel in line.channels
@@ -158,19 +192,18 @@ def rows(lines: Sequence[Line]) -> list[list[Any]]:
 
 
 def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
-    """One domain's table: mean ± spread over seeds, and the first seed's R² with its interval."""
+    """One domain's table: mean ± spread over seeds, and R² with the interval of its mean."""
     channels = lines[0].channels
     columns = ["predictor"]
     for channel in channels:
-        columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "R² of one seed [90 %]"]
+        columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "its mean [90 %]"]
     told = []
     for name, own in by_predictor(lines).items():
         row = [f"{name} (no memory)" if name == MEMORYLESS else name]
         for i in range(len(channels)):
             row.append(_spread([line.channels[i]["rmse"] for line in own], ".4g"))
             row.append(_spread([line.channels[i]["r2"] for line in own], ".3f"))
-            first = own[0].channels[i]
-            row.append(R2(first["r2"], first["r2_low"], first["r2_high"]).text)
+            row.append(r2_over_seeds(own, i).text)
         told.append(row)
     return columns, told
 

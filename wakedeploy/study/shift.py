@@ -9,27 +9,35 @@ what it costs to vary it.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from scipy.stats import kendalltau
 
 from wakedeploy.domains.downwash import make_set, shifted
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.study.closed_loop import FIRST_SEED, LIMITS, Always, Tracked, recovered, track
-from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.closed_loop import (
+    FIRST_SEED,
+    LIMITS,
+    Always,
+    Model,
+    Tracked,
+    memory,
+    resampled,
+    share_text,
+    track,
+)
 from wakedeploy.study.sets import DOMAINS, SEED, OnStep, obtain
+from wakedeploy.study.uncertainty import FloatArray
 
 TRAINED = 0.10
 FLOWN = (0.10, 0.50, 0.75)
-_KEPT = 0.8  # Kendall's τ from which on an order counts as kept: one pair of ten turned
+KEPT = 0.8  # Kendall's τ from which on an order counts as kept: one pair of ten turned
 
 
 @dataclass(frozen=True, eq=False)
 class Crew:
     """Who flies: trained models with their predictors, and the mean force of what they learned."""
 
-    models: Sequence[tuple[str, Sequence[Any]]]
+    models: Sequence[Model]
     constant: Always
 
 
@@ -45,10 +53,38 @@ class Shifted:
         """The lines of trained models."""
         return self.lines[len(LIMITS) :]
 
-    def share(self, name: str) -> float:
-        """What a model reaches of the oracle's gain."""
+    def share(self, name: str) -> str:
+        """What a model reaches of the oracle's gain, in words."""
         nothing, oracle, *others = self.lines
-        return recovered(next(m for m in others if m.name == name), nothing, oracle).share
+        return share_text(next(m for m in others if m.name == name), nothing, oracle)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """Kendall's τ of the models' orders at two spreads: 1 the same, −1 reversed.
+
+    With a 90 % interval over flights and seeds; without bounds where there are too few flights.
+    Models that fly alike change places by chance: where the interval holds `KEPT`, the flights
+    cannot tell whether the order stays.
+    """
+
+    value: float
+    low: float | None
+    high: float | None
+
+    @property
+    def kept(self) -> bool | None:
+        """Whether the order stays, None where the flights cannot tell."""
+        if self.low is None or self.high is None or self.low < KEPT <= self.high:
+            return None
+        return self.low >= KEPT
+
+    @property
+    def text(self) -> str:
+        """τ with its interval."""
+        if self.low is None or self.high is None:
+            return f"{self.value:.2f}"
+        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
 def spread_set(folder: Path, *, quick: bool, progress: OnStep) -> EpisodeSet:
@@ -96,11 +132,24 @@ def fly_shifted(
     return told
 
 
-def agreement(first: Shifted, other: Shifted) -> float:
-    """Kendall's τ of the models' orders at two spreads: 1 the same, −1 reversed."""
-    errors = {one.name: one.mean_m for one in other.models}
-    order = [(one.mean_m, errors[one.name]) for one in first.models]
-    return float(kendalltau(*zip(*order, strict=True)).statistic) if len(order) > 1 else 1.0
+def agreement(first: Shifted, other: Shifted) -> Agreement:
+    """How the order of the models at one spread agrees with that at another."""
+    pairs = [np.array([[line.mean_m for line in one.models]]).T for one in (first, other)]
+    value = float(_kendall(*pairs)[0])
+    drawn = [resampled(one.models) if one.models else None for one in (first, other)]
+    if drawn[0] is None or drawn[1] is None:
+        return Agreement(value, None, None)
+    low, high = np.quantile(_kendall(drawn[0], drawn[1]), [0.05, 0.95])
+    return Agreement(value, float(low), float(high))
+
+
+def _kendall(one: FloatArray, other: FloatArray) -> FloatArray:
+    """τ of two orders of models, draw by draw: (L, D), (L, D) -> (D,); 1 for fewer than two."""
+    first, second = np.triu_indices(len(one), 1)
+    if len(first) == 0:
+        return np.ones(one.shape[1])
+    same = np.sign(one[first] - one[second]) * np.sign(other[first] - other[second])
+    return np.asarray(same.mean(0))
 
 
 def sentence(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) -> str:
@@ -113,33 +162,40 @@ def sentence(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = Non
         rank = sorted(one.models, key=lambda line: line.mean_m)
         place = [line.name for line in rank].index(chosen) + 1
         parts.append(
-            f"at ±{100 * one.spread:.0f} % it is number {place} of {len(rank)} with "
-            f"{100 * one.share(chosen):.0f} %, and the orders agree with τ = "
-            f"{agreement(first, one):.2f}"
+            f"at {_spread(one)} it is number {place} of {len(rank)} and {one.share(chosen)}, and "
+            f"the orders agree with τ = {agreement(first, one).text}"
         )
     text = (
-        f"Trained at ±{100 * TRAINED:.0f} %, {chosen}, the best on validation, reaches "
-        f"{100 * first.share(chosen):.0f} % of the oracle's gain there "
-        f"({100 * nominal.share(chosen):.0f} % where it learned and flies the nominal physics); "
+        f"Trained at {_spread(first)}, {chosen}, the best on validation, {first.share(chosen)} "
+        f"there (where it learned and flies the nominal physics, it {nominal.share(chosen)}); "
         f"{'; '.join(parts)}."
     )
-    kept = all(agreement(first, one) >= _KEPT for one in others)
-    verdict = "so it does here" if kept else "here it does not"
-    return f"{text}{_memory(told)} In the paper the order stays; {verdict}."
+    return f"{text} {_order(first, others)}{_memory(told)}"
+
+
+def _order(first: Shifted, others: Sequence[Shifted]) -> str:
+    """The paper's claim of the order, with what these flights can say of it."""
+    kept = {_spread(one): agreement(first, one).kept for one in others}
+    turned = [at for at, stays in kept.items() if stays is False]
+    unsure = [at for at, stays in kept.items() if stays is None]
+    if turned:
+        here = f"here it does not at {' and '.join(turned)}"
+    elif unsure:
+        here = f"here these flights cannot tell at {' and '.join(unsure)}: models that fly alike"
+        here += " change places by chance"
+    else:
+        here = "so it does here"
+    return f"In the paper the order of the models stays (τ of at least {KEPT:g}); {here}."
 
 
 def _memory(told: Sequence[Shifted]) -> str:
-    """How the model without memory and the median of those with one fare as physics moves."""
-    names = [line.name for line in told[0].models]
-    if MEMORYLESS not in names or len(names) < 2:
+    """The paper's claim of memory, spread by spread."""
+    found = {_spread(one): memory(one.models) for one in told}
+    said = [f"at {at} {one.text}" for at, one in found.items() if one is not None]
+    if not said:
         return ""
-    with_memory = [name for name in names if name != MEMORYLESS]
-    shares = [
-        f"{100 * float(np.median([one.share(n) for n in with_memory])):.0f} % against "
-        f"{100 * one.share(MEMORYLESS):.0f} % at ±{100 * one.spread:.0f} %"
-        for one in told
-    ]
-    return (
-        f" Of the oracle's gain the median model with memory reaches, against {MEMORYLESS}: "
-        f"{', '.join(shares)}."
-    )
+    return f" In the paper memory helps in flight at every spread: here {'; '.join(said)}."
+
+
+def _spread(one: Shifted) -> str:
+    return f"±{100 * one.spread:.0f} %"

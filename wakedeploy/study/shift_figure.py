@@ -7,58 +7,80 @@ each stands in the nominal physics.
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from wakedeploy import figures
-from wakedeploy.study.closed_loop import LIMITS
+from wakedeploy.study.closed_loop import LIMITS, above
+from wakedeploy.study.closed_loop_figure import bar
+from wakedeploy.study.closed_loop_figure import rows as flown
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
+from wakedeploy.study.looks import looks
+from wakedeploy.study.runs import CHOICE
 from wakedeploy.study.shift import Shifted, agreement, sentence
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMNS = ("spread", "predictor", "training seed", "flight", "tracking_rms_m")
-_MARKS = "osv^D<>p"
+COLUMNS = ("spread", "predictor", "training seed", "hyper", "flight", "tracking_rms_m")
+_LINEAR_MM = 0.1  # below it, the axis of the excess is linear
+_WIDTH = 0.6  # over which the models stand side by side at each spread
 
 
 def lines_over_spreads(nominal: Shifted, told: Sequence[Shifted]) -> "Figure":
-    """Tracking error over the spread of the physics, limits as broken lines.
+    """Tracking error over the spread of the physics, and how far it is above the oracle's.
 
-    On the left, unconnected since trained on other flights, the nominal physics.
+    On the left of each, trained on other flights, the nominal physics.
     """
+    every = [nominal, *told]
     with figures.style():
-        drawn, axes = figures.figure(size=(6.4, 3.6))
-        at = [f"±{100 * one.spread:.0f} %" for one in told]
-        for number, line in enumerate(told[0].lines):
-            errors = [1e3 * one.lines[number].mean_m for one in told]
-            limit = number < len(LIMITS)
-            colour = (figures.MEASURED, figures.TRUE, figures.SOURCE)[number] if limit else None
-            plain = line.name == MEMORYLESS
-            (drawn_line,) = axes.plot(
-                range(1, 1 + len(at)),
-                errors,
-                "--" if limit else "-",
-                marker=None if limit else _MARKS[number % len(_MARKS)],
-                color=figures.LIMIT if plain else colour,
-                label=line.name,
-                markersize=4,
-            )
-            axes.plot(
-                [0],
-                [1e3 * nominal.lines[number].mean_m],
-                marker="_" if limit else _MARKS[number % len(_MARKS)],
-                color=drawn_line.get_color(),
-                markersize=10 if limit else 4,
-            )
-        axes.set_xticks(range(1 + len(at)), ["nominal", *at])
-        axes.set_ylim(bottom=0.0)
-        axes.set_xlabel("wake speed, diffusivity and separation vary by")
-        axes.set_ylabel("tracking error, RMS [mm]")
-        axes.legend(loc="center left", bbox_to_anchor=(1.0, 0.5))
+        drawn, (left, right) = figures.figure(1, 2, size=(8.6, 3.6))
+        _limits(left, every)
+        styles = looks([line.name for line in told[0].models])
+        offsets = np.linspace(-0.5, 0.5, max(len(styles), 2)) * _WIDTH
+        for number, ((name, (colour, marker)), offset) in enumerate(
+            zip(styles.items(), offsets, strict=False)
+        ):
+            own = [one.models[number] for one in every]
+            look = {"color": colour, "marker": marker, "markersize": 4}
+            label = f"{name} (no memory)" if name == MEMORYLESS else name
+            errors_mm = [1e3 * line.mean_m for line in own]
+            at = np.arange(len(own)) + offset
+            left.plot(at, errors_mm, linestyle="none", **look, label=label)
+            for place, (one, line) in enumerate(zip(every, own, strict=True)):
+                apart_m, low_m, high_m = above(line, one.lines[1])
+                reach = None if np.isinf(low_m) else bar(apart_m, low_m, high_m)
+                right.errorbar(at[place], 1e3 * apart_m, yerr=reach, elinewidth=0.9, **look)
+        right.axhline(0.0, color=figures.TRUE, linestyle="--")
+        right.set_yscale("symlog", linthresh=_LINEAR_MM)
+        right.set_ylabel("above the oracle's error [mm]; bars: 90 %")
+        left.set_ylabel("tracking error, RMS [mm]")
+        left.set_ylim(bottom=0.0)
+        for axes in (left, right):
+            axes.set_xticks(range(len(every)), ["nominal", *(_at(one) for one in told)])
+            axes.grid(axis="x", visible=False)
+            axes.set_xlabel("wake speed, diffusivity and separation vary by")
+        drawn.legend(*left.get_legend_handles_labels(), loc="outside right center")
     return drawn
 
 
+def _limits(axes: "Axes", every: Sequence[Shifted]) -> None:
+    """A short line for each limit at each spread."""
+    styles = ((figures.REFERENCE, "-"), (figures.TRUE, "-"), (figures.REFERENCE, ":"))
+    for number, (colour, style) in zip(range(len(LIMITS)), styles, strict=True):
+        errors_mm = [1e3 * one.lines[number].mean_m for one in every]
+        places = np.arange(len(every))
+        axes.hlines(errors_mm, places - 0.45, places + 0.45, color=colour, linestyle=style,
+                    label=LIMITS[number])  # fmt: skip
+
+
+def _at(one: Shifted) -> str:
+    return f"±{100 * one.spread:.0f} %"
+
+
 def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
-    """Millimetres and rank of each model at each spread; the last row says how orders agree."""
+    """Millimetres and rank of each model at each spread; the last row says how orders agree, 90 %."""
     columns = ["predictor", "nominal [mm]", *(f"±{100 * one.spread:.0f} % [mm]" for one in told)]
     rows = []
     for number, line in enumerate(told[0].lines):
@@ -68,19 +90,14 @@ def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[
             rank = 1 + sum(other.mean_m < value for other in one.models)
             cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
-    orders = [f"{agreement(told[0], one):.2f}" for one in (nominal, *told)]
+    orders = [agreement(told[0], one).text for one in (nominal, *told)]
     rows.append([f"Kendall's τ with ±{100 * told[0].spread:.0f} %", *orders])
     return columns, rows
 
 
 def parts(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
-    rows = [
-        (one.spread, line.name, seed, flight, float(value))
-        for one in (nominal, *told)
-        for line in one.lines
-        for seed, flown in enumerate(line.rms_m)
-        for flight, value in enumerate(flown)
-    ]
+    rows = [(one.spread, *row) for one in (nominal, *told) for row in flown(one.lines)]
     drawn, table = lines_over_spreads(nominal, told), summary(nominal, told)
-    return [Part("shift", sentence(nominal, told, chosen), COLUMNS, rows, drawn, table)]
+    said = f"{sentence(nominal, told, chosen)} {CHOICE}"
+    return [Part("shift", said, COLUMNS, rows, drawn, table)]
