@@ -23,6 +23,7 @@ from wakedeploy.study.lead import (
     TRUTH,
     Flight,
     Point,
+    asked,
     best,
     flown_before,
     force_error,
@@ -61,11 +62,15 @@ def test_memory_loses_nothing_up_to_the_delay_and_then_what_an_ar1_series_loses(
             ("agile-mlp", abs(steps - DELAY)),
         ):
             predictor = trained(data, arch, 0, tmp_path, epochs=15, lead_s=lead_s)
-            rmse, sd, scored = force_error(data, "force_z_n", predictor, lead_s)
+            found = force_error(data, "force_z_n", predictor, lead_s)
+            rmse, sd = found["rmse"], found["sd"]
             least = math.sqrt(1.0 - KEEP ** (2 * told))
             assert rmse / sd == pytest.approx(least, abs=0.08), (arch, steps)
+            assert found["r2"] == pytest.approx(1.0 - (rmse / sd) ** 2)
+            assert found["r2_low"] < found["r2"] < found["r2_high"] < 1.0
+            assert found["rmse_low"] < rmse < found["rmse_high"]
             # Only what has a target is scored: the warm-up and the lead are missing.
-            assert scored == 3 * (SAMPLES - data.warm_up_steps - steps)
+            assert found["scored"] == 3 * (SAMPLES - data.warm_up_steps - steps)
 
 
 def test_the_truth_of_a_flight_flown_before_is_the_truth_and_a_lead_shifts_it() -> None:
@@ -234,12 +239,21 @@ def test_runs_are_kept_from_those_of_studies_that_train_longer(told) -> None:
     trained(data, "agile-mlp", 0, usual, epochs=1)  # refused where a run of four epochs lies
 
 
+def test_a_reservoir_has_its_scales_tried_at_every_lead() -> None:
+    lines = asked(["esn", "gru"], [0.0, 0.1], 1, 4)
+    runs = [one for _, one in planned(delayed_set(), lines)]
+    for lead_s in (0.0, 0.1):
+        own = [one.hyper_text for one in runs if (one.arch, one.lead_s) == ("esn", lead_s)]
+        assert len(set(own)) == 3
+    assert len(runs) == 2 * (3 + 1)
+
+
 def test_flights_side_by_side_are_those_flown_one_after_the_other(told) -> None:
     _, out = told
     data = read_episode_set(out / "sets" / "gantry-quick")
     runs = out / "runs-quick" / "lead"
-    jobs = planned(data, ["history-mlp"], [0.1], 1, 4)
-    again = measure(data, "force_z_n", jobs, [0.1], runs, flights=2, seconds=6.0, workers=2)
+    lines = asked(["history-mlp"], [0.1], 1, 4)
+    again = measure(data, "force_z_n", lines, [0.1], runs, flights=2, seconds=6.0, workers=2)
     written = json.loads((out / "lead-quick" / "study.json").read_text())["points"]
     for point in again:
         same = [w for w in written if (w["domain"], w["predictor"], w["lead_s"])

@@ -10,12 +10,16 @@ import torch
 from click.testing import CliRunner
 from scipy.signal import lfilter
 
+from trainers.build import ARCHITECTURES
 from trainers.cold import predict_from_cold
 from trainers.predict import predict
 from trainers.tape import lay_tape
+from wakedeploy import figures
+from wakedeploy.cli import main
 from wakedeploy.cli.study_horizon import window
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.study.runs import trained
+from wakedeploy.study.looks import looks
+from wakedeploy.study.runs import Wanted, candidates, obtained_run, trained
 from wakedeploy.study.window import (
     WHOLE,
     Seen,
@@ -26,7 +30,7 @@ from wakedeploy.study.window import (
     sentence,
     windows,
 )
-from wakedeploy.study.window_figure import curves, looks, needed
+from wakedeploy.study.window_figure import curves, needed
 
 DELAY = 6  # samples
 KEEP = 0.7  # from one sample to the next
@@ -140,13 +144,17 @@ def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
     assert found.enough is not None
     assert (found.enough.past_s, found.error, found.least) == (0.1, pytest.approx(0.42), 0.4)
     told = sentence("toy", points, 100.0)
-    assert "gru needs 0.1 s of the past, of which it keeps a state of 512 bytes" in told
+    assert "gru needs no more than 0.1 s of the past, of which it keeps a state of 512" in told
+    assert "needs 0.1 s" not in told  # its past was cut, it was not trained with so little
     assert "samples" not in told
     told = sentence("toy", [points[0], seen("history-mlp", 0.1, 0.4)], 100.0)
     assert "needs 0.1 s of the past, a history of 11 samples or 44 bytes at 100 Hz, for" in told
     slow = [*points[:1], seen("gru", 0.1, 0.8), seen("gru", WHOLE, 0.3)]
     assert need(slow, "gru").enough is None
-    assert "gru needs more than 0.1 s" in sentence("toy", slow, 100.0)
+    told = sentence("toy", slow, 100.0)
+    assert "gru, as it was trained, comes within 5 % of its least error" in told
+    assert "with all of the past and not with 0.1 s, which bounds nothing" in told
+    assert "needs" not in told
     useless = [*points[:1], seen("gru", 0.1, 0.88)]
     assert need(useless, "gru").enough is points[0]
     assert "no more than 5 % by the past" in sentence("toy", useless, 100.0)
@@ -172,18 +180,42 @@ def test_states_and_histories_have_the_bytes_that_are_kept(measured) -> None:
         if point.memory == "window":
             assert point.bytes == 4 * point.samples * len(data.observation)
     _, lines = needed({"toy": points})
+    assert [line[2].startswith("at most ") for line in lines] == [False, True]
     assert [line[1:2] + line[4:6] for line in lines] == [
         ["history-mlp", "history", f"{4 * 9}"], ["gru", "state", "512"],
     ]  # fmt: skip
 
 
-def test_seven_architectures_have_seven_lines() -> None:
-    names = [f"model-{i}" for i in range(7)]
-    points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names)]
-    drawn = curves({"toy": points})
-    labels = drawn.axes[0].get_legend_handles_labels()[1]
-    assert set(names) <= set(labels)
-    assert len(set(looks(names).values())) == 7
+def test_every_architecture_looks_like_itself_and_unlike_the_limits() -> None:
+    names = [*ARCHITECTURES, *(f"model-{i}" for i in range(10))]
+    told = looks(names)
+    assert len(set(told.values())) == len(names)
+    assert len({colour for colour, _ in list(told.values())[:8]}) == 8
+    assert told["gru"] == looks(["gru"])["gru"]  # whoever else is drawn
+    assert not {figures.TRUE, figures.REFERENCE} & {colour for colour, _ in told.values()}
+    points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names[1:8])]
+    labels = curves({"toy": points}).axes[0].get_legend_handles_labels()[1]
+    assert set(names[1:8]) <= set(labels)
+
+
+def test_the_memoryless_alone_is_refused(tmp_path) -> None:
+    told = CliRunner().invoke(main, ["study", "window", "--arch", "agile-mlp", "--quick", "--out",
+                                     str(tmp_path)])  # fmt: skip
+    assert told.exit_code == 2, told.output
+    assert "give --arch a model with memory" in told.output
+    assert not (tmp_path / "window").exists()
+
+
+def test_a_reservoir_is_chosen_on_validation_as_in_every_study(tmp_path) -> None:
+    data = delayed_set()
+    points = measure(data, "force", ["esn"], 1, tmp_path, epochs=2)
+    tried = [obtained_run(data, one, tmp_path) for one in candidates(Wanted("esn", 0, 2))]
+    best = min(tried, key=lambda run: min(run.metrics.history))
+    assert len(tried) == 3
+    assert {p.hyper for p in points if p.arch == "esn"} == {
+        next(w.hyper_text for w in candidates(Wanted("esn", 0, 2))
+             if obtained_run(data, w, tmp_path).folder == best.folder)
+    }  # fmt: skip
 
 
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:

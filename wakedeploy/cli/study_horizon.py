@@ -28,7 +28,8 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     """Find the shortest past that a predictor has to see, domain by domain.
 
     Window models are trained for every length, from none (agile-mlp) to 1.5 of the domain's usual
-    window; recurrent ones are trained once and their past is cut. A stopped study goes on.
+    window; recurrent ones are trained once and their past is cut, which tells what they need at
+    most. A stopped study goes on.
 
     \b
     Example:
@@ -38,10 +39,10 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.folder import write_study
     from wakedeploy.study.sets import DOMAINS
-    from wakedeploy.study.window import measure, planned, sentence
+    from wakedeploy.study.window import measure, planned, sentence, with_memory
     from wakedeploy.study.window_figure import needed, parts
 
-    architectures = _architectures(arch)
+    architectures = with_memory(_architectures(arch))
     sets = sets_of(names, recordings, asked)
     jobs = [
         job
@@ -87,7 +88,8 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     """
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, measure, planned, sentence
+    from wakedeploy.study import lead as study
+    from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, sentence
     from wakedeploy.study.lead_figure import parts, summary
     from wakedeploy.study.sets import DOMAINS as SETS
 
@@ -95,20 +97,16 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     sets = sets_of(",".join(DOMAINS), None, asked)
     leads_s = QUICK_LEADS_S if asked.quick else LEADS_S
     count, seconds = (2, 6.0) if asked.quick else (flights, 20.0)
-    jobs = {
-        name: planned(made, architectures, leads_s, asked.seeds, asked.epochs)
-        for name, made in sets.items()
-    }
+    lines = study.asked(architectures, leads_s, asked.seeds, asked.epochs)
     runs = asked.runs / "lead"  # trained for fewer epochs than the other studies' runs
-    train_with_bar([job for own in jobs.values() for job in own], runs)
+    train_with_bar([job for made in sets.values() for job in study.planned(made, lines)], runs)
     told: dict[str, list[Point]] = {}
-    lines = sum(1 + len(leads_s) + len(own) for own in jobs.values())
-    with progress("Flying", lines) as bar:
+    with progress("Flying", len(sets) * (1 + len(leads_s) + len(lines))) as bar:
         for name, made in sets.items():
-            told[name] = measure(
+            told[name] = study.measure(
                 made,
                 SETS[name].main,
-                jobs[name],
+                lines,
                 leads_s,
                 runs,
                 flights=count,

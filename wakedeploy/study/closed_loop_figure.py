@@ -55,10 +55,14 @@ def _whole(axes: "Axes", lines: Sequence[Tracked]) -> None:
         )
         points = 1e3 * line.per_flight_m
         axes.plot(points, [place] * len(points), ".", color=figures.REFERENCE, markersize=2.5)
-    limits = (nothing, figures.REFERENCE, "-"), (oracle, figures.TRUE, "-"), (
-        constant,
-        figures.REFERENCE,
-        ":",
+    limits = (
+        (nothing, figures.REFERENCE, "-"),
+        (oracle, figures.TRUE, "-"),
+        (
+            constant,
+            figures.REFERENCE,
+            ":",
+        ),
     )
     for line, colour, style in limits:
         axes.axvline(1e3 * line.mean_m, color=colour, linestyle=style, label=line.name)

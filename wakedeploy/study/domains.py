@@ -259,7 +259,9 @@ def change(lines: Sequence[Line], base: Sequence[Line]) -> tuple[float, float] |
     Below 0 they err less. The same units are drawn for both: what is hard for one is hard for all.
     None where there are too few.
     """
-    both = [np.array([line.sums for line in own]) for own in (lines, base) if own[0].sums is not None]
+    both = [
+        np.array([line.sums for line in own]) for own in (lines, base) if own[0].sums is not None
+    ]
     if len(both) < 2:
         return None
     told = lines[0].told

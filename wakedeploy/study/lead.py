@@ -25,9 +25,9 @@ import numpy as np
 from wakedeploy.domains.downwash import RATE_HZ, Flights, World, fly
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.closed_loop import FIRST_SEED
-from wakedeploy.study.runs import Wanted, obtained, obtained_run
+from wakedeploy.study.runs import Wanted, best_run, candidates, obtained, obtained_run
 from wakedeploy.study.side_by_side import side_by_side
-from wakedeploy.study.uncertainty import FloatArray
+from wakedeploy.study.uncertainty import FloatArray, r2_of, rmse_interval, sums, units_of
 
 LEADS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4)
 QUICK_LEADS_S = (0.0, 0.1, 0.25)
@@ -46,7 +46,8 @@ class Point:
     """One line: a model of one seed at one lead, or a limit.
 
     `rmse` and `sd` are those of the domain's main force [N] `lead_s` ahead over `scored` samples,
-    None for limits. `tracking_m` has the root mean square distance from the reference of each
+    `r2` its R², each with the bounds of a 90 % interval, None for limits. `hyper` says what differs
+    from the architecture's usual hyper-parameters. `tracking_m` has the root mean square distance from the reference of each
     flight as far as it was flown, None where it never was: `failsafes` counts those that ended
     early or never began. `seed` is None for limits, `lead_s` for no compensation.
     """
@@ -60,6 +61,12 @@ class Point:
     rmse: float | None = None
     sd: float | None = None
     scored: int | None = None
+    rmse_low: float | None = None
+    rmse_high: float | None = None
+    r2: float | None = None
+    r2_low: float | None = None
+    r2_high: float | None = None
+    hyper: str = ""
 
     @property
     def whole(self) -> bool:
@@ -99,22 +106,23 @@ class Best:
     high_m: float | None
 
 
-def planned(
-    data: EpisodeSet,
-    architectures: Sequence[str],
-    leads_s: Sequence[float],
-    seeds: int,
-    epochs: int | None = None,
-) -> list[tuple[EpisodeSet, Wanted]]:
-    """The runs of one domain: every architecture at every lead."""
-    asked = itertools.product(architectures, leads_s, range(seeds))
-    return [(data, Wanted(a, s, epochs or EPOCHS, lead_s=lead_s)) for a, lead_s, s in asked]
+def asked(
+    architectures: Sequence[str], leads_s: Sequence[float], seeds: int, epochs: int | None = None
+) -> list[Wanted]:
+    """The lines of one domain: every architecture at every lead."""
+    every = itertools.product(architectures, leads_s, range(seeds))
+    return [Wanted(a, s, epochs or EPOCHS, lead_s=lead_s) for a, lead_s, s in every]
+
+
+def planned(data: EpisodeSet, lines: Sequence[Wanted]) -> list[tuple[EpisodeSet, Wanted]]:
+    """The runs that these lines need."""
+    return [(data, one) for wanted in lines for one in candidates(wanted)]
 
 
 def measure(
     data: EpisodeSet,
     main: str,
-    jobs: Sequence[tuple[EpisodeSet, Wanted]],
+    lines: Sequence[Wanted],
     leads_s: Sequence[float],
     runs: Path,
     *,
@@ -123,13 +131,14 @@ def measure(
     workers: int | None = None,
     on_flown: Callable[[], None] = lambda: None,
 ) -> list[Point]:
-    """Fly the limits and the planned runs of one domain, and score the runs' force `main`.
+    """Fly the limits and the lines of one domain, and score the lines' force `main`.
 
     Trains what is not trained yet. `on_flown` is called for every line.
     """
     nothing = Flight(data.domain, flights, seconds)
     flown = [nothing, *(replace(nothing, lead_s=lead_s) for lead_s in leads_s)]
-    flown += [replace(nothing, data=data, wanted=wanted, runs=runs) for _, wanted in jobs]
+    best = [best_run(data, wanted, runs) for wanted in lines]
+    flown += [replace(nothing, data=data, wanted=wanted, runs=runs) for _, wanted in best]
     tracked = side_by_side(track, flown, workers=workers, on_done=on_flown)
     points = []
     for flight, kept in zip(flown, tracked, strict=True):
@@ -138,16 +147,14 @@ def measure(
             name = NOTHING if flight.lead_s is None else TRUTH
             points.append(Point(data.domain, name, flight.lead_s, None, *kept))
             continue
-        rmse, sd, scored = force_error(data, main, obtained(data, wanted, runs), wanted.lead_s)
         point = Point(data.domain, wanted.arch, wanted.lead_s, wanted.seed, *kept)
-        points.append(replace(point, rmse=rmse, sd=sd, scored=scored))
+        error = force_error(data, main, obtained(data, wanted, runs), wanted.lead_s)
+        points.append(replace(point, hyper=wanted.hyper_text, **error))
     return points
 
 
-def force_error(
-    data: EpisodeSet, main: str, predictor: Any, lead_s: float
-) -> tuple[float, float, int]:
-    """RMSE and standard deviation of the channel `main` `lead_s` ahead, and how many samples."""
+def force_error(data: EpisodeSet, main: str, predictor: Any, lead_s: float) -> dict[str, Any]:
+    """How the channel `main` is predicted `lead_s` ahead, by the names that `Point` has for it."""
     from trainers.predict import predict
     from trainers.tape import lay_tape
 
@@ -155,7 +162,13 @@ def force_error(
     channel = [c.name for c in data.force].index(main)
     truth = tape.force[tape.scored].double().numpy()[:, channel]
     error = predict(predictor, tape)[tape.scored].double().numpy()[:, channel] - truth
-    return float(np.sqrt(np.mean(error**2))), float(truth.std()), len(truth)
+    unit = units_of(data, tape.first[tape.scored].numpy(), lead_s=lead_s)
+    by_unit = sums(truth, error, unit)[None]
+    r2, low_high = r2_of(by_unit), rmse_interval(by_unit)
+    told: dict[str, Any] = {"rmse": float(np.sqrt(np.mean(error**2))), "sd": float(truth.std())}
+    told |= dict(zip(("rmse_low", "rmse_high"), low_high or (None, None), strict=True))
+    told |= {"r2": r2.value, "r2_low": r2.low, "r2_high": r2.high}
+    return told | {"scored": len(truth)}
 
 
 def track(flight: Flight) -> tuple[Tracked, int]:

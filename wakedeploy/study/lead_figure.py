@@ -13,7 +13,10 @@ from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
-from wakedeploy.study.window_figure import looks, spread
+from wakedeploy.study.looks import looks
+from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.uncertainty import R2
+from wakedeploy.study.window_figure import spread
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +27,14 @@ COLUMNS = (
     "predictor",
     "lead_s",
     "seed",
+    "hyper",
     "rmse_n",
+    "rmse_low_n",
+    "rmse_high_n",
     "sd_n",
+    "r2",
+    "r2_low",
+    "r2_high",
     "scored",
     "tracking_rms_m",
     "failsafes",
@@ -99,13 +108,17 @@ def _each_mm(points: Sequence[Point]) -> list[float]:
 
 
 def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str, str]]:
-    """Colour, marker and line of each model, the memoryless one in grey."""
-    names = models(points)
-    told = looks([name for name in names if name != MEMORYLESS])
+    """Colour, marker and line of each model, the memoryless one broken."""
     return {
-        name: (figures.LIMIT, ".", "--") if name == MEMORYLESS else (*told[name], "-")
-        for name in names
+        name: (*look, "--" if name == MEMORYLESS else "-")
+        for name, look in looks(models(points)).items()
     }
+
+
+def _r2(points: Sequence[Point]) -> str:
+    """Each seed's R² of the force with its interval; limits have none."""
+    told = [R2(p.r2, p.r2_low, p.r2_high).text for p in points if p.r2 is not None]
+    return ", ".join(told) or "–"
 
 
 def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
@@ -115,7 +128,7 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     first = Part(
         "lead",
         "Force error and tracking error against how far ahead the force is predicted; rings mark "
-        "each line's best lead.",
+        f"each line's best lead. {CHOICE}",
         COLUMNS,
         rows(every),
         curves(told),
@@ -140,8 +153,9 @@ def rows(points: Sequence[Point]) -> list[list[Any]]:
     """Every point under `COLUMNS`."""
     return [
         [
-            *(p.domain, p.predictor, p.lead_s, p.seed),
-            *(p.rmse, p.sd, p.scored, tracking([p]), p.failsafes),
+            *(p.domain, p.predictor, p.lead_s, p.seed, p.hyper),
+            *(p.rmse, p.rmse_low, p.rmse_high, p.sd, p.r2, p.r2_low, p.r2_high),
+            *(p.scored, tracking([p]), p.failsafes),
         ]
         for p in points
     ]
@@ -149,7 +163,8 @@ def rows(points: Sequence[Point]) -> list[list[Any]]:
 
 def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
     """One domain's table: mean ± spread over seeds, at each lead."""
-    columns = ["predictor", "lead [ms]", "force RMSE / sd", "tracking rms [mm]", "failsafes"]
+    columns = ["predictor", "lead [ms]", "force RMSE / sd", "R² by seed [90 %]"]
+    columns += ["tracking rms [mm]", "failsafes"]
     lines = []
     for name, lead_s in dict.fromkeys((p.predictor, p.lead_s) for p in points):
         own = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
@@ -158,6 +173,7 @@ def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
             name,
             "–" if lead_s is None else f"{1e3 * lead_s:.0f}",
             spread(errors, ".3f") if errors else "–",
+            _r2(own),
             spread(_each_mm(own), ".2f") if _each_mm(own) else "–",
             f"{sum(p.failsafes for p in own)}",
         ])  # fmt: skip

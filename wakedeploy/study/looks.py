@@ -3,6 +3,7 @@
 Black, green and dotted lines are kept for limits: what flies or predicts without having learned.
 """
 
+import itertools
 from collections.abc import Sequence
 
 from wakedeploy import figures
@@ -17,12 +18,10 @@ _LOOKS = {
     "esn": ("#8C564B", "X"),
     "cross-attention": ("#6A3D9A", "p"),
 }
-_OTHERS = (("#B8A900", "<"), ("#17BECF", ">"), ("#F781BF", "h"))  # for a ninth model and more
+_COLOURS, _MARKERS = ("#B8A900", "#17BECF", "#F781BF"), "<>hd8*"  # for a ninth model and more
 
 
 def looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """The colour and the marker of each, the same in all studies; of others, by their order."""
-    others = [name for name in names if name not in _LOOKS]
-    return {
-        name: _LOOKS.get(name) or _OTHERS[others.index(name) % len(_OTHERS)] for name in names
-    }
+    others = itertools.cycle((colour, mark) for mark in _MARKERS for colour in _COLOURS)
+    return {name: _LOOKS.get(name) or next(others) for name in names}

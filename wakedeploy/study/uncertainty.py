@@ -118,9 +118,7 @@ def units_of(
 
     warm = data.warm_up_steps if warm_up is None else warm_up
     kept = [
-        e.name
-        for e in data.part("test")
-        if len(shift_ahead(e.force, lead_s, data.rate_hz)) > warm
+        e.name for e in data.part("test") if len(shift_ahead(e.force, lead_s, data.rate_hz)) > warm
     ]
     groups = data.provenance.get(GROUPS)
     told = groups if isinstance(groups, dict) else {}

@@ -9,9 +9,9 @@ long windows are coarser. It learns from every sample that has its own window be
 short windows a few more samples in training, never in the test.
 
 A recurrent model is trained once, as usual, and then its past is cut: each scored sample is
-predicted from a state that began anew that long before. It was trained with states that have run
-longer, so what it needs is an upper bound of what the domain needs; one trained to start anew could
-need less, at the price of a training for each length. Its error with the state carried on from the
+predicted from a state that began anew that long before. Training never scores a state as young as
+that, so that what suffices here is an upper bound; one trained to start anew could do with less, at
+the price of a training for each length. Its error with the state carried on from the
 episode's start stands beside it. On board it keeps its state, however long that past is; a window
 model keeps the samples of its window.
 """
@@ -26,9 +26,10 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.episodes import EpisodeSet, window_shape
+from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import MEMORYLESS
-from wakedeploy.study.runs import Wanted, obtained
-from wakedeploy.study.uncertainty import FloatArray, blocks_of, r2_with_interval
+from wakedeploy.study.runs import Wanted, best_run, candidates
+from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
 SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0, 1.5)  # of the domain's usual window
 WHOLE = math.inf  # the past since the episode's start
@@ -47,7 +48,7 @@ class Seen:
     be kept from one sample to the next, by `memory`: the carried state of a "state" model, those
     samples of a "window" model; of "none", the one that is seen. Error and `sd` are those of the
     domain's main channel in its unit; `scored` counts samples, and `r2_low` and
-    `r2_high` bound the 90 % interval of R².
+    `r2_high` bound the 90 % interval of R². `hyper` says what differs from the usual.
     """
 
     domain: str
@@ -63,6 +64,7 @@ class Seen:
     r2_low: float | None
     r2_high: float | None
     scored: int
+    hyper: str = ""
 
     @property
     def share(self) -> float:
@@ -78,6 +80,7 @@ class Seen:
 class Need:
     """The shortest past with which an architecture comes within `TOLERANCE` of its least error.
 
+    For a model that carries a state it is an upper bound: see the file's head.
     Errors are means over seeds, over the standard deviation; `least` over every past it was given,
     without the memoryless model. `enough` is None where only the whole past suffices, and the
     memoryless model where that does.
@@ -98,9 +101,17 @@ class Need:
 def planned(
     data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None = None
 ) -> list[tuple[EpisodeSet, Wanted]]:
-    """The runs that `measure` asks for, each with the set that gives it its window."""
+    """The runs that `measure` needs, each with the set that gives it its window."""
+    asked = _asked(data, architectures, seeds, epochs)
+    return [(seen, one) for seen, wanted in asked for one in candidates(wanted)]
+
+
+def _asked(
+    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None
+) -> list[tuple[EpisodeSet, Wanted]]:
+    """One for each model that is scored."""
     jobs = [(data, Wanted(MEMORYLESS, seed, epochs)) for seed in range(seeds)]
-    for arch in _with_memory(architectures):
+    for arch in with_memory(architectures):
         sets = windows(data) if _kind(arch, data) == "window" else [data]
         jobs += [(seen, Wanted(arch, seed, epochs)) for seen in sets for seed in range(seeds)]
     return jobs
@@ -137,8 +148,9 @@ def measure(
     """
     scale = _Scale(data, main)
     points = []
-    for made, wanted in planned(data, architectures, seeds, epochs):
-        predictor = obtained(made, wanted, runs)
+    for made, asked in _asked(data, architectures, seeds, epochs):
+        run, wanted = best_run(made, asked, runs)
+        predictor = run.predictor
         for past, error in scale.errors(predictor, made):
             points.append(scale.point(wanted, predictor.memory, past, error))
     return points
@@ -192,16 +204,17 @@ def _told(found: Need, rate_hz: float, longest_s: float) -> str:
         )
     if found.enough is None:
         return (
-            f"{found.arch} needs more than {longest_s:.3g} s of the past: only with all of it is "
-            f"its error {errors}"
+            f"{found.arch}, as it was trained, comes within 5 % of its least error ({errors}) with "
+            f"all of the past and not with {longest_s:.3g} s, which bounds nothing"
         )
     if found.enough.past_s == 0.0:
         return (
             f"{found.arch} gains no more than 5 % by the past: {found.least:.2f} of the standard "
             f"deviation with it, {found.memoryless:.2f} without"
         )
+    needs = "needs no more than" if found.enough.memory == "state" else "needs"
     return (
-        f"{found.arch} needs {found.enough.past_s:.3g} s of the past, "
+        f"{found.arch} {needs} {found.enough.past_s:.3g} s of the past, "
         f"{_kept(found.enough, rate_hz)}, for an error within 5 % of its least ({errors}, "
         f"{found.memoryless:.2f} without memory)"
     )
@@ -214,8 +227,15 @@ def _kept(seen: Seen, rate_hz: float) -> str:
     return f"a history of {seen.samples} samples or {seen.bytes:,} bytes at {rate_hz:g} Hz"
 
 
-def _with_memory(architectures: Sequence[str]) -> list[str]:
-    return [arch for arch in architectures if arch != MEMORYLESS]
+def with_memory(architectures: Sequence[str]) -> list[str]:
+    """Those that see a past. Raises UnusableInput where there is none among them."""
+    found = [arch for arch in architectures if arch != MEMORYLESS]
+    if not found:
+        raise UnusableInput(
+            f"{MEMORYLESS} sees no past and is compared with in any case; give --arch a model with "
+            "memory."
+        )
+    return found
 
 
 def _kind(arch: str, data: EpisodeSet) -> str:
@@ -238,7 +258,8 @@ class _Scale:
         scored = np.flatnonzero(self.tape.scored.numpy())
         every = -(-len(scored) // _MOST_SCORED)
         self.chosen: npt.NDArray[np.int64] = scored[::every]
-        self.blocks = blocks_of(data, self.tape.first[scored].numpy())[::every]
+        episode = self.tape.first[scored].numpy()
+        self.units = units_of(data, episode, warm_up=warm_up)[::every]
         self.channel = [channel.name for channel in data.force].index(main)
         self.truth = self._of(self.tape.force[self.chosen])
 
@@ -262,7 +283,7 @@ class _Scale:
         carried = sum(math.prod(shape) for shape in memory.states.values())
         history = (samples or 0) * len(self.data.observation)
         rmse, sd = float(np.sqrt(np.mean(error**2))), float(self.truth.std())
-        r2 = r2_with_interval(self.truth, error, self.blocks)
+        r2 = r2_with_interval(self.truth, error, self.units)
         return Seen(
             self.data.domain,
             wanted.arch,
@@ -275,6 +296,7 @@ class _Scale:
             sd,
             *(r2.value, r2.low, r2.high),
             len(error),
+            wanted.hyper_text,
         )
 
     def _of(self, forces: Any) -> FloatArray:

@@ -4,7 +4,6 @@ In: points of all domains. Out: for each domain the error against the past, with
 suffices marked.
 """
 
-import itertools
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +12,8 @@ import numpy as np
 from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
+from wakedeploy.study.looks import looks
+from wakedeploy.study.runs import CHOICE
 from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window import (
     WHOLE,
@@ -31,6 +32,7 @@ COLUMNS = (
     "domain",
     "arch",
     "seed",
+    "hyper",
     "past_s",
     "memory",
     "samples",
@@ -42,21 +44,6 @@ COLUMNS = (
     "r2_high",
     "scored",
 )
-COLOURS = (
-    figures.PREDICTED,
-    figures.MEASURED,
-    figures.SOURCE,
-    figures.SUFFERER,
-    figures.TRUE,
-    figures.REFERENCE,
-)
-MARKERS = (".", "s", "^", "v", "D")  # one fewer than colours, so that pairs repeat late
-
-
-def looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """A colour and a marker for each line, no two alike among the first thirty."""
-    cycled = zip(itertools.cycle(COLOURS), itertools.cycle(MARKERS), strict=False)
-    return dict(zip(names, cycled, strict=False))
 
 
 def curves(told: Mapping[str, Sequence[Seen]]) -> "Figure":
@@ -88,7 +75,7 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen]) -> None:
     axes.axhline(plain, color=figures.LIMIT, linestyle="--", label=f"{MEMORYLESS} (no memory)")
     delay_s = transport_delay_s(domain)
     if delay_s is not None:
-        axes.axvline(delay_s, color=figures.REFERENCE, linestyle=":", label="transport delay")
+        axes.axvline(delay_s, color=figures.TRUE, linewidth=0.9, label="transport delay")
     for arch, (colour, marker) in looks(architectures_of(points)).items():
         own = [p for p in points if p.arch == arch]
         pasts = sorted({p.past_s for p in own if p.past_s < WHOLE})
@@ -123,7 +110,9 @@ def parts(
     first = Part(
         "window",
         "Error against how much of the past is seen; a ring marks the shortest past with which the "
-        "error is within 5 % of the least.",
+        "error is within 5 % of the least. Of a model that carries a state that is at most what it "
+        "needs: its past was cut after a training that never scored so young a state. One that "
+        f"sees a window was trained for each length. {CHOICE}",
         COLUMNS,
         rows([p for points in told.values() for p in points]),
         curves(told),
@@ -153,14 +142,18 @@ def needed(told: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str
             # Only a state is ever carried on from the start, and it is as large as with any past.
             one = enough or next(p for p in points if (p.arch, p.past_s) == (arch, WHOLE))
             errors = (found.error, found.least, found.memoryless)
-            lines.append([name, arch, *_kept(one), *(f"{value:.3f}" for value in errors)])
+            past, *kept = _kept(one)
+            bound = "at most " if enough is not None and enough.memory == "state" else ""
+            lines.append(
+                [name, arch, f"{bound}{past}", *kept, *(f"{value:.3f}" for value in errors)]
+            )
     return columns, lines
 
 
 def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str]]]:
     """One domain's table: mean ± spread over seeds for every past."""
     columns = ["predictor", "past [s]", "samples seen", "kept", "bytes kept", f"RMSE {main}",
-               "RMSE / sd", "R²", "R² of the first seed, 90 %"]  # fmt: skip
+               "RMSE / sd", "R²", "R² by seed [90 %]"]  # fmt: skip
     lines = []
     for arch, past in dict.fromkeys((p.arch, p.past_s) for p in points):
         own = [p for p in points if (p.arch, p.past_s) == (arch, past)]
@@ -170,7 +163,7 @@ def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str
             spread([p.rmse for p in own], ".4g"),
             spread([p.share for p in own], ".3f"),
             spread([p.r2 for p in own], ".3f"),
-            R2(own[0].r2, own[0].r2_low, own[0].r2_high).text,
+            ", ".join(R2(p.r2, p.r2_low, p.r2_high).text for p in own),
         ])  # fmt: skip
     return columns, lines
 
