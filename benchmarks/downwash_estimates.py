@@ -17,7 +17,7 @@ import torch
 
 from wakedeploy.domains.downwash import World, make_set
 from wakedeploy.physics.field import FieldGrid
-from wakedeploy.study.closed_loop import LIMITS, mean_force, recovered, track
+from wakedeploy.study.closed_loop import LIMITS, Model, mean_force, track
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained
 from wakedeploy.study.side_by_side import side_by_side
@@ -78,11 +78,12 @@ def measured(job: tuple[str, World]) -> dict[str, float]:
             truth, forces, _ = predicted(predictor, data)
             shares = np.sqrt(np.mean((forces - truth) ** 2, axis=0)) / truth.std(axis=0)
             result[f"{arch} share"] = float(np.sqrt(np.mean(shares**2)))
-            models.append((arch, [predictor]))
+            models.append(Model(arch, [predictor], [""]))
     lines = track(models, FLIGHTS, FLIGHT_S, constant=mean_force(data), world=world, workers=1)
     result |= {f"{line.name} mm": 1e3 * line.mean_m for line in lines}
     for line in lines[len(LIMITS) :]:
-        result[f"{line.name} gain"] = recovered(line, lines[0], lines[1]).share
+        gained_m = lines[0].mean_m - line.mean_m
+        result[f"{line.name} gain"] = gained_m / (lines[0].mean_m - lines[1].mean_m)
     return result
 
 

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 from wakedeploy.cli.study_delay import fish_scatter
 from wakedeploy.domains.fish import import_set
 from wakedeploy.errors import UnusableInput
-from wakedeploy.study.domains import RESERVOIRS, Line, compare, held_out
+from wakedeploy.study.domains import Line, compare, held_out
 from wakedeploy.study.fish_scatter import Shown, best_memory, shown
 from wakedeploy.study.fish_scatter_figure import draw, sentence
-from wakedeploy.study.runs import Wanted, obtained_run
+from wakedeploy.study.runs import RESERVOIRS, Wanted, obtained_run
 from wakedeploy.study.uncertainty import R2
 
 
@@ -44,9 +44,14 @@ def test_the_sentence_says_whether_the_intervals_lie_apart() -> None:
     told = sentence([model("agile-mlp", 4.0, plain), model("gru", 1.0, best)])
     assert "agile-mlp explains R² 0.550 [0.450, 0.650]" in told
     assert "gru, the best memory on the validation block, 0.950 [0.940, 0.960]" in told
-    assert "lie apart" in told
+    assert "its 90 % interval lies wholly above" in told
+    worse = sentence([model("agile-mlp", 1.0, best), model("gru", 4.0, plain)])
+    assert "its 90 % interval lies wholly below: memory harms" in worse
+    assert "too short for intervals" in sentence(
+        [model("agile-mlp", 4.0, plain), model("gru", 1.0, R2(0.95, None, None))]
+    )
     unclear = sentence([model("agile-mlp", 4.0, plain), model("gru", 4.0, R2(0.6, 0.5, 0.7))])
-    assert "overlap" in unclear
+    assert "their 90 % intervals overlap" in unclear
 
 
 def test_both_panels_are_square_and_share_one_scale() -> None:
@@ -90,15 +95,28 @@ def test_the_command_draws_the_scatter(tmp_path: Path, recordings: Path, monkeyp
     assert told.exit_code == 0, told.output
     folder = tmp_path / "fish-scatter-quick"
     assert {p.name for p in folder.iterdir()} == {
-        "fish-scatter.png", "fish-scatter.pdf", "fish-scatter.csv", "study.json", "study.html",
+        "fish-scatter.png", "fish-scatter.pdf", "fish-scatter.csv", "fish-scatter-scores.csv",
+        "study.json", "study.html",
     }  # fmt: skip
-    rows = {row["predictor"]: row for row in csv.DictReader((folder / "fish-scatter.csv").open())}
+    scores = csv.DictReader((folder / "fish-scatter-scores.csv").open())
+    rows = {row["predictor"]: row for row in scores}
     result = json.loads((folder / "study.json").read_text())
     assert set(rows) == set(few)
     losses = {name: float(row["validation_loss"]) for name, row in rows.items()}
     assert result["best"] == min(("history-mlp", "esn"), key=lambda name: losses[name])
     assert float(rows["agile-mlp"]["r2"]) < 0.65 < float(rows["esn"]["r2"])
-    assert result["best"] in (folder / "study.html").read_text()
+    page = (folder / "study.html").read_text()
+    assert result["best"] in page
+    assert "the paper has R² 0.57 without memory and" in page.replace("The", "the")
+    drawn = list(csv.DictReader((folder / "fish-scatter.csv").open()))
+    for arch in ("agile-mlp", result["best"]):  # the points themselves say the R² that is told
+        own = [row for row in drawn if row["predictor"] == arch]
+        true_mm, told_mm = (
+            np.array([float(r[k]) for r in own]) for k in ("true_mm", "predicted_mm")
+        )
+        r2 = 1.0 - np.mean((told_mm - true_mm) ** 2) / true_mm.var()
+        assert r2 == pytest.approx(float(rows[arch]["r2"]), abs=1e-6)
+    assert float(rows["agile-mlp"]["r2_low"]) < float(rows["agile-mlp"]["r2"])
 
 
 def test_without_recordings_the_command_says_so(tmp_path: Path) -> None:

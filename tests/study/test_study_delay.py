@@ -125,12 +125,17 @@ def test_cases_state_the_delays_that_their_rigs_have() -> None:
 
 
 def line(
-    domain: str, true_s: float, delay_s: float, lag_s: float = 0.0, *, start_s: float = 0.05,
+    domain: str,
+    true_s: float,
+    delay_s: float,
+    lag_s: float = 0.0,
+    *,
+    start_s: float = 0.05,
     validation: float = 0.1,
-) -> Learned:  # fmt: skip
+) -> Learned:
     true = Transport(true_s, true_s - 0.01, true_s + 0.01)
-    return Learned(domain, f"{true_s:g}", 0, start_s, validation, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25,
-                   0.9, 0.88, 0.92)  # fmt: skip
+    begun = (f"{true_s:g}", 0, start_s, validation)
+    return Learned(domain, *begun, true, lag_s, delay_s, 0.01, 0.1, 0.3, 0.25, 0.9, 0.88, 0.92)
 
 
 def test_the_sentences_say_slope_and_distance_as_they_are() -> None:

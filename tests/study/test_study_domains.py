@@ -16,7 +16,7 @@ from wakedeploy.files import sha256_of
 from wakedeploy.study.domains import SOURCE_ONLY, compare, planned
 from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.domains_sentence import sentence
-from wakedeploy.study.runs import RESERVOIRS, train_all
+from wakedeploy.study.runs import RESERVOIRS, Wanted, train_all, work
 from wakedeploy.study.sets import DOMAINS, Domain, chosen, obtain
 
 
@@ -49,17 +49,28 @@ def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_pat
     data = delayed_set()
     calls: list[int] = []
     jobs = [(data, wanted) for wanted in planned(data, ["agile-mlp", "esn"], 1, 3)]
-    train_all(jobs, tmp_path, workers=2, on_run=lambda: calls.append(1))
+    train_all(jobs, tmp_path, workers=2, on_run=calls.append)
     trained = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
     lines = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == trained
     named = {line.predictor: line for line in lines}
     assert named["esn"].normalised < 0.5 * named["agile-mlp"].normalised
     assert len(calls) == len(jobs) == 2 + len(RESERVOIRS)
+    assert sorted(calls) == sorted(work(*job) for job in jobs)
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
     again = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
     assert [line.as_json() for line in again] == [line.as_json() for line in lines]
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == before
+
+
+def test_the_work_of_a_run_grows_with_its_samples_epochs_and_architecture() -> None:
+    data = delayed_set()
+    twice = replace(data, split={e.name: "train" for e in data.episodes})  # six episodes, not three
+    usual = work(data, Wanted("gru", 0))
+    assert work(twice, Wanted("gru", 0)) == 2 * usual
+    assert work(data, Wanted("gru", 0, 30)) == pytest.approx(usual / 2, rel=1e-3)
+    assert work(data, Wanted("esn", 0, 4)) == work(data, Wanted("esn", 0))  # solved in any case
+    assert work(data, Wanted("esn", 0)) < 0.2 * usual
 
 
 def test_the_past_of_own_motion_is_hidden_where_a_set_names_it(tmp_path) -> None:

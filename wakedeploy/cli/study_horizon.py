@@ -87,8 +87,8 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study lead --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study import lead as study
+    from wakedeploy.study.folder import write_study
     from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, sentence
     from wakedeploy.study.lead_figure import parts, summary
     from wakedeploy.study.sets import DOMAINS as SETS

@@ -118,10 +118,13 @@ def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, Epi
 
 
 def train_with_bar(jobs: "Sequence[tuple[EpisodeSet, Wanted]]", runs: Path) -> None:
-    """Train what is not there yet, and show how long is left."""
-    from wakedeploy.study.runs import train_all, untrained
+    """Train what is not there yet, and show how long is left.
+
+    Runs count as what each roughly costs: ten reservoirs say little of ten recurrent networks.
+    """
+    from wakedeploy.study.runs import train_all, untrained, work
 
     left = untrained(jobs, runs)
     if left:
-        with progress("Training", len(left)) as bar:
+        with progress("Training", sum(work(*job) for job in left)) as bar:
             train_all(left, runs, on_run=bar.advance)

@@ -122,7 +122,7 @@ def track(
     named: list[tuple[str, Any]] = list(zip(LIMITS, ("nothing", "truth", constant), strict=True))
     named += [(model.name, predictor) for model in models for predictor in model.predictors]
     jobs = [(episodes, seconds, expect, world, settling_s) for _, expect in named]
-    flown = side_by_side(_flown, jobs, workers=workers, on_done=on_flight)
+    flown = side_by_side(_flown, jobs, workers=workers, on_done=lambda job: on_flight())
     found: dict[str, list[FloatArray]] = {}
     for (name, _), tracking_m in zip(named, flown, strict=True):
         found.setdefault(name, []).append(tracking_m)

@@ -101,10 +101,11 @@ class Attended:
 class Learned:
     """The delays of one trained Delay Embedding over the test samples, seconds.
 
-    `start_s` is μ₀, where training began, `validation` the least loss on validation. `delay_s` and `spread_s` are mean and standard deviation of the kernel's centre μ, `width_s` is
-    its mean σ, `mean_age_s` the mean age of what it weighs. `outside` is the share of samples whose
-    μ lies outside the window: there the kernel weighs the window's end. `r2` is that of the
-    domain's main channel; `r2_low` and `r2_high` bound its 90 % interval.
+    `start_s` is μ₀, where training began, `validation` the least loss on validation. `delay_s` and
+    `spread_s` are mean and standard deviation of the kernel's centre μ, `width_s` is its mean σ,
+    `mean_age_s` the mean age of what it weighs. `outside` is the share of samples whose μ lies
+    outside the window: there the kernel weighs the window's end. `r2` is that of the domain's main
+    channel; `r2_low` and `r2_high` bound its 90 % interval.
     """
 
     domain: str

@@ -16,12 +16,17 @@ from wakedeploy.study.uncertainty import R2, FloatArray
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """One model's test block: truth and prediction (n,) [m], and R² with its interval."""
+    """One model's test block: truth and prediction (n,) [m], and R² with its interval.
+
+    `seed` and `hyper` say which run it is.
+    """
 
     arch: str
     true_m: FloatArray
     predicted_m: FloatArray
     r2: R2
+    seed: int = 0
+    hyper: str = ""
 
 
 def best_memory(lines: Sequence[Line]) -> str:
@@ -45,4 +50,4 @@ def _on_test(data: EpisodeSet, lines: Sequence[Line], arch: str, runs: Path) -> 
         raise ValueError(f"{arch} was not trained")
     truth, told, _ = predicted(obtained(data, own.wanted, runs), data)
     r2 = R2(*(own.channels[0][name] for name in ("r2", "r2_low", "r2_high")))
-    return Shown(arch, truth[:, 0], told[:, 0], r2)
+    return Shown(arch, truth[:, 0], told[:, 0], r2, own.wanted.seed, own.hyper_text)

@@ -1,7 +1,7 @@
-"""The figure, the table and the sentence of the study of the fish's flag.
+"""The figure, the tables and the sentence of the study of the fish's flag.
 
-In: predictions of the test block by two models. Out: two scatters with the line of equality, and
-below them five seconds of the block.
+In: predictions of the test block by two models. Out: two scatters with the line of equality, below
+them five seconds of the block; every point that is drawn, and the scores of all architectures.
 """
 
 from collections.abc import Sequence
@@ -10,22 +10,27 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, held_out
+from wakedeploy.study.claims import claims
+from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, held_out, r2_over_seeds
 from wakedeploy.study.fish_scatter import Shown
 from wakedeploy.study.folder import Part
+from wakedeploy.study.looks import looks
+from wakedeploy.study.runs import CHOICE
 from wakedeploy.study.uncertainty import R2
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-COLUMNS = ("predictor", "seed", "rmse_mm", "r2", "r2_low", "r2_high", "validation_loss")
+COLUMNS = ("predictor", "seed", "hyper", "time_s", "true_mm", "predicted_mm")
+SCORES = ("predictor", "seed", "hyper", "rmse_mm", "r2", "r2_low", "r2_high", "validation_loss")
 _EXCERPT_S = 5.0  # from the middle of the block
 
 
 def draw(shown: Sequence[Shown], rate_hz: float) -> "Figure":
     """Scatters above, the excerpt below."""
-    colours = (figures.LIMIT, figures.PREDICTED)
+    styles = looks([one.arch for one in shown])
+    colours = [styles[one.arch][0] for one in shown]
     with figures.style():
         from matplotlib.figure import Figure
 
@@ -69,29 +74,38 @@ def _excerpt(axes: "Axes", shown: Sequence[Shown], colours: Sequence[str], rate_
 def sentence(shown: Sequence[Shown]) -> str:
     """What both models explain of the test block."""
     plain, best = shown
-    apart = plain.r2.high is not None and best.r2.low is not None and plain.r2.high < best.r2.low
     return (
         f"Without memory {plain.arch} explains R² {plain.r2.text} of the flag tip's motion; "
-        f"{best.arch}, the best memory on the validation block, {best.r2.text}; their 90 % "
-        f"intervals {'lie apart' if apart else 'overlap or are unknown'}."
+        f"{best.arch}, the best memory on the validation block, {best.r2.text}; "
+        f"{_apart(plain.r2, best.r2)}."
     )
 
 
+def _apart(plain: R2, best: R2) -> str:
+    """How the two intervals lie."""
+    if plain.low is None or plain.high is None or best.low is None or best.high is None:
+        return "the block is too short for intervals"
+    if best.low > plain.high:
+        return "its 90 % interval lies wholly above"
+    if best.high < plain.low:
+        return "its 90 % interval lies wholly below: memory harms"
+    return "their 90 % intervals overlap"
+
+
 def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
-    """One line per architecture: R² over the seeds, and of the first with its interval."""
-    columns = ["predictor", "R², mean ± sd over seeds", "R², first seed, 90 %", "RMSE [mm]"]
+    """One line per architecture: R² over the seeds, with the interval of its mean."""
+    columns = ["predictor", "R², mean ± sd over seeds", "its mean, 90 %", "RMSE [mm]"]
     columns.append("loss on validation, mean")
     rows, losses = [], held_out(lines)
     for arch, own in by_predictor([line for line in lines if line.seed is not None]).items():
         tips = [line.channels[0] for line in own]
         values = [tip["r2"] for tip in tips]
         spread = f" ± {np.std(values, ddof=1):.3f}" if len(values) > 1 else ""
-        first = R2(tips[0]["r2"], tips[0]["r2_low"], tips[0]["r2_high"])
         rows.append(
             [
                 f"{arch} (no memory)" if arch == MEMORYLESS else arch,
                 f"{np.mean(values):.3f}{spread}",
-                first.text,
+                r2_over_seeds(own, 0).text,
                 f"{1e3 * np.mean([tip['rmse'] for tip in tips]):.2f}",
                 f"{losses[arch]:.3f}",
             ]
@@ -100,11 +114,16 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
 
 
 def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list[Part]:
-    """The figure with the table of all architectures, and the predictions that were drawn."""
-    rows = [
+    """The figure with the points that it shows, then the table of all architectures."""
+    points = [
+        (one.arch, one.seed, one.hyper, i / rate_hz, 1e3 * float(true_m), 1e3 * float(told_m))
+        for one in shown
+        for i, (true_m, told_m) in enumerate(zip(one.true_m, one.predicted_m, strict=True))
+    ]
+    count = ["predictor", "samples"], [[one.arch, f"{len(one.true_m)}"] for one in shown]
+    scores = [
         (
-            line.predictor,
-            line.seed,
+            *(line.predictor, line.seed, line.hyper_text),
             1e3 * line.channels[0]["rmse"],
             *(line.channels[0][name] for name in ("r2", "r2_low", "r2_high")),
             line.validation,
@@ -112,13 +131,8 @@ def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list
         for line in lines
         if line.seed is not None
     ]
+    told = f"All architectures on the test block. {claims('fish', lines)} {CHOICE}"
     return [
-        Part(
-            "fish-scatter",
-            sentence(shown),
-            COLUMNS,
-            rows,
-            draw(shown, rate_hz),
-            summary(lines),
-        )
+        Part("fish-scatter", sentence(shown), COLUMNS, points, draw(shown, rate_hz), count),
+        Part("fish-scatter-scores", told, SCORES, scores, shown=summary(lines)),
     ]

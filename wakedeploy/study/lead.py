@@ -46,10 +46,10 @@ class Point:
     """One line: a model of one seed at one lead, or a limit.
 
     `rmse` and `sd` are those of the domain's main force [N] `lead_s` ahead over `scored` samples,
-    `r2` its R², each with the bounds of a 90 % interval, None for limits. `hyper` says what differs
-    from the architecture's usual hyper-parameters. `tracking_m` has the root mean square distance from the reference of each
-    flight as far as it was flown, None where it never was: `failsafes` counts those that ended
-    early or never began. `seed` is None for limits, `lead_s` for no compensation.
+    `r2` its R², each with the bounds of a 90 % interval, None for limits. `tracking_m` has the root
+    mean square distance from the reference of each flight as far as it was flown, None where it
+    never was: `failsafes` counts those that ended early or never began. `seed` is None for limits,
+    `lead_s` for no compensation. `hyper` says what differs from the usual hyper-parameters.
     """
 
     domain: str
@@ -139,7 +139,7 @@ def measure(
     flown = [nothing, *(replace(nothing, lead_s=lead_s) for lead_s in leads_s)]
     best = [best_run(data, wanted, runs) for wanted in lines]
     flown += [replace(nothing, data=data, wanted=wanted, runs=runs) for _, wanted in best]
-    tracked = side_by_side(track, flown, workers=workers, on_done=on_flown)
+    tracked = side_by_side(track, flown, workers=workers, on_done=lambda job: on_flown())
     points = []
     for flight, kept in zip(flown, tracked, strict=True):
         wanted = flight.wanted

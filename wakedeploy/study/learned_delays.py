@@ -19,7 +19,7 @@ def points(
     spread_s: Sequence[float],
     **look: Any,
 ) -> None:
-    """Delays (n,) with their spreads (n,); one beyond the axes is written beside its marker."""
+    """Delays (n,) with their spreads (n,); those beyond the axes are written beside their markers."""
     bottom_s, top_s = axes.get_ylim()
     margin_s = _MARGIN * (top_s - bottom_s)
     low_s, high_s = bottom_s + margin_s, top_s - margin_s
@@ -27,16 +27,19 @@ def points(
     inside = [low_s <= value <= high_s for value in delay_s]
     bars = [spread if drawn else 0.0 for spread, drawn in zip(spread_s, inside, strict=True)]
     axes.errorbar(across, shown, yerr=bars, elinewidth=0.8, **look)
+    beyond: dict[tuple[float, float], list[str]] = {}
     for place, value, at, drawn in zip(across, delay_s, shown, inside, strict=True):
         if not drawn:
-            words = f"{value:.2f} s "
-            axes.annotate(
-                words,
-                (place, at),
-                (-4, 0),
-                textcoords="offset points",
-                fontsize=7,
-                ha="right",
-                va="center",
-            )
+            beyond.setdefault((place, at), []).append(f"{value:.2f} s ")
+    for (place, at), words in beyond.items():  # markers at one place: one line each
+        axes.annotate(
+            "\n".join(words),
+            (place, at),
+            (-4, -3 if at == low_s else 3),
+            textcoords="offset points",
+            fontsize=7,
+            ha="right",
+            va="bottom" if at == low_s else "top",
+            linespacing=1.0,
+        )
     axes.set_ylim(bottom_s, top_s)

@@ -28,7 +28,8 @@ class Point:
 
     `errors` are RMSE over standard deviation on test episodes, one per seed. `step_p99_ms` is the
     99th percentile of what the loop spends on predicting, paced at 32 Hz; the weights of all seeds
-    cost the same. `frozen` weights are drawn once and not trained.
+    cost the same. `frozen` weights are drawn once and not trained. `hyper` says of each seed what
+    differs from the usual hyper-parameters.
     """
 
     domain: str
@@ -37,6 +38,7 @@ class Point:
     trainable: int
     frozen: int
     step_p99_ms: float
+    hyper: tuple[str, ...] = ()
 
     @property
     def error(self) -> float:
@@ -117,6 +119,7 @@ def measure(
             trainable=trained[arch].metrics.trainable,
             frozen=trained[arch].metrics.frozen,
             step_p99_ms=row.stages_ms[_PREDICT]["p99"],
+            hyper=tuple(line.hyper_text for line in own),
         )
         for (arch, own), row in zip(lines.items(), rows, strict=True)
     ]

@@ -11,6 +11,7 @@ from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence
+from wakedeploy.study.runs import CHOICE
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -25,6 +26,7 @@ _LETTER = 3.7  # a letter's width at the names' size, in points
 COLUMNS = (
     "domain",
     "predictor",
+    "hyper",
     "seeds",
     "error",
     "spread",
@@ -146,7 +148,7 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     first = Part(
         "pareto",
         "Error against trainable parameters and against the step's time in the loop; filled points"
-        " on the line are beaten by none in both.",
+        f" on the line are beaten by none in both. {CHOICE}",
         COLUMNS,
         [row for points in told.values() for row in rows(points)],
         panels(told),
@@ -165,6 +167,7 @@ def rows(points: Sequence[Point]) -> list[list[Any]]:
         [
             point.domain,
             point.arch,
+            "; ".join(dict.fromkeys(point.hyper)),
             len(point.errors),
             point.error,
             point.spread,

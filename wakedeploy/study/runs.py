@@ -31,6 +31,19 @@ CHOICE = (
 )
 
 
+# Seconds of training on the same half an hour of flights (docs/training.json), one thread.
+_SECONDS = {
+    "agile-mlp": 4,
+    "history-mlp": 11,
+    "delay-embedding": 16,
+    "gru": 41,
+    "tcn": 36,
+    "mamba": 39,
+    "esn": 5,
+    "cross-attention": 19,
+}
+
+
 @dataclass(frozen=True)
 class Wanted:
     """One run on a set: `epochs` None trains as usual, `present_only` names hidden channels."""
@@ -142,10 +155,31 @@ def train_all(
     runs: Path,
     *,
     workers: int | None = None,
-    on_run: Callable[[], None] = lambda: None,
+    on_run: Callable[[int], None] = lambda work: None,
 ) -> None:
-    """Train what is not trained yet, as many runs at once as there are cores (or `workers`)."""
-    side_by_side(_run, [(*job, runs) for job in jobs], workers=workers, on_done=on_run)
+    """Train what is not trained yet, as many runs at once as there are cores (or `workers`).
+
+    `on_run` is called with the `work` of each run that is done.
+    """
+    side_by_side(
+        _run,
+        [(*job, runs) for job in jobs],
+        workers=workers,
+        on_done=lambda job: on_run(work(job[0], job[1])),
+    )
+
+
+def work(data: EpisodeSet, wanted: Wanted) -> int:
+    """How long a run takes beside others, roughly: samples times what each costs its architecture.
+
+    Only the shares matter. Where training ends early, or windows are longer, they are off.
+    """
+    from trainers.fit import FitSettings
+
+    samples = sum(len(e) for e in data.part("train"))
+    usual = FitSettings().epochs
+    epochs = usual if wanted.epochs is None or wanted.arch == "esn" else wanted.epochs
+    return round(samples * _SECONDS.get(wanted.arch, _SECONDS["gru"]) * epochs / usual)
 
 
 def _run(job: tuple[EpisodeSet, Wanted, Path]) -> None:

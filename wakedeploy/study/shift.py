@@ -30,7 +30,7 @@ from wakedeploy.study.uncertainty import FloatArray
 
 TRAINED = 0.10
 FLOWN = (0.10, 0.50, 0.75)
-KEPT = 0.8  # Kendall's τ from which on an order counts as kept: one pair of ten turned
+KEPT = 0.8  # Kendall's τ that surely lies above it says that an order stays: a tenth is turned
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,30 +61,35 @@ class Shifted:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Kendall's τ of the models' orders at two spreads: 1 the same, −1 reversed.
+    """How the models' order at one spread agrees with that at another.
 
-    With a 90 % interval over flights and seeds; without bounds where there are too few flights.
-    Models that fly alike change places by chance: where the interval holds `KEPT`, the flights
-    cannot tell whether the order stays.
+    `tau` is Kendall's: 1 the same, −1 reversed, with a 90 % interval over flights and seeds, without
+    bounds where there are too few flights. Models that fly alike change places by chance, which
+    makes τ small without any meaning. So `apart` counts the pairs, of `pairs`, that the flights
+    tell apart at both spreads (at 99 %), and `turned` those of them that change places.
     """
 
-    value: float
+    tau: float
     low: float | None
     high: float | None
+    pairs: int
+    apart: int
+    turned: int
 
     @property
     def kept(self) -> bool | None:
         """Whether the order stays, None where the flights cannot tell."""
-        if self.low is None or self.high is None or self.low < KEPT <= self.high:
-            return None
-        return self.low >= KEPT
+        if self.turned:
+            return False
+        sure = self.low is not None and self.low >= KEPT
+        return True if sure or self.apart == self.pairs else None
 
     @property
     def text(self) -> str:
         """τ with its interval."""
         if self.low is None or self.high is None:
-            return f"{self.value:.2f}"
-        return f"{self.value:.2f} [{self.low:.2f}, {self.high:.2f}]"
+            return f"{self.tau:.2f}"
+        return f"{self.tau:.2f} [{self.low:.2f}, {self.high:.2f}]"
 
 
 def spread_set(folder: Path, *, quick: bool, progress: OnStep) -> EpisodeSet:
@@ -134,13 +139,23 @@ def fly_shifted(
 
 def agreement(first: Shifted, other: Shifted) -> Agreement:
     """How the order of the models at one spread agrees with that at another."""
-    pairs = [np.array([[line.mean_m for line in one.models]]).T for one in (first, other)]
-    value = float(_kendall(*pairs)[0])
+    means = [np.array([[line.mean_m for line in one.models]]).T for one in (first, other)]
+    tau = float(_kendall(*means)[0])
+    pairs = len(first.models) * (len(first.models) - 1) // 2
     drawn = [resampled(one.models) if one.models else None for one in (first, other)]
     if drawn[0] is None or drawn[1] is None:
-        return Agreement(value, None, None)
+        return Agreement(tau, None, None, pairs, 0, 0)
     low, high = np.quantile(_kendall(drawn[0], drawn[1]), [0.05, 0.95])
-    return Agreement(value, float(low), float(high))
+    sure = _clear(drawn[0]) * _clear(drawn[1])
+    apart, turned = int(np.sum(sure != 0)), int(np.sum(sure < 0))
+    return Agreement(tau, float(low), float(high), pairs, apart, turned)
+
+
+def _clear(drawn: FloatArray) -> FloatArray:
+    """Of each pair of models who is ahead, 0 where the draws (L, D) do not tell: (pairs,)."""
+    first, second = np.triu_indices(len(drawn), 1)
+    low, high = np.quantile(drawn[first] - drawn[second], [0.005, 0.995], axis=1)
+    return np.asarray((low > 0.0).astype(float) - (high < 0.0))
 
 
 def _kendall(one: FloatArray, other: FloatArray) -> FloatArray:
@@ -162,8 +177,7 @@ def sentence(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = Non
         rank = sorted(one.models, key=lambda line: line.mean_m)
         place = [line.name for line in rank].index(chosen) + 1
         parts.append(
-            f"at {_spread(one)} it is number {place} of {len(rank)} and {one.share(chosen)}, and "
-            f"the orders agree with τ = {agreement(first, one).text}"
+            f"at {_spread(one)} it is number {place} of {len(rank)} and {one.share(chosen)}"
         )
     text = (
         f"Trained at {_spread(first)}, {chosen}, the best on validation, {first.share(chosen)} "
@@ -175,17 +189,16 @@ def sentence(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = Non
 
 def _order(first: Shifted, others: Sequence[Shifted]) -> str:
     """The paper's claim of the order, with what these flights can say of it."""
-    kept = {_spread(one): agreement(first, one).kept for one in others}
-    turned = [at for at, stays in kept.items() if stays is False]
-    unsure = [at for at, stays in kept.items() if stays is None]
-    if turned:
-        here = f"here it does not at {' and '.join(turned)}"
-    elif unsure:
-        here = f"here these flights cannot tell at {' and '.join(unsure)}: models that fly alike"
-        here += " change places by chance"
-    else:
-        here = "so it does here"
-    return f"In the paper the order of the models stays (τ of at least {KEPT:g}); {here}."
+    words = {True: "stays", False: "does not stay", None: "cannot be told"}
+    said = []
+    for one in others:
+        found = agreement(first, one)
+        said.append(
+            f"at {_spread(one)} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
+            f"{found.apart} of {found.pairs} pairs that the flights tell apart at both, "
+            f"{found.turned} change places)"
+        )
+    return f"In the paper the order of the models stays: here {'; '.join(said)}."
 
 
 def _memory(told: Sequence[Shifted]) -> str:

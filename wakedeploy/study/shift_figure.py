@@ -80,7 +80,7 @@ def _at(one: Shifted) -> str:
 
 
 def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
-    """Millimetres and rank of each model at each spread; the last row says how orders agree, 90 %."""
+    """Millimetres and rank of each model at each spread; the last row tells how orders agree."""
     columns = ["predictor", "nominal [mm]", *(f"±{100 * one.spread:.0f} % [mm]" for one in told)]
     rows = []
     for number, line in enumerate(told[0].lines):
@@ -91,7 +91,7 @@ def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[
             cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
     orders = [agreement(told[0], one).text for one in (nominal, *told)]
-    rows.append([f"Kendall's τ with ±{100 * told[0].spread:.0f} %", *orders])
+    rows.append([f"Kendall's τ with ±{100 * told[0].spread:.0f} % [90 %]", *orders])
     return columns, rows
 
 

@@ -23,27 +23,28 @@ def side_by_side(
     jobs: Sequence[Job],
     *,
     workers: int | None = None,
-    on_done: Callable[[], None] = lambda: None,
+    on_done: Callable[[Job], None] = lambda job: None,
 ) -> list[Result]:
     """`work` of each job, on `workers` processes (None: as many as there are cores).
 
-    `work` must be a function of a module. `on_done` is called whenever a job is done.
+    `work` must be a function of a module. `on_done` is called with each job that is done.
     """
     workers = min(workers or os.cpu_count() or 1, len(jobs))
     results: list[Result] = []
     if workers <= 1:
         for job in jobs:
             results.append(work(job))
-            on_done()
+            on_done(job)
         return results
     # torch does not survive a fork once it has computed; workers end at once when interrupted.
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(workers, mp_context=fresh, initializer=begin_worker) as pool:
         waiting = [pool.submit(work, job) for job in jobs]
         try:
+            which = dict(zip(waiting, jobs, strict=True))
             for done in as_completed(waiting):
                 done.result()  # the first failure ends it
-                on_done()
+                on_done(which[done])
             return [one.result() for one in waiting]
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)

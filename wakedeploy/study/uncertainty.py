@@ -90,7 +90,7 @@ def r2_of(by_unit: FloatArray) -> R2:
 
 
 def rmse_interval(by_unit: FloatArray) -> tuple[float, float] | None:
-    """90 % interval of the root mean square error of sums by unit (S, 4, U), the mean over seeds."""
+    """90 % interval of the RMSE of sums by unit (S, 4, U), the mean over seeds."""
 
     def of(times: FloatArray) -> FloatArray:
         squares, count = by_unit[:, 3] @ times.T, by_unit[:, 0] @ times.T  # (S, D)
