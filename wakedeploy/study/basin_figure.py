@@ -66,7 +66,7 @@ def draw(ends: Sequence[End], echo: Echo) -> "Figure":
             lower.axvline(delay_s, color=figures.REFERENCE, linestyle=style)
         upper.axline((0.0, 0.0), slope=1.0, color=figures.LIMIT, linewidth=0.7, linestyle=":")
         window_s = float(echo.lags_s[-1])
-        upper.set_ylim(-0.1 * window_s, 1.1 * window_s)
+        upper.set_ylim(-0.2 * window_s, 1.2 * window_s)
         for kind in _COLOURS:
             own = [end for end in ends if where(end, echo) == kind]
             if own:

@@ -52,6 +52,7 @@ DELAY_COLUMNS = (
 PAPER_DOMAIN = "downwash"  # the one whose delays the paper shows
 PAPER_TRUE_S, PAPER_PEAK_S, PAPER_SHIFT_S = 0.38, 0.5, 0.12
 ALIKE_SLOPE = 0.25
+_TITLE_PAD = 44  # points: three rows of a legend fit below
 _COLOURS = {"downwash": figures.MEASURED, "gantry": figures.PREDICTED}
 _MARKERS = {"downwash": "o", "gantry": "s"}
 
@@ -60,7 +61,7 @@ def draw(looks: Sequence[Attended], lines: Sequence[Learned]) -> "Figure":
     """Left the weights of each domain, right the learned delays."""
     count = len(looks)
     with figures.style():
-        drawn, grid = figures.figure(1, count + 1, size=(3.1 * (count + 1), 3.5), squeeze=False)
+        drawn, grid = figures.figure(1, count + 1, size=(3.1 * (count + 1), 3.8), squeeze=False)
         for axes, look in zip(grid[0], looks, strict=False):
             _weights(axes, look)
         grid[0, 0].set_ylabel("attention weight / uniform weight")
@@ -85,7 +86,7 @@ def _weights(axes: "Axes", look: Attended) -> None:
     axes.set_xlim(look.ages_s[0], 0.0)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("age of the snapshot [s]")
-    axes.set_title(f"Cross-Attention, {look.domain}", pad=30)
+    axes.set_title(f"Cross-Attention, {look.domain}", pad=_TITLE_PAD)
     figures.legend(axes, ncols=1)
 
 
@@ -93,7 +94,7 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
     """Learned against physical delays with the line on which they would be equal."""
     longest_s = 1.15 * max(line.transport.mean_s for line in lines)
     axes.set_xlim(0.0, longest_s)
-    axes.set_ylim(-0.1 * longest_s, 1.15 * longest_s)
+    axes.set_ylim(-0.15 * longest_s, 1.25 * longest_s)
     for domain in dict.fromkeys(line.domain for line in lines):
         every = [line for line in lines if line.domain == domain]
         own = best(every)
@@ -104,6 +105,7 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
             physical_s,
             [line.delay_s for line in own],
             [line.spread_s for line in own],
+            rotation=90.0,
             fmt=marker,
             color=colour,
             markersize=4,
@@ -121,7 +123,7 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
     axes.plot([], [], ">", color=figures.LIMIT, markersize=5, label="starts μ₀")
     axes.set_xlabel("transport delay [s]")
     axes.set_ylabel("learned delay [s]")
-    axes.set_title("Delay Embedding", pad=30)
+    axes.set_title("Delay Embedding", pad=_TITLE_PAD)
     figures.legend(axes, ncols=2, columnspacing=1.0, handletextpad=0.3)
 
 
@@ -135,6 +137,7 @@ def _other_starts(
         [line.transport.mean_s for line in others],
         [line.delay_s for line in others],
         [0.0] * len(others),
+        rotation=90.0,
         fmt="x",
         color=colour,
         markersize=4,

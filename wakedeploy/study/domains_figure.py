@@ -91,15 +91,18 @@ def _panel(axes: "Axes", lines: Sequence[Line]) -> None:
             axes.plot(float(np.mean(kept)), place, "D", color=figures.SOURCE, markersize=4,
                       linestyle="none", label="source's past only")  # fmt: skip
             longest = max(longest, float(np.mean(kept)))
+    room = 0.0  # below the bars, for words
     for line, style in _limits(lines):
         if line.error <= _FARTHEST * longest:
             axes.axvline(line.error, color=figures.REFERENCE, linestyle=style, linewidth=0.9,
                          label=line.predictor)  # fmt: skip
         else:  # drawn where it is, it would squeeze the bars
+            room = 0.5
             axes.text(0.99, 0.01, f"{line.predictor}: {line.error:.2f} →", fontsize=6.5, ha="right",
-                      va="bottom", transform=axes.transAxes)  # fmt: skip
+                      va="bottom", transform=axes.transAxes,
+                      bbox={"facecolor": "white", "edgecolor": "none", "pad": 0.5})  # fmt: skip
     axes.set_yticks(range(len(named)), list(named))
-    axes.set_ylim(len(named) - 0.3, -0.6)
+    axes.set_ylim(len(named) - 0.4 + room, -0.6)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("RMSE / standard deviation")
     axes.grid(axis="y", visible=False)

@@ -17,9 +17,16 @@ def points(
     across: Sequence[float],
     delay_s: Sequence[float],
     spread_s: Sequence[float],
+    *,
+    rotation: float = 0.0,
     **look: Any,
 ) -> None:
-    """Delays (n,) with their spreads (n,); those beyond the axes are written beside their markers."""
+    """Delays (n,) with their spreads (n,); those beyond the axes are written beside their markers.
+
+    `rotation` is that of these words in degrees, where neighbours would run into each other.
+    """
+    from matplotlib.patheffects import withStroke
+
     bottom_s, top_s = axes.get_ylim()
     margin_s = _MARGIN * (top_s - bottom_s)
     low_s, high_s = bottom_s + margin_s, top_s - margin_s
@@ -30,16 +37,19 @@ def points(
     beyond: dict[tuple[float, float], list[str]] = {}
     for place, value, at, drawn in zip(across, delay_s, shown, inside, strict=True):
         if not drawn:
-            beyond.setdefault((place, at), []).append(f"{value:.2f} s ")
-    for (place, at), words in beyond.items():  # markers at one place: one line each
+            beyond.setdefault((place, at), []).append(f"{value:.2f} s")
+    for (place, at), words in beyond.items():  # markers at one place: a line each, towards inside
         axes.annotate(
             "\n".join(words),
             (place, at),
-            (-4, -3 if at == low_s else 3),
+            (0, 5 if at == low_s else -5),
             textcoords="offset points",
-            fontsize=7,
-            ha="right",
+            fontsize=6.5,
+            ha="center",
             va="bottom" if at == low_s else "top",
             linespacing=1.0,
+            rotation=rotation,
+            path_effects=[withStroke(linewidth=2.0, foreground="white")],
+            zorder=5,
         )
     axes.set_ylim(bottom_s, top_s)
