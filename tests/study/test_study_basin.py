@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from matplotlib.figure import Figure
 
 from wakedeploy.cli.study_delay import basin
 from wakedeploy.domains.fish import import_set
@@ -29,6 +30,7 @@ from wakedeploy.study.basin import (
     where,
 )
 from wakedeploy.study.basin_figure import parts, sentence, summary
+from wakedeploy.study.learned_delays import points
 
 RATE_HZ = 30.0
 
@@ -180,6 +182,16 @@ def test_without_a_run_at_the_alias_the_sentence_says_so() -> None:
     assert "and none at the alias" in told
     assert "elsewhere" not in told
     assert "more ended" not in told
+
+
+def test_delays_beyond_the_axes_that_share_a_place_share_their_words() -> None:
+    axes = Figure().add_subplot()
+    axes.set_ylim(0.0, 0.5)
+    points(axes, [0.4, 0.4, 0.1, 0.2], [0.98, 1.38, -0.06, 0.3], [0.1] * 4, fmt="o")
+    assert sorted(t.get_text() for t in axes.texts) == ["-0.06 s", "0.98 s\n1.38 s"]
+    assert axes.get_ylim() == (0.0, 0.5)
+    top, bottom = sorted(axes.texts, key=lambda t: -t.xy[1])
+    assert (top.get_va(), bottom.get_va()) == ("top", "bottom")  # towards the inside
 
 
 def test_starts_cover_the_window() -> None:
