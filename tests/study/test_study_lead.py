@@ -142,6 +142,28 @@ def test_leads_that_are_alike_gain_nothing_by_being_chosen() -> None:
     assert excluded <= 4  # 11 if the lead is chosen once, 20 if it is measured where it is chosen
 
 
+def test_seeds_that_differ_widen_what_a_lead_gains() -> None:
+    rng = np.random.default_rng(0)
+    flown = 0.010 * np.exp(0.02 * rng.standard_normal(12))
+
+    def gained(apart: float) -> tuple[float, float]:
+        made = [
+            Point("toy", "gru", lead_s, seed, tuple(base * (1.0 + apart * (seed - 1)) * flown))
+            for lead_s, base in ((0.0, 1.5), (0.1, 1.0))
+            for seed in range(3)
+        ]
+        found = best(made, "gru")
+        assert found is not None
+        assert found.lead_s == 0.1
+        assert found.low_m is not None
+        assert found.high_m is not None
+        return found.low_m, found.high_m
+
+    alike, differing = gained(0.0), gained(0.2)
+    assert alike[0] > 0.004
+    assert differing[1] - differing[0] > 3.0 * (alike[1] - alike[0])
+
+
 def test_a_lead_whose_flight_ended_early_is_never_best() -> None:
     own = points({0.0: (0.02, 0.03), 0.1: (0.015, 0.02), 0.25: (0.001, None)})
     own[2] = replace(own[2], failsafes=1)

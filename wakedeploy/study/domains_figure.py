@@ -138,7 +138,15 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
     """RMSE of each kind of test episode; the page shows the last force channel, the file all."""
     channels, kinds = lines[0].channels, list(lines[0].groups)
     told = [
-        [line.predictor, line.seed, kind, channel["channel"], channel["unit"], rmse]
+        [
+            line.predictor,
+            line.seed,
+            line.hyper_text,
+            kind,
+            channel["channel"],
+            channel["unit"],
+            rmse,
+        ]
         for line in lines
         for kind in kinds
         for channel, rmse in zip(channels, line.groups[kind], strict=True)
@@ -159,7 +167,7 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
             f"{text[:-1]}: {arch}, the best on validation, has a mean of {least:.2f} over the "
             "kinds of test flights."
         )
-    columns = ("predictor", "seed", "kind", "channel", "unit", "rmse")
+    columns = ("predictor", "seed", "hyper", "kind", "channel", "unit", "rmse")
     return Part(
         f"domains-{name}-kinds", text, columns, told, shown=(["predictor", *kinds, "mean"], shown)
     )

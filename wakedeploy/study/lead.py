@@ -91,11 +91,11 @@ class Flight:
 class Best:
     """The lead with the least tracking error, and what it gains over lead 0 [m].
 
-    The 90 % interval includes the choice: in each bootstrap draw of flights the lead is chosen
-    anew, and its gain is that on the flights which were not drawn. Chosen and measured on the same
-    flights, the best of many equal leads would gain on every draw. `longest` says that no longer
-    lead was flown, so that the best may lie beyond. `at_zero_m` is None where flights without a
-    lead ended early, and the interval as well; it alone where there is but one flight.
+    The 90 % interval includes the choice: in each bootstrap draw of flights and seeds the lead is
+    chosen anew, and its gain is that on the flights which were not drawn. Chosen and measured on
+    the same flights, the best of many equal leads would gain on every draw. `longest` says that no
+    longer lead was flown, so that the best may lie beyond. `at_zero_m` is None where flights
+    without a lead ended early, and the interval as well; it alone where there is but one flight.
     """
 
     lead_s: float
@@ -270,10 +270,8 @@ def best(points: Sequence[Point], predictor: str) -> Best | None:
     whole = [at for at in leads if all(p.whole for p in own if p.lead_s == at)]
     if not whole:
         return None
-    squares = np.array(
-        [np.mean([_squares(p) for p in own if p.lead_s == at], axis=0) for at in whole]
-    )  # (leads, flights)
-    mean_m = np.sqrt(squares.mean(-1))
+    squares = np.array([[_squares(p) for p in own if p.lead_s == at] for at in whole])
+    mean_m = np.sqrt(squares.mean((1, 2)))  # of (leads, seeds, flights)
     chosen = int(np.argmin(mean_m))
     found = whole[chosen], whole[chosen] == leads[-1], float(mean_m[chosen])
     if whole[0] != leads[0]:
@@ -282,16 +280,21 @@ def best(points: Sequence[Point], predictor: str) -> Best | None:
 
 
 def _gain(squares: FloatArray) -> tuple[float, float] | tuple[None, None]:
-    """90 % interval of what the best of the leads (leads, flights) gains over the first [m]."""
-    flights = squares.shape[1]
-    even = np.full(flights, 1.0 / flights)
-    times = np.random.default_rng(0).multinomial(flights, even, _DRAWS)  # each flight is drawn
+    """90 % interval of what the best of the leads (leads, seeds, flights) gains over the first [m].
+
+    Seeds are drawn lead by lead: each lead's runs were trained by themselves.
+    """
+    leads, seeds, flights = squares.shape
+    rng = np.random.default_rng(0)
+    times = rng.multinomial(flights, np.full(flights, 1.0 / flights), _DRAWS)  # each is drawn
     times = times[(times == 0).any(1)]
     if len(times) == 0:
         return None, None
-    chosen = np.argmin(times @ squares.T, axis=1)
+    drawn = rng.multinomial(seeds, np.full(seeds, 1.0 / seeds), (len(times), leads)) / seeds
+    mean = np.einsum("lsf,dls->dlf", squares, drawn)  # (draws, leads, flights)
+    chosen = np.argmin((mean * times[:, None]).sum(-1), axis=1)
     out = (times == 0).astype(float)
-    left_m = np.sqrt(out @ squares.T / out.sum(1, keepdims=True))  # (draws, leads)
+    left_m = np.sqrt((mean * out[:, None]).sum(-1) / out.sum(1, keepdims=True))  # (draws, leads)
     low_m, high_m = np.quantile(left_m[:, 0] - left_m[np.arange(len(out)), chosen], [0.05, 0.95])
     return float(low_m), float(high_m)
 

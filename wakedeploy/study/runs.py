@@ -26,10 +26,9 @@ RESERVOIRS: tuple[Mapping[str, float], ...] = (
     {"input_scale": 0.001, "leak": 0.3},
 )
 CHOICE = (
-    "Of the eight only the reservoir (esn) has its scales chosen for each domain, of "
+    "Of the eight only the reservoir (esn) has its scales chosen for each set, one of "
     f"{1 + len(RESERVOIRS)} on validation; all others are trained as they are."
 )
-
 
 # Seconds of training on the same half an hour of flights (docs/training.json), one thread.
 _SECONDS = {
