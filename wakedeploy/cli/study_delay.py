@@ -28,8 +28,8 @@ def delay(asked: Asked) -> None:
     """Compare where models look back to with how long the wake is on its way.
 
     Cross-Attention's weights on the downwash and on the gantry; Delay Embedding's delays for five
-    separations of the one and five wake speeds of the other, each trained from both ends of the
-    window.
+    separations of the one and five wake speeds of the other, each trained from near both
+    ends of the window.
 
     \b
     Example:

@@ -63,8 +63,8 @@ class Shifted:
 class Agreement:
     """How the models' order at one spread agrees with that at another.
 
-    `tau` is Kendall's: 1 the same, −1 reversed, with a 90 % interval over flights and seeds (without
-    bounds where there are too few flights). Models that fly alike change places by chance, which
+    `tau` is Kendall's: 1 the same, −1 reversed, with a 90 % interval over flights and seeds; it has
+    no bounds where there are too few flights. Models that fly alike change places by chance, which
     makes τ small without any meaning. So `apart` counts the pairs, of `pairs`, that the flights
     tell apart at both spreads (at 99 %), and `turned` those of them that change places.
     """
