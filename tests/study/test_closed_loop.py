@@ -87,7 +87,9 @@ def test_memory_is_left_open_where_flights_cannot_tell() -> None:
     made = [
         Tracked(n, 0.02 * np.exp(0.3 * rng.standard_normal((1, 12)))) for n in ("agile-mlp", "gru")
     ]
-    assert "cannot be told from these flights" in sentence([*lines(0.02)[:3], *made], "gru")
+    assert "clearly worse: of the others these flights cannot tell" in sentence(
+        [*lines(0.02)[:3], *made], "gru"
+    )
 
 
 def test_all_fly_the_same_flights_and_the_oracle_is_ahead() -> None:

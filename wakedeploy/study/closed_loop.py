@@ -206,18 +206,17 @@ class Memory:
     of: int
 
     @property
-    def verdict(self) -> str:
-        """Beside the paper, where every memory helps in flight."""
-        if self.better == self.of:
-            return "agrees"
-        return "does not agree" if self.worse else "cannot be told from these flights"
-
-    @property
     def text(self) -> str:
-        """In words, with the verdict."""
+        """In words, with the verdict beside the paper, where every memory helps in flight."""
+        if self.better == self.of:
+            verdict = ", which agrees"
+        elif self.worse:
+            verdict = ", which does not agree"
+        else:
+            verdict = ": of the others these flights cannot tell"
         return (
             f"{self.better} of {self.of} models with memory track clearly better than {MEMORYLESS} "
-            f"and {self.worse} clearly worse, which {self.verdict}"
+            f"and {self.worse} clearly worse{verdict}"
         )
 
 

@@ -4,8 +4,8 @@ In: simulated sets whose wake takes a known time to arrive. Out: Cross-Attention
 age of what it sees, and the delays that Delay Embedding chooses, beside the transport delay.
 
 Delay Embedding's usual start, half the window, is where the downwash's nominal delay lies. Here it
-is trained from near both ends of the window instead, the same for every setting: an agreement that is
-found was learned. Of each seed's two runs the one counts that does better on validation.
+is trained from near both ends of the window instead, the same for every setting: an agreement that
+is found was learned. Of each seed's two runs the one counts that does better on validation.
 """
 
 from collections.abc import Sequence
