@@ -252,15 +252,35 @@ def _starts(
         here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
         if here > base.log_likelihood - _ABSURD_NATS:
             starts.append(theta)
+    points = [neutral_point]
+    confusable = _constants_of_confused(hypothesis[-1])
+    bent = [i for i, f in enumerate(free) if f.quantity in confusable and i not in own]
+    if bent:
+        # A base may have bent a constant for what the effect would explain, as a range sensor's
+        # delay for the age of held readings: with both, the right size looks absurd.
+        points.append(neutral_point.copy())
+        points[1][bent] = [free[i].neutral for i in bent]
     return starts + [
         start
         for i in own
+        for point in points
         for start in _scanned(
-            *(model, base.episodes, hypothesis, neutral_point, free[i], i),
+            *(model, base.episodes, hypothesis, point, free[i], i),
             first=base.episodes[:_GLANCED_FIRST],
             keep=_SCANNED_CLIMBED,
         )
     ]
+
+
+def _constants_of_confused(name: str) -> set[str]:
+    """The calibrated constants that effects move which this one is confused with."""
+    if name not in LIBRARY:
+        return set()
+    confused = {n for n, e in LIBRARY.items() if name in e.confused_with}
+    moved = {
+        p.constant for n in confused | {*LIBRARY[name].confused_with} for p in LIBRARY[n].parameters
+    }
+    return {constant for constant in moved if constant is not None}
 
 
 def _scanned(
