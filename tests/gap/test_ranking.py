@@ -140,6 +140,51 @@ def test_a_candidate_is_also_tried_with_the_calibration_put_straight() -> None:
     assert found.fit.value("echo.size") == pytest.approx(1.0, abs=0.1)
 
 
+class Ages:
+    """Readings of a moving height, as old as a sensor's delay and, in part, as what it held.
+
+    A delay explains the mean age; how the age goes up and down is jagged in the hold.
+    """
+
+    episodes, hold_s, noise_m = 4, 0.0204, 0.006
+
+    def __init__(self) -> None:
+        rng = np.random.default_rng(12)
+        self.at_s = np.cumsum(rng.choice([0.02, 0.04], (4, 150)), axis=1)
+        self.speed_mps = rng.standard_normal((4, 150))
+        self.y = rng.normal(0.0, self.noise_m, (4, 150)) - self._lag_m(0.0, self.hold_s)
+
+    def free(self, hypothesis):
+        delay = Free("range.delay_s", "s", 0.0, 0.004, -0.02, 0.02, 1e-3, quantity="range.delay_s")
+        sizes = (*np.geomspace(0.008, 0.03, 40), *(self.hold_s + 5e-5 * np.arange(-20, 21)))
+        hold = Free(
+            "sample-and-hold.hold_s", "s", 0.0, 0.05, 0.0, 0.3, 1e-5, (0.015,), scanned=sizes
+        )
+        return (delay, hold) if hypothesis else (delay,)
+
+    def score(self, hypothesis, theta, episode):
+        e = (self.y + self._lag_m(theta[0], theta[1] if hypothesis else 0.0))[episode]
+        variance = np.full(150, self.noise_m**2)
+        density = -0.5 * e * e / variance - 0.5 * np.log(2 * np.pi * variance)
+        return Score(density, e, variance, np.ones(150))
+
+    def _lag_m(self, delay_s, hold_s):
+        held_s = self.at_s % hold_s if hold_s > 0.0 else 0.0
+        return self.speed_mps * (delay_s + held_s)
+
+
+def test_a_jagged_size_is_looked_for_beside_what_it_is_confused_with() -> None:
+    """The base has bent the delay for the hold's mean age; with both, the true hold is absurd."""
+    model = Ages()
+    bent = fit(model, (), range(4))
+    assert bent.value("range.delay_s") > 0.008
+    both = model.score(("x",), np.array([bent.value("range.delay_s"), model.hold_s]), 0)
+    assert both.log_density.sum() < bent.per_episode[0]
+    found = rank(model, bent, ("sample-and-hold",))[0]
+    assert found.fit.value("sample-and-hold.hold_s") == pytest.approx(model.hold_s, abs=2e-5)
+    assert found.fit.value("range.delay_s") == pytest.approx(0.0, abs=0.001)
+
+
 class TwoValleys(Linear):
     """The calibrated gain explains the readings at +1 and at -1; a climb ends in the nearer one."""
 
