@@ -3,7 +3,6 @@
 import dataclasses
 import os
 import platform
-import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -20,7 +19,7 @@ from trainers.training import new_fit
 from trainers.tuning import study as studies
 from trainers.tuning.conclude import conclude
 from trainers.tuning.report import rows_of
-from trainers.tuning.storage import JOURNAL, KernelLock
+from trainers.tuning.storage import JOURNAL
 from trainers.tuning.study import finished, give_back_of_the_dead, this_worker
 from trainers.tuning.workers import run_trials
 from wakedeploy.episodes import EpisodeSet
@@ -323,25 +322,6 @@ def test_an_unfinished_line_of_the_journal_is_dropped_by_the_next_writer(
     study = tuned(echo, tmp_path / "out", trials=4)
     assert states(study) == ["finished"] * 4
     assert len(tuned(echo, tmp_path / "out", trials=4).trials) == 4  # it is read from its beginning
-
-
-def test_the_journals_lock_ends_with_a_killed_holder(tmp_path: Path) -> None:
-    journal = tmp_path / "a.journal"
-    code = (
-        "import sys, time; from pathlib import Path\n"
-        "from trainers.tuning.storage import KernelLock\n"
-        "KernelLock(Path(sys.argv[1])).acquire(); print('held', flush=True); time.sleep(60)"
-    )
-    holder = subprocess.Popen(
-        [sys.executable, "-c", code, str(journal)], stdout=subprocess.PIPE, text=True
-    )
-    assert holder.stdout is not None
-    assert holder.stdout.readline() == "held\n"
-    holder.send_signal(signal.SIGKILL)
-    holder.wait()
-    lock = KernelLock(journal)
-    assert lock.acquire()
-    lock.release()
 
 
 # --- what is refused ----------------------------------------------------------------------------

@@ -166,16 +166,26 @@ class KernelLock(BaseJournalFileLock):
         self._held: int | None = None
 
     def acquire(self) -> bool:
-        """Wait for the lock."""
-        self._held = _locked(self._path)
-        _drop_unfinished_line(self._journal)
+        """Wait for the lock.
+
+        An interruption may come before the caller knows that it has to let go again; this process
+        would then wait for itself.
+        """
+        self.release()
+        self._held = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
+        try:
+            fcntl.flock(self._held, fcntl.LOCK_EX)
+            _drop_unfinished_line(self._journal)
+        except BaseException:
+            self.release()
+            raise
         return True
 
     def release(self) -> None:
         """Let the next one write."""
-        if self._held is not None:
-            os.close(self._held)
-            self._held = None
+        held, self._held = self._held, None
+        if held is not None:
+            os.close(held)
 
 
 @contextlib.contextmanager
