@@ -317,16 +317,22 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
     best_in = [r for r in answer.rounds if r.found == effect]
     searched = best_in[0] if best_in else answer.rounds[0]
     found = next(c for c in searched.ranking if c.name == effect)
-    parameters = {}
-    for p in LIBRARY[effect].parameters:
-        value, low, high = answer.interval(effect, p.name)
-        parameters[p.name] = {"value": value, "low": low, "high": high, "unit": p.unit}
     return {
         "name": effect,
         "confidence": searched.confidence(found),
         "gain_nats": found.gain_nats,
-        "parameters": parameters,
+        "parameters": _sizes(answer.fit, effect),
     }
+
+
+def _sizes(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
+    """The parameters of one of a fit's effects, with 90 % intervals."""
+    told = {}
+    for p in LIBRARY[effect].parameters:
+        name = f"{effect}.{p.name}"
+        low, high = fitted.interval(name)
+        told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
+    return told
 
 
 def _beside(answer: Answer) -> list[str]:
@@ -340,27 +346,14 @@ def _beside(answer: Answer) -> list[str]:
 def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
     ranking = []
     for c in searched.ranking:
-        parameters = {}
-        for p in LIBRARY[c.name].parameters:
-            full = f"{c.name}.{p.name}"
-            low, high = c.fit.interval(full)
-            parameters[p.name] = {
-                "value": c.fit.value(full),
-                "low": low,
-                "high": high,
-                "unit": p.unit,
-            }
-        low, high = c.gain_interval()
+        ends = (end if np.isfinite(end) else None for end in c.gain_interval())
         ranking.append(
             {
                 "name": c.name,
                 "gain_nats": c.gain_nats,
-                "interval": [
-                    low if np.isfinite(low) else None,
-                    high if np.isfinite(high) else None,
-                ],
+                "interval": list(ends),
                 "confidence": searched.confidence(c),
-                "parameters": parameters,
+                "parameters": _sizes(c.fit, c.name),
             }
         )
     return {
