@@ -282,7 +282,9 @@ def test_what_the_laptop_sends_holds_all_that_is_installed_on_the_pi(tmp_path: P
     ssh.write_text(SSH)
     ssh.chmod(0o755)
     environment = os.environ | {"PATH": f"{ssh.parent}:{os.environ['PATH']}"}
-    subprocess.run(sending, shell=True, cwd=ROOT, env=environment, check=True)
+    packing, unpacking = map(shlex.split, sending.split(" | "))
+    sent = subprocess.run(packing, cwd=ROOT, capture_output=True, check=True).stdout
+    subprocess.run(unpacking, input=sent, env=environment, check=True)
     lines = on_the_pi()
     assert lines[0][0] == "cd"
     checkout = home / lines[0][1].removeprefix("~/")

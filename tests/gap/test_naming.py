@@ -77,8 +77,9 @@ def test_nothing_is_missing_where_nothing_is_hidden(nothing) -> None:
 def holds_truth(answer: Answer, effect: str) -> None:
     """The truth lies in the 99 % interval of each parameter, and the 90 % one is inside that."""
     for parameter, (truth, _) in STRONG[effect].items():
-        value, low, high = answer.interval(effect, parameter)
-        widest = answer.fit.interval(f"{effect}.{parameter}", 0.99)
+        name = f"{effect}.{parameter}"
+        value, (low, high) = answer.fit.value(name), answer.fit.interval(name)
+        widest = answer.fit.interval(name, 0.99)
         assert widest[0] <= low <= value <= high <= widest[1]
         assert widest[0] <= truth <= widest[1], (effect, parameter, value)
 

@@ -114,34 +114,15 @@ def made(domain: str, **errors: float) -> list[Line]:
 
 
 def test_the_papers_quadrotors_agree_or_not_claim_by_claim() -> None:
-    alike = claims(
-        "quadrotor",
-        made(
-            "quadrotor",
-            agile_mlp=0.6,
-            history_mlp=0.5,
-            gru=0.45,
-            esn=0.7,
-            cross_attention=0.3,
-            delay_embedding=0.4,
-        ),
-    )
+    papers = {"agile_mlp": 0.6, "history_mlp": 0.5, "gru": 0.45, "esn": 0.7}
+    papers |= {"cross_attention": 0.3, "delay_embedding": 0.4}
+    alike = claims("quadrotor", made("quadrotor", **papers))
     assert "here 4 of 4 do, which agrees" in alike
     assert "does not beat it there and does not here, which agrees" in alike
     assert "here cross-attention and delay-embedding, which agrees" in alike
     assert "does not agree" not in alike
-    other = claims(
-        "quadrotor",
-        made(
-            "quadrotor",
-            agile_mlp=0.6,
-            history_mlp=0.7,
-            gru=0.45,
-            esn=0.3,
-            cross_attention=0.5,
-            delay_embedding=0.4,
-        ),
-    )
+    others = papers | {"history_mlp": 0.7, "esn": 0.3, "cross_attention": 0.5}
+    other = claims("quadrotor", made("quadrotor", **others))
     assert "here 3 of 4 do, which does not agree" in other
     assert "does not beat it there and does here, which does not agree" in other
     assert "here esn and delay-embedding, which does not agree" in other

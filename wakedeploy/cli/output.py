@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import click
+
 _UNLIMITED_WIDTH = 10_000
 
 
@@ -31,6 +33,16 @@ class Bar:
         """Show that `done` of `total` steps are done."""
         self._done, self._total = done, total
         self._show(done, total)
+
+
+@contextlib.contextmanager
+def told_when_stopped(sentence: str) -> Iterator[None]:
+    """Ctrl-C in the block ends the command with this sentence, which says how to go on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(sentence, err=True)
+        raise click.exceptions.Exit(130) from None
 
 
 @contextlib.contextmanager

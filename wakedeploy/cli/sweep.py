@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import mean_and_spread, print_table, progress, write_json
+from wakedeploy.cli.output import (
+    mean_and_spread,
+    print_table,
+    progress,
+    told_when_stopped,
+    write_json,
+)
 from wakedeploy.cli.training_options import device_option
 from wakedeploy.errors import CheckFailed, UnusableInput
 
@@ -107,23 +113,19 @@ def _swept(
     """The sweep with a bar that counts; Ctrl-C says how to go on."""
     from wakedeploy.sweep.run import sweep
 
-    try:
-        with progress("Jobs", wanted.jobs, counted=True) as bar:
-            return sweep(
-                wanted,
-                out,
-                executor,
-                device=device,
-                retry_failed=retry_failed,
-                on_progress=bar.update,
-            )
-    except KeyboardInterrupt:
-        click.echo(
-            f"Stopped; the rows of finished jobs are in {out / 'results.jsonl'}, and the same"
-            " command goes on with the rest.",
-            err=True,
+    stopped = (
+        f"Stopped; the rows of finished jobs are in {out / 'results.jsonl'}, and the same command"
+        " goes on with the rest."
+    )
+    with told_when_stopped(stopped), progress("Jobs", wanted.jobs, counted=True) as bar:
+        return sweep(
+            wanted,
+            out,
+            executor,
+            device=device,
+            retry_failed=retry_failed,
+            on_progress=bar.update,
         )
-        raise click.exceptions.Exit(130) from None
 
 
 def _options(asked: dict[str, Any]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from wakedeploy.cli.training_options import device_option, lead_option
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from trainers.fit import FitSettings
     from trainers.preset import Preset
     from trainers.runs import RunConfig, TrainedRun
 
@@ -83,7 +84,7 @@ def command(
     """
     import torch
 
-    from trainers.training import configure, settings_for, stated_lead_s, train
+    from trainers.training import configure, stated_lead_s, train
     from wakedeploy.episodes import read_episode_set
 
     names = _architectures(arch or _arch_of(preset))
@@ -101,12 +102,7 @@ def command(
             seed=seed,
             lead_s=lead_s,
             hyper={**(chosen.hyper if chosen else {}), **overrides[name]},
-            settings=settings_for(
-                name,
-                epochs=epochs,
-                learning_rate=learning_rate,
-                others=chosen.settings if chosen else None,
-            ),
+            settings=_settings(name, chosen, epochs, learning_rate),
         )
         for name, chosen in presets.items()
         for seed in range(seeds)
@@ -117,6 +113,16 @@ def command(
             run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
             runs.append(run)
     _report(runs, data, out, lead_s, json_path)
+
+
+def _settings(
+    name: str, preset: "Preset | None", epochs: int | None, learning_rate: float | None
+) -> "FitSettings":
+    """How an architecture is fitted: as asked for, else by the preset, else as usual."""
+    from trainers.training import settings_for
+
+    others = preset.settings if preset is not None else None
+    return settings_for(name, epochs=epochs, learning_rate=learning_rate, others=others)
 
 
 def _tell_of_another_lead(preset: "Preset | None", lead_s: float) -> None:

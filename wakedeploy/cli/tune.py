@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import Bar, print_table, progress, write_json
+from wakedeploy.cli.output import Bar, print_table, progress, told_when_stopped, write_json
 from wakedeploy.cli.training_options import device_option, lead_option
 
 if TYPE_CHECKING:
@@ -14,6 +14,11 @@ if TYPE_CHECKING:
     from trainers.tuning.study import Study
     from trainers.tuning.workers import OnTrials, Work
     from wakedeploy.episodes import EpisodeSet
+
+_STOPPED = (
+    "Stopped: the study in {} is kept, and what was in training will be begun again; the same"
+    " command goes on."
+)
 
 
 @click.command()
@@ -132,7 +137,8 @@ def command(
     work = Work(
         plan, data, out, storage, study_name, trials, pruner, cost, device, give_up_elsewhere
     )
-    found, study = _tuned(work, episodes, workers)
+    with told_when_stopped(_STOPPED.format(work.place.name)):
+        found, study = _tuned(work, episodes, workers)
     _tell(found, work)
     if json_path:
         write_json(json_path, _as_json(found, work, study))
@@ -148,19 +154,6 @@ def _step_cost(plan: "Plan") -> Any:
 
 
 def _tuned(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
-    """What the study found; Ctrl-C says how to go on."""
-    try:
-        return _found(work, data, workers)
-    except KeyboardInterrupt:
-        click.echo(
-            f"Stopped: the study in {work.place.name} is kept, and what was in training will be"
-            " begun again; the same command goes on.",
-            err=True,
-        )
-        raise click.exceptions.Exit(130) from None
-
-
-def _found(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
     from trainers.tuning.conclude import conclude
     from trainers.tuning.study import all_trials, finished
     from trainers.tuning.workers import run_trials

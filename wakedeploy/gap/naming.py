@@ -132,11 +132,6 @@ class Answer:
     rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
 
-    def interval(self, effect: str, parameter: str) -> tuple[float, float, float]:
-        """Value, low and high (90 %) of a found effect's parameter."""
-        name = f"{effect}.{parameter}"
-        return self.fit.value(name), *self.fit.interval(name)
-
 
 def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     """The base hypothesis, fitted around the motion that it and the readings agree on.
