@@ -16,7 +16,7 @@ from wakedeploy.cli.recordings import recordings_folder
     "--out",
     type=click.Path(file_okay=False, path_type=Path),
     required=True,
-    help="Folder for domain.json.",
+    help="Folder for domain.json, report.html and figures.",
 )
 @click.option(
     "--simulations",
@@ -47,6 +47,7 @@ def domain(
     """
     from wakedeploy.gap.domains import further, open_domain
     from wakedeploy.gap.domains.closing import close
+    from wakedeploy.gap.domains.page import write_page
 
     if path is None and name != "downwash":
         folder = recordings_folder(None)
@@ -63,12 +64,16 @@ def domain(
     write_json(out / "domain.json", document)
     if json_path:
         write_json(json_path, document)
+    page = write_page(document, out)
     _print(name, document)
     if "far" in document:
         _print(f"{name}, where no wake is", document["far"])
+    click.echo(f"Report: {page}")
 
 
 def _print(title: str, document: dict[str, Any]) -> None:
+    from wakedeploy.gap.domains.page import doubt_sentence
+
     found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
     click.echo(f"{title}: {document['verdict']}: {found}")
     print_table(
@@ -79,6 +84,8 @@ def _print(title: str, document: dict[str, Any]) -> None:
             for n, p in document["parameters"].items()
         ],
     )
+    if doubt := doubt_sentence(document):
+        click.echo(doubt)
     first = document["rounds"][0]["ranking"]
     print_table(
         f"each alone, threshold {document['threshold_nats']:.1f} nats",

@@ -4,7 +4,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
+from scipy.stats import binned_statistic, multivariate_normal
 
 from wakedeploy.gap.domains.closing import close
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, covariance, scored
@@ -70,6 +70,24 @@ def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes():
     assert {p.coordinate for p in account.places} == {"time"}
     gap = account.document["gap"]["height"]
     assert gap["after"] < 0.8 * gap["before"]
+    assert account.document["doubted"] == []
+
+
+def test_what_is_shown_are_the_sealed_episodes():
+    line = Line(bend=0.4, episodes=20)
+    document = close(line, simulations=1).document
+    sealed = [r for r in line.records if r.name in document["sealed"]]
+    (place,) = document["shown"]["places"]
+    heights = np.concatenate([r.measured[0] for r in sealed])  # the baseline says 0 everywhere
+    times = np.tile(line.time_s, len(sealed))
+    means, _, _ = binned_statistic(times, heights, bins=place["edges"])
+    assert place["before"] == pytest.approx(means)
+    assert np.abs(place["after"]).max() < 0.5 * np.abs(means).max()
+    trace = document["shown"]["trace"]
+    (channel,) = trace["channels"].values()
+    record = next(r for r in sealed if r.name == trace["episode"])
+    np.testing.assert_array_equal(channel["measured"], record.measured[0])
+    np.testing.assert_allclose(channel["before"], 0.0, atol=1e-12)
 
 
 def test_nothing_is_named_where_nothing_is():

@@ -12,8 +12,9 @@ from click.testing import CliRunner
 from wakedeploy.cli.gap_domain import domain
 from wakedeploy.domains.motor import read_steps
 from wakedeploy.errors import UnusableInput
-from wakedeploy.gap.domains.closing import settled
+from wakedeploy.gap.domains.closing import close, settled
 from wakedeploy.gap.domains.motor import MotorModel, step_response
+from wakedeploy.gap.domains.page import doubt_sentence
 from wakedeploy.gap.ranking import rank
 
 DUTIES = (20, 30, 40, 50, 60, 40, 20, 45, 25)
@@ -79,6 +80,12 @@ def test_the_command_names_and_writes(tmp_path):
     told = json.loads((tmp_path / "out" / "domain.json").read_text())
     assert [e["name"] for e in told["effects"]] == ["spool-lag"]
     assert told["single_steps"]["down"]["median_s"] == pytest.approx(0.08, abs=0.008)
+    page = (tmp_path / "out" / "report.html").read_text()
+    assert "The baseline lacks spool-lag." in page
+    assert "exponential fitted to each step alone" in page
+    drawn = {p.stem for p in (tmp_path / "out" / "figures").iterdir()}
+    assert drawn == {"places", "ranking", "gap", "trace", "autocorrelation"}
+    assert page.count("<img") == len(drawn)
 
 
 def test_recorded_motors_spool_as_single_steps_say(recordings):
@@ -91,3 +98,12 @@ def test_recorded_motors_spool_as_single_steps_say(recordings):
     for name, rising in (("up", True), ("down", False)):
         alone = np.median([step_response(s) for s in chosen if (s.after > s.before) == rising])
         assert best.fit.value(f"spool-lag.tau_{name}_s") == pytest.approx(alone, rel=0.25)
+
+
+def test_an_effect_that_sealed_steps_speak_against_is_doubted(recordings):
+    document = close(MotorModel(read_steps(recordings("motor"))), simulations=1).document
+    errors = [r["sealed_error"][0] for r in document["rounds"] if "accepted" in r]
+    assert [e["name"] for e in document["effects"]] == ["spool-lag", "slew-limit"]
+    assert errors[1] > errors[0]
+    assert document["doubted"] == ["slew-limit"]
+    assert "Doubt slew-limit" in doubt_sentence(document)

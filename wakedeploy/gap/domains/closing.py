@@ -18,6 +18,7 @@ from scipy.stats import t as student_t
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.coloured import ResponseModel
 from wakedeploy.gap.domains.places import Place, find_places, whiteness
+from wakedeploy.gap.domains.shown import shown
 from wakedeploy.gap.inference import Fit, Hypothesis, extended, fit, held_out
 from wakedeploy.gap.naming import CLASS_NATS, MOST_IN_CLASS
 from wakedeploy.gap.ranking import Candidate, rank
@@ -79,7 +80,7 @@ def close(
     verdict = _verdict(model, base, found, rivals)
     document = _document(model, base, found, sealed, rounds, threshold)
     document |= {"domain": model.name, "verdict": verdict, "class": list(rivals)}
-    document["where"] = [vars(p) for p in places]
+    document |= {"where": [vars(p) for p in places], "shown": shown(model, base, found, sealed)}
     return Account(verdict, found.hypothesis, rivals, tuple(places), document)
 
 
@@ -265,6 +266,7 @@ def _document(
             for c, (name, unit) in enumerate(model.channels)
         },
         "sealed_gain_nats": _sealed_gain(model, base, found, sealed),
+        "doubted": _doubted(rounds, before, found),
         "placebo": _placebo(model, base, found, rounds, sealed),
         "white": {"before": whiteness(model, base), "after": whiteness(model, found)},
         "noise": {
@@ -278,6 +280,17 @@ def errors(model: ResponseModel, fitted: Fit, episodes: Sequence[int]) -> list[f
     values = model.values(fitted.hypothesis, fitted.theta)
     pieces = [model.residual(values, e) for e in episodes]
     return [float(np.sqrt(np.mean(row**2))) for row in np.concatenate(pieces, axis=1)]
+
+
+def _doubted(rounds: list[dict[str, Any]], before: list[float], found: Fit) -> list[str]:
+    """Effects that gained on the episodes ranked on, and made the error on sealed ones grow."""
+    result, error = [], np.array(before)
+    for told in (r for r in rounds if "accepted" in r):
+        name, now = told["ranking"][0]["name"], np.array(told["sealed_error"])
+        if name in found.hypothesis and np.mean(now / error) > 1.0:
+            result.append(name)
+        error = now
+    return result
 
 
 def _sealed_gain(model: ResponseModel, base: Fit, found: Fit, sealed: Sequence[int]) -> float:

@@ -45,7 +45,7 @@ def find_places(model: ResponseModel, fitted: Fit, seed: int = 0) -> list[Place]
         block = _blocks(model, fitted, channel)
         residual, innovation = np.concatenate(residuals), np.concatenate(white)
         for coordinate, (coordinate_unit, at) in _joined(model, fitted).items():
-            for low, high, inside in _bins(at):
+            for low, high, inside in ranges(at):
                 p_value = _p_value(innovation[inside], block[inside], seed)
                 size = float(residual[inside].mean())
                 place = Place(name, coordinate, coordinate_unit, low, high, size, unit, p_value)
@@ -70,9 +70,21 @@ def whiteness(model: ResponseModel, fitted: Fit) -> dict[str, Any]:
         "p_value": p_value,
         "statistic": statistic,
         "passes": p_value > SIGNIFICANT,
+        "samples": count,
         "lags": list(range(1, LAGS + 1)),
         "autocorrelation": correlations,
     }
+
+
+def ranges(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
+    """Up to six ranges with as many samples each: lowest, highest and which samples."""
+    edges = np.unique(np.quantile(at, np.linspace(0.0, 1.0, BINS + 1)))
+    result = []
+    for low, high in itertools.pairwise(edges):
+        inside = (at >= low) & ((at < high) | (high == edges[-1]))
+        if inside.sum() >= _FEWEST:
+            result.append((float(low), float(high), inside))
+    return result
 
 
 def _rows(
@@ -95,17 +107,6 @@ def _joined(model: ResponseModel, fitted: Fit) -> dict[str, tuple[str, FloatArra
         name: (unit, np.concatenate([c[name][1] for c in each]))
         for name, (unit, _) in each[0].items()
     }
-
-
-def _bins(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
-    """Up to six ranges with as many samples each: lowest, highest and which samples."""
-    edges = np.unique(np.quantile(at, np.linspace(0.0, 1.0, BINS + 1)))
-    result = []
-    for low, high in itertools.pairwise(edges):
-        inside = (at >= low) & ((at < high) | (high == edges[-1]))
-        if inside.sum() >= _FEWEST:
-            result.append((float(low), float(high), inside))
-    return result
 
 
 def _blocks(model: ResponseModel, fitted: Fit, channel: int) -> FloatArray:
