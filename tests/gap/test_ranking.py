@@ -140,6 +140,29 @@ def test_a_candidate_is_also_tried_with_the_calibration_put_straight() -> None:
     assert found.fit.value("echo.size") == pytest.approx(1.0, abs=0.1)
 
 
+class Placed(Valleys):
+    """The place of the echo is what is not known; at its lower bound it is not in the readings."""
+
+    def free(self, hypothesis):
+        place = Free("echo.at", "s", -1.0, 10.0, -1.0, 1.0, 1e-3, (0.1, 0.3, 0.64, 0.95))
+        return (super().free(())[0], place) if hypothesis else super().free(())
+
+    def score(self, hypothesis, theta, episode):
+        echo = self._bump(theta[1]) if hypothesis else 0.0
+        e = self.y[episode] - self._bump(theta[0]) - echo
+        density = -0.5 * e * e / 0.04 - 0.5 * np.log(2 * np.pi * 0.04)
+        return Score(density, e, np.full(120, 0.04), np.ones(120))
+
+
+def test_sizes_beyond_a_bound_are_one_size() -> None:
+    """Nothing climbs from the bound, the likeliest; the next ones are to have their turn."""
+    model = Placed()
+    bent = fit(model, (), range(4), np.array([0.7]))
+    found = rank(model, bent, ("echo",))[0]
+    assert found.fit.value("echo.at") == pytest.approx(0.72, abs=0.01)
+    assert found.fit.value("shift") == pytest.approx(0.5, abs=0.01)
+
+
 class Ages:
     """Readings of a moving height, as old as a sensor's delay and, in part, as what it held.
 

@@ -227,12 +227,14 @@ def _released(
             plain[i] = f.neutral
         if f.first is not None:
             plain[i] = 0.5 * (plain[i] + f.first)
-    tried = []
+    tried: list[tuple[float, FloatArray]] = []
     for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
         theta = plain.copy()
         for i in own:
             sizes = (*free[i].starts, *(free[i].neutral + r * free[i].prior_sd for r in _ROW))
             theta[i] = np.clip(sizes[min(k, len(sizes) - 1)], free[i].low, free[i].high)
+        if any(np.array_equal(theta, known) for _, known in tried):
+            continue  # several sizes may lie beyond one bound
         some = base.episodes[:_GLANCED_AT]
         density = sum(float(model.score(hypothesis, theta, e).log_density.sum()) for e in some)
         tried.append((density, theta))
