@@ -47,6 +47,23 @@ def test_forecasts_err_by_as_much_as_they_say(base) -> None:
             assert np.mean(error[known] ** 2 / variance[known]) == pytest.approx(1.0, abs=0.35)
 
 
+def test_forecasts_are_for_the_time_that_they_state(base) -> None:
+    """Their errors do not follow the speed times the part of a step at which samples were taken."""
+    model, fitted = base
+    late_m, error_m = [], []
+    for episode, flight in enumerate(model.flights):
+        ahead = model.forecasts(fitted, episode, (0.25,))
+        taken_s = ahead.at_s - fitted.value("range.delay_s")
+        into_s = (taken_s - flight.grid_s[0]) % DT_S
+        assert ahead.then_s[0] == pytest.approx(taken_s - into_s + 0.25, abs=1e-6)
+        late_m.append(into_s * np.interp(taken_s, flight.grid_s, flight.nominal[1]))
+        error_m.append((ahead.measured_m - ahead.forecast_m)[0])
+    late, error = np.concatenate(late_m), np.concatenate(error_m)
+    usual = np.abs(error) < 0.03
+    share = float(late[usual] @ error[usual] / (late[usual] @ late[usual]))
+    assert share == pytest.approx(0.0, abs=0.25)
+
+
 def test_noise_and_calibration_are_found_within_their_intervals(base) -> None:
     _, fitted = base
     flight = flown(SEEDS[0])

@@ -145,6 +145,25 @@ def test_a_force_that_is_no_known_effect_is_unknown_with_its_coordinates() -> No
     assert answer.unknown.gain_nats > LIMITS.expression_nats
 
 
+def notch(t_s, state) -> float:
+    """An eighth of the sufferer's thrust [N] is lost around one thrust: no effect's form."""
+    thrust_n = state["sufferer_thrust_n"]
+    return -0.12 * thrust_n * np.exp(-0.5 * ((thrust_n - 4.4) / 0.2) ** 2)
+
+
+def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
+    """No effect, no expression and white innovations: the fitted noise has swallowed it."""
+    model = GantryModel(RIG, [flown(seed, hook=notch) for seed in SEEDS])
+    near, base = fitted_base(model)
+    places = find_places(near, base, LIMITS.whiteness, LIMITS.places)["places"]
+    assert {p["coordinate"] for p in places} >= {"sufferer command"}
+    verdicts = {
+        seen: name_effects(RIG, model, LIMITS, candidates=TRIED, disagrees=seen).verdict
+        for seen in (False, bool(places))
+    }
+    assert verdicts == {False: "none", True: "unknown"}
+
+
 def test_one_flight_alone_never_names() -> None:
     answer = answered("command-latency", seeds=SEEDS[:1])
     assert answer.verdict != "named"

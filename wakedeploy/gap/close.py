@@ -34,6 +34,7 @@ from wakedeploy.gap.naming import (
     sealed_count,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
+from wakedeploy.gap.residuals import INNOVATION
 from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
@@ -129,7 +130,11 @@ def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
     model = GantryModel(case.rig, case.flights)
-    answer = name_effects(case.rig, model, case.thresholds, progress, share=case.share)
+    places = read_steps(out).find.get("places", ())
+    disagrees = any(place["channel"] != INNOVATION for place in places)
+    answer = name_effects(
+        case.rig, model, case.thresholds, progress, share=case.share, disagrees=disagrees
+    )
     progress("comparing what could be told apart")
     told = {
         "verdict": answer.verdict,
@@ -430,7 +435,7 @@ def _corrected(
     found: Found, named: Mapping[str, Any], added: Sequence[str], out: Path
 ) -> tuple[GantryModel, Fit | None]:
     """The fit whose effects the corrected rig file has, an expression's included."""
-    if set(added) == set(found.fit.hypothesis):
+    if added and set(added) == set(found.fit.hypothesis):
         return found.model, found.fit
     settled = {e["name"] for e in named.get("effects", ())}
     if texts(named.get("class")) and set(added) <= settled:

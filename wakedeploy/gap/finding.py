@@ -16,7 +16,14 @@ import numpy.typing as npt
 from wakedeploy.gap.flight import FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
-from wakedeploy.gap.residuals import CHANNELS, COORDINATES, Residuals, mean_square, residuals
+from wakedeploy.gap.residuals import (
+    CHANNELS,
+    COORDINATES,
+    INNOVATION,
+    Residuals,
+    mean_square,
+    residuals,
+)
 from wakedeploy.gap.telling import signs
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 
@@ -31,7 +38,7 @@ _BLOCK_S = {
     "force": 3.0,
     "control effort": 4.0,
     "height 0.25 s ahead": 3.0,
-    "innovation": 2.0,
+    INNOVATION: 2.0,
 }
 _BINS = 8
 _FEWEST = 80  # residuals, to make a map of
@@ -81,13 +88,13 @@ def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> li
     """
 
     def key(place: Mapping[str, Any]) -> tuple[float, bool, float, float]:
-        white = place["channel"] == "innovation"
+        white = place["channel"] == INNOVATION
         return place["q_value"], white, -place["clarity"], -abs(place["residual"])
 
     beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
     beyond.sort(key=key)
-    physical = [p for p in beyond if p["channel"] != "innovation"][:_MOST_PLACES]
-    white = [p for p in beyond if p["channel"] == "innovation"][:_MOST_OF_INNOVATIONS]
+    physical = [p for p in beyond if p["channel"] != INNOVATION][:_MOST_PLACES]
+    white = [p for p in beyond if p["channel"] == INNOVATION][:_MOST_OF_INNOVATIONS]
     return sorted([*physical, *white], key=key)
 
 

@@ -36,12 +36,14 @@ _MOST_MOTIONS = 20
 class Forecasts:
     """Heights forecast from each counted sample, arrays (h, n); NaN where the flight ends before.
 
-    `measured_m` is the reading then, `forecast_m` what was expected of it and `variance_m2` how
-    uncertain that was, noise of the reading included.
+    Forecasts are for the steps of the grid, `then_s`. `measured_m` is the reading then,
+    `forecast_m` what was expected of it and `variance_m2` how uncertain that was, noise of the
+    reading included.
     """
 
-    horizon_s: FloatArray
+    horizon_s: FloatArray  # (h,) from the step in which the sample was taken
     at_s: FloatArray  # (n,) time of the sample it was forecast from
+    then_s: FloatArray
     measured_m: FloatArray
     forecast_m: FloatArray
     variance_m2: FloatArray
@@ -296,22 +298,25 @@ def _compared(
 ) -> Forecasts:
     """Forecast heights beside the readings that came then, interpolated between samples."""
     counted = flight.counted
-    measured, forecast, variance = [], [], []
+    step_of, _ = placed(flight.grid_s, forces.taken_s)
+    # The reading is expected at the nominal height at the sample's own time, not at its step's.
+    nominal_m = np.interp(forces.taken_s, flight.grid_s, flight.nominal[0])
+    slope = forces.expected[1]
+    offset = forces.expected[0] - slope * nominal_m
+    times, measured, forecast, variance = [], [], [], []
     for h, count in enumerate(steps):
-        step_of, _ = placed(flight.grid_s, forces.taken_s)
-        then_s = flight.grid_s[np.minimum(step_of + count, len(flight.grid_s) - 1)]
+        then = np.minimum(step_of + count, len(flight.grid_s) - 1)
+        then_s = flight.grid_s[then]
         nearest = _nearest(forces.taken_s, then_s)
-        slope = forces.expected[1]
-        offset = forces.expected[0] - slope * flight.nominal[0, step_of]
-        reading_s = forces.taken_s[nearest]
-        speed = flight.nominal[1, np.minimum(step_of + count, len(flight.grid_s) - 1)]
-        reading = flight.reading_m[nearest] - slope * speed * (reading_s - then_s)
-        measured.append(reading[counted])
+        moved_m = flight.nominal[1, then] * (forces.taken_s[nearest] - then_s)
+        times.append(then_s[counted])
+        measured.append((flight.reading_m[nearest] - slope * moved_m)[counted])
         forecast.append((slope * ahead[2 * h] + offset)[counted])
         variance.append((slope**2 * ahead[2 * h + 1] + noise)[counted])
     return Forecasts(
         np.asarray(steps * DT_S, float),
         flight.sample_s[counted],
+        np.array(times),
         np.array(measured),
         np.array(forecast),
         np.array(variance),

@@ -164,11 +164,14 @@ def name_effects(
     progress: Progress = lambda _: None,
     candidates: Sequence[str] | None = None,
     share: float = 1.0,
+    disagrees: bool = False,
 ) -> Answer:
     """Find, refit, drop, and decide. One or two flights are never enough for a name.
 
     `share` is how much of all that was flown is in `model`. Effects are rivals if all the flights
-    would not tell them apart, the sealed ones included: nats grow with the data.
+    would not tell them apart, the sealed ones included: nats grow with the data. `disagrees` says
+    that there are places where flights and rig file disagree beyond noise: then something is
+    missing, even where the noise that is fitted to it looks white and no form explains it.
     """
     progress("fitting the rig file as it is")
     model, base = fitted_base(with_terms(model))
@@ -184,7 +187,7 @@ def name_effects(
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
     white = whiteness(current)
-    verdict, members = _verdict(rounds, current, unknown, white, thresholds)
+    verdict, members = _verdict(rounds, current, unknown, white, thresholds, disagrees)
     return Answer(
         verdict,
         _claimed(verdict, rounds, current),
@@ -403,11 +406,12 @@ def _verdict(
     unknown: Symbolic | None,
     white: Whiteness,
     thresholds: Thresholds,
+    disagrees: bool,
 ) -> tuple[Verdict, tuple[str, ...]]:
     if unknown is not None or not white.passes(thresholds.whiteness):
         return "unknown", ()
     if not current.hypothesis:
-        return "none", ()
+        return ("unknown" if disagrees else "none"), ()
     unsettled = _unsettled(rounds, current)
     if unsettled:
         return "class", tuple(c.name for c in unsettled[0].rivals)

@@ -22,7 +22,8 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
-CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", "innovation": "sd"}
+INNOVATION = "innovation"  # of no unit that a rig has: it tells that, and not by how much
+CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", INNOVATION: "sd"}
 AHEAD_S = 0.25
 _WINDOW_S = {"force": 0.25, "control effort": 1.0}
 _EVERY_S = 0.125
@@ -63,7 +64,7 @@ def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Re
     """A channel of `CHANNELS` along one flight, in its unit; KeyError for another channel."""
     if channel not in CHANNELS:
         raise KeyError(f"{channel!r} is none of {', '.join(CHANNELS)}")
-    if channel == "innovation":
+    if channel == INNOVATION:
         at_s, value = _innovations(model, fitted, episode)
         before_s = at_s - _JUST_BEFORE_S
     elif channel in _WINDOW_S:
@@ -147,13 +148,14 @@ def _fed_back(
     flight = model.flights[episode]
     sample_s = flight.sample_s[flight.counted]
     steps = max(round(flight.spacing_s * GRID_HZ), 2)  # to the next reading
-    near_m, next_m = model.forecasts(fitted, episode, (DT_S, steps * DT_S)).forecast_m
+    ahead = model.forecasts(fitted, episode, (DT_S, steps * DT_S))
+    near_m, next_m = ahead.forecast_m
     last = np.searchsorted(sample_s, t_s + 1e-9, side="right") - 1
     age_s = t_s - sample_s[last]
     speed_mps = (next_m - near_m)[last] / ((steps - 1) * DT_S)
     speed_mps[(last < 0) | (age_s > _NEXT_S)] = np.nan
     return {
-        "height": near_m[last] + speed_mps * (age_s - DT_S),
+        "height": near_m[last] + speed_mps * (t_s - ahead.then_s[0][last]),
         "vertical speed": speed_mps,
         "sufferer command": flight.sufferer.at(t_s),
         "wake force": model.forces(fitted, episode).wake_n[_steps(flight, t_s)],
