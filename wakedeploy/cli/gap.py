@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.workers import workers_option
+
 if TYPE_CHECKING:
     from wakedeploy.gap.close import Case
 
@@ -81,8 +83,7 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options that every step takes."""
     for option in (
         click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON here."),
-        click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True,
-                     help="Processes for the rig's thresholds, simulated once."),
+        workers_option("Processes for the rig's thresholds, simulated once."),
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,

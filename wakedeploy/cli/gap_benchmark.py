@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import progress, write_json
+from wakedeploy.cli.workers import workers_option
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ _MULTIPLES = 3
 @click.option("--short", is_flag=True, help="A handful of cases.")
 @click.option("--full", is_flag=True, help="More strengths, three times the seeds.")
 @click.option("--only", multiple=True, help="Only cases whose name begins so; may be repeated.")
-@click.option("--workers", type=click.IntRange(1, 512), default=2, show_default=True)
+@workers_option()
 @click.option(
     "--out", type=_FOLDER, default=Path("gap-benchmark"), show_default=True, help="The folder."
 )

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.workers import workers_option
 from wakedeploy.errors import CheckFailed
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -21,7 +22,7 @@ _FOLDER = click.Path(file_okay=False, path_type=Path)
 )
 @click.option("--quick", is_flag=True, help="Fewer and shorter flights, less training.")
 @click.option("--figures", type=_FOLDER, help="Copy the picture of the story here, too.")
-@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
+@workers_option()
 def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
     """Find the missing effect of the paper: motors that take time to spool up and down.
 

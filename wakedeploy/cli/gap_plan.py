@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.workers import workers_option
 from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 if TYPE_CHECKING:
@@ -68,7 +69,7 @@ def plan(
 @click.option("--flights", type=click.IntRange(4, 500), default=7, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
 @click.option("--out", type=_FOLDER, help="Write power.json, power.html and figures here.")
-@click.option("--workers", type=click.IntRange(1, 64), default=2, show_default=True)
+@workers_option()
 @click.option(
     "--simulate-threshold",
     is_flag=True,
