@@ -23,14 +23,13 @@ from wakedeploy.gap.naming import (
     _needed,
     _Search,
     _unsettled,
-    _without_idle,
-    expressed_by_own_motion,
     fitted_base,
     name_effects,
     ranked_by_own_motion,
     with_terms,
 )
 from wakedeploy.gap.ranking import Candidate
+from wakedeploy.gap.refitting import expressed_by_own_motion, without_idle
 from wakedeploy.gap.symbolic import search
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects.chain import setting_of
@@ -175,7 +174,7 @@ def test_an_effect_that_the_others_make_superfluous_is_dropped(ground) -> None:
     model = ground.model
     both = ("range-scale", "ground-effect")
     needless = fit(model, both, range(3), model.start(both))
-    kept = _without_idle(model, needless)
+    _, kept = without_idle(model, needless)
     assert kept.hypothesis == ("ground-effect",)
     assert kept.value("ground-effect.gain") == pytest.approx(
         ground.fit.value("ground-effect.gain"), rel=0.1
@@ -206,7 +205,8 @@ def test_effects_that_are_needed_are_kept() -> None:
         ]
     )
     needed = fit(near, both, range(3), start)
-    assert _without_idle(near, needed).hypothesis == both
+    _, kept = without_idle(near, needed)
+    assert kept.hypothesis == both
 
 
 def candidates(**gains: float) -> tuple[Candidate, ...]:

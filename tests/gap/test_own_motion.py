@@ -6,7 +6,8 @@ from recorded import RIG, flown, with_effects
 
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit
-from wakedeploy.gap.naming import fitted_base, ranked_by_own_motion, refitted
+from wakedeploy.gap.naming import fitted_base, ranked_by_own_motion
+from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.showing import Shown, gaps
 
 FRICTION_N = 0.5

@@ -17,37 +17,32 @@ import numpy as np
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
-from wakedeploy.gap.detecting import detectable
+from wakedeploy.gap.answered import write_answer
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.found import Found
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import (
-    MOST_IN_CLASS,
-    Answer,
-    Round,
     Thresholds,
     fitted_base,
     name_effects,
-    refitted,
     sealed_count,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
+from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.residuals import INNOVATION
-from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
 from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.telling import texts
-from wakedeploy.gap.threshold import FLIGHTS, SECONDS, thresholds_for
+from wakedeploy.gap.threshold import thresholds_for
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
+from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
 Progress = Callable[[str], None]
 Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
-_CONFUSED = 14  # effects in the picture of what can be told apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,26 +131,7 @@ def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
         case.rig, model, case.thresholds, progress, share=case.share, disagrees=disagrees
     )
     progress("comparing what could be told apart")
-    told = {
-        "verdict": answer.verdict,
-        "effects": [_effect(answer, n) for n in answer.effects],
-        "class": list(answer.members),
-        "others": _others(answer),
-        "split_by": _split_by(answer),
-        "rounds": [_round(r, answer.thresholds) for r in answer.rounds],
-        "confusion": _confusion(answer),
-        "detectable": detectable(answer),
-        "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
-        "rest": answer.rest.as_json() if answer.rest is not None else None,
-        "beside": [_effect(answer, n) for n in _beside(answer)],
-        "white": answer.white.as_json(answer.thresholds.whiteness),
-        "threshold_of_s": FLIGHTS * SECONDS,
-        "noise": _noise(answer.fit),
-        "seconds": time.monotonic() - started,
-    }
-    forget(out, "name")
-    Found.of(answer).write(out)
-    return write_step(out, "name", told)
+    return write_answer(answer, out, started)
 
 
 def add(
@@ -164,7 +140,7 @@ def add(
     """Write the new rig file from `name.json`; the old one stays. Writes `add.json`, `rig.toml`.
 
     `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect,
-    with the effects that it was found on top of.
+    with the effects that are needed beside it.
     Raises UnusableInput where there is nothing to add.
     """
     require(out, "name", case.rig.sha256, case.recordings)
@@ -216,7 +192,7 @@ def show_gap(
     steps = read_steps(out)
     added = [e["name"] for e in steps.add.get("effects", ())]
     found = Found.read(out, case.rig, case.flights)
-    model, corrected = _corrected(found, steps.name, added, out)
+    model, corrected = _corrected(found, steps.name, added)
     sealed = case.sealed or case.flights
     told = show(
         replace(found, model=model),
@@ -228,7 +204,7 @@ def show_gap(
         in_sample=case.in_sample,
     )
     shown = corrected.hypothesis if corrected is not None else ()
-    told["as_if"] = [n for n in shown if n not in added]
+    told["as_if"] = [n for n in shown if n in LIBRARY and n not in added]
     if retrain is not None and added:
         progress("training predictors on the old and the corrected rig")
         scored = [Path(flight.name) for flight in sealed]
@@ -318,102 +294,6 @@ def _plan(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
 _WHERE = ("channel", "coordinate", "low", "high", "residual", "unit", "q_value")
 
 
-def _effect(answer: Answer, effect: str) -> dict[str, Any]:
-    best_in = [r for r in answer.rounds if r.found == effect]
-    searched = best_in[0] if best_in else answer.rounds[0]
-    found = next(c for c in searched.ranking if c.name == effect)
-    return {
-        "name": effect,
-        "confidence": searched.confidence(found),
-        "gain_nats": found.gain_nats,
-        "parameters": _sizes(answer.fit, effect),
-    }
-
-
-def _sizes(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
-    """The parameters of one of a fit's effects, with 90 % intervals."""
-    told = {}
-    for p in LIBRARY[effect].parameters:
-        name = f"{effect}.{p.name}"
-        low, high = fitted.interval(name)
-        told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
-    return told
-
-
-def _beside(answer: Answer) -> list[str]:
-    """Effects that explain a part of what is unknown; an expression was found on top of them."""
-    if answer.verdict != "unknown":
-        return []
-    known = answer.fit if answer.unknown is None else answer.unknown.fit
-    return [n for n in answer.fit.hypothesis if n in known.hypothesis]
-
-
-def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
-    ranking = []
-    for c in searched.ranking:
-        ends = (end if np.isfinite(end) else None for end in c.gain_interval())
-        ranking.append(
-            {
-                "name": c.name,
-                "gain_nats": c.gain_nats,
-                "interval": list(ends),
-                "confidence": searched.confidence(c),
-                "parameters": _sizes(c.fit, c.name),
-            }
-        )
-    return {
-        "given": list(searched.given),
-        "found": searched.found,
-        "near_nats": searched.near_nats,
-        "threshold_nats": thresholds.effect_nats,
-        "ranking": ranking,
-    }
-
-
-def _confusion(answer: Answer) -> dict[str, Any]:
-    """How well each leading effect could be imitated by each other one, at the size found."""
-    first = answer.rounds[0]
-    leading = list(first.ranking[:_CONFUSED])
-    sizes = {
-        c.name: [c.fit.value(f"{c.name}.{p.name}") for p in LIBRARY[c.name].parameters]
-        for c in leading
-        if c.gain_nats > answer.thresholds.effect_nats
-    }
-    names = [c.name for c in leading]
-    evidence = gather(answer.base_model, answer.base, names, sizes)
-    return {"names": names, "loss_nats": loss_nats(evidence).tolist()}
-
-
-def _noise(fitted: Fit) -> dict[str, Any]:
-    told = {}
-    for i, f in enumerate(fitted.free):
-        if f.name.startswith("noise.log_"):
-            told[f.name.removeprefix("noise.log_")] = {
-                "value": float(np.exp(fitted.theta[i])),
-                "unit": _NOISE_UNITS[f.name.removeprefix("noise.log_")],
-            }
-    return told
-
-
-_NOISE_UNITS = {
-    "acceleration": "m/s^2 sqrt(s)",
-    "turbulence": "of the wake's force",
-    "turbulence_time": "s",
-    "range": "m",
-}
-
-
-def _split_by(answer: Answer) -> str:
-    known = [LIBRARY[m].split_by for m in answer.members if LIBRARY[m].split_by]
-    return "; or ".join(dict.fromkeys(known))
-
-
-def _others(answer: Answer) -> list[str]:
-    """What is as near as the members of a class, beyond the three that it lists."""
-    found = [r for r in answer.rounds if r.found in answer.members]
-    return [c.name for c in found[0].near[MOST_IN_CLASS:]] if found else []
-
-
 def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any]]:
     """The effects that were named, and the one asked for as the last search fitted it."""
     found = [e for e in named.get("effects", ()) if e["name"] != only]
@@ -432,20 +312,17 @@ def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
 
 
 def _corrected(
-    found: Found, named: Mapping[str, Any], added: Sequence[str], out: Path
+    found: Found, named: Mapping[str, Any], added: Sequence[str]
 ) -> tuple[GantryModel, Fit | None]:
-    """The fit whose effects the corrected rig file has, an expression's included."""
-    if added and set(added) == set(found.fit.hypothesis):
+    """The fit whose effects the corrected rig file has, an expression's terms included."""
+    if SYMBOLIC in added or (added and set(added) == set(found.fit.hypothesis)):
         return found.model, found.fit
     settled = {e["name"] for e in named.get("effects", ())}
     if texts(named.get("class")) and set(added) <= settled:
         return found.model, found.fit  # the best member stands for its class
     if not added:
         return found.model, None
-    rig = found.model.rig
-    extra = {e.name: symbolic_effect(e) for e in read_rig(out / "rig.toml").effect if e.expression}
-    model = GantryModel(rig, found.model.flights, extra or found.model.extra)
     hypothesis = tuple(added)
     known = dict(zip(found.base.names, found.base.theta, strict=True))
-    start = np.array([known.get(f.name, f.starts[-1]) for f in model.free(hypothesis)])
-    return refitted(model, fit(model, hypothesis, range(model.episodes), start))
+    start = np.array([known.get(f.name, f.starts[-1]) for f in found.model.free(hypothesis)])
+    return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, start))

@@ -35,7 +35,9 @@ class Tried:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """`fit` has all effects, around the motion of `model`; `base` has none, around `base_model`'s.
+    """`fit` has all that was found, around the motion of `model`; `base` nothing, around its own.
+
+    Of an expression, `fit` has the terms.
 
     `tried` are in the order of what they gain on flights left out, best first.
     """

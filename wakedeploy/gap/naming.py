@@ -2,7 +2,8 @@
 
 In: a model of the flights to fit, and thresholds. Out: an `Answer`. Every effect is tried alone and
 on top of those found, ranked on flights held out; what is found is refitted together, and dropped
-when it is no longer needed. What no effect explains is looked for as an expression.
+when it is no longer needed. What no effect explains is looked for as an expression, beside which an
+effect may no longer be needed either.
 """
 
 import math
@@ -13,10 +14,17 @@ from typing import Literal
 import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, Hypothesis, applied, fit, held_out
+from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
 from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, candidate, rank_fairly, scanned_starts
-from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search, told
+from wakedeploy.gap.refitting import (
+    STILL_NATS,
+    expressed_by_own_motion,
+    joined,
+    refitted,
+    without_idle,
+)
+from wakedeploy.gap.symbolic import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import Whiteness, whiteness
 from wakedeploy.physics.effects import LIBRARY
@@ -33,12 +41,9 @@ _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
 FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
-_DROPPED_NATS = 1.0
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
-_STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
-_MOST_TURNS = 10
 _CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
 _MOST_CONTENDERS = 4
 
@@ -113,8 +118,9 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What was found: `fit` has the named effects, `base` none of them.
+    """What was found: `fit` has it all, `base` nothing of it.
 
+    That is the effects, and of what is `unknown` the expression's terms, refitted together.
     `model` is linear around the motion that `fit` explains, `base_model` around the base's;
     `white` tests what `fit` leaves.
     """
@@ -147,7 +153,7 @@ def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     first = refitted(model, fit(model, (), everything, model.start(())))
     near = first[0]
     again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
-    if again.objective < first[1].objective + _STILL_NATS:
+    if again.objective < first[1].objective + STILL_NATS:
         return first
     return max(first, refitted(near, again), key=lambda pair: pair[1].objective)
 
@@ -180,14 +186,19 @@ def name_effects(
     while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
         pass
     base = searched.base
-    model, current = _without_idle(searched.model, searched.current)
-    left = set(current.hypothesis)
-    rounds = [r for r in searched.rounds if r.found in left or set(r.given) <= left]
+    model, current = without_idle(searched.model, searched.current)
+    rounds = _still_needed(searched.rounds, current)
     progress("looking for what no effect explains")
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
     white = whiteness(current)
     verdict, members = _verdict(rounds, current, unknown, white, thresholds, disagrees)
+    if unknown is not None:
+        bare, least = (searched.base_model, base), thresholds.expression_nats
+        model, unknown = joined(model, current, unknown, bare, searched.expression, least)
+        current = unknown.fit
+        rounds = _still_needed(searched.rounds, current)
+        white = whiteness(current)
     return Answer(
         verdict,
         _claimed(verdict, rounds, current),
@@ -215,7 +226,7 @@ def ranked_by_own_motion(
     been met, whose motion is another.
     """
     again, ranked = rank_fairly(model, base, names, least_nats=0.5 * threshold_nats)
-    if again.objective > base.objective + _STILL_NATS:
+    if again.objective > base.objective + STILL_NATS:
         model, again = refitted(model, again)
         again, ranked = rank_fairly(model, again, names, least_nats=0.5 * threshold_nats)
     hopeful = [c for c in ranked if c.gain_nats > _HOPE_SHARE * threshold_nats]
@@ -285,6 +296,12 @@ class _Search:
         return best if close else None
 
 
+def _still_needed(rounds: Sequence[Round], current: Fit) -> list[Round]:
+    """The rounds that found what is in a fit, or searched on top of nothing else."""
+    left = set(current.hypothesis)
+    return [r for r in rounds if r.found in left or set(r.given) <= left]
+
+
 def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
     """What an effect must gain to be found, beside those found with their gains [nats]."""
     return max(thresholds.effect_nats, _form_nats(name, found))
@@ -320,36 +337,6 @@ def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     return line, replace(highest, summits=tuple(f for f in as_high if f is not highest))
 
 
-def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
-    """A hypothesis, everything refitted around the motion that it explains.
-
-    Motion and fit take turns until the fit gains nothing around its motion. Around the motion of
-    another hypothesis the same one may seem tens of nats more or less likely; likelihoods around
-    different motions compare only where each motion is the hypothesis's own.
-    """
-    for _ in range(_MOST_TURNS):
-        model = model.around_own_motion(found)
-        before = applied(model, found, found.episodes)
-        found = fit(model, found.hypothesis, found.episodes, found.theta)
-        if found.objective < before.objective + _STILL_NATS:
-            break
-    return model, found
-
-
-def _without_idle(model: GantryModel, current: Fit) -> tuple[GantryModel, Fit]:
-    """Drop each effect that the others have made superfluous."""
-    for name in current.hypothesis:
-        if len(current.hypothesis) < 2:
-            break
-        rest = tuple(n for n in current.hypothesis if n != name)
-        known = dict(zip(current.names, current.theta, strict=True))
-        start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
-        near, without = refitted(model, fit(model, rest, current.episodes, start))
-        if gain_over(without, current) < _DROPPED_NATS:
-            model, current = near, without
-    return model, current
-
-
 def _expression(
     model: GantryModel, on: Fit, thresholds: Thresholds, most_terms: int = MOST_TERMS
 ) -> Symbolic | None:
@@ -365,12 +352,6 @@ def _expression(
         return None
     own = expressed_by_own_motion(model, on, found)
     return own if own.gain_nats > min(thresholds.expression_nats, thresholds.wave_nats) else None
-
-
-def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
-    """An expression that was found on top of a fit, around the motion that it explains itself."""
-    _, own = refitted(model, found.fit)
-    return told(on, own, found.terms, vars(setting_of(model.rig)))
 
 
 def _rest(

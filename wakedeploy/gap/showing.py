@@ -19,9 +19,9 @@ from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.found import Found, Tried
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied, fit
-from wakedeploy.gap.naming import refitted, without_effects
+from wakedeploy.gap.naming import without_effects
+from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
-from wakedeploy.gap.terms import TERMS
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 from wakedeploy.physics.effects import LIBRARY
 
@@ -86,9 +86,8 @@ def show(
     `in_sample` says that the flights shown are those that were fitted, none being sealed: each is
     then left out in turn, unless there is but one.
     """
-    extra = {**TERMS, **found.model.extra}
     crossed = in_sample and len(sealed) > 1
-    begin = _line(GantryModel(found.model.rig, sealed, extra), found.base)
+    begin = _line(GantryModel(found.model.rig, sealed, found.model.extra), found.base)
     before = _under(begin, found.base_model, found.base, crossed)
     after = before
     if corrected is not None:

@@ -27,11 +27,11 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.gap.naming import (
     Thresholds,
-    expressed_by_own_motion,
     fitted_base,
     ranked_by_own_motion,
     with_terms,
 )
+from wakedeploy.gap.refitting import expressed_by_own_motion
 from wakedeploy.gap.symbolic import SEARCHED, search
 from wakedeploy.gap.terms import is_wave_in_time
 from wakedeploy.gap.whiteness import whiteness

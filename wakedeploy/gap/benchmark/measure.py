@@ -16,8 +16,9 @@ from wakedeploy.gap.benchmark.outside import OUTSIDE
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, extended, fit, held_out
-from wakedeploy.gap.naming import fitted_base, refitted
+from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.ranking import candidate, rank
+from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.residuals import AHEAD_S
 from wakedeploy.rig import Rig
 

@@ -1,0 +1,138 @@
+"""What `name.json` says of an answer: sizes, gains, who could be taken for whom, and the noise.
+
+In: an `Answer`. Out: the artefact of `name`, and the fits beside it.
+"""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.detecting import detectable
+from wakedeploy.gap.found import Found
+from wakedeploy.gap.inference import Fit
+from wakedeploy.gap.naming import MOST_IN_CLASS, Answer, Round, Thresholds
+from wakedeploy.gap.separation import gather, loss_nats
+from wakedeploy.gap.steps import forget, write_step
+from wakedeploy.gap.threshold import FLIGHTS, SECONDS
+from wakedeploy.physics.effects import LIBRARY
+
+_CONFUSED = 14  # effects in the picture of what can be told apart
+
+
+def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
+    """Write `name.json`, and the fits beside it; the search began at `started_s`, monotonic."""
+    told = {
+        "verdict": answer.verdict,
+        "effects": [_effect(answer, n) for n in answer.effects],
+        "class": list(answer.members),
+        "others": _others(answer),
+        "split_by": _split_by(answer),
+        "rounds": [_round(r, answer.thresholds) for r in answer.rounds],
+        "confusion": _confusion(answer),
+        "detectable": detectable(answer),
+        "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
+        "rest": answer.rest.as_json() if answer.rest is not None else None,
+        "beside": [{"name": n, "parameters": _sizes(answer.fit, n)} for n in _beside(answer)],
+        "white": answer.white.as_json(answer.thresholds.whiteness),
+        "threshold_of_s": FLIGHTS * SECONDS,
+        "noise": _noise(answer.fit),
+        "seconds": time.monotonic() - started_s,
+    }
+    forget(out, "name")
+    Found.of(answer).write(out)
+    return write_step(out, "name", told)
+
+
+def _effect(answer: Answer, effect: str) -> dict[str, Any]:
+    best_in = [r for r in answer.rounds if r.found == effect]
+    searched = best_in[0] if best_in else answer.rounds[0]
+    found = next(c for c in searched.ranking if c.name == effect)
+    return {
+        "name": effect,
+        "confidence": searched.confidence(found),
+        "gain_nats": found.gain_nats,
+        "parameters": _sizes(answer.fit, effect),
+    }
+
+
+def _sizes(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
+    """The parameters of one of a fit's effects, with 90 % intervals."""
+    told = {}
+    for p in LIBRARY[effect].parameters:
+        name = f"{effect}.{p.name}"
+        low, high = fitted.interval(name)
+        told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
+    return told
+
+
+def _beside(answer: Answer) -> list[str]:
+    """Effects that explain a part of what is unknown, also beside its expression, if it has one."""
+    return [n for n in answer.fit.hypothesis if n in LIBRARY and answer.verdict == "unknown"]
+
+
+def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
+    ranking = []
+    for c in searched.ranking:
+        ends = (end if np.isfinite(end) else None for end in c.gain_interval())
+        ranking.append(
+            {
+                "name": c.name,
+                "gain_nats": c.gain_nats,
+                "interval": list(ends),
+                "confidence": searched.confidence(c),
+                "parameters": _sizes(c.fit, c.name),
+            }
+        )
+    return {
+        "given": list(searched.given),
+        "found": searched.found,
+        "near_nats": searched.near_nats,
+        "threshold_nats": thresholds.effect_nats,
+        "ranking": ranking,
+    }
+
+
+def _confusion(answer: Answer) -> dict[str, Any]:
+    """How well each leading effect could be imitated by each other one, at the size found."""
+    first = answer.rounds[0]
+    leading = list(first.ranking[:_CONFUSED])
+    sizes = {
+        c.name: [c.fit.value(f"{c.name}.{p.name}") for p in LIBRARY[c.name].parameters]
+        for c in leading
+        if c.gain_nats > answer.thresholds.effect_nats
+    }
+    names = [c.name for c in leading]
+    evidence = gather(answer.base_model, answer.base, names, sizes)
+    return {"names": names, "loss_nats": loss_nats(evidence).tolist()}
+
+
+def _noise(fitted: Fit) -> dict[str, Any]:
+    told = {}
+    for i, f in enumerate(fitted.free):
+        if f.name.startswith("noise.log_"):
+            told[f.name.removeprefix("noise.log_")] = {
+                "value": float(np.exp(fitted.theta[i])),
+                "unit": _NOISE_UNITS[f.name.removeprefix("noise.log_")],
+            }
+    return told
+
+
+_NOISE_UNITS = {
+    "acceleration": "m/s^2 sqrt(s)",
+    "turbulence": "of the wake's force",
+    "turbulence_time": "s",
+    "range": "m",
+}
+
+
+def _split_by(answer: Answer) -> str:
+    known = [LIBRARY[m].split_by for m in answer.members if LIBRARY[m].split_by]
+    return "; or ".join(dict.fromkeys(known))
+
+
+def _others(answer: Answer) -> list[str]:
+    """What is as near as the members of a class, beyond the three that it lists."""
+    found = [r for r in answer.rounds if r.found in answer.members]
+    return [c.name for c in found[0].near[MOST_IN_CLASS:]] if found else []
