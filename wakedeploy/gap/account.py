@@ -108,7 +108,21 @@ def _values(result: Mapping[str, Any]) -> list[str]:
         start = f"If it is {name}" if name in members else name
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{start}: {', '.join(values) or 'without parameters'}.{physics}")
+        told += _at_bound(effect)
     return told
+
+
+def _at_bound(effect: Mapping[str, Any]) -> list[str]:
+    """That sizes of an effect are the library's bounds rather than estimates."""
+    sizes = mapping(effect.get("parameters")).items()
+    ends = [spoken(str(name)) for name, p in sizes if mapping(p).get("at_bound") is True]
+    if not ends:
+        return []
+    stand = "stand at the ends of their ranges" if ends[1:] else "stands at the end of its range"
+    return [
+        f"The {listed(ends)} of {effect.get('name')} {stand}: the effect may have another shape, "
+        "or be stronger than the library allows."
+    ]
 
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
@@ -126,8 +140,12 @@ def _splitting(result: Mapping[str, Any]) -> list[str]:
 
 def _part(result: Mapping[str, Any]) -> list[str]:
     """The effects that explain a part of what is unknown."""
-    known = [str(effect.get("name")) for effect in entries(result.get("beside"))]
-    return [f"A part of it looks like {listed(known)}, which is not added by itself."] * bool(known)
+    known = entries(result.get("beside"))
+    if not known:
+        return []
+    names = listed([str(effect.get("name")) for effect in known])
+    bounds = [told for effect in known for told in _at_bound(effect)]
+    return [f"A part of it looks like {names}, which is not added by itself.", *bounds]
 
 
 def _little_left(rest: Mapping[str, Any]) -> list[str]:

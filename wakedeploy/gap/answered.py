@@ -58,13 +58,25 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
 
 
 def _sizes(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
-    """The parameters of one of a fit's effects, with 90 % intervals."""
+    """The parameters of one of a fit's effects, with 90 % intervals.
+
+    `at_bound` is only with those that stand at an end of the library's range.
+    """
     told = {}
     for p in LIBRARY[effect].parameters:
         name = f"{effect}.{p.name}"
         low, high = fitted.interval(name)
         told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
+        if _at_bound(fitted, name):
+            told[p.name]["at_bound"] = True
     return told
+
+
+def _at_bound(fitted: Fit, name: str) -> bool:
+    """Whether the flights want more than the library allows; not at zero, nor where nothing is."""
+    free = next(f for f in fitted.free if f.name == name)
+    ends = {free.low, free.high} - {0.0, free.neutral}
+    return fitted.value(name) in ends
 
 
 def _beside(answer: Answer) -> list[str]:

@@ -307,7 +307,11 @@ def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any
 
 
 def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
-    parameters = {name: EffectParameter(**p) for name, p in told["parameters"].items()}
+    kept = EffectParameter.model_fields.keys()
+    parameters = {
+        name: EffectParameter(**{key: p[key] for key in kept & p.keys()})
+        for name, p in told["parameters"].items()
+    }
     return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
 
 
