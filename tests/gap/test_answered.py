@@ -4,11 +4,12 @@ import pytest
 from recorded import RIG, flown
 
 from wakedeploy.gap.account import account
-from wakedeploy.gap.answered import _sizes
+from wakedeploy.gap.answered import _bent, _sizes
 from wakedeploy.gap.close import _entry
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import extended, fit
 from wakedeploy.gap.naming import fitted_base
+from wakedeploy.physics.constants import with_constants
 from wakedeploy.physics.effects import LIBRARY
 
 STRONG, WEAK = "axial-inflow-loss", "battery-sag"
@@ -54,3 +55,28 @@ def test_the_rig_file_has_the_size_without_the_mark(told) -> None:
     written = _entry({"name": STRONG, "parameters": told[STRONG]}, "ab" * 32, "2026-01-01")
     stated = written.parameters["loss_s_per_m"].model_dump()
     assert stated == {k: v for k, v in told[STRONG]["loss_s_per_m"].items() if k != "at_bound"}
+
+
+@pytest.mark.parametrize(("scale", "names"), [(1.0, []), (0.87, ["thrust.sufferer.scale"])])
+def test_a_constant_that_had_to_be_bent_is_told(scale, names) -> None:
+    """Whatever the verdict: what is shown is of the rig file with it, and not as it is."""
+    truth = with_constants(RIG, {"thrust.sufferer.scale": scale})
+    _, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in (51, 52, 53)]))
+    bent = _bent(base)
+    assert [one["name"] for one in bent] == names
+    words = account({"verdict": "none", "calibration": bent})
+    assert ("Calibrate it again" in words) is bool(names)
+    for one in bent:
+        assert one["fitted"] == pytest.approx(scale, abs=0.01)
+        assert one["away_sd"] == pytest.approx(abs(one["fitted"] - 1.0) / 0.03)
+        assert f"at {one['fitted']:.3g}, where the rig file has 1 ± 0.03" in words
+
+
+def test_what_is_noise_is_not_told_while_something_is_missing() -> None:
+    gap = {
+        "height 0.25 s ahead": {"before": 0.014, "after": 0.014, "noise_floor": 0.013, "unit": "m"}
+    }
+    words = {v: account({"verdict": v, "gap": gap, "flights": 4}) for v in ("none", "unknown")}
+    assert "noise alone: 13.0 mm" in words["none"]
+    assert "noise alone" not in words["unknown"]
+    assert "not known while something is missing" in words["unknown"]

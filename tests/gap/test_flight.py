@@ -154,9 +154,24 @@ def test_means_at_rest_are_unbiased_though_no_range_is_negative(log, bias_m, tol
     assert np.std(away) < np.mean(deviations)  # which have the sensor's own zero in them
 
 
-def test_a_sensor_that_only_reads_zero_at_rest_says_nothing(log) -> None:
+def test_a_sensor_that_only_reads_zero_at_rest_says_that_its_mean_is_not_above(log) -> None:
+    """A dozen such rests exclude four centimetres, and leave all that lies below zero open."""
     rest = ~np.isin(log["mode"], FLYING)
     flight = flight_from_log(changed(log, range_m=np.where(rest, 0.0, log["range_m"])), RIG, "x")
+    means, variances = np.tile(flight.rest[:, :2], (6, 1)).T
+
+    def nats(bias_m: float) -> float:
+        return float(-0.5 * ((means - bias_m) ** 2 / variances).sum())
+
+    assert len(means) == 12
+    assert nats(0.04) < nats(0.0) - 30.0
+    assert abs(nats(0.0) - nats(-0.012)) < 1e-9
+    assert nats(-0.015) > nats(-0.006) - 3.0
+
+
+def test_a_sensor_that_reads_one_other_value_at_rest_may_be_stuck(log) -> None:
+    rest = ~np.isin(log["mode"], FLYING)
+    flight = flight_from_log(changed(log, range_m=np.where(rest, 0.03, log["range_m"])), RIG, "x")
     assert flight.rest.shape == (0, 3)
 
 

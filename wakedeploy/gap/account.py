@@ -231,7 +231,10 @@ def _gap(result: Mapping[str, Any]) -> list[str]:
         return []
     before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
     if math.isnan(number(channel.get("after"))) or unchanged(channel):
-        return [f"{_judged_on(result)}, the error of the {name} is {before}; noise alone: {floor}."]
+        told = f"{_judged_on(result)}, the error of the {name} is {before}"
+        if result.get("verdict") == "unknown":  # the noise fitted beside it has swallowed some
+            return [f"{told}; how much of it is noise is not known while something is missing."]
+        return [f"{told}; noise alone: {floor}."]
     share = closed_share(channel)
     closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
     if number(channel.get("after")) > number(channel.get("before")):
@@ -377,10 +380,22 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
             f"{flown_s:.0f} s: what is approximate in the model shows more in so many, and an "
             "effect that barely passed may be that."
         )
+    told += _bent(result)
     white = mapping(result.get("white"))
     if white.get("passes") is False and result.get("verdict") == "unknown":
         told.append(f"What is left over is not white noise ({whiteness_words(white)}).")
     return told
+
+
+def _bent(result: Mapping[str, Any]) -> list[str]:
+    """Constants that had to be bent: errors are those of the rig file as recalibrated by this."""
+    return [
+        f"The flights agree only with {one.get('name')} at {number(one.get('fitted')):.3g}, where "
+        f"the rig file has {number(one.get('stated')):.3g} ± {number(one.get('spread')):.2g} "
+        f"({number(one.get('away_sd')):.1f} of its spreads away); errors told here are with it. "
+        "Calibrate it again."
+        for one in entries(result.get("calibration"))
+    ]
 
 
 def _doubts(result: Mapping[str, Any]) -> list[str]:

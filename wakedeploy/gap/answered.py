@@ -19,6 +19,7 @@ from wakedeploy.gap.threshold import FLIGHTS, SECONDS
 from wakedeploy.physics.effects import LIBRARY
 
 _CONFUSED = 14  # effects in the picture of what can be told apart
+_BENT_SD = 3.0  # of twenty constants, chance bends one as far in one rig of twenty
 
 
 def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
@@ -35,6 +36,7 @@ def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
         "rest": answer.rest.as_json() if answer.rest is not None else None,
         "beside": [{"name": n, "parameters": _sizes(answer.fit, n)} for n in _beside(answer)],
+        "calibration": _bent(answer.fit),
         "white": answer.white.as_json(answer.thresholds.whiteness),
         "threshold_of_s": FLIGHTS * SECONDS,
         "noise": _noise(answer.fit),
@@ -77,6 +79,17 @@ def _at_bound(fitted: Fit, name: str) -> bool:
     free = next(f for f in fitted.free if f.name == name)
     ends = {free.low, free.high} - {0.0, free.neutral}
     return fitted.value(name) in ends
+
+
+def _bent(fitted: Fit) -> list[dict[str, Any]]:
+    """Calibrated constants that the flights want far from where the rig file has them."""
+    told = []
+    for f, value in zip(fitted.free, fitted.theta, strict=True):
+        away_sd = abs(float(value) - f.neutral) / f.prior_sd
+        if f.quantity == f.name and away_sd > _BENT_SD:
+            one = {"name": f.name, "stated": f.neutral, "spread": f.prior_sd}
+            told.append(one | {"fitted": float(value), "away_sd": away_sd})
+    return sorted(told, key=lambda one: -float(one["away_sd"]))
 
 
 def _beside(answer: Answer) -> list[str]:

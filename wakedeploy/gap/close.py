@@ -234,6 +234,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "unknown": named.get("unknown"),
         "beside": named.get("beside", []),
         "rest": named.get("rest"),
+        "calibration": named.get("calibration", []),
         "as_if": shown.get("as_if", []),
         "in_sample": shown.get("in_sample"),
         "cross_validated": shown.get("cross_validated"),

@@ -35,6 +35,9 @@ _LONGEST_GAP_S = 0.5
 _GAP_S = 0.1  # between samples
 _JUMP_S = 0.25  # a clock that jumps by more between ticks is not one run
 _FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
+_CUT_OFF_SHARE = 0.9  # of readings at rest are of one value: their mean cannot be told
+_ZERO_M = 0.0005  # the least that a range sensor reads
+_BELOW_ZERO_M, _BELOW_ZERO_SD_M = -0.006, 0.015
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
 _CARRIAGE_MOVED_M = 0.02
 _IDLE_US = 20.0  # above the idle pulse a motor turns
@@ -376,13 +379,17 @@ def _censored_mean(reading_m: FloatArray) -> tuple[float, float] | None:
     """Mean and its variance where a sensor cannot read below some value (a tobit).
 
     A time-of-flight sensor gives no negative ranges, so at rest on the stop half of the noise may
-    be cut off; None when nearly all of it is.
+    be cut off. Where nearly all readings are zero, the mean lies somewhere below: that is said with
+    so wide a variance that all rests together do not say more. A sensor that reads another value
+    all the time may be stuck: None.
     """
     kept = reading_m[np.abs(reading_m - np.median(reading_m)) < 0.03]
     floor = float(kept.min())
     at_floor = kept <= floor + 1e-9
-    if len(kept) < 10 or at_floor.mean() > 0.9:
+    if len(kept) < 10:
         return None
+    if at_floor.mean() > _CUT_OFF_SHARE:
+        return (_BELOW_ZERO_M, _BELOW_ZERO_SD_M**2) if floor < _ZERO_M else None
     if at_floor.mean() < 0.15:
         return float(kept.mean()), float(kept.var() / len(kept)) + _REST_SD_M**2
     above = kept[~at_floor]

@@ -32,8 +32,10 @@ _ADDED = {"command.delay_s", "range.delay_s"}
 # Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
 _STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s": 0.002}
 _STEP = 0.05  # of a prior scale
-# Flights may go far beyond where a term is of typical size; there a longer step loses the track.
-_STEP_OF_TERM = 0.005
+# Flights know a thrust scale a hundred times as well as calibration does, and a term may be far
+# beyond its typical size: with a longer step samples become outliers on the way, and derivatives
+# are of that.
+_SHORT_STEP = 0.005
 _NEAR_S = 0.0015  # what repeats alone may leave open of a hold
 _JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
 HOLD = "sample-and-hold.hold_s"
@@ -131,7 +133,7 @@ def _nuisance(constant: str, value: float, spread: float) -> Free:
         spread,
         low,
         value + _WIDEST_SD * spread,
-        _STEPS_S.get(constant, 0.2 * spread),
+        _STEPS_S.get(constant, _SHORT_STEP * spread),
         quantity=constant,
     )
 
@@ -140,7 +142,8 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
     neutral = base[p.constant] if p.constant is not None else p.neutral
     starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
     name = f"{effect.name}.{p.name}"
-    share = _STEP_OF_TERM if isinstance(effect, ExpressionForce) else _STEP
+    is_smooth = isinstance(effect, ExpressionForce) or p.constant is not None
+    share = _SHORT_STEP if is_smooth else _STEP
     step = _STEPS_S.get(p.constant or "", share * p.scale)
     quantity = "" if p.constant in _ADDED else p.constant or ""
     return Free(
