@@ -17,6 +17,7 @@ from wakedeploy.gap.flight import (
     placed,
     read_flights,
 )
+from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.runlog import FLYING, RunLog
 
 FIELDS = [name for name in Flight.__dataclass_fields__ if name not in ("name", "sha256")]
@@ -144,7 +145,7 @@ def test_means_at_rest_are_unbiased_though_no_range_is_negative(log, bias_m, tol
         read_m = np.maximum(0.0, np.round(true_m, 3))
         range_m = np.where(rest, read_m, log["range_m"])
         found = flight_from_log(changed(log, range_m=range_m), RIG, "at rest").rest
-        assert found.shape == (2, 3)
+        assert found.shape == (2, 4)
         away += (found[:, 0] - bias_m).tolist()
         deviations += np.sqrt(found[:, 1]).tolist()
     assert abs(np.mean(away)) < tolerance_m
@@ -154,25 +155,32 @@ def test_means_at_rest_are_unbiased_though_no_range_is_negative(log, bias_m, tol
     assert np.std(away) < np.mean(deviations)  # which have the sensor's own zero in them
 
 
-def test_a_sensor_that_only_reads_zero_at_rest_says_that_its_mean_is_not_above(log) -> None:
-    """A dozen such rests exclude four centimetres, and leave all that lies below zero open."""
+@pytest.mark.parametrize("bias_m", [-0.006, -0.008, -0.02])
+def test_rests_that_read_zero_are_a_ceiling_for_the_mean(log, bias_m) -> None:
+    rng = np.random.default_rng(4)
     rest = ~np.isin(log["mode"], FLYING)
-    flight = flight_from_log(changed(log, range_m=np.where(rest, 0.0, log["range_m"])), RIG, "x")
-    means, variances = np.tile(flight.rest[:, :2], (6, 1)).T
+    read_m = np.maximum(0.0, np.round(bias_m + 0.004 * rng.standard_normal(len(rest)), 3))
+    cut_off = changed(log, range_m=np.where(rest, read_m, log["range_m"]))
+    flight = flight_from_log(cut_off, RIG, "x")
+    assert flight.rest[:, 3].all()
+    model = GantryModel(RIG, [flight])
+    theta = model.start(())
+    place = [f.name for f in model.free(())].index("range.bias_m")
 
     def nats(bias_m: float) -> float:
-        return float(-0.5 * ((means - bias_m) ** 2 / variances).sum())
+        theta[place] = bias_m
+        rests = slice(-3, -1)  # what stands before the repeats
+        return float(model.score((), theta, 0).log_density[rests].sum())
 
-    assert len(means) == 12
-    assert nats(0.04) < nats(0.0) - 30.0
-    assert abs(nats(0.0) - nats(-0.012)) < 1e-9
-    assert nats(-0.015) > nats(-0.006) - 3.0
+    assert nats(bias_m) > nats(-0.03) - 0.5  # the truth is as likely as anything below
+    assert nats(0.0) < nats(bias_m) - 2.0
+    assert nats(0.02) < nats(bias_m) - 20.0
 
 
 def test_a_sensor_that_reads_one_other_value_at_rest_may_be_stuck(log) -> None:
     rest = ~np.isin(log["mode"], FLYING)
     flight = flight_from_log(changed(log, range_m=np.where(rest, 0.03, log["range_m"])), RIG, "x")
-    assert flight.rest.shape == (0, 3)
+    assert flight.rest.shape == (0, 4)
 
 
 def test_truth_in_a_log_makes_no_difference(log, tmp_path) -> None:

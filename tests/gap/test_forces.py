@@ -158,7 +158,9 @@ def test_the_expected_reading_is_the_height_as_the_sensor_sees_it(flown) -> None
     z_m = np.interp(flight.sample_s - 0.02, flight.grid_s, flight.nominal[0])
     assert found.expected[0] == pytest.approx(0.01 + 1.02 * z_m)
     assert found.expected[1] == pytest.approx(np.full(len(z_m), 1.02))
-    rested = dataclasses.replace(flight, rest=np.array([[0.0, 1e-6, 1.0], [0.0, 1e-6, 14.0]]))
+    rested = dataclasses.replace(
+        flight, rest=np.array([[0.0, 1e-6, 1.0, 0.0], [0.0, 1e-6, 14.0, 0.0]])
+    )
     assert Physics(QUIET, rested).at_rest(constants, ()) == pytest.approx([0.01, 0.01])
 
 

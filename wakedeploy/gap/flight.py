@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import log_ndtr
+from scipy.special import log_ndtr, ndtri
 
 from runtime.simulated import COMPUTE_S
 from wakedeploy.errors import UnusableInput
@@ -36,8 +36,8 @@ _GAP_S = 0.1  # between samples
 _JUMP_S = 0.25  # a clock that jumps by more between ticks is not one run
 _FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
 _CUT_OFF_SHARE = 0.9  # of readings at rest are of one value: their mean cannot be told
-_ZERO_M = 0.0005  # the least that a range sensor reads
-_BELOW_ZERO_M, _BELOW_ZERO_SD_M = -0.006, 0.015
+_ZERO_M = 0.0005  # what reads less reads zero
+_NOISE_KNOWN = 0.3  # to which share a rig file knows the noise at rest
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
 _CARRIAGE_MOVED_M = 0.02
 _IDLE_US = 20.0  # above the idle pulse a motor turns
@@ -63,8 +63,8 @@ class Flight:
 
     `grid_s` (N,) are the steps' starts. `frame_s` (F,) are the times at which the ESCs take a new
     pulse. `start`, `stop` (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the
-    height [m] and speed [m/s] smoothed from the readings. `rest` (r, 3) are the readings at rest on
-    the stop, each period as mean, variance and time.
+    height [m] and speed [m/s] smoothed from the readings. `rest` (r, 4) are the readings at rest on
+    the stop, each period as mean, variance, time, and 1 where the mean is only known to lie below.
     """
 
     name: str
@@ -158,7 +158,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         start=start,
         stop=stop,
         nominal=nominal,
-        rest=_rests(log, t_s, flying, sample_s, reading_m),
+        rest=_rests(log, t_s, flying, sample_s, reading_m, rig.range_sensor.noise_m),
         take_off_s=float(t_s[flying][0]),
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
@@ -360,8 +360,9 @@ def _rests(
     flying: npt.NDArray[np.bool_],
     sample_s: FloatArray,
     reading_m: FloatArray,
+    noise_m: float,
 ) -> FloatArray:
-    """Mean, variance and mean time (r, 3) of the readings at rest before and after the flight."""
+    """Mean, variance, mean time and "is a ceiling" (r, 4) of readings at rest, before and after."""
     first, last = t_s[flying][0], t_s[flying][-1]
     rests = []
     # A failsafe may end in the air: only rests that the board confirms are rests.
@@ -369,19 +370,20 @@ def _rests(
     after = sample_s > (last + 0.5 if landed else np.inf)
     for chosen in (sample_s < first - 0.05, after):
         if chosen.sum() >= 20:
-            read = _censored_mean(reading_m[chosen])
+            read = _censored_mean(reading_m[chosen], noise_m)
             if read is not None:
-                rests.append((*read, float(sample_s[chosen].mean())))
-    return np.array(rests).reshape(-1, 3)
+                mean_m, variance_m2, ceiling = read
+                rests.append((mean_m, variance_m2, float(sample_s[chosen].mean()), ceiling))
+    return np.array(rests, float).reshape(-1, 4)
 
 
-def _censored_mean(reading_m: FloatArray) -> tuple[float, float] | None:
-    """Mean and its variance where a sensor cannot read below some value (a tobit).
+def _censored_mean(reading_m: FloatArray, noise_m: float) -> tuple[float, float, bool] | None:
+    """Mean, its variance, and whether that is only a ceiling, of readings cut off below (a tobit).
 
     A time-of-flight sensor gives no negative ranges, so at rest on the stop half of the noise may
-    be cut off. Where nearly all readings are zero, the mean lies somewhere below: that is said with
-    so wide a variance that all rests together do not say more. A sensor that reads another value
-    all the time may be stuck: None.
+    be cut off. Where nearly all readings are zero, they do not tell their own spread: by the rig
+    file's noise, the mean is so low that no more than these stand out. A sensor that reads another
+    value all the time may be stuck: None.
     """
     kept = reading_m[np.abs(reading_m - np.median(reading_m)) < 0.03]
     floor = float(kept.min())
@@ -389,9 +391,12 @@ def _censored_mean(reading_m: FloatArray) -> tuple[float, float] | None:
     if len(kept) < 10:
         return None
     if at_floor.mean() > _CUT_OFF_SHARE:
-        return (_BELOW_ZERO_M, _BELOW_ZERO_SD_M**2) if floor < _ZERO_M else None
+        if floor > _ZERO_M:
+            return None
+        below_m = noise_m * float(ndtri(min(at_floor.mean(), 1.0 - 0.5 / len(kept))))
+        return _ZERO_M - below_m, (_NOISE_KNOWN * below_m) ** 2 + _REST_SD_M**2, True
     if at_floor.mean() < 0.15:
-        return float(kept.mean()), float(kept.var() / len(kept)) + _REST_SD_M**2
+        return float(kept.mean()), float(kept.var() / len(kept)) + _REST_SD_M**2, False
     above = kept[~at_floor]
     means = np.linspace(floor - 0.01, floor + 0.01, 201)[:, None]
     spreads = np.linspace(0.001, 0.012, 45)[None, :]
@@ -401,7 +406,7 @@ def _censored_mean(reading_m: FloatArray) -> tuple[float, float] | None:
     weight = np.exp(density - density.max())
     mean = float((weight * means).sum() / weight.sum())
     variance = float((weight * (means - mean) ** 2).sum() / weight.sum())
-    return mean, variance + _REST_SD_M**2
+    return mean, variance + _REST_SD_M**2, False
 
 
 def _battery(log: RunLog, t_s: FloatArray, grid_s: FloatArray) -> FloatArray | None:

@@ -91,6 +91,8 @@ class GantryModel:
         e, v, density, weight = samples[:, flight.counted]
         density, weight = _with_repeats(density, weight, flight, forces.held)
         rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
+        # Of a mean that is only known to lie below the sensor's zero, more would be missed.
+        rest_e = np.where(flight.rest[:, 3] > 0.0, np.minimum(rest_e, 0.0), rest_e)
         rest_v = flight.rest[:, 1]
         rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
         repeat_e, repeat_v = _repeats(flight, forces.held, _chance(self.rig))
