@@ -145,7 +145,8 @@ def _part(result: Mapping[str, Any]) -> list[str]:
         return []
     names = listed([str(effect.get("name")) for effect in known])
     bounds = [told for effect in known for told in _at_bound(effect)]
-    return [f"A part of it looks like {names}, which is not added by itself.", *bounds]
+    which = "which are not added by themselves" if known[1:] else "which is not added by itself"
+    return [f"A part of it looks like {names}, {which}.", *bounds]
 
 
 def _little_left(rest: Mapping[str, Any]) -> list[str]:
