@@ -74,7 +74,8 @@ class LostSteps(Effect):
 
     name = "lost-steps"
     physics = (
-        "The carriage loses steps in one direction, so its error grows with the way travelled."
+        "The carriage loses steps in one direction: its error grows with all the way, there and "
+        "back."
     )
     stage = "sensor"
     parameters = (Parameter("lost_per_m", "1", scale=0.01, low=-0.2, high=0.2),)
