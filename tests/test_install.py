@@ -22,14 +22,19 @@ PACKAGES = {"wakedeploy", "trainers", "export", "runtime"}
 ABSENT = ["torch", "onnx", "onnxscript", "optuna", "numba", "pandas", "safetensors", "plotly"]
 
 
-def run(*command: str | Path, cwd: Path, status: int = 0) -> str:
-    """Run a program away from the project's folder; its output, once it ended as expected."""
+def end(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """Run a program away from the project's folder, however it ends."""
     environment = {k: v for k, v in os.environ.items() if not k.startswith("PYTHON")}
-    ended = subprocess.run(
+    return subprocess.run(
         [str(part) for part in command],
         cwd=cwd, env=environment, text=True, check=False, timeout=600,
         stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
     )  # fmt: skip
+
+
+def run(*command: str | Path, cwd: Path, status: int = 0) -> str:
+    """A program's output, once it ended as expected."""
+    ended = end(*command, cwd=cwd)
     assert ended.returncode == status, f"{command} ended with {ended.returncode}:\n{ended.stdout}"
     return ended.stdout
 
@@ -137,7 +142,9 @@ def test_a_package_is_checked_without_torch(base: Path, package: Path) -> None:
 
 
 def test_a_package_is_timed_without_torch(base: Path, package: Path) -> None:
+    """Timed, and the exit status is the verdict's: which of the two depends on the machine."""
     bench = [base / "wakedeploy", "bench", "latency", package, "--ticks", "64"]
-    run(*bench, "--json", "bench.json", cwd=package.parent)
+    ended = end(*bench, "--json", "bench.json", cwd=package.parent)
     (row,) = json.loads((package.parent / "bench.json").read_text())["rows"]
-    assert row["within_budget"]
+    assert row["ticks"] > 0
+    assert ended.returncode == (0 if row["within_budget"] else 1), ended.stdout

