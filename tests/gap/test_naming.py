@@ -207,6 +207,8 @@ def test_effects_that_are_needed_are_kept() -> None:
     needed = fit(near, both, range(3), start)
     _, kept = without_idle(near, needed)
     assert kept.hypothesis == both
+    _, kept = without_idle(near, needed, both[:1], least_nats=1e4)
+    assert kept.hypothesis == both[1:]
 
 
 def candidates(**gains: float) -> tuple[Candidate, ...]:

@@ -42,15 +42,18 @@ def reduced(model: GantryModel, current: Fit, rest: Hypothesis) -> tuple[GantryM
 
 
 def without_idle(
-    model: GantryModel, current: Fit, among: Sequence[str] | None = None
+    model: GantryModel,
+    current: Fit,
+    among: Sequence[str] | None = None,
+    least_nats: float = _DROPPED_NATS,
 ) -> tuple[GantryModel, Fit]:
-    """Drop each effect (of those `among`, or of all) that the others have made superfluous."""
+    """Drop each effect (of those `among`, or of all) that gains too little beside the others."""
     for name in current.hypothesis if among is None else among:
         if len(current.hypothesis) < 2:
             break
         rest = tuple(n for n in current.hypothesis if n != name)
         near, without = reduced(model, current, rest)
-        if candidate(without, name, current).gain_nats < _DROPPED_NATS:
+        if candidate(without, name, current).gain_nats < least_nats:
             model, current = near, without
     return model, current
 
@@ -73,12 +76,13 @@ def joined(
 
     An effect that was found first may have stood for what the expression says better. It is
     dropped; the expression may have mended what was wrong with it, and is searched again, on top of
-    what is left. Each term must be worth `least_nats` for the new one to be the better. `on` is the
-    fit of the effects, `base` the one without any.
+    what is left. `least_nats` is what noise alone hardly gains: beside the expression, an effect
+    must gain as much, and so must each term for the new one to be the better. `on` is the fit of
+    the effects, `base` the one without any.
     """
     near, joint = refitted(model, found.fit)
     effects = tuple(n for n in joint.hypothesis if n not in found.terms)
-    near, joint = without_idle(near, joint, effects)
+    near, joint = without_idle(near, joint, effects, least_nats)
     left = tuple(n for n in effects if n in joint.hypothesis)
     if not left:
         model, on = base

@@ -1,4 +1,4 @@
-"""The forces of which an unknown one may be a sum: some seventy terms c·f(state of the rig).
+"""The forces of which an unknown one may be a sum: some eighty terms c·f(state of the rig).
 
 In: a term's name. Out: an effect with one parameter, or with two for a wave of free phase. Where a
 term depends on a quantity that hardly leaves a mean, its function is centred there, so that it is
@@ -103,14 +103,16 @@ _SINGLE: Mapping[str, tuple[str, str, str, float]] = {
 _STRETCH = re.compile(r"stretch-(?P<second>\d{1,3})s")
 _STRETCHES = tuple(f"stretch-{second}s" for second in range(2, 19, 2))
 _WAVE = re.compile(r"wave-in-(time-(?P<mhz>\d{3,5})mhz|(?P<axis>height|place)-(?P<mm>\d{2,4})mm)")
+_HEIGHT_MM = (50, 60, 72, 86, 104, 125, 150, 200, 300)
+# 1.25 periods per metre apart: passes of 0.8 m tell waves closer together hardly asunder. The
+# shortest is the way of a belt on a pulley of 20 teeth of 2 mm.
+_PLACE_MM = tuple(round(1000 / (1.25 * n)) for n in range(2, 21))
 _WAVES_IN_STATE = tuple(
     f"wave-in-{axis}-{mm}mm"
-    for axis, lengths in (
-        ("height", (50, 60, 72, 86, 104, 125, 150, 200, 300)),
-        ("place", (100, 140, 200, 280, 400)),
-    )
+    for axis, lengths in (("height", _HEIGHT_MM), ("place", _PLACE_MM))
     for mm in lengths
 )
+_NEAR_PER_M = (-0.8, -0.4, 0.4, 0.8)
 
 
 class Terms(Mapping[str, ExpressionForce]):
@@ -161,7 +163,8 @@ def neighbours(name: str) -> tuple[str, ...]:
         middle = int(wave["mhz"])
         return tuple(wave_in_time(1e-3 * (middle + off)) for off in (-20, -10, 10, 20))
     middle = int(wave["mm"])
-    lengths = sorted({round(middle * by) for by in (0.84, 0.92, 1.08, 1.17)} - {middle})
+    near = {round(1000 / (1000 / middle + off)) for off in _NEAR_PER_M}
+    lengths = sorted(near - {middle})
     return tuple(f"wave-in-{wave['axis']}-{mm:02d}mm" for mm in lengths)
 
 
