@@ -64,6 +64,18 @@ def test_forecasts_are_for_the_time_that_they_state(base) -> None:
     assert share == pytest.approx(0.0, abs=0.25)
 
 
+def test_differences_stay_within_what_flights_know_of_a_constant(base) -> None:
+    """Further away samples become outliers, and a derivative is no longer one.
+
+    Delays have long steps on purpose: servo frames make the likelihood jagged in time.
+    """
+    _, fitted = base
+    known_sd = np.diag(fitted.slopes.fisher().sum(0)) ** -0.5  # the others held
+    for free, sd in zip(fitted.free, known_sd, strict=True):
+        if free.quantity and not free.name.startswith(("command.", "range.delay")):
+            assert free.step < 2.0 * sd, free.name
+
+
 def test_noise_and_calibration_are_found_within_their_intervals(base) -> None:
     _, fitted = base
     flight = flown(SEEDS[0])

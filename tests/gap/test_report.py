@@ -308,3 +308,19 @@ def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
     assert "known effects explain only a part" in told
     assert "A part of it looks like added-mass" in told
     assert "not white noise (statistic 90" in told
+
+
+@pytest.mark.parametrize(("verdict", "told"), [("named", True), ("unknown", False)])
+def test_what_noise_alone_leaves_is_not_told_while_something_is_missing(tmp_path, verdict, told):
+    """Nothing was added: what the fitted noise swallowed would stand there as noise."""
+    fabricate(tmp_path, verdict, maps=2)
+    for step in ("show", "result"):
+        path = tmp_path / f"{step}.json"
+        if path.exists():
+            content = json.loads(path.read_text())
+            for channel in content.get("gap", {}).values():
+                channel |= {"before": 0.0143, "after": 0.0143, "noise_floor": 0.01319}
+            path.write_text(json.dumps(content))
+    shown = "".join(read_page(write_report(tmp_path)).text)
+    assert "14.3 mm" in shown
+    assert ("13.2 mm" in shown) is told

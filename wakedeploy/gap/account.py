@@ -226,6 +226,11 @@ def unchanged(channel: Mapping[str, Any]) -> bool:
     return number(channel.get("before")) == number(channel.get("after"))
 
 
+def noise_unknown(result: Mapping[str, Any]) -> bool:
+    """Whether something is missing and nothing was added: the fitted noise has swallowed some."""
+    return result.get("verdict") == "unknown" and unchanged(gap_channel(result)[1])
+
+
 def _gap(result: Mapping[str, Any]) -> list[str]:
     name, channel = gap_channel(result)
     if not channel:
@@ -233,7 +238,7 @@ def _gap(result: Mapping[str, Any]) -> list[str]:
     before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
     if math.isnan(number(channel.get("after"))) or unchanged(channel):
         told = f"{_judged_on(result)}, the error of the {name} is {before}"
-        if result.get("verdict") == "unknown":  # the noise fitted beside it has swallowed some
+        if noise_unknown(result):
             return [f"{told}; how much of it is noise is not known while something is missing."]
         return [f"{told}; noise alone: {floor}."]
     share = closed_share(channel)

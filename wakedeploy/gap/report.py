@@ -16,6 +16,7 @@ from wakedeploy.gap.account import (
     evidence,
     gap_channel,
     gap_value,
+    noise_unknown,
     unchanged,
     verdict_sentence,
 )
@@ -107,7 +108,7 @@ PICTURES = (
         "leaves. Closed: (before² − after²) / (before² − floor²), no more than 100 %. Noise and "
         "calibration are fitted before and after; the new rig file has the effect alone, with the "
         "calibration as it was.",
-        lambda steps: report_figures.draw_gaps(steps.show),
+        lambda steps: report_figures.draw_gaps({"gap": _gap(steps)}),
     ),
     Picture(
         "places",
@@ -209,7 +210,8 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
         tiles.append(("noise alone", gap_value(channel, "noise_floor")))
         tiles.append(("of the gap closed", closed_words(channel) or UNKNOWN))
         if unchanged(channel):
-            tiles[-4:] = [(f"error of the {name}", gap_value(channel, "before")), tiles[-2]]
+            noise = [] if noise_unknown(summary) else [tiles[-2]]
+            tiles[-4:] = [(f"error of the {name}", gap_value(channel, "before")), *noise]
     boxes = [
         element("div", element("b", value), element("span", label, class_="soft"), class_="tile")
         for label, value in tiles
@@ -288,12 +290,21 @@ def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
         "shown",
         "The gap before and after",
         _paragraph(_judging(show)),
-        gap_table(mapping(show.get("gap"))),
+        gap_table(_gap(steps)),
         _shown_pictures(pictures, "before_after", "places", "forecasts"),
         whiteness(mapping(white.get("before")), "these flights before"),
         whiteness(mapping(white.get("after")), "these flights after"),
         _shown_pictures(pictures, "placebo", "retraining"),
     )
+
+
+def _gap(steps: Steps) -> Mapping[str, Any]:
+    """The channels; without a floor where what noise alone leaves is not known."""
+    gap = mapping(steps.show.get("gap"))
+    if not noise_unknown(steps.summary):
+        return gap
+    kept = ("before", "after", "before_interval", "after_interval", "unit")
+    return {n: {k: v for k, v in mapping(c).items() if k in kept} for n, c in gap.items()}
 
 
 def _judging(show: Mapping[str, Any]) -> str:

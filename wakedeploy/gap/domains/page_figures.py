@@ -77,10 +77,10 @@ def draw_autocorrelation(document: Part) -> "Figure | None":
 def draw_delay_profile(profile: Part) -> "Figure | None":
     """Nats below the best delay, the best and the best elsewhere marked."""
     delay_s, nats = numbers(profile.get("delay_s")), numbers(profile.get("nats"))
-    if not len(delay_s) == len(nats) > 1:
+    curve = _curve(delay_s, nats, 2.8)
+    if curve is None:
         return None
-    drawn, axes = figures.figure(size=(0.7 * _WIDTH_IN, 2.8))
-    axes.plot(delay_s, nats, "o-", color=figures.MEASURED, markersize=3)
+    drawn, axes = curve
     best = int(np.argmax(nats))
     inner = np.arange(1, len(nats) - 1)
     summits = [int(k) for k in inner if nats[k] > nats[k - 1] and nats[k] > nats[k + 1]]
@@ -94,13 +94,21 @@ def draw_delay_profile(profile: Part) -> "Figure | None":
 
 def draw_phase_delay(phase: Part) -> "Figure | None":
     """Delay over frequency."""
-    hz, delay_s = numbers(phase.get("frequency_hz")), numbers(phase.get("delay_s"))
-    if not len(hz) == len(delay_s) > 1:
+    curve = _curve(numbers(phase.get("frequency_hz")), numbers(phase.get("delay_s")), 2.4)
+    if curve is None:
         return None
-    drawn, axes = figures.figure(size=(0.7 * _WIDTH_IN, 2.4))
-    axes.plot(hz, delay_s, "o-", color=figures.MEASURED, markersize=3)
+    drawn, axes = curve
     axes.set(xlabel="frequency [Hz]", ylabel="phase delay [s]", ylim=(0.0, None))
     return drawn
+
+
+def _curve(x: FloatArray, y: FloatArray, height_in: float) -> "tuple[Figure, Axes] | None":
+    """One measured curve with its points; None if there are not enough of them."""
+    if not len(x) == len(y) > 1:
+        return None
+    drawn, axes = figures.figure(size=(0.7 * _WIDTH_IN, height_in))
+    axes.plot(x, y, "o-", color=figures.MEASURED, markersize=3)
+    return drawn, axes
 
 
 def _after_hole(time_s: FloatArray) -> "NDArray[np.bool_]":
