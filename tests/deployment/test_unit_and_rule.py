@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from runtime.safety import DESCENT_LIMIT_S
+from runtime.safety import DESCENT_LIMIT_S, LINK_LOST_S
 from wakedeploy.cli.run_gantry import command as run_gantry
+from wakedeploy.rig import default_rig
 
 FOLDER = Path(__file__).parents[2] / "deployment"
 UNIT, RULES = FOLDER / "wakedeploy-gantry@.service", FOLDER / "60-wakedeploy.rules"
@@ -62,6 +63,11 @@ def test_the_unit_flies_only_when_asked_and_its_command_exists():
     assert params["realtime"]
     assert not params["virtual"]
     assert f'SYMLINK+="{params["port"].removeprefix("/dev/")}"' in RULES.read_text()
+
+
+def test_a_restart_does_not_reset_the_board_on_its_way_down():
+    (pause_s,) = settings("RestartSec")
+    assert float(pause_s) > LINK_LOST_S + default_rig().limits.sufferer_descent_s + 1.0
 
 
 def test_the_unit_leaves_time_to_land_and_flights_do_not_count_as_failures():

@@ -78,6 +78,14 @@ def test_no_pulse_rises_after_the_battery_went_whenever_it_comes_back(away_s, he
     assert np.max([row["true_z_m"] for row in rows[began + 8 :]]) < 0.1
 
 
+def test_a_slow_ramp_throws_the_sufferer_up_when_the_battery_comes_back():
+    """Why the descent is short: by then the controller had pushed against the fall."""
+    rig = RIG.changed(limits={"sufferer_descent_s": 3.0})
+    causes, _, rows, began = flown(Battery(0.7, 0.1), rig)
+    assert "battery_lost" in causes
+    assert np.max([row["true_z_m"] for row in rows[began:]]) > 1.1  # of 1.2 m
+
+
 @pytest.mark.parametrize("held_s", [0.01, 0.5, 2.0])
 def test_a_stop_pressed_at_rest_is_noticed_before_the_capacitors_are_empty(held_s):
     rig = RIG.changed(disturbance={"rest_s": 3.0})
