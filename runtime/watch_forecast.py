@@ -227,6 +227,7 @@ class ForceForecast:
         self._spreads = dict(spreads)
         self._chain, self._setting = model.chain, model.setting
         self.motion = Motion()
+        self._carriage_m: float | None = None
         self._hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
         self._drag = 0.5 * AIR_DENSITY_KGPM3 * rig.wake.drag_area_m2
         self._path = PulsePath(rig, model)
@@ -264,8 +265,9 @@ class ForceForecast:
             sources.append(self._bent(sources[0], "thrust.source.exponent"))
         sources = self._changed("source_n", sources)
         self._wake.inject(sources)
+        self._carriage_m = self._chain.carriage_m(place.x_m, self._carriage_m)
         offset_m = float(self._chain.wake_offset_m(self.motion, self._setting))
-        by_wake, by_source = self._wake.velocities(place.x_m - offset_m, place.z_m)
+        by_wake, by_source = self._wake.velocities(self._carriage_m - offset_m, place.z_m)
         self.motion.wake_mps = by_wake[0]
         by_wake = self._changed("wake_mps", by_wake)
         by_source = self._changed("wake_mps", by_source, by_wake[0])

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recorded import QUIET, probed
+from recorded import QUIET, SECONDS, Probe, probed, with_effects
 
+from wakedeploy.domains.gantry import record
 from wakedeploy.gap.flight import DT_S, flight_from_log
 from wakedeploy.gap.forces import Physics
 from wakedeploy.gap.holding import likely_periods_s
@@ -58,6 +59,28 @@ def test_the_wakes_force_is_the_plants(flown) -> None:
     assert np.abs(true_n).max() > 0.5
     assert rms(modelled_n - true_n) < 0.03 * rms(true_n)
     assert modelled_n.mean() == pytest.approx(true_n.mean(), rel=0.01)
+
+
+def test_the_wakes_force_under_a_belt_with_play_is_the_plants() -> None:
+    entry = with_effects(belt_backlash={"backlash_m": (0.06, "m")}).effect
+    probe = Probe()
+    log = record(QUIET.model_copy(update={"effect": entry}), seconds=SECONDS, seed=31,
+                 force_hook=probe)  # fmt: skip
+    flight = flight_from_log(log.without_truth(), QUIET, "play")
+    middle_s = flight.grid_s + 0.5 * DT_S
+    truth = np.stack([np.interp(middle_s, probe["t_s"], probe[n]) for n in ("z_m", "vz_mps")])
+    physics = Physics(QUIET, dataclasses.replace(flight, nominal=truth))
+    inside = (log["t_s"] > flight.grid_s[flight.start[0]]) & (
+        log["t_s"] < flight.grid_s[flight.stop[-1] - 1]
+    )
+    true_n = log["true_wake_force_n"][inside]
+
+    def error(effects) -> float:
+        wake_n = physics.forces(CONSTANTS, effects).wake_n
+        return rms(np.interp(log["t_s"][inside], middle_s, wake_n) - true_n) / rms(true_n)
+
+    assert error(()) > 0.1
+    assert error(active("belt-backlash", backlash_m=0.06)) < 0.01
 
 
 def test_accelerations_sum_up_to_the_speed_that_was_gained(flown) -> None:

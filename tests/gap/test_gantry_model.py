@@ -10,6 +10,7 @@ from wakedeploy.gap.inference import Fit, fit
 from wakedeploy.gap.naming import _settled, fitted_base
 from wakedeploy.gap.parameters import NOISE
 from wakedeploy.gap.ranking import rank, scanned_starts
+from wakedeploy.gap.sensors import _carriage_error
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import parse_rig
@@ -111,6 +112,22 @@ def test_miscalibrated_constants_are_found(base) -> None:
     assert fitted.value("thrust.sufferer.scale") == pytest.approx(1.04, abs=0.01)
     low, high = fitted.interval("wake.strength", 0.99)
     assert low < 420.0 < high
+
+
+def test_the_play_of_a_belt_is_found() -> None:
+    """Its size, and in it the carriage's errors, which an encoder would read."""
+    truth = with_effects(belt_backlash={"backlash_m": (0.05, "m")})
+    near, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in SEEDS]))
+    (candidate,) = rank(near, base, ("belt-backlash",))
+    _, found = _settled(near, candidate.fit)
+    low, high = found.interval("belt-backlash.backlash_m", 0.99)
+    assert low < 0.05 < high
+    size_m = found.value("belt-backlash.backlash_m")
+    assert size_m == pytest.approx(0.05, abs=0.01)
+    flight, behind_m = near.flights[0], [0.0]
+    for way_m in np.diff(flight.x_m):
+        behind_m.append(float(np.clip(behind_m[-1] + way_m, -0.5 * size_m, 0.5 * size_m)))
+    assert _carriage_error(near, found, flight) == pytest.approx(behind_m, abs=1e-9)
 
 
 def test_the_smoothed_motion_is_nearer_to_the_truth_than_the_first_look(base) -> None:

@@ -86,6 +86,17 @@ def test_an_effect_in_the_rig_file_is_part_of_what_it_explains():
     assert with_effect.report.worst < 1.0
 
 
+def test_a_belt_s_play_in_the_rig_file_is_part_of_what_it_explains():
+    play = Effect(name="belt-backlash",
+                  parameters={"backlash_m": EffectParameter(value=0.15, unit="m")})  # fmt: skip
+    rig = RIG.model_copy(update={"effect": (play,)})
+    rows = list(record(rig, seconds=20, seed=6, model_rig=RIG).rows())
+    without, _ = watched(rows)
+    with_effect, _ = watched(rows, rig)
+    assert without.report.worst > 1.0
+    assert with_effect.report.worst < 0.8
+
+
 @pytest.mark.parametrize("hold_s", [0.04, 0.07])
 def test_a_sensor_that_repeats_itself_as_the_rig_file_says_is_no_gap(hold_s: float) -> None:
     held = Effect(name="sample-and-hold",

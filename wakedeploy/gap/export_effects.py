@@ -47,7 +47,7 @@ def effect_functions(chain: Chain) -> list[ast.FunctionDef]:
 def combining_functions(chain: Chain) -> list[ast.FunctionDef]:
     """The functions by which the model asks for everything that the effects change."""
     made = [_combined(chain, method, *shape) for method, shape in _COMBINED.items()]
-    return [*made, _accepted(chain), _ranged(chain), _motion()]
+    return [*made, _accepted(chain), _trailed(chain), _ranged(chain), _motion()]
 
 
 def acts(one: Effect, method: str) -> bool:
@@ -156,6 +156,12 @@ def _accepted(chain: Chain) -> ast.FunctionDef:
     acting = _acting(chain, "pulse_us")
     lines = [f"pulse_us = {_call(one, 'pulse_us', rest)}" for one in acting]
     return _defined("accepted_us(c, pulse_us, before_us, motor)", [*lines, "return pulse_us"])
+
+
+def _trailed(chain: Chain) -> ast.FunctionDef:
+    acting = _acting(chain, "carriage_m")
+    lines = [f"drive_m = {_call(one, 'carriage_m', 'drive_m, before_m')}" for one in acting]
+    return _defined("carriage_place_m(c, drive_m, before_m)", [*lines, "return drive_m"])
 
 
 def _ranged(chain: Chain) -> ast.FunctionDef:

@@ -105,14 +105,16 @@ def body_step(
 def started(
     c: Any,
     z0_m: float,
+    x0_m: float,
     frame_phase_s: float,
     range_phase_s: float,
     reading_phase_s: float,
     puffs: int,
 ) -> Any:
-    """The state before the first step: at rest, motors idle, no wake in the air."""
+    """The state before the first step: at rest, motors idle, no wake in the air, no play taken."""
     s = SimpleNamespace()
     s.height_m = z0_m
+    s.carriage_m = x0_m
     s.speed_mps = 0.0
     s.source_speed = 0.0
     s.source_n = 0.0
@@ -200,7 +202,8 @@ def blown(c: Any, m: Any, s: Any, puffs: Any) -> Any:
     """The wake's air and force at the sufferer, and the sufferer's thrust in it."""
     s.roots = np.roll(s.roots, 1)
     s.roots[0] = np.sqrt(max(m.source_n, 0.0) / c.reference_thrust_n)
-    aside_m = m.x_m - added_offset_m(c, m)
+    s.carriage_m = carriage_place_m(c, m.x_m, s.carriage_m)
+    aside_m = s.carriage_m - added_offset_m(c, m)
     m.wake_mps = wake_velocity(c, puffs, s.roots, aside_m, m.z_m - c.source_height_m)
     m.wake_mps = changed_wake_mps(c, m)
     m.wake_n = 0.5 * c.air_density_kgpm3 * c.drag_area_m2 * m.wake_mps * abs(m.wake_mps)
@@ -233,7 +236,8 @@ def simulate(
     dt_s = (t_s[n - 1] - t_s[0]) / (n - 1)
     puffs = SimpleNamespace()
     puffs.amplitude_mps, puffs.width2, puffs.sunk_m = puff_table(c, dt_s)
-    s = started(c, z0_m, frame_phase_s, range_phase_s, reading_phase_s, len(puffs.sunk_m))
+    ages = len(puffs.sunk_m)
+    s = started(c, z0_m, x_m[0], frame_phase_s, range_phase_s, reading_phase_s, ages)
     z_m, vz_mps, range_m = np.zeros(n), np.zeros(n), np.zeros(n)
     source_n, sufferer_n, wake_n, effect_n = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(n):
@@ -302,6 +306,11 @@ def changed_wake_mps(c: Any, m: Any) -> Any:
 def changed_range_m(c: Any, m: Any, range_m: float) -> float:
     """The range [m] after effects."""
     return range_m
+
+
+def carriage_place_m(c: Any, drive_m: float, before_m: float) -> float:
+    """Where the carriage is [m] when its drive is at drive_m, before_m a step earlier."""
+    return drive_m
 
 
 def added_offset_m(c: Any, m: Any) -> float:

@@ -155,21 +155,34 @@ class Physics:
         # The air's speed is linear in the strength, which therefore needs no new sum over puffs.
         names = [n for n in constants if n.startswith("wake.") and n != "wake.strength"]
         moving = tuple(_overriding(effects, "wake_offset_m"))
-        key = (id(source_n), *(constants[n] for n in names), _key(moving))
+        carriage_m = self._carriage_m(effects)
+        key = (id(source_n), *(constants[n] for n in names), id(carriage_m), _key(moving))
 
         def compute() -> tuple[FloatArray, FloatArray]:
             offset = np.zeros(len(source_n))
             motion = _with(self._still, source_n=source_n)
             for effect, values in moving:
                 offset = offset + effect.wake_offset_m(values, motion, self._setting)
-            return self._jet(constants, source_n, self._flight.x_m - offset)
+            return self._jet(constants, source_n, carriage_m - offset)
 
-        air, _ = self._remembered("air", key, lambda: (compute(), source_n))
+        air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
         strength = constants["wake.strength"]
         wake, _ = self._remembered(
             "wake", (id(air), strength), lambda: ((strength * air[0], strength * air[1]), air)
         )
         return wake
+
+    def _carriage_m(self, effects: Active) -> FloatArray:
+        """Where the carriage is [m] when its steps say `x_m`."""
+        trailing = tuple(_overriding(effects, "carriage_m"))
+
+        def compute() -> FloatArray:
+            carriage_m = self._flight.x_m
+            for effect, values in trailing:
+                carriage_m = effect.carriages_m(values, carriage_m)
+            return carriage_m
+
+        return self._remembered("carriage", _key(trailing), compute)
 
     def _jet(
         self, constants: Constants, source_n: FloatArray, x_m: FloatArray

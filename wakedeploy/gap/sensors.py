@@ -177,10 +177,11 @@ def _carriage_error(model: GantryModel, fitted: Fit, flight: Flight) -> FloatArr
         rig.sufferer.travel_m,
     )
     theta = dict(zip((f.name for f in model.free(fitted.hypothesis)), fitted.theta, strict=True))
-    error = np.zeros(len(flight.grid_s))
+    error, carriage_m = np.zeros(len(flight.grid_s)), flight.x_m
     for name in fitted.hypothesis:
         effect = model.effect(name)
         if effect.stage == "sensor":
             values = {p.name: theta[f"{name}.{p.name}"] for p in effect.parameters}
+            carriage_m = effect.carriages_m(values, carriage_m)
             error = error + effect.wake_offset_m(values, motion, setting)
-    return np.asarray(error)
+    return np.asarray(error + flight.x_m - carriage_m)

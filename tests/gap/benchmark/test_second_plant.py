@@ -163,6 +163,25 @@ def test_the_calibrated_jet_blows_as_the_rigs_wake_does() -> None:
     assert np.mean(ours) == pytest.approx(np.mean(theirs), rel=0.03)
 
 
+def blown(play_m: float, *legs_m: float) -> float:
+    """The wake's force [N] under a carriage that went these legs, then waited two seconds."""
+    one = plant(SLIPPERY._replace(backlash_m=play_m))
+    for leg_m in (*legs_m, 0.0):
+        steps = round(abs(leg_m) / 0.2 / one.dt_s) or 512
+        for _ in range(steps):
+            one.step(1700.0, 1000.0, leg_m / steps / one.dt_s)
+    return one.wake_force_n
+
+
+def test_a_belts_play_is_taken_up_before_the_carriage_moves() -> None:
+    assert blown(0.06, 0.025, -0.05, 0.03) == pytest.approx(blown(0.0), rel=1e-6)
+    assert blown(0.06, 0.12) == pytest.approx(blown(0.0, 0.09), rel=1e-6)
+    assert blown(0.06, 0.12, -0.05) == pytest.approx(blown(0.0, 0.09), rel=1e-6)
+    assert blown(0.06, 0.12, -0.07) == pytest.approx(blown(0.0, 0.08), rel=1e-6)
+    assert blown(0.06, 0.12, -0.2) == pytest.approx(blown(0.0, -0.05), rel=1e-6)
+    assert blown(0.0, 0.12) != pytest.approx(blown(0.0, 0.09), rel=0.05)
+
+
 def test_the_integrator_converges_with_its_tolerance() -> None:
     ends = []
     for tolerance in (1e-4, 1e-6, 1e-9):

@@ -191,6 +191,43 @@ def test_the_wakes_peak_moves(
     assert np.subtract(moved, still) == pytest.approx(expected_m, abs=0.0015)
 
 
+def forces_n(play_m: float, legs_m: tuple[float, ...]) -> np.ndarray:
+    """The wake's force under a carriage that goes these legs, then waits for a second."""
+    one = GantryPlant(with_effects(CLEAN, belt_backlash={"backlash_m": play_m}), seed=0)
+    found = []
+    for leg_m in (*legs_m, 0.0):
+        steps = round(abs(leg_m) / 0.2 / DT_S) or 256
+        for _ in range(steps):
+            one.step(1700.0, 1000.0, leg_m / steps / DT_S)
+            found.append(one.wake_force_n)
+    return np.array(found)
+
+
+def test_a_carriage_stays_while_its_drive_takes_up_the_play() -> None:
+    """A drive that moves within the play leaves the sufferer where it is in the wake."""
+    swung = forces_n(0.06, (0.025, -0.05, 0.03))
+    assert swung[-1] < -0.3
+    assert swung == pytest.approx(forces_n(0.0, (0.0,) * 3)[: len(swung)], abs=1e-12)
+    # 0.12 m on, less half the play; then 0.05 m back, which the play takes up.
+    expected = forces_n(0.0, (0.09,))[-1]
+    assert forces_n(0.06, (0.12, -0.05))[-1] == pytest.approx(expected, rel=1e-6)
+    expected = forces_n(0.0, (0.08,))[-1]
+    assert forces_n(0.06, (0.12, -0.07))[-1] == pytest.approx(expected, rel=1e-6)
+    assert forces_n(0.0, (0.12,))[-1] != pytest.approx(expected, rel=0.05)
+
+
+def test_a_force_ahead_is_of_where_the_carriage_will_be() -> None:
+    """Within the play the drive's speed takes it nowhere."""
+    rig = with_effects(CLEAN, belt_backlash={"backlash_m": 0.2})
+    for one, carriage_mps in ((GantryPlant(rig, seed=0), 0.1), (GantryPlant(rig, seed=0), 0.0)):
+        for _ in range(128):
+            one.step(1700.0, 1000.0, carriage_mps)
+        if carriage_mps:
+            moving_n = one.wake_force_ahead(0.2)
+    assert moving_n == pytest.approx(one.wake_force_ahead(0.2), abs=1e-12)
+    assert moving_n < -0.1
+
+
 def test_crosswind_moves_what_a_wake_hook_is_asked_for() -> None:
     asked: list[float] = []
 

@@ -118,12 +118,59 @@ def test_a_whole_flights_pulses_are_taken_as_one_by_one(
     assert np.array_equal(whole, Effect.pulses_us(one, p, np.array(offered), "sufferer", 1000.0))
 
 
+PATHS_M = st.lists(st.floats(-0.3, 0.3), min_size=2, max_size=40).map(np.array)
+
+
+def trailing_m(play_m: float, drive_m: np.ndarray) -> np.ndarray:
+    """How far the carriage is behind its drive [m] along the drive's path, asked step by step."""
+    chain, carriage_m, found = Chain({"belt-backlash": {"backlash_m": play_m}}), None, []
+    for at_m in drive_m.tolist():
+        carriage_m = chain.carriage_m(at_m, carriage_m)
+        found.append(at_m - carriage_m)
+    return np.array(found)
+
+
+@given(st.floats(0.0, 0.2), PATHS_M)
+@settings(max_examples=100, deadline=None)
+def test_the_play_of_a_belt_is_a_hysteresis(play_m: float, drive_m: np.ndarray) -> None:
+    """The lag takes up what the drive goes, up to half the play in either direction."""
+    expected, behind_m = [0.0], 0.0
+    for way_m in np.diff(drive_m):
+        behind_m = float(np.clip(behind_m + way_m, -0.5 * play_m, 0.5 * play_m))
+        expected.append(behind_m)
+    found = trailing_m(play_m, drive_m)
+    assert found == pytest.approx(expected, abs=1e-12)
+    assert np.abs(found).max() <= 0.5 * play_m + 1e-12
+    whole = effect("belt-backlash").carriages_m({"backlash_m": play_m}, drive_m)
+    assert np.array_equal(drive_m - whole, found)
+    finer_m = np.interp(np.arange(0.0, len(drive_m) - 0.9, 0.1), np.arange(len(drive_m)), drive_m)
+    assert trailing_m(play_m, finer_m)[::10] == pytest.approx(found, abs=1e-9)
+
+
+@given(PATHS_M)
+@settings(max_examples=30, deadline=None)
+def test_without_play_the_carriage_is_its_drive(drive_m: np.ndarray) -> None:
+    assert np.array_equal(trailing_m(0.0, drive_m), np.zeros(len(drive_m)))
+
+
+@given(st.floats(0.001, 0.2), st.sampled_from([-1.0, 1.0]), PATHS_M)
+@settings(max_examples=30, deadline=None)
+def test_a_way_longer_than_the_play_ends_half_of_it_behind(
+    play_m: float, sign: float, drive_m: np.ndarray
+) -> None:
+    onwards_m = drive_m[-1] + sign * np.linspace(0.0, 1.01 * play_m, 20)
+    found = trailing_m(play_m, np.append(drive_m, onwards_m))
+    assert found[-1] == pytest.approx(sign * 0.5 * play_m, abs=1e-9)
+    back_m = np.append(np.append(drive_m, onwards_m), onwards_m[-1] - sign * 0.25 * play_m)
+    assert trailing_m(play_m, back_m)[-1] == pytest.approx(sign * 0.25 * play_m, abs=1e-9)
+
+
 @pytest.mark.parametrize("one", LIBRARY.values(), ids=list(LIBRARY))
 def test_an_effect_does_something_and_only_in_one_quantity(one: Effect) -> None:
     chain = Chain({one.name: strong_values(one)})
     moved = {name for name, value in changes(chain, motions(50, seed=5)).items() if value.any()}
     moved |= {"constant"} if chain.constants(CONSTANTS) != CONSTANTS else set()
-    moved |= {"pulse_us"} if chain.acts_on("pulse_us") else set()
+    moved |= {name for name in ("pulse_us", "carriage_m") if chain.acts_on(name)}
     moved |= {"hold"} if one.name == "sample-and-hold" else set()
     assert len(moved) == 1
     assert chain.moves == any(chain.acts_on(method) for method in METHODS)

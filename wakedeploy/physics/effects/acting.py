@@ -43,6 +43,7 @@ class ActingEffects:
         self._idle_us = rig.limits.pulse_us[0]
         self._accepted_us = {"source": self._idle_us, "sufferer": self._idle_us}
         self._taken_off_s = math.inf
+        self._carriage_m: float | None = None
         self.motion = Motion()
 
     def look(self, t_s: float, x_m: float, vx_mps: float, z_m: float, vz_mps: float) -> None:
@@ -52,6 +53,7 @@ class ActingEffects:
         m.x_m, m.vx_mps, m.z_m, m.vz_mps = x_m, vx_mps, z_m, vz_mps
         if abs(vx_mps) >= LEAST_MOTION_MPS:
             m.direction = math.copysign(1.0, vx_mps)
+        self._carriage_m = self._chain.carriage_m(x_m, self._carriage_m)
 
     def range_m(self, range_m: float) -> float:
         """The range [m] that the sensor sees."""
@@ -75,8 +77,9 @@ class ActingEffects:
         return float(m.source_n)
 
     def wake_x_m(self, x_m: float) -> float:
-        """Where in the wake [m] a sufferer at `x_m` is."""
-        return x_m - float(self._chain.wake_offset_m(self.motion, self._setting))
+        """Where in the wake [m] a sufferer is whose carriage's drive is, or will be, at `x_m`."""
+        carriage_m = self._chain.carriage_m(x_m, self._carriage_m)
+        return carriage_m - float(self._chain.wake_offset_m(self.motion, self._setting))
 
     def wake_mps(self, wake_mps: float) -> float:
         """The air's vertical speed [m/s] at the sufferer."""

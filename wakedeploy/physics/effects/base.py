@@ -2,7 +2,8 @@
 
 The same class serves the plant, which calls it with numbers step by step, and the gap workflow,
 which calls it with arrays over a whole flight. An effect therefore keeps no state: whatever it
-needs to remember (charge drawn, way travelled) is in the `Motion` it is given.
+needs to remember (charge drawn, way travelled) is in the `Motion` it is given, or is its own answer
+of a step before (a pulse, the carriage's place).
 """
 
 from collections.abc import Mapping
@@ -126,6 +127,21 @@ class Effect:
     def sufferer_n(self, p: Values, m: Motion, s: Setting) -> Number:
         """The sufferer's thrust [N] instead of `m.sufferer_n`."""
         return m.sufferer_n
+
+    def carriage_m(self, p: Values, drive_m: float, before_m: float) -> float:
+        """Where the carriage is [m] when its drive is at `drive_m`.
+
+        Asked once per step; `before_m` is the answer of the step before.
+        """
+        return drive_m
+
+    def carriages_m(self, p: Values, drive_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """Where the carriage is [m] (n,) along its drive's path (n,), at whose start they agree."""
+        places_m = np.empty_like(drive_m)
+        carriage_m = float(drive_m[0])
+        for i, at_m in enumerate(drive_m.tolist()):
+            places_m[i] = carriage_m = self.carriage_m(p, at_m, carriage_m)
+        return places_m
 
     def wake_offset_m(self, p: Values, m: Motion, s: Setting) -> Number:
         """How far to the right [m] the wake lies of where the carriage says it is."""

@@ -30,6 +30,7 @@ METHODS: Final = (
     "pulse_us",
     "source_n",
     "sufferer_n",
+    "carriage_m",
     "wake_offset_m",
     "wake_mps",
     "force_n",
@@ -120,6 +121,16 @@ class Chain:
         for one, p in self._acting["sufferer_n"]:
             m = replace(m, sufferer_n=one.sufferer_n(p, m, s))
         return m.sufferer_n
+
+    def carriage_m(self, drive_m: float, before_m: float | None) -> float:
+        """Where the carriage is [m]; `before_m` is the answer of the step before.
+
+        In the first step that is None: the carriage then is where its drive is, amid any play.
+        """
+        before_m = drive_m if before_m is None else before_m
+        for one, p in self._acting["carriage_m"]:
+            drive_m = one.carriage_m(p, drive_m, before_m)
+        return drive_m
 
     def wake_offset_m(self, m: Motion, s: Setting) -> Number:
         """How far to the right [m] the wake lies; offsets add up."""

@@ -91,15 +91,18 @@ class BeltBacklash(Effect):
     """Play in the carriage's belt."""
 
     name = "belt-backlash"
-    physics = "The carriage trails its drive by half the belt's play, in either direction."
+    physics = (
+        "The carriage stays while its drive takes up the belt's play, then trails it by half of it."
+    )
     stage = "sensor"
     parameters = (Parameter("backlash_m", "m", scale=0.01, low=0.0, high=0.2),)
     confused_with = ("wake-deflection",)
     split_by = "carriage passes in both directions at two speeds"
 
-    def wake_offset_m(self, p: Values, m: Motion, s: Setting) -> Number:
-        """Half the play [m] in the direction of the last motion."""
-        return 0.5 * p["backlash_m"] * m.direction
+    def carriage_m(self, p: Values, drive_m: float, before_m: float) -> float:
+        """The place [m] of before, moved no farther than either end of the play asks."""
+        half_m = 0.5 * p["backlash_m"]
+        return min(max(before_m, drive_m - half_m), drive_m + half_m)
 
 
 EFFECTS: tuple[Effect, ...] = (

@@ -54,7 +54,7 @@ class SecondPlant:
         self._held = [constants.idle_us, constants.idle_us]
         self._targets = [0.0, 0.0]
         self._took_off_s = math.nan
-        self._travelled_m = self._play_m = 0.0
+        self._travelled_m = self._behind_m = 0.0
         self.x_m = self.vx_mps = 0.0
         self.steps = 0
         self.pulse_applied_s = 0.0
@@ -96,7 +96,8 @@ class SecondPlant:
         start, end = self.t_s, self.t_s + self.dt_s
         self._commands.append((start, source_us, sufferer_us))
         self._move_gust()
-        lateral_m = self._lateral(carriage_mps)
+        lateral_m = self.x_m - self._c.numbers.lost_steps * self._travelled_m - self._behind_m
+        pulled_mps = self._pulled(carriage_mps)
         root = math.sqrt(self.source_thrust_n / self._jet.reference_thrust_n)
         self._history[self._count % self._RING] = root
         now = start
@@ -104,7 +105,7 @@ class SecondPlant:
             if self._next_frame_s <= now + 1e-12:
                 self._take_pulses(now)
             until = min(end, self._next_frame_s) if self._c.sensing.frame_s > 0.0 else end
-            inputs = self._inputs(now, lateral_m + carriage_mps * (now - start), carriage_mps)
+            inputs = self._inputs(now, lateral_m + pulled_mps * (now - start), pulled_mps)
             self._advance(now, until, inputs)
             now = until
         self._tell(inputs, end)
@@ -116,12 +117,12 @@ class SecondPlant:
         self.steps = math.floor(self.x_m * self._c.sensing.steps_per_m + 1e-6)
         self._sense(end)
 
-    def _inputs(self, now_s: float, lateral_m: float, carriage_mps: float) -> Inputs:
+    def _inputs(self, now_s: float, lateral_m: float, pulled_mps: float) -> Inputs:
         gust = self._c.sensing.turbulence_fraction * self._gust
         return Inputs(
             now_s,
             lateral_m,
-            carriage_mps,
+            pulled_mps,
             self._targets[0],
             self._targets[1],
             gust,
@@ -182,12 +183,13 @@ class SecondPlant:
         static = float(np.interp(pulse_us, curve.pulse_us, curve.thrust_n))
         return float(curve.scale * hover * (max(static, 0.0) / hover) ** curve.exponent)
 
-    def _lateral(self, carriage_mps: float) -> float:
-        """Where the carriage is seen from the jet: lost steps and play of the belt."""
-        n = self._c.numbers
-        if carriage_mps != 0.0:
-            self._play_m = 0.5 * n.backlash_m * math.copysign(1.0, carriage_mps)
-        return self.x_m - n.lost_steps * self._travelled_m - self._play_m
+    def _pulled(self, carriage_mps: float) -> float:
+        """The carriage's own speed [m/s] over a step: a belt with play first moves without it."""
+        slack_m, way_m = 0.5 * self._c.numbers.backlash_m, carriage_mps * self.dt_s
+        behind_m = min(max(self._behind_m + way_m, -slack_m), slack_m)
+        pulled_m = way_m - (behind_m - self._behind_m)
+        self._behind_m = behind_m
+        return pulled_m / self.dt_s
 
     def _move_gust(self) -> None:
         keep = math.exp(-self.dt_s / self._c.sensing.turbulence_time_s)
