@@ -17,6 +17,7 @@ from scipy.special import log_ndtr, ndtri
 from runtime.simulated import COMPUTE_S
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.gap.frames import Frames, frames_of
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import FLYING, RunLog, read_run_log
@@ -62,9 +63,10 @@ class Flight:
     """One flight on a grid of N steps of `DT_S`, with n range samples.
 
     `grid_s` (N,) are the steps' starts. `frame_s` (F,) are the times at which the ESCs take a new
-    pulse. `start`, `stop` (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the
-    height [m] and speed [m/s] smoothed from the readings. `rest` (r, 4) are the readings at rest on
-    the stop, each period as mean, variance, time, and 1 where the mean is only known to lie below.
+    pulse by the rig file, `reported_frame_s` (G,) by the log where it says otherwise. `start`,
+    `stop` (S,) bound the airborne stretches, in steps. `nominal` (2, N) is the height [m] and speed
+    [m/s] smoothed from the readings. `rest` (r, 4) are the readings at rest on the stop, each
+    period as mean, variance, time, and 1 where the mean is only known to lie below.
     """
 
     name: str
@@ -86,6 +88,7 @@ class Flight:
     notes: tuple[str, ...] = ()
     battery_v: FloatArray | None = None
     references: FloatArray | None = None  # (3, n) height, carriage, source command, at the samples
+    reported_frame_s: FloatArray | None = None
 
     @functools.cached_property
     def counted(self) -> npt.NDArray[np.bool_]:
@@ -145,12 +148,13 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     start, stop = _stretches(rig, grid_s, nominal, t_s[flying])
     arrivals_s = t_s + COMPUTE_S + 0.5 * rig.latency.round_trip_s
     x_m, vx_mps = _carriage(log, rig, t_s, arrivals_s, grid_s)
+    frames = frames_of(log, rig, grid_s)
     flight = Flight(
         name=name,
         grid_s=grid_s,
         source=_mcu_output(arrivals_s, log["source_cmd_us"], rig),
         sufferer=_mcu_output(arrivals_s, log["sufferer_cmd_us"], rig),
-        frame_s=_frames(log, rig, grid_s),
+        frame_s=frames.stated_s,
         x_m=x_m,
         vx_mps=vx_mps,
         sample_s=sample_s,
@@ -162,9 +166,10 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         take_off_s=float(t_s[flying][0]),
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
-        notes=(*notes, *_doubts(log, rig, x_m, flying)),
+        notes=(*notes, *_doubts(log, rig, frames, x_m, flying)),
         battery_v=_battery(log, t_s, grid_s),
         references=_references(log, fresh),
+        reported_frame_s=frames.reported_s,
     )
     _require_content(flight, log, flying)
     return flight
@@ -296,15 +301,12 @@ def _mcu_output(arrivals_s: FloatArray, command_us: FloatArray, rig: Rig) -> Lin
 
 
 def _doubts(
-    log: RunLog, rig: Rig, x_m: FloatArray, flying: npt.NDArray[np.bool_]
+    log: RunLog, rig: Rig, frames: Frames, x_m: FloatArray, flying: npt.NDArray[np.bool_]
 ) -> tuple[str, ...]:
     """What a flight cannot tell, or what had to be assumed of it, in words."""
     doubts = []
-    if rig.disturbance.esc_frame_s > 0.0 and _frame_phase_s(log, rig) is None:
-        doubts.append(
-            "applied_time_s does not tell when the ESCs take a pulse: the middle of the servo "
-            "frame is assumed, and a latency is uncertain by half a frame"
-        )
+    if frames.doubt:
+        doubts.append(frames.doubt)
     if log.metadata.get("rig_sha256") is None:
         doubts.append(
             "the log does not say with which rig file it was flown; the given one is assumed"
@@ -315,31 +317,6 @@ def _doubts(
     if float(np.nanmax(log["source_cmd_us"][flying])) < idle_us:
         doubts.append("the source is off: nothing is learned of the wake")
     return tuple(doubts)
-
-
-def _frame_phase_s(log: RunLog, rig: Rig) -> float | None:
-    """When within a servo frame [s] the ESCs take a pulse; None where the log does not tell."""
-    applied = log["applied_time_s"]
-    applied = applied[np.isfinite(applied)]
-    applied = applied[applied > 0.0]
-    if len(applied) <= 20:
-        return None
-    turn = np.exp(2j * np.pi * applied / rig.disturbance.esc_frame_s).mean()
-    if abs(turn) <= 0.7:
-        return None
-    return float(np.angle(turn) / (2 * np.pi) * rig.disturbance.esc_frame_s)
-
-
-def _frames(log: RunLog, rig: Rig, grid_s: FloatArray) -> FloatArray:
-    """Times at which the ESCs take a pulse: the servo frame's phase is in `applied_time_s`."""
-    frame_s = rig.disturbance.esc_frame_s
-    if frame_s <= 0.0:
-        return grid_s.copy()
-    told_s = _frame_phase_s(log, rig)
-    phase_s = 0.5 * frame_s if told_s is None else told_s
-    first = np.floor((grid_s[0] - phase_s) / frame_s)
-    count = int((grid_s[-1] - grid_s[0]) / frame_s) + 2
-    return np.asarray(phase_s + frame_s * (first + np.arange(count)))
 
 
 def _carriage(

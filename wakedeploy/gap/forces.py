@@ -14,6 +14,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from wakedeploy.gap.flight import DT_S, Flight, FloatArray, Line
+from wakedeploy.gap.frames import period_s
 from wakedeploy.gap.holding import Held, chance_of_equals, held
 from wakedeploy.physics.constants import Constants, moved_thrust
 from wakedeploy.physics.effects import Effect, Motion, Setting
@@ -131,10 +132,32 @@ class Physics:
         return self._remembered(f"motor.{motor}", key, compute)
 
     def _pulses(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
-        """Mean pulse [µs] that the ESC acted on in each step."""
+        """Mean pulse [µs] that the ESC acted on in each step.
+
+        Where the log tells the frames of another period than the rig file's, a period on the way
+        from the one to the other is a mixture, so that its likelihood is smooth.
+        """
+        stated_s = self._rig.disturbance.esc_frame_s
+        longer_s = constants["disturbance.esc_frame_s"] - stated_s
+        reported_s = self._flight.reported_frame_s
+        if reported_s is None:
+            return self._taken(motor, constants, effects, self._flight.frame_s, longer_s)
+        stated = self._taken(motor, constants, effects, self._flight.frame_s, 0.0)
+        if longer_s == 0.0:
+            return stated
+        reported = self._taken(motor, constants, effects, reported_s, 0.0)
+        return stated + longer_s / (period_s(reported_s) - stated_s) * (reported - stated)
+
+    def _taken(
+        self,
+        motor: str,
+        constants: Constants,
+        effects: Active,
+        frame_s: FloatArray,
+        longer_s: float,
+    ) -> FloatArray:
+        """The same with the servo frames at `frame_s`, each up to `longer_s` longer."""
         line: Line = getattr(self._flight, motor)
-        frame_s = self._flight.frame_s
-        longer_s = constants["disturbance.esc_frame_s"] - self._rig.disturbance.esc_frame_s
         share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
         back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
         asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]

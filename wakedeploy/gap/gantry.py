@@ -17,6 +17,7 @@ import numpy as np
 
 from wakedeploy.gap.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.forces import Forces, Physics
+from wakedeploy.gap.frames import period_s
 from wakedeploy.gap.holding import Held, chance_of_equals, likely_periods_s
 from wakedeploy.gap.inference import Fit, Free, Hypothesis, Score
 from wakedeploy.gap.parameters import HOLD, Layout, own_effects
@@ -150,8 +151,15 @@ class GantryModel:
             named = [self.effect(name) for name in hypothesis]
             is_held = HOLD.partition(".")[0] in hypothesis
             held_s = self._likely_holds_s() if is_held else ()
-            self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s)
+            frames_s = self._reported_frames_s()
+            self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s, frames_s)
         return self._layouts[hypothesis]
+
+    def _reported_frames_s(self) -> tuple[float, ...]:
+        """The servo frame that logs tell where it is not the rig file's, the middle one of them."""
+        reported = [f.reported_frame_s for f in self.flights]
+        told = [period_s(frames_s) for frames_s in reported if frames_s is not None]
+        return (float(np.median(told)),) if told else ()
 
     def _likely_holds_s(self) -> tuple[float, ...]:
         """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""

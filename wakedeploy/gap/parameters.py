@@ -39,6 +39,7 @@ _SHORT_STEP = 0.005
 _NEAR_S = 0.0015  # what repeats alone may leave open of a hold
 _JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
 HOLD = "sample-and-hold.hold_s"
+FRAME = "esc-frame.frame_s"
 
 
 class Layout:
@@ -50,6 +51,7 @@ class Layout:
         own: Sequence[tuple[Effect, Mapping[str, Free]]],
         named: Sequence[Effect],
         held_s: Sequence[float] = (),
+        frames_s: Sequence[float] = (),
     ) -> None:
         self._base = constants_of(rig)
         spreads = spreads_of(rig)
@@ -70,18 +72,7 @@ class Layout:
             self._add(free, effect, {})
         order = {name: i for i, name in enumerate(LIBRARY)}
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
-        self.free = tuple(
-            replace(
-                f,
-                starts=tuple(held_s),
-                scanned=tuple(near_s for one_s in held_s for near_s in _around(one_s)),
-                step=_JAGGED_S,
-                finest=_JAGGED_S,
-            )
-            if f.name == HOLD and held_s  # the rig's own hold is known
-            else f
-            for f in free
-        )
+        self.free = tuple(_begun(f, held_s, frames_s) for f in free)
 
     def read(
         self, theta: FloatArray
@@ -159,6 +150,21 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
         adds_to=p.constant if p.constant in _ADDED else "",
         scanned=_scanned(p),
         finest_share=p.summits_apart,
+    )
+
+
+def _begun(f: Free, held_s: Sequence[float], frames_s: Sequence[float]) -> Free:
+    """A parameter whose fits begin where the logs themselves say so: a hold, a servo frame."""
+    if f.name == FRAME and frames_s:
+        return replace(f, starts=tuple(frames_s), scanned=tuple(frames_s))
+    if f.name != HOLD or not held_s:  # the rig's own hold is known
+        return f
+    return replace(
+        f,
+        starts=tuple(held_s),
+        scanned=tuple(near_s for one_s in held_s for near_s in _around(one_s)),
+        step=_JAGGED_S,
+        finest=_JAGGED_S,
     )
 
 
