@@ -1,13 +1,17 @@
 """Flights of the virtual gantry for the gap's tests, flown once each, and what truly happened."""
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.flight import Flight, flight_from_log
-from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig
+from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.inference import Fit
+from wakedeploy.gap.naming import fitted_base
+from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig, read_rig
 from wakedeploy.runlog import RunLog
 
 RIG = default_rig()
@@ -68,3 +72,31 @@ def with_effects(**effects: dict[str, tuple[float, str]]) -> Rig:
 def changed(log: RunLog, **columns: np.ndarray) -> RunLog:
     """A copy of a log with other columns."""
     return RunLog({**log.columns, **columns}, dict(log.metadata))
+
+
+def as_it_stands(path: Path) -> Rig:
+    """A rig file whose effects have exactly the sizes that it states."""
+    rig = read_rig(path)
+    exact = [
+        one.model_copy(
+            update={
+                "parameters": {
+                    name: p.model_copy(update={"low": p.value, "high": p.value})
+                    for name, p in one.parameters.items()
+                }
+            }
+        )
+        for one in rig.effect
+    ]
+    return rig.model_copy(update={"effect": tuple(exact)})
+
+
+def judged(
+    rig: Rig, flights: Sequence[Flight], sealed: Sequence[Flight], horizon_s: float = 0.25
+) -> tuple[Fit, float]:
+    """A rig file as it is, fitted to flights, and its error ahead on the first sealed one [m]."""
+    _, fitted = fitted_base(GantryModel(rig, flights))
+    ahead = GantryModel(rig, sealed).around_own_motion(fitted).forecasts(fitted, 0, (horizon_s,))
+    error_m = np.abs(ahead.measured_m[0] - ahead.forecast_m[0])
+    kept = error_m < 9.0 * np.nanmedian(error_m)  # strays left out
+    return fitted, float(np.sqrt(np.mean(error_m[kept] ** 2)))

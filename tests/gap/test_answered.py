@@ -4,7 +4,7 @@ import pytest
 from recorded import RIG, flown
 
 from wakedeploy.gap.account import account
-from wakedeploy.gap.answered import _bent, _sizes
+from wakedeploy.gap.answered import _bent, sizes_of
 from wakedeploy.gap.close import _entry
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import extended, fit
@@ -28,7 +28,7 @@ def told() -> dict[str, dict]:
     model, base = fitted_base(model)
     both = (STRONG, WEAK)
     found = fit(model, both, base.episodes, extended(base, model.free(both)))
-    return {name: _sizes(found, name) for name in both}
+    return {name: sizes_of(found, name) for name in both}
 
 
 def test_a_size_at_the_end_of_its_range_is_marked_and_told(told) -> None:

@@ -5,6 +5,7 @@ import shutil
 from pathlib import Path
 
 import pytest
+from recorded import as_it_stands, judged
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
@@ -17,6 +18,7 @@ from wakedeploy.rig import default_rig, read_rig
 from wakedeploy.runlog_mcap import write_mcap
 
 THRESHOLDS = Thresholds(6.0, 8.0, 8.0, 60.0, 0.03, 0.03, 0.003)
+ADDED = "transport-speed"
 GAP_KEYS = {"before", "after", "noise_floor", "unit", "closed"}
 
 
@@ -147,34 +149,37 @@ def test_what_can_come_next_follows_from_what_is_there(tmp_path):
     )  # fmt: skip
 
 
-def test_a_class_is_added_by_name_with_what_is_sure_beside_it(world, tmp_path):
-    """As the last search fitted it; without a name nothing of it is added."""
-    rig_path, logs = world
-    case = open_case(rig_path, logs, thresholds=THRESHOLDS)
-
-    def entry(name: str, value: float):
-        (p,) = LIBRARY[name].parameters
-        stated = {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": p.unit}
-        return {"name": name, "parameters": {p.name: stated}}
-
-    rounds = [
-        {"given": [], "ranking": [entry("battery-sag", 1e-4), entry("range-drift", 1e-3)]},
-        {"given": ["battery-sag"], "ranking": [entry("range-drift", 2e-3)]},
-    ]
-    named = {
-        "verdict": "class",
-        "effects": [entry("battery-sag", 1e-4)],
-        "class": ["range-drift", "belt-backlash"],
-        "rounds": rounds,
-    }
-    find_step = {"rig_sha256": case.rig.sha256, "logs": [{"sha256": s} for s in case.recordings]}
-    write_step(tmp_path, "find", find_step)
-    write_step(tmp_path, "name", named | {"effects": []})
-    assert read_steps(tmp_path).option == " --effect range-drift"
+def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    left = content(out, "name") | {"verdict": "class", "effects": [], "class": [ADDED, "esc-frame"]}
+    forget(out, "name")
+    write_step(out, "name", left)
+    assert read_steps(out).option == f" --effect {ADDED}"
+    case = open_case(*world, thresholds=THRESHOLDS)
     with pytest.raises(UnusableInput, match="--effect"):
-        add(case, tmp_path)
-    write_step(tmp_path, "name", named)
-    add(case, tmp_path, only="range-drift")
-    added = {e.name: e for e in read_rig(tmp_path / "rig.toml").effect}
-    assert set(added) == {"battery-sag", "range-drift"}
-    assert added["range-drift"].parameters["drift_mps"].value == 2e-3
+        add(case, out)
+    with pytest.raises(UnusableInput, match="ranks no effect 'wind'"):
+        add(case, out, only="wind")
+
+
+def test_an_effect_asked_for_has_the_size_that_the_gap_is_shown_with(world, closed, tmp_path):
+    """Not the one it was ranked with, before all that is sure was found."""
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    case = open_case(*world, thresholds=THRESHOLDS)
+    add(case, out, only=ADDED)
+    rig = as_it_stands(out / "rig.toml")
+    assert {e.name for e in rig.effect} == {"spool-lag-sufferer", "spool-lag-source", ADDED}
+    true_mps = case.rig.wake.speed_mps  # the flights' own
+    (speed,) = (e.parameters["speed_mps"].value for e in rig.effect if e.name == ADDED)
+    ranked = [r["ranking"] for r in content(out, "name")["rounds"]]
+    alone = [e["parameters"] for entries in ranked for e in entries if e["name"] == ADDED]
+    assert abs(speed - true_mps) < 0.3 * abs(alone[-1]["speed_mps"]["value"] - true_mps)
+    gap = show_gap(case, out)["gap"]["height 0.25 s ahead"]
+    _, error_m = judged(rig, case.flights, case.sealed)
+    assert error_m == pytest.approx(gap["after"], rel=0.02)
+
+
+def test_an_effect_that_was_named_keeps_its_size_if_it_is_asked_for(world, closed, tmp_path):
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    add(open_case(*world, thresholds=THRESHOLDS), out, only="spool-lag-sufferer")
+    assert read_rig(out / "rig.toml").sha256 == read_rig(closed[0] / "rig.toml").sha256

@@ -35,7 +35,12 @@ def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
         "detectable": detectable(answer),
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
         "rest": answer.rest.as_json() if answer.rest is not None else None,
-        "beside": [{"name": n, "parameters": _sizes(answer.fit, n)} for n in _beside(answer)],
+        "together": [
+            {"name": n, "parameters": sizes_of(answer.fit, n)}
+            for n in answer.fit.hypothesis
+            if n in LIBRARY
+        ],
+        "beside": [{"name": n, "parameters": sizes_of(answer.fit, n)} for n in _beside(answer)],
         "calibration": _bent(answer.fit),
         "white": answer.white.as_json(answer.thresholds.whiteness),
         "threshold_of_s": FLIGHTS * SECONDS,
@@ -55,11 +60,11 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
         "name": effect,
         "confidence": searched.confidence(found),
         "gain_nats": found.gain_nats,
-        "parameters": _sizes(answer.fit, effect),
+        "parameters": sizes_of(answer.fit, effect),
     }
 
 
-def _sizes(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
+def sizes_of(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
     """The parameters of one of a fit's effects, with 90 % intervals.
 
     `at_bound` is only with those that stand at an end of the library's range.
@@ -107,7 +112,7 @@ def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
                 "gain_nats": c.gain_nats,
                 "interval": list(ends),
                 "confidence": searched.confidence(c),
-                "parameters": _sizes(c.fit, c.name),
+                "parameters": sizes_of(c.fit, c.name),
             }
         )
     return {

@@ -17,12 +17,12 @@ import numpy as np
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
-from wakedeploy.gap.answered import write_answer
+from wakedeploy.gap.answered import sizes_of, write_answer
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.found import Found
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit, fit
+from wakedeploy.gap.inference import Fit, extended, fit
 from wakedeploy.gap.naming import (
     Thresholds,
     fitted_base,
@@ -139,8 +139,9 @@ def add(
 ) -> dict[str, Any]:
     """Write the new rig file from `name.json`; the old one stays. Writes `add.json`, `rig.toml`.
 
-    `only` picks one member of a class; `from_symbolic` adds the expression of an unknown effect,
-    with the effects that are needed beside it.
+    `only` adds one effect of the ranking, as a member of a class, with what is sure, all refitted
+    together as `show_gap` does it; `from_symbolic` adds the expression of an unknown effect, with
+    the effects that are needed beside it.
     Raises UnusableInput where there is nothing to add.
     """
     require(out, "name", case.rig.sha256, case.recordings)
@@ -154,7 +155,7 @@ def add(
         beside = [_entry(e, digest, date) for e in named.get("beside", ())]
         added = [*beside, to_effect(named["unknown"], digest, date, onto=known)]
     else:
-        added = [_entry(e, digest, date) for e in _to_add(named, only)]
+        added = [_entry(e, digest, date) for e in _to_add(case, out, named, only)]
     if not added:
         hint = "; its expression can be added --from-symbolic" if named.get("unknown") else ""
         hint = "; of a class, one is added with --effect" if named.get("class") else hint
@@ -295,16 +296,21 @@ def _plan(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
 _WHERE = ("channel", "coordinate", "low", "high", "residual", "unit", "q_value")
 
 
-def _to_add(named: Mapping[str, Any], only: str | None) -> list[Mapping[str, Any]]:
-    """The effects that were named, and the one asked for as the last search fitted it."""
-    found = [e for e in named.get("effects", ()) if e["name"] != only]
+def _to_add(
+    case: Case, out: Path, named: Mapping[str, Any], only: str | None
+) -> list[Mapping[str, Any]]:
+    """The effects that were named, and the one asked for; sizes of the fit that `show` judges."""
+    effects = list(named.get("effects", ()))
     if only is None:
-        return found
-    for searched in reversed(named.get("rounds", ())):
-        for entry in searched["ranking"]:
-            if entry["name"] == only:
-                return [*found, entry]
-    raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
+        return effects
+    if all(e["name"] != only for searched in named.get("rounds", ()) for e in searched["ranking"]):
+        raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
+    names = [*(e["name"] for e in effects if e["name"] != only), only]
+    found = Found.read(out, case.rig, case.flights)
+    _, fitted = _corrected(found, named, names)
+    if fitted is found.fit:  # whose slopes, and so the intervals, were not kept
+        return [e for e in named.get("together", ()) if e["name"] in names]
+    return [{"name": n, "parameters": sizes_of(fitted, n)} for n in names]
 
 
 def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
@@ -319,7 +325,11 @@ def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
 def _corrected(
     found: Found, named: Mapping[str, Any], added: Sequence[str]
 ) -> tuple[GantryModel, Fit | None]:
-    """The fit whose effects the corrected rig file has, an expression's terms included."""
+    """The fit whose effects the corrected rig file has, an expression's terms included.
+
+    What was not fitted together by the search is fitted here, from the sizes that it ranked last:
+    the same each time for one folder.
+    """
     if SYMBOLIC in added or (added and set(added) == set(found.fit.hypothesis)):
         return found.model, found.fit
     settled = {e["name"] for e in named.get("effects", ())}
@@ -328,6 +338,12 @@ def _corrected(
     if not added:
         return found.model, None
     hypothesis = tuple(added)
-    known = dict(zip(found.base.names, found.base.theta, strict=True))
-    start = np.array([known.get(f.name, f.starts[-1]) for f in found.model.free(hypothesis)])
-    return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, start))
+    free = found.model.free(hypothesis)
+    ranked = {
+        f"{entry['name']}.{name}": p["value"]
+        for searched in named.get("rounds", ())
+        for entry in searched["ranking"]
+        for name, p in entry["parameters"].items()
+    }
+    start = [ranked.get(f.name, v) for f, v in zip(free, extended(found.base, free), strict=True)]
+    return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, np.array(start)))
