@@ -4,7 +4,7 @@ import pytest
 from recorded import RIG, flown
 
 from wakedeploy.gap.account import account
-from wakedeploy.gap.answered import _bent, sizes_of
+from wakedeploy.gap.answered import bent, sizes_of
 from wakedeploy.gap.close import _entry
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import extended, fit
@@ -62,11 +62,11 @@ def test_a_constant_that_had_to_be_bent_is_told(scale, names) -> None:
     """Whatever the verdict: what is shown is of the rig file with it, and not as it is."""
     truth = with_constants(RIG, {"thrust.sufferer.scale": scale})
     _, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in (51, 52, 53)]))
-    bent = _bent(base)
-    assert [one["name"] for one in bent] == names
-    words = account({"verdict": "none", "calibration": bent})
+    told = bent(base)
+    assert [one["name"] for one in told] == names
+    words = account({"verdict": "none", "calibration": told})
     assert ("Calibrate it again" in words) is bool(names)
-    for one in bent:
+    for one in told:
         assert one["fitted"] == pytest.approx(scale, abs=0.01)
         assert one["away_sd"] == pytest.approx(abs(one["fitted"] - 1.0) / 0.03)
         assert f"at {one['fitted']:.3g}, where the rig file has 1 ± 0.03" in words

@@ -10,9 +10,10 @@ import pytest
 from fabricated_artefacts import NAMES, fabricate, fabricated_map
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.gap.account import account, closed_share
+from wakedeploy.gap.account import account
 from wakedeploy.gap.report import PICTURES, write_report
 from wakedeploy.gap.report_maps import strongest_maps
+from wakedeploy.gap.shrinking import closed_share
 from wakedeploy.gap.steps import read_steps
 from wakedeploy.gap.telling import confidence, measured, percent, probability, quantity, span
 from wakedeploy.markup import element, table

@@ -1,6 +1,7 @@
 """The gap shown: smaller with the effect that was hidden, and a placebo that could have helped."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,13 @@ from wakedeploy.gap.account import account
 from wakedeploy.gap.close import Case, show_gap
 from wakedeploy.gap.found import Found, Tried
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import fit
+from wakedeploy.gap.inference import extended, fit
 from wakedeploy.gap.naming import Answer, Round, Thresholds, fitted_base
 from wakedeploy.gap.ranking import rank
-from wakedeploy.gap.showing import wrong_effects
+from wakedeploy.gap.showing import show, wrong_effects
+from wakedeploy.gap.shrinking import channel_lines
 from wakedeploy.gap.whiteness import whiteness
+from wakedeploy.physics.constants import with_constants
 from wakedeploy.physics.effects import LIBRARY
 
 HIDDEN = "tether-spring"
@@ -125,6 +128,57 @@ def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_pat
     assert "On each flight, with sizes fitted to the others" in words
     assert "too few flights to seal" in words
     assert "on the very flights that the effect was found in" in words
+
+
+def test_what_a_bent_calibration_had_hidden_is_told_and_was_hidden_by_it() -> None:
+    """Before and after err alike; with the constant as the rig file has it, before errs more."""
+    constant, effect = "thrust.sufferer.scale", "thrust-coefficient"
+    truth = with_constants(RIG, {constant: 0.87})
+    model, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in (44, 45)]))
+    found = fit(model, (effect,), range(2), extended(base, model.free((effect,))))
+    sealed = [flown(46, truth)]
+    told = show(Found(model, model, base, found, ()), found, sealed, (), whiteness_limit=60.0)
+    assert [one["name"] for one in told["hidden_by"]] == [constant]
+    assert told["hidden_by"][0]["fitted"] == pytest.approx(0.87, abs=0.01)
+    ahead = told["gap"]["height 0.25 s ahead"]
+    assert ahead["after"] == pytest.approx(ahead["before"], rel=0.02)
+    unbent = base.theta.copy()
+    unbent[base.names.index(constant)] = 1.0
+    stated = GantryModel(RIG, sealed).forecasts(replace(base, theta=unbent), 0, (0.25,))
+    errors_m = stated.measured_m[0] - stated.forecast_m[0]
+    assert np.sqrt(np.nanmean(errors_m**2)) > 1.2 * ahead["before"]
+    words = account(told | {"verdict": "named", "effects": [{"name": effect}]})
+    assert f"Before, a calibration bent in {constant} (by 4" in words
+    assert "had hidden what was found from this forecast; against such a calibration, the" in words
+
+
+@pytest.mark.parametrize(
+    ("after_mm", "nats", "words"),
+    [
+        (5.73, 74.6, "hardly shows; the likelihood of the same flights speaks for it by 74.6 nats"),
+        (5.77, 1.9, "hardly shows; the likelihood of the same flights hardly speaks for it (1.9"),
+        (5.90, -4.2, "hardly shows; the likelihood of the same flights does not speak for it (−4"),
+        (5.40, 74.6, ""),
+    ],
+)
+def test_where_the_error_hardly_shrinks_the_likelihood_is_told(after_mm, nats, words) -> None:
+    channel = {"before": 5.78e-3, "after": 1e-3 * after_mm, "noise_floor": 5.77e-3, "unit": "m"}
+    shrunk = {"gap": {"height 0.25 s ahead": channel | {"closed": None}}}
+    told = account(shrunk | {"verdict": "named", "log_density_gain_nats": nats})
+    assert words in told
+    assert ("hardly shows" in told) is bool(words)
+    assert "100 %" not in told  # of a gap that noise alone leaves nothing of
+
+
+@pytest.mark.parametrize(
+    ("verdict", "after", "noise"),
+    [("unknown", 14.0, False), ("none", 14.0, True), ("unknown", 9.0, True)],
+)
+def test_a_line_per_channel_has_the_noise_where_it_is_known(verdict, after, noise) -> None:
+    channel = {"before": 0.014, "after": 1e-3 * after, "noise_floor": 0.008, "unit": "m"}
+    (line,) = channel_lines({"verdict": verdict, "gap": {"height 0.25 s ahead": channel}})
+    change = "14.0 mm" if after == 14.0 else "14.0 mm → 9.0 mm"
+    assert line == f"height 0.25 s ahead: {change}" + noise * " (noise 8.0 mm)"
 
 
 def tried(names, used=10.0) -> list[Tried]:

@@ -233,13 +233,14 @@ def show_gap(
         wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
     """
     from wakedeploy.gap.close import show_gap as show
+    from wakedeploy.gap.shrinking import channel_lines
+    from wakedeploy.gap.steps import read_steps
 
     case = _case(rig_path, measured, out, workers)
     train = _trainer(minutes) if retrain else None
-    told = show(case, out, progress=_progress, retrain=train)
-    for channel, gap in told["gap"].items():
-        before, after, floor = (1e3 * gap[k] for k in ("before", "after", "noise_floor"))
-        click.echo(f"{channel}: {before:.1f} mm → {after:.1f} mm (noise {floor:.1f} mm)")
+    show(case, out, progress=_progress, retrain=train)
+    for line in channel_lines(read_steps(out).summary):
+        click.echo(line)
     _finish(case, out, json_path)
 
 

@@ -10,30 +10,27 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.naming import FEWEST_FLIGHTS
+from wakedeploy.gap.shrinking import gap_channel, placebo, shrinking
 from wakedeploy.gap.telling import (
     confidence,
     counted,
     entries,
-    interval,
     listed,
     mapping,
-    measured,
     number,
     parameters_of,
-    percent,
     probability,
     quantity,
     span,
     spoken,
     texts,
+    unit_of,
 )
 from wakedeploy.physics.effects import LIBRARY
 
-FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
 _NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
 _MUCH_MORE = 3.0  # times what the thresholds were simulated for
-_LITTLE = 0.2  # of the gain of what was found; a wrong effect may imitate so much
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
@@ -78,7 +75,7 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
         told += _part(result) + _rest(mapping(result.get("unknown")))
     told += _little_left(mapping(result.get("rest")))
     told += _place(result) if verdict != "none" else []
-    told += _gap(result) + _placebo(result) + _retraining(result)
+    told += shrinking(result) + placebo(result) + _retraining(result)
     if verdict == "none":
         told += _detectable(result)
     return told + _caveats(result) + _doubts(result)
@@ -193,107 +190,6 @@ def place_words(place: Mapping[str, Any]) -> str:
 
 def _q(place: Mapping[str, Any]) -> str:
     return probability("q", place.get("q_value"))
-
-
-def gap_channel(result: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
-    """The channel by which the gap is judged, and its numbers; ("", {}) where there is none."""
-    channels = mapping(result.get("gap"))
-    name = FORECAST if FORECAST in channels else next(iter(channels), "")
-    return name, mapping(channels.get(name))
-
-
-def closed_share(channel: Mapping[str, Any]) -> float:
-    """(before² − after²) / (before² − floor²), unless the channel says so itself; or NaN."""
-    stated = number(channel.get("closed"))
-    if not math.isnan(stated):
-        return stated
-    before, after, floor = (number(channel.get(k)) for k in ("before", "after", "noise_floor"))
-    possible = before**2 - floor**2
-    return (before**2 - after**2) / possible if possible > 0.0 else math.nan
-
-
-def closed_words(channel: Mapping[str, Any]) -> str:
-    """The share closed as a percentage, no more than 100 and no less than 0; "" if unknown.
-
-    The floor is an estimate, too: an error below it closes the gap, not more than the gap.
-    """
-    share = closed_share(channel)
-    return "" if math.isnan(share) else percent(min(max(share, 0.0), 1.0))
-
-
-def unchanged(channel: Mapping[str, Any]) -> bool:
-    """Nothing was added, so that before and after are one model."""
-    return number(channel.get("before")) == number(channel.get("after"))
-
-
-def noise_unknown(result: Mapping[str, Any]) -> bool:
-    """Whether something is missing and nothing was added: the fitted noise has swallowed some."""
-    return result.get("verdict") == "unknown" and unchanged(gap_channel(result)[1])
-
-
-def _gap(result: Mapping[str, Any]) -> list[str]:
-    name, channel = gap_channel(result)
-    if not channel:
-        return []
-    before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
-    if math.isnan(number(channel.get("after"))) or unchanged(channel):
-        told = f"{_judged_on(result)}, the error of the {name} is {before}"
-        if noise_unknown(result):
-            return [f"{told}; how much of it is noise is not known while something is missing."]
-        return [f"{told}; noise alone: {floor}."]
-    share = closed_share(channel)
-    closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
-    if number(channel.get("after")) > number(channel.get("before")):
-        closed = ": the gap did not shrink"
-    members = texts(result.get("as_if"))
-    condition = f"If it is {listed(members)}: " if members else ""
-    judged = _judged_on(result)
-    judged = judged[0].lower() + judged[1:] if condition else judged
-    return [
-        f"{condition}{judged}, the error of the {name} goes from {before} to {after}, "
-        f"where noise alone gives {floor}{closed}."
-    ]
-
-
-def gap_value(channel: Mapping[str, Any], key: str) -> str:
-    """A gap with its interval, if it has one: key `before`, `after` or `noise_floor`."""
-    return measured(channel.get(key), *interval(channel.get(f"{key}_interval")), unit_of(channel))
-
-
-def unit_of(channel: Mapping[str, Any]) -> str:
-    """The unit stated, or none."""
-    return str(channel.get("unit") or "")
-
-
-def _judged_on(result: Mapping[str, Any]) -> str:
-    sealed = texts(result.get("sealed"))
-    if result.get("in_sample"):
-        return "On the very flights that it was fitted to"
-    if result.get("cross_validated"):
-        return "On each flight, with sizes fitted to the others"
-    if not sealed:
-        return "In these flights"
-    return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
-
-
-def _placebo(result: Mapping[str, Any]) -> list[str]:
-    placebo = mapping(result.get("placebo"))
-    if not placebo.get("name") or unchanged(gap_channel(result)[1]):
-        return []
-    unit = unit_of(placebo)
-    change = f"{quantity(placebo.get('before'), unit)} to {quantity(placebo.get('after'), unit)}"
-    gains = [number(placebo.get(key)) for key in ("gain_nats", "found_gain_nats")]
-    if not math.isnan(sum(gains)):
-        change += f"; gain {gains[0]:.1f} nats, of what was found {gains[1]:.1f}"
-    start = f"A placebo, the wrong effect {placebo['name']} in its place,"
-    if not placebo.get("helps"):
-        return [f"{start} does not help ({change})."]
-    if gains[0] < _LITTLE * gains[1]:
-        return [f"{start} helps a little ({change}): it imitates a part."]
-    return [
-        f"Careful: {start[0].lower()}{start[1:]} helps as well ({change}); "
-        "what was found may be no more than a better fit."
-    ]
 
 
 def _retraining(result: Mapping[str, Any]) -> list[str]:

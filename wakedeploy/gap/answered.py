@@ -41,7 +41,7 @@ def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
             if n in LIBRARY
         ],
         "beside": [{"name": n, "parameters": sizes_of(answer.fit, n)} for n in _beside(answer)],
-        "calibration": _bent(answer.fit),
+        "calibration": bent(answer.fit),
         "white": answer.white.as_json(answer.thresholds.whiteness),
         "threshold_of_s": FLIGHTS * SECONDS,
         "noise": _noise(answer.fit),
@@ -86,7 +86,7 @@ def _at_bound(fitted: Fit, name: str) -> bool:
     return fitted.value(name) in ends
 
 
-def _bent(fitted: Fit) -> list[dict[str, Any]]:
+def bent(fitted: Fit) -> list[dict[str, Any]]:
     """Calibrated constants that the flights want far from where the rig file has them."""
     told = []
     for f, value in zip(fitted.free, fitted.theta, strict=True):

@@ -237,6 +237,8 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "rest": named.get("rest"),
         "calibration": named.get("calibration", []),
         "as_if": shown.get("as_if", []),
+        "hidden_by": shown.get("hidden_by", []),
+        "log_density_gain_nats": shown.get("log_density_gain_nats"),
         "in_sample": shown.get("in_sample"),
         "cross_validated": shown.get("cross_validated"),
         "detectable": named.get("detectable", {}),
@@ -308,7 +310,7 @@ def _to_add(
     names = [*(e["name"] for e in effects if e["name"] != only), only]
     found = Found.read(out, case.rig, case.flights)
     _, fitted = _corrected(found, named, names)
-    if fitted is found.fit:  # whose slopes, and so the intervals, were not kept
+    if fitted is None or fitted is found.fit:  # its slopes, and so intervals, were not kept
         return [e for e in named.get("together", ()) if e["name"] in names]
     return [{"name": n, "parameters": sizes_of(fitted, n)} for n in names]
 

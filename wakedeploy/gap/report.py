@@ -11,15 +11,7 @@ from typing import TYPE_CHECKING, Any
 from wakedeploy import figures
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap import report_figures, report_maps
-from wakedeploy.gap.account import (
-    closed_words,
-    evidence,
-    gap_channel,
-    gap_value,
-    noise_unknown,
-    unchanged,
-    verdict_sentence,
-)
+from wakedeploy.gap.account import evidence, verdict_sentence
 from wakedeploy.gap.report_tables import (
     added_effects,
     detectable_table,
@@ -30,6 +22,13 @@ from wakedeploy.gap.report_tables import (
     ranking_table,
     unknown_effect,
     whiteness,
+)
+from wakedeploy.gap.shrinking import (
+    closed_words,
+    gap_channel,
+    gap_value,
+    noise_unknown,
+    unchanged,
 )
 from wakedeploy.gap.steps import Steps, read_steps
 from wakedeploy.gap.telling import (

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.gap.account import closed_words, gap_channel, unchanged
 from wakedeploy.gap.report_maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report_tables import ranked
+from wakedeploy.gap.shrinking import closed_words, gap_channel, unchanged
 from wakedeploy.gap.telling import (
     FloatArray,
     entries,

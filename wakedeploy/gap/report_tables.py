@@ -8,17 +8,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from wakedeploy.gap.account import (
-    closed_words,
     coordinate,
     detectable_sizes,
-    gap_value,
     place_words,
-    unchanged,
     undetectable,
-    unit_of,
     untold,
     whiteness_words,
 )
+from wakedeploy.gap.shrinking import closed_words, gap_value, unchanged
 from wakedeploy.gap.telling import (
     UNKNOWN,
     confidence,
@@ -33,6 +30,7 @@ from wakedeploy.gap.telling import (
     quantity,
     spoken,
     texts,
+    unit_of,
 )
 from wakedeploy.markup import Markup, element, table, together
 

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student_t
 
+from wakedeploy.gap.answered import bent
 from wakedeploy.gap.finding import HORIZONS_S
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.found import Found, Tried
@@ -109,6 +110,7 @@ def show(
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),
         "log_density_gain_nats": gain,
+        "hidden_by": [] if corrected is None else _hiding(found.base, corrected),
         "retrain": None,
     }
     return result
@@ -121,6 +123,12 @@ def _under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: b
     others = [[j for j in range(flights.episodes) if j != i] for i in range(flights.episodes)]
     fits = [fit(fitted_in, fitted.hypothesis, some, fitted.theta) for some in others]
     return Shown.left_out(flights, fits)
+
+
+def _hiding(base: Fit, corrected: Fit) -> list[dict[str, Any]]:
+    """Constants that are bent far without an effect, and with it are not, or are its own."""
+    still = {one["name"] for one in bent(corrected)}
+    return [one for one in bent(base) if one["name"] not in still]
 
 
 def gaps(before: Shown, after: Shown) -> dict[str, Any]:

@@ -27,7 +27,10 @@ _OF_NAME = (
     *("verdict", "effects", "class", "others", "split_by", "unknown", "rest", "beside"),
     *("detectable", "white", "threshold_of_s"),
 )
-_OF_SHOW = ("sealed", "in_sample", "cross_validated", "as_if", "gap", "placebo", "retrain")
+_OF_SHOW = (
+    *("sealed", "in_sample", "cross_validated", "as_if", "gap", "placebo", "retrain"),
+    *("hidden_by", "log_density_gain_nats"),
+)
 
 
 @dataclass(frozen=True)

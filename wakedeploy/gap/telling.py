@@ -65,6 +65,11 @@ def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, st
     return 1.0, "" if unit in _DIMENSIONLESS else signs(unit)
 
 
+def unit_of(channel: Mapping[str, Any]) -> str:
+    """The unit stated, or none."""
+    return str(channel.get("unit") or "")
+
+
 def signs(unit: str) -> str:
     """A unit as printed: `µs` for `us`, `m²/s` for `m^2/s`."""
     for plain, printed in _SIGNS.items():

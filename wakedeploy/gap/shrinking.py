@@ -1,0 +1,168 @@
+"""The part of the account that tells by how much the gap shrank, and what hides that it did.
+
+In: `result.json`, or more (see `steps.Steps.summary`). Out: sentences and numbers in words.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from wakedeploy.gap.telling import (
+    counted,
+    entries,
+    interval,
+    listed,
+    mapping,
+    measured,
+    number,
+    percent,
+    quantity,
+    texts,
+    unit_of,
+)
+
+FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
+_HARDLY = 0.98  # of the error before; an error after beyond that asks for an explanation
+_SPEAKS_NATS = 3.0  # of sealed flights
+_LITTLE = 0.2  # of the gain of what was found; a wrong effect may imitate so much
+
+
+def gap_channel(result: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
+    """The channel by which the gap is judged, and its numbers; ("", {}) where there is none."""
+    channels = mapping(result.get("gap"))
+    name = FORECAST if FORECAST in channels else next(iter(channels), "")
+    return name, mapping(channels.get(name))
+
+
+def closed_share(channel: Mapping[str, Any]) -> float:
+    """(before² − after²) / (before² − floor²), unless the channel says so itself; or NaN.
+
+    A channel that states none has no gap to speak of: noise alone errs nearly as much as before.
+    """
+    if "closed" in channel:
+        return number(channel["closed"])
+    before, after, floor = (number(channel.get(k)) for k in ("before", "after", "noise_floor"))
+    possible = before**2 - floor**2
+    return (before**2 - after**2) / possible if possible > 0.0 else math.nan
+
+
+def closed_words(channel: Mapping[str, Any]) -> str:
+    """The share closed as a percentage, no more than 100 and no less than 0; "" if unknown.
+
+    The floor is an estimate, too: an error below it closes the gap, not more than the gap.
+    """
+    share = closed_share(channel)
+    return "" if math.isnan(share) else percent(min(max(share, 0.0), 1.0))
+
+
+def unchanged(channel: Mapping[str, Any]) -> bool:
+    """Nothing was added, so that before and after are one model."""
+    return number(channel.get("before")) == number(channel.get("after"))
+
+
+def noise_unknown(result: Mapping[str, Any]) -> bool:
+    """Whether something is missing and nothing was added: the fitted noise has swallowed some."""
+    return result.get("verdict") == "unknown" and unchanged(gap_channel(result)[1])
+
+
+def shrinking(result: Mapping[str, Any]) -> list[str]:
+    """The error before and after, and where that says too little of what was found, why."""
+    name, channel = gap_channel(result)
+    if not channel:
+        return []
+    before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
+    if math.isnan(number(channel.get("after"))) or unchanged(channel):
+        told = f"{_judged_on(result)}, the error of the {name} is {before}"
+        if noise_unknown(result):
+            return [f"{told}; how much of it is noise is not known while something is missing."]
+        return [f"{told}; noise alone: {floor}."]
+    share = closed_share(channel)
+    closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
+    if number(channel.get("after")) > number(channel.get("before")):
+        closed = ": the gap did not shrink"
+    members = texts(result.get("as_if"))
+    condition = f"If it is {listed(members)}: " if members else ""
+    judged = _judged_on(result)
+    judged = judged[0].lower() + judged[1:] if condition else judged
+    hardly = number(channel.get("after")) > _HARDLY * number(channel.get("before"))
+    return [
+        f"{condition}{judged}, the error of the {name} goes from {before} to {after}, "
+        f"where noise alone gives {floor}{closed}.",
+        *(_instead(result) if hardly else []),
+    ]
+
+
+def _instead(result: Mapping[str, Any]) -> list[str]:
+    """Why an error ahead hardly shrinks, and what the likelihood of the same flights says.
+
+    Calibration is fitted before and after: what it imitates leaves the error before as small.
+    """
+    hiding = [
+        f"{one.get('name')} (by {number(one.get('away_sd')):.1f} of its spreads)"
+        for one in entries(result.get("hidden_by"))
+    ]
+    told, against = "Judged by that, what was found hardly shows", ""
+    if hiding:
+        bent = f"a calibration bent in {listed(hiding)}"
+        told = f"Before, {bent} had hidden what was found from this forecast"
+        against = "against such a calibration, "
+    nats = number(result.get("log_density_gain_nats"))
+    if math.isnan(nats):
+        return [f"{told}."]
+    speaks = f"hardly speaks for it ({nats:.1f} nats)"
+    if nats > _SPEAKS_NATS:
+        speaks = f"speaks for it by {nats:.1f} nats"
+    elif nats < 0.0:
+        speaks = f"does not speak for it ({quantity(nats, 'nats')})"
+    return [f"{told}; {against}the likelihood of the same flights {speaks}."]
+
+
+def gap_value(channel: Mapping[str, Any], key: str) -> str:
+    """A gap with its interval, if it has one: key `before`, `after` or `noise_floor`."""
+    return measured(channel.get(key), *interval(channel.get(f"{key}_interval")), unit_of(channel))
+
+
+def channel_lines(result: Mapping[str, Any]) -> list[str]:
+    """Every channel in one line, for a terminal; noise where it is known."""
+    lines = []
+    for name, channel in mapping(result.get("gap")).items():
+        before, after, floor = (
+            quantity(mapping(channel).get(k), unit_of(mapping(channel)))
+            for k in ("before", "after", "noise_floor")
+        )
+        change = before if unchanged(mapping(channel)) else f"{before} → {after}"
+        noise = "" if noise_unknown(result) else f" (noise {floor})"
+        lines.append(f"{name}: {change}{noise}")
+    return lines
+
+
+def _judged_on(result: Mapping[str, Any]) -> str:
+    sealed = texts(result.get("sealed"))
+    if result.get("in_sample"):
+        return "On the very flights that it was fitted to"
+    if result.get("cross_validated"):
+        return "On each flight, with sizes fitted to the others"
+    if not sealed:
+        return "In these flights"
+    return f"On {counted(len(sealed), 'flight')} that took no part in finding it"
+
+
+def placebo(result: Mapping[str, Any]) -> list[str]:
+    """Whether a wrong effect helps as well."""
+    wrong = mapping(result.get("placebo"))
+    if not wrong.get("name") or unchanged(gap_channel(result)[1]):
+        return []
+    unit = unit_of(wrong)
+    change = f"{quantity(wrong.get('before'), unit)} to {quantity(wrong.get('after'), unit)}"
+    gains = [number(wrong.get(key)) for key in ("gain_nats", "found_gain_nats")]
+    if not math.isnan(sum(gains)):
+        change += f"; gain {gains[0]:.1f} nats, of what was found {gains[1]:.1f}"
+    start = f"A placebo, the wrong effect {wrong['name']} in its place,"
+    if not wrong.get("helps"):
+        return [f"{start} does not help ({change})."]
+    if gains[0] < _LITTLE * gains[1]:
+        return [f"{start} helps a little ({change}): it imitates a part."]
+    return [
+        f"Careful: {start[0].lower()}{start[1:]} helps as well ({change}); "
+        "what was found may be no more than a better fit."
+    ]
