@@ -1,6 +1,7 @@
 """The documentation of the effects: its table is the library's, its example works."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -8,18 +9,20 @@ import pytest
 from effect_rigs import HOVER_US, NO_WAKE, WEIGHT_N, flown
 
 from wakedeploy.physics import effects
-from wakedeploy.physics.effects import LIBRARY, Effect, chain, markdown_table
+from wakedeploy.physics.effects import LIBRARY, Effect, chain, equation_table, markdown_table
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import parse_rig
 
 PAGE = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
 
 
-def test_the_table_is_up_to_date() -> None:
-    table = re.search(r"markdown_table\(\) -->\n(.*?)<!-- end of table -->", PAGE, re.DOTALL)
+@pytest.mark.parametrize("made", [markdown_table, equation_table])
+def test_the_tables_are_up_to_date(made: Callable[[], str]) -> None:
+    name = made.__name__
+    table = re.search(rf"{name}\(\) -->\n(.*?)<!-- end of table -->", PAGE, re.DOTALL)
     assert table is not None
-    assert table.group(1) == markdown_table()
-    assert len(markdown_table().splitlines()) == 2 + len(LIBRARY)
+    assert table.group(1) == made()
+    assert len(made().splitlines()) == 2 + len(LIBRARY)
 
 
 def test_the_rig_file_on_the_page_flies() -> None:

@@ -30,6 +30,7 @@ __all__ = (
     "Setting",
     "Values",
     "effect",
+    "equation_table",
     "markdown_table",
 )
 
@@ -64,6 +65,15 @@ def markdown_table() -> str:
             f"| `{one.name}` | {one.stage} | {one.physics} | {parameters} | {rivals} "
             f"| {one.split_by} |"
         )
+    return "\n".join(lines) + "\n"
+
+
+def equation_table() -> str:
+    """What each effect makes of the rig's quantities, as a Markdown table in the same order."""
+    lines = ["| Effect | Equation |", "|---|---|"]
+    for one in LIBRARY.values():
+        equation = one.equation.replace("|", "\\|")
+        lines.append(f"| `{one.name}` | `{equation}` |")
     return "\n".join(lines) + "\n"
 
 

@@ -10,6 +10,7 @@ class SpoolLagSufferer(Effect):
 
     name = "spool-lag-sufferer"
     physics = "The sufferer's rotor speed follows its command with a first-order lag."
+    equation = "d√T / dt = (√T_c − √T) / up_s, or / down_s where T_c < T"
     stage = "actuator"
     parameters = (
         Parameter("up_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.sufferer.up_s"),
@@ -24,6 +25,7 @@ class SpoolLagSource(Effect):
 
     name = "spool-lag-source"
     physics = "The wake source's rotor speed follows its command with a first-order lag."
+    equation = "d√T_s / dt = (√T_c − √T_s) / up_s, or / down_s where T_c < T_s"
     stage = "actuator"
     parameters = (
         Parameter("up_s", "s", scale=0.05, low=0.0, high=1.0, constant="spool.source.up_s"),
@@ -38,6 +40,7 @@ class ThrustCoefficient(Effect):
 
     name = "thrust-coefficient"
     physics = "The sufferer's thrust is a constant multiple of its calibrated curve."
+    equation = "T′ = scale · T"
     stage = "actuator"
     parameters = (
         Parameter("scale", "1", scale=0.08, low=0.5, high=1.5, constant="thrust.sufferer.scale"),
@@ -51,6 +54,7 @@ class ThrustExponent(Effect):
 
     name = "thrust-exponent"
     physics = "The sufferer's thrust curve is steeper or flatter than calibrated, hover unchanged."
+    equation = "T′ = W · (T / W)^exponent"
     stage = "actuator"
     parameters = (
         Parameter(
@@ -66,6 +70,7 @@ class SourceThrustExponent(Effect):
 
     name = "source-thrust-exponent"
     physics = "The wake source's thrust curve is steeper or flatter than calibrated."
+    equation = "T_s′ = W · (T_s / W)^exponent"
     stage = "actuator"
     parameters = (
         Parameter("exponent", "1", scale=0.1, low=0.5, high=1.5, constant="thrust.source.exponent"),
@@ -79,6 +84,7 @@ class BatterySag(Effect):
 
     name = "battery-sag"
     physics = "The sufferer's thrust fades with the charge drawn from its battery."
+    equation = "T′ = T · exp(−sag_per_s · q)"
     stage = "actuator"
     parameters = (Parameter("sag_per_s", "1/s", scale=0.003, low=0.0, high=0.03),)
     confused_with = ("thrust-coefficient", "range-drift")
@@ -94,6 +100,7 @@ class AxialInflowLoss(Effect):
 
     name = "axial-inflow-loss"
     physics = "The sufferer's thrust falls with its own speed of climb, and grows in descent."
+    equation = "T′ = T · exp(−loss_s_per_m · v_z)"
     stage = "actuator"
     parameters = (Parameter("loss_s_per_m", "s/m", scale=0.05, low=0.0, high=0.5),)
     confused_with = ("viscous-friction", "wake-inflow-loss")
@@ -109,6 +116,7 @@ class WakeInflowLoss(Effect):
 
     name = "wake-inflow-loss"
     physics = "Air that the wake blows down through the sufferer's rotor cuts its thrust."
+    equation = "T′ = T · exp(loss_s_per_m · w)"
     stage = "actuator"
     parameters = (Parameter("loss_s_per_m", "s/m", scale=0.02, low=0.0, high=0.3),)
     confused_with = ("wake-strength", "source-thrust-exponent", "wake-width")

@@ -84,7 +84,8 @@ class Setting:
 class Effect:
     """Base of all effects: acts nowhere. A subclass overrides the methods of its stage.
 
-    Class attributes: `name` as in rig files and results; `physics`, one sentence; `stage`;
+    Class attributes: `name` as in rig files and results; `physics`, one sentence; `equation`, the
+    same in the symbols of docs/effects.md, a prime for what it makes; `stage`;
     `parameters`; `confused_with`, names of effects that look alike; `split_by`, the manoeuvre or
     sensor that tells them apart. An effect whose parameters all replace constants of the rig needs
     no method at all.
@@ -92,6 +93,7 @@ class Effect:
 
     name: ClassVar[str]
     physics: ClassVar[str]
+    equation: ClassVar[str]
     stage: ClassVar[Stage]
     parameters: ClassVar[tuple[Parameter, ...]]
     confused_with: ClassVar[tuple[str, ...]] = ()

@@ -8,6 +8,7 @@ class AddedMass(Effect):
 
     name = "added-mass"
     physics = "Air, counterweights or pulleys move along: inertia grows, weight does not."
+    equation = "m′ = m + mass_kg"
     stage = "body"
     parameters = (Parameter("mass_kg", "kg", scale=0.03, low=0.0, high=1.0),)
     confused_with = ("thrust-exponent", "range-scale", "spool-lag-sufferer")

@@ -11,6 +11,7 @@ class CommandLatency(Effect):
 
     name = "command-latency"
     physics = "A command reaches the ESCs later than the link's round trip tells."
+    equation = "u′(t) = u(t − latency_s)"
     stage = "command"
     parameters = (
         Parameter(
@@ -33,6 +34,7 @@ class EscFrame(Effect):
 
     name = "esc-frame"
     physics = "The ESC takes over a command only with the next servo frame."
+    equation = "u′(t) = u(t_k) from t_k = t_0 + k · frame_s on, for frame_s"
     stage = "command"
     parameters = (
         Parameter(
@@ -48,6 +50,7 @@ class PwmDeadBand(Effect):
 
     name = "pwm-dead-band"
     physics = "An ESC ignores a pulse that differs too little from the last one it accepted."
+    equation = "u′ = u if |u − u_k| ≥ band_us else u_k"
     stage = "command"
     parameters = (
         Parameter(
@@ -88,6 +91,7 @@ class PwmQuantisation(Effect):
 
     name = "pwm-quantisation"
     physics = "Pulse widths exist only in steps of a timer, counted from the idle pulse."
+    equation = "u′ = u_idle + step_us · round((u − u_idle) / step_us)"
     stage = "command"
     parameters = (
         Parameter(

@@ -12,6 +12,7 @@ class CoulombFriction(Effect):
 
     name = "coulomb-friction"
     physics = "The rail resists a motion with a constant force."
+    equation = "F = −coulomb_n · sign(v_z)"
     stage = "force"
     parameters = (
         Parameter("coulomb_n", "N", scale=0.1, low=0.0, high=5.0, constant="rail.coulomb_n"),
@@ -25,6 +26,7 @@ class ViscousFriction(Effect):
 
     name = "viscous-friction"
     physics = "The rail resists a motion in proportion to its speed."
+    equation = "F = −viscous_n_per_mps · v_z"
     stage = "force"
     parameters = (
         Parameter(
@@ -45,6 +47,7 @@ class Stiction(Effect):
 
     name = "stiction"
     physics = "The rail holds a resting sufferer until a threshold force breaks it loose."
+    equation = "v_z = 0 until the forces exceed stiction_n (and coulomb_n)"
     stage = "force"
     parameters = (
         Parameter(
@@ -69,6 +72,7 @@ class GroundEffect(Effect):
         "Close above the carriage base thrust rises; far from it with the inverse square of the "
         "height, as Cheeseman and Bennett found."
     )
+    equation = "F = gain · T / (1 + (z / height_m)²)"
     stage = "force"
     parameters = (
         Parameter("gain", "1", scale=0.1, low=0.0, high=1.0),
@@ -87,6 +91,7 @@ class Recirculation(Effect):
 
     name = "recirculation"
     physics = "Close above the base the rotor breathes its own reflected wash and loses thrust."
+    equation = "F = −loss · T² / W · exp(−z / height_m)"
     stage = "force"
     parameters = (
         Parameter("loss", "1", scale=0.1, low=0.0, high=1.0),
@@ -106,6 +111,7 @@ class TetherSpring(Effect):
 
     name = "tether-spring"
     physics = "Above a slack height the supply cable pulls the sufferer down like a spring."
+    equation = "F = −stiffness_n_per_m · 0.01 · ln(1 + exp((z − slack_m) / 0.01))"
     stage = "force"
     parameters = (
         Parameter("stiffness_n_per_m", "N/m", scale=0.5, low=0.0, high=20.0),

@@ -8,6 +8,7 @@ class RangeBias(Effect):
 
     name = "range-bias"
     physics = "The range sensor reads too much or too little by a constant."
+    equation = "r = z + bias_m"
     stage = "sensor"
     parameters = (
         Parameter("bias_m", "m", scale=0.015, low=-0.3, high=0.3, constant="range.bias_m"),
@@ -21,6 +22,7 @@ class RangeScale(Effect):
 
     name = "range-scale"
     physics = "The range sensor reads a constant multiple of the range."
+    equation = "r = scale · z"
     stage = "sensor"
     parameters = (Parameter("scale", "1", scale=0.02, low=0.7, high=1.3, constant="range.scale"),)
     confused_with = ("added-mass", "thrust-coefficient", "range-bias")
@@ -32,6 +34,7 @@ class RangeDrift(Effect):
 
     name = "range-drift"
     physics = "The range sensor warms up in flight and its reading drifts with time."
+    equation = "r′ = r + drift_mps · t"
     stage = "sensor"
     parameters = (Parameter("drift_mps", "m/s", scale=0.0007, low=-0.02, high=0.02),)
     confused_with = ("battery-sag", "range-bias")
@@ -47,6 +50,7 @@ class RangeDelay(Effect):
 
     name = "range-delay"
     physics = "The range sensor's readings are older than their time stamps say."
+    equation = "r(t) = z(t − delay_s)"
     stage = "sensor"
     parameters = (
         Parameter("delay_s", "s", scale=0.01, low=0.0, high=0.1, constant="range.delay_s"),
@@ -63,6 +67,7 @@ class SampleAndHold(Effect):
         "The range sensor makes a reading only so often, by a clock of its own, and repeats it in "
         "between under time stamps that go on."
     )
+    equation = "r′(t) = r(t_k) from t_k = t_0 + k · hold_s on, for hold_s"
     stage = "sensor"
     parameters = (Parameter("hold_s", "s", scale=0.03, low=0.0, high=0.3, starts=(1.0, 2.0, 3.0)),)
     confused_with = ("range-delay",)
@@ -77,6 +82,7 @@ class LostSteps(Effect):
         "The carriage loses steps in one direction: its error grows with all the way, there and "
         "back."
     )
+    equation = "x_w = lost_per_m · L"
     stage = "sensor"
     parameters = (Parameter("lost_per_m", "1", scale=0.01, low=-0.2, high=0.2),)
     confused_with = ("crosswind-offset",)
@@ -94,6 +100,7 @@ class BeltBacklash(Effect):
     physics = (
         "The carriage stays while its drive takes up the belt's play, then trails it by half of it."
     )
+    equation = "x_c′ = min(max(x_c, x − backlash_m / 2), x + backlash_m / 2)"
     stage = "sensor"
     parameters = (Parameter("backlash_m", "m", scale=0.01, low=0.0, high=0.2),)
     confused_with = ("wake-deflection",)

@@ -10,6 +10,7 @@ class TransportSpeed(Effect):
     physics = (
         "The wake sinks at another speed, so it arrives at another time and thins or piles up."
     )
+    equation = "h = speed_mps · (T_s / T_ref)^n · τ"
     stage = "wake"
     parameters = (
         Parameter("speed_mps", "m/s", scale=1.5, low=0.5, high=40.0, constant="wake.speed_mps"),
@@ -23,6 +24,7 @@ class TransportSpeedExponent(Effect):
 
     name = "transport-speed-exponent"
     physics = "The wake's speed goes with a power of the thrust that made it."
+    equation = "h = w_a · (T_s / T_ref)^exponent · τ"
     stage = "wake"
     parameters = (
         Parameter("exponent", "1", scale=0.2, low=-1.0, high=1.0, constant="wake.speed_exponent"),
@@ -39,6 +41,7 @@ class WakeStrength(Effect):
         "The wake is stronger or weaker than modelled; strength and the scale of the source's "
         "thrust are one product that no flight can split."
     )
+    equation = "a = strength · √(T_s / T_ref) · dt · exp(−λ · τ) · σ² / s²"
     stage = "wake"
     parameters = (
         Parameter("strength", "m/s^2", scale=100.0, low=0.0, high=1e4, constant="wake.strength"),
@@ -52,6 +55,7 @@ class WakeWidth(Effect):
 
     name = "wake-width"
     physics = "The wake leaves the source wider or narrower than modelled."
+    equation = "s² = width_m² + 2 · κ · τ"
     stage = "wake"
     parameters = (
         Parameter("width_m", "m", scale=0.02, low=0.02, high=1.0, constant="wake.width_m"),
@@ -65,6 +69,7 @@ class WakeSpreading(Effect):
 
     name = "wake-spreading"
     physics = "The wake widens faster or more slowly on its way down than modelled."
+    equation = "s² = σ² + 2 · diffusivity_m2ps · τ"
     stage = "wake"
     parameters = (
         Parameter(
@@ -85,6 +90,7 @@ class WakeDecay(Effect):
 
     name = "wake-decay"
     physics = "The wake loses its speed on the way down faster or more slowly than modelled."
+    equation = "a = S · √(T_s / T_ref) · dt · exp(−decay_per_s · τ) · σ² / s²"
     stage = "wake"
     parameters = (
         Parameter("decay_per_s", "1/s", scale=0.5, low=0.0, high=20.0, constant="wake.decay_per_s"),
@@ -98,6 +104,7 @@ class CrosswindOffset(Effect):
 
     name = "crosswind-offset"
     physics = "A steady draught or a tilted source puts the wake's axis to one side."
+    equation = "x_w = offset_m"
     stage = "wake"
     parameters = (Parameter("offset_m", "m", scale=0.04, low=-0.5, high=0.5),)
     confused_with = ("lost-steps", "wake-deflection")
@@ -113,6 +120,7 @@ class WakeDeflection(Effect):
 
     name = "wake-deflection"
     physics = "The moving carriage drags the wake along, in proportion to its speed."
+    equation = "x_w = deflection_s · v_x"
     stage = "wake"
     parameters = (Parameter("deflection_s", "s", scale=0.05, low=-1.0, high=1.0),)
     confused_with = ("belt-backlash", "crosswind-offset")
