@@ -6,6 +6,7 @@ that a person can stop, look, and go on.
 """
 
 import datetime
+import functools
 import json
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -28,6 +29,7 @@ from wakedeploy.gap.naming import (
     fitted_base,
     name_effects,
     sealed_count,
+    with_terms,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.refitting import refitted
@@ -58,6 +60,14 @@ class Case:
     def in_sample(self) -> bool:
         """Too few flights to seal any: what is shown was also found in them."""
         return not self.sealed
+
+    @functools.cached_property
+    def base(self) -> tuple[GantryModel, Fit]:
+        """The flights around the motion that the rig file as it is explains, and its fit.
+
+        Fitted once, when `find` or `name` first needs it.
+        """
+        return fitted_base(with_terms(GantryModel(self.rig, self.flights)))
 
     @property
     def share(self) -> float:
@@ -93,7 +103,7 @@ def open_case(
 def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str, Any]:
     """Where they disagree; writes `find.json`."""
     progress("fitting the rig file as it is")
-    model, base = fitted_base(GantryModel(case.rig, case.flights))
+    model, base = case.base
     progress("mapping what it leaves")
     found = find_places(model, base, case.thresholds.whiteness, case.thresholds.places)
     header = {
@@ -124,11 +134,18 @@ def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
     """
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
-    model = GantryModel(case.rig, case.flights)
     places = read_steps(out).find.get("places", ())
     disagrees = any(place["channel"] != INNOVATION for place in places)
+    progress("fitting the rig file as it is")
+    model, base = case.base
     answer = name_effects(
-        case.rig, model, case.thresholds, progress, share=case.share, disagrees=disagrees
+        case.rig,
+        model,
+        case.thresholds,
+        progress,
+        base=base,
+        share=case.share,
+        disagrees=disagrees,
     )
     progress("comparing what could be told apart")
     return write_answer(answer, out, started)

@@ -169,18 +169,22 @@ def name_effects(
     thresholds: Thresholds,
     progress: Progress = lambda _: None,
     candidates: Sequence[str] | None = None,
+    base: Fit | None = None,
     share: float = 1.0,
     disagrees: bool = False,
 ) -> Answer:
     """Find, refit, drop, and decide. One or two flights are never enough for a name.
 
+    `base` is the rig file as it is, fitted around the motion of a `model` with terms, where that is
+    known already (`fitted_base`).
     `share` is how much of all that was flown is in `model`. Effects are rivals if all the flights
     would not tell them apart, the sealed ones included: nats grow with the data. `disagrees` says
     that there are places where flights and rig file disagree beyond noise: then something is
     missing, even where the noise that is fitted to it looks white and no form explains it.
     """
-    progress("fitting the rig file as it is")
-    model, base = fitted_base(with_terms(model))
+    if base is None:
+        progress("fitting the rig file as it is")
+        model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
     searched = _Search(model, base, base, thresholds, CLASS_NATS * share)
     while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
