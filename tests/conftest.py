@@ -10,8 +10,10 @@ import pytest
 from wakedeploy.package import Example, Manifest, Package, make_package
 
 # The same examples in every run: a check that fails must fail again. `make explore` draws new ones.
-hypothesis.settings.register_profile("repeatable", derandomize=True)
-hypothesis.settings.register_profile("explore", print_blob=True)
+# How long an example takes depends on what else the machine does.
+_UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
+hypothesis.settings.register_profile("repeatable", derandomize=True, **_UNTIMED)
+hypothesis.settings.register_profile("explore", print_blob=True, **_UNTIMED)
 hypothesis.settings.load_profile("repeatable")
 
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
