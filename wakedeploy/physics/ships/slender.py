@@ -11,7 +11,9 @@ import numpy as np
 
 from wakedeploy.physics.ships.hull import WATER_KGPM3, FloatArray, Hull, mirrors
 
-_NODES = 32  # of Gauss and Legendre along each hull; the integrands are smooth
+# Of Gauss and Legendre along each hull, from −1 to 1; the integrands are smooth. Computed once: it
+# is a matrix's eigenvalues, and a force asks for it dozens of times.
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(32)
 _BOTTOMS = 10  # images in bottom and surface that are summed; the rest is an integral
 
 
@@ -58,8 +60,7 @@ class Passing:
 
     def stations(self, hull: Hull) -> tuple[FloatArray, FloatArray]:
         """Nodes [m] along a hull and their weights [m]."""
-        x, weight = np.polynomial.legendre.leggauss(_NODES)
-        return 0.5 * hull.length_m * x, 0.5 * hull.length_m * weight
+        return 0.5 * hull.length_m * _NODES, 0.5 * hull.length_m * _WEIGHTS
 
     def _crossflow(
         self, hull: Hull, ahead_m: FloatArray, apart_m: float, speed_mps: float
