@@ -221,6 +221,7 @@ def test_the_papers_peak_stands_beside_the_attention() -> None:
     assert "paper" not in told("gantry", 0.2, 0.6, 0.18, 0.01, 0.01)
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_command_writes_figures_tables_and_a_page(tmp_path: Path) -> None:
     sets = tmp_path / "sets"
     for name in ("downwash", "gantry"):

@@ -212,7 +212,7 @@ def test_a_flight_that_never_flew_is_none_and_counts_as_ended(monkeypatch) -> No
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def told(tmp_path_factory, short_episodes):
     """The command on three tiny flights of either simulator."""
     from wakedeploy.study import sets
 

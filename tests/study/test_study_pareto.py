@@ -116,8 +116,8 @@ def flown(packages: list[Path], *, ticks: int, progress) -> list[BenchRow]:
     ]  # fmt: skip
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
     monkeypatch.setattr("runtime.bench.bench_latency", flown)
     driven_set().write(tmp_path / "sets" / "gantry-quick")
     asked = ["--quick", "--domains", "gantry", "--arch", "agile-mlp,history-mlp"]
@@ -141,8 +141,8 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     assert "On gantry, none beats" in told.output
 
 
+@pytest.mark.usefixtures("one_process")
 def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
     monkeypatch.setattr("runtime.bench.bench_latency", flown)
     driven_set().write(tmp_path / "sets" / "gantry-quick")
     asked = ["--quick", "--domains", "gantry", "--arch", "agile-mlp", "--out", str(tmp_path)]

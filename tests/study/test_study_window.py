@@ -218,8 +218,8 @@ def test_a_reservoir_is_chosen_on_validation_as_in_every_study(tmp_path) -> None
     }  # fmt: skip
 
 
-def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
+@pytest.mark.usefixtures("one_process")
+def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     data = delayed_set()
     data = EpisodeSet("gantry", *list(vars(data).values())[1:])
     data = EpisodeSet(**{**vars(data), "force": (Channel("force_z_n", "N"),)})
