@@ -12,12 +12,15 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
+from runtime.calibration import zero
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import calibrate, calibrate_options, main
 from wakedeploy.domains.gantry import record
 from wakedeploy.rig import Effect, EffectParameter, default_rig, default_rig_text, read_rig
 from wakedeploy.runlog import read_run_log
 
+# Half a second at rest before and after each run, not three: nothing here is measured in them.
+RIG_TEXT = default_rig_text().replace("[disturbance]\n", "[disturbance]\nrest_s = 0.5\n")
 RIG = default_rig()
 TRUTH = RIG.changed(range_sensor={"bias_m": 0.042, "scale": 1.02}, stepper={"steps_per_m": 4100})
 
@@ -26,7 +29,7 @@ TRUTH = RIG.changed(range_sensor={"bias_m": 0.042, "scale": 1.02}, stepper={"ste
 def files(tmp_path: Path) -> tuple[Path, Path]:
     """A rig file with comments, and the rig file of the truth."""
     rig, truth = tmp_path / "rig.toml", tmp_path / "truth.toml"
-    rig.write_text(default_rig_text())
+    rig.write_text(RIG_TEXT)
     TRUTH.write(truth)
     return rig, truth
 
@@ -35,13 +38,16 @@ def calibrated(*arguments: object, given: str | None = None):
     return CliRunner().invoke(main, ["calibrate", *map(str, arguments)], input=given)
 
 
-def test_zero_on_the_virtual_gantry_writes_value_spread_and_date(files, tmp_path) -> None:
+def test_zero_on_the_virtual_gantry_writes_value_spread_and_date(
+    files, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.setattr(zero, "SECONDS", 6.0)  # of rest; readings enough
     rig, truth = files
     told, logs, desk = tmp_path / "zero.json", tmp_path / "logs", tmp_path / "desk.toml"
     where = ("--virtual", "--plant-rig", truth, "--keep-logs", logs, "--json", told)
     result = calibrated("zero", "--rig", rig, "--out", desk, *where)
     assert result.exit_code == 0, result.output
-    assert rig.read_text() == default_rig_text()
+    assert rig.read_text() == RIG_TEXT
     after = read_rig(desk)
     known = after.calibration["range_sensor.bias_m"]
     assert abs(after.range_sensor.bias_m - 0.042) < 3.0 * known.spread < 0.003
@@ -66,7 +72,7 @@ def test_what_is_simulated_is_never_written_into_the_rig_file(files, random_flig
             assert result.exit_code == 2, result.output
             assert "give --out FILE, another file than --rig" in result.output
             assert result.output.count("\n") == 1
-    assert rig.read_text() == default_rig_text()
+    assert rig.read_text() == RIG_TEXT
     assert sorted(path.name for path in rig.parent.iterdir()) == ["rig.toml", "truth.toml"]
 
 
@@ -105,7 +111,7 @@ def test_the_log_of_a_refused_calibration_at_a_port_is_kept_and_named(files) -> 
     (log,) = rig.parent.glob("calibration/*-steps/*.mcap")
     assert result.output.endswith(f"Nothing was written; recorded in {log}.\n")
     assert read_run_log(log)["homed"][-1] > 0
-    assert rig.read_text() == default_rig_text()
+    assert rig.read_text() == RIG_TEXT
 
 
 def test_every_attempt_has_a_folder_of_its_own_and_one_without_a_log_leaves_none(files) -> None:
@@ -138,7 +144,7 @@ def test_ctrl_c_lands_and_leaves_the_file_as_it_was(files, tmp_path) -> None:
     _, err = run.communicate(timeout=30)
     assert run.returncode == 130, err
     assert "Traceback" not in err
-    assert rig.read_text() == default_rig_text()
+    assert rig.read_text() == RIG_TEXT
     log = read_run_log(logs / "noise.mcap")
     assert log["sufferer_cmd_us"][-1] == log["source_cmd_us"][-1] == RIG.limits.pulse_us[0]
 
@@ -222,7 +228,7 @@ def test_what_contradicts_itself_is_refused_before_anything_flies(files, argumen
     result = calibrated(*arguments, "--rig", files[0], "--out", files[0].with_name("desk.toml"))
     assert result.exit_code == 2, result.output
     assert words in result.output
-    assert files[0].read_text() == default_rig_text()
+    assert files[0].read_text() == RIG_TEXT
 
 
 @pytest.mark.parametrize("name", sorted(calibrate.command.commands))

@@ -15,6 +15,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from runtime.calibration.session import resting
 from runtime.recorder import RunLogWriter
 from runtime.run import HINTS, RunRequest, fly, require_fit
 from runtime.safety import Findings, fatal_faults
@@ -55,13 +56,23 @@ def resident_mb(process_id):
     return int(status.split("VmRSS:")[1].split()[0]) * 1024 / 1e6
 
 
-def test_a_virtual_run_flies_records_and_sums_up(rig_file, tmp_path):
+def test_a_virtual_run_flies_records_and_sums_up_and_a_terminal_sees_how_far(rig_file, tmp_path):
     log, told = tmp_path / "flight.mcap", tmp_path / "run.json"
-    run = started(
-        "--virtual", "--seconds", 6, "--rig", rig_file, "--log", log, "--json", told, "--seed", 4
-    )
-    out, err = run.communicate(timeout=60)
-    assert run.returncode == 0, err
+    mine, its = pty.openpty()
+    arguments = ["--baseline", "--virtual", "--seconds", "6", "--rig", rig_file, "--log", log]
+    line = [*CLI, *map(str, arguments), "--json", str(told), "--seed", "4"]
+    run = subprocess.Popen(line, stdout=-1, stderr=its, text=True)
+    os.close(its)
+    seen = b""
+    with contextlib.suppress(OSError):  # the terminal is gone when the command has ended
+        while data := os.read(mine, 4096):
+            seen += data
+    os.close(mine)
+    out, _ = run.communicate(timeout=30)
+    assert run.returncode == 0, seen.decode()
+    drawn = seen.decode().split("\r")
+    assert 8 <= sum("of 6 s" in shown for shown in drawn) <= 26  # at most four a second
+    assert drawn[-1] == "\x1b[K"
     assert "Tracking RMSE" in out
     recorded = read_run_log(log)
     assert recorded.flying.sum() > 150
@@ -123,8 +134,9 @@ def test_a_virtual_board_at_a_rigs_port_is_refused_and_its_kind_is_in_the_log(
         with pytest.raises(UnusableInput, match="a virtual board answers, and only an UNO may fly"):
             fly(RunRequest(RIG, 6.0, port=gantry.port, log=tmp_path / "no.mcap"))
         assert not (tmp_path / "no.mcap").exists()
-        log = tmp_path / "f.mcap"
-        fly(RunRequest(RIG, 6.0, port=gantry.port, range_socket=gantry.range_socket, log=log))
+        log, (rig, plan) = tmp_path / "f.mcap", resting(RIG, 1.0)
+        where = {"port": gantry.port, "range_socket": gantry.range_socket}
+        fly(RunRequest(rig, 0.0, plan=plan, log=log, **where))
     told = read_run_log(log).metadata
     assert (told["board"], told["firmware"], told["board_faults"]) == ("virtual", "2", "")
 
@@ -208,24 +220,6 @@ def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_packa
     monkeypatch.setattr("runtime.run.require_fit", lambda *_: None)
     with pytest.raises(UnusableInput, match=r"round_trip_s = 0\.03 leaves no time"):
         fly(RunRequest(slow, 6.0, package=path))
-
-
-def test_a_terminal_sees_how_far_the_flight_is(rig_file):
-    mine, its = pty.openpty()
-    arguments = ["--baseline", "--virtual", "--seconds", "6", "--rig", str(rig_file)]
-    run = subprocess.Popen([*CLI, *arguments], stdout=-1, stderr=its, text=True)
-    os.close(its)
-    seen = b""
-    with contextlib.suppress(OSError):  # the terminal is gone when the command has ended
-        while data := os.read(mine, 4096):
-            seen += data
-    os.close(mine)
-    out, _ = run.communicate(timeout=30)
-    assert run.returncode == 0
-    drawn = seen.decode().split("\r")
-    assert 8 <= sum("of 6 s" in line for line in drawn) <= 26  # at most four a second
-    assert drawn[-1] == "\x1b[K"
-    assert "Tracking RMSE" in out
 
 
 def manifest(**changes):

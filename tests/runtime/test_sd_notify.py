@@ -173,7 +173,7 @@ def test_a_standby_flies_once_and_only_for_a_new_word(manager, rig_file, tmp_pat
     with started(manager, rig_file, *arguments) as run:
         assert "READY=1\nSTATUS=standing by, motors off" in manager.heard()
         assert not word.exists()
-        for _ in range(16):  # beats of the standby: longer than between two handshakes
+        for _ in range(8):  # beats of the standby: longer than between two handshakes
             assert manager.heard() == "WATCHDOG=1"
         assert list(flights.iterdir()) == []
         word.touch()
