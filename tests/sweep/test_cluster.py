@@ -246,7 +246,7 @@ def test_an_unusable_cluster_is_told_before_anything_is_written(
     monkeypatch.setattr(cluster, "CONNECT_S", 0.5)
     assert "No scheduler answers at tcp://127.0.0.1:1 (" in sweep_there("tcp://127.0.0.1:1")
     assert "No scheduler answers at nonsense://x (" in sweep_there("nonsense://x")
-    monkeypatch.setattr(cluster, "CONNECT_S", 5.0)
+    monkeypatch.setattr(cluster, "CONNECT_S", 2.0)
     assert f"{machines.address} has no worker; start some with" in sweep_there(machines.address)
     (tmp_path / "other.py").write_text("import wakedeploy\nwakedeploy.__version__ = '0.0.9'\n")
     worker = machines.worker("--preload", str(tmp_path / "other.py"))
