@@ -5,11 +5,13 @@ import sys
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.reference import FlightPlan, hold_plan
 from runtime.reference_file import read_reference, write_reference
+from wakedeploy.cli import main
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
@@ -159,11 +161,7 @@ def test_the_virtual_gantry_flies_a_reference(tmp_path) -> None:
 
 def test_seconds_beside_a_reference_are_refused(tmp_path) -> None:
     write(tmp_path / "up.csv", table())
-    told = subprocess.run(
-        [*CLI, "--baseline", "--virtual", "--seconds", "20", "--reference", tmp_path / "up.csv"],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert told.returncode == 2
+    asked = ["--baseline", "--virtual", "--seconds", "20", "--reference", str(tmp_path / "up.csv")]
+    told = CliRunner().invoke(main, ["run-gantry", *asked])
+    assert told.exit_code == 2
     assert "--seconds belongs to the random plan" in told.stderr

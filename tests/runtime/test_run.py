@@ -14,12 +14,14 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from click.testing import CliRunner
 
 from runtime.calibration.session import resting
 from runtime.recorder import RunLogWriter
 from runtime.run import HINTS, RunRequest, fly, require_fit
 from runtime.safety import Findings, fatal_faults
 from runtime.virtual.process import VirtualGantryProcess
+from wakedeploy.cli import main
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.package import write_package
 from wakedeploy.rig import default_rig, parse_rig
@@ -282,7 +284,7 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
     ],
 )
 def test_arguments_that_do_not_go_together_are_one_sentence(arguments, words):
-    run = subprocess.run([*CLI, *arguments], capture_output=True, text=True, env=os.environ)
-    assert run.returncode == 2
-    assert words in run.stderr
-    assert run.stderr.count("\n") == 1
+    told = CliRunner().invoke(main, ["run-gantry", *arguments])
+    assert told.exit_code == 2
+    assert words in told.stderr
+    assert told.stderr.count("\n") == 1

@@ -19,7 +19,7 @@ def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture(scope="module")
 def short_episodes() -> Iterator[None]:
-    """Downwash sets of episodes of 5 s, not of 20: enough for a few epochs that need not be good."""
+    """Downwash sets of episodes of 5 s, not of 20: enough where no model has to be good."""
     short = functools.partial(downwash.fly, seconds=5.0)  # where nobody says how long
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(downwash, "fly", short)

@@ -111,6 +111,11 @@ def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(shift, "DOMAINS", small)
     monkeypatch.setattr(sets, "DOMAINS", small)
     monkeypatch.setattr(shift, "FLOWN", (0.1, 0.2))
+
+    def briefly(crews, episodes, seconds, **others):
+        return fly_shifted(crews, episodes, 0.25 * seconds, **others)
+
+    monkeypatch.setattr(shift, "fly_shifted", briefly)
     run = CliRunner().invoke(
         main, ["study", "shift", "--quick", "--arch", "agile-mlp,esn", "--out", str(tmp_path)]
     )
