@@ -9,11 +9,12 @@ from recorded import RIG, changed, flown, with_effects
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.forces import Physics
-from wakedeploy.gap.frames import period_s, reported_period_s
+from wakedeploy.gap.frames import frames_of, period_s, reported_period_s
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.ranking import rank
 from wakedeploy.physics.constants import constants_of
+from wakedeploy.runlog import RunLog
 
 TICK_S = 0.03125
 SEEDS = (40, 41, 42)
@@ -118,6 +119,66 @@ def test_a_column_that_does_not_tell_leaves_the_rig_files_frames() -> None:
         assert flight.reported_frame_s is None
         assert np.diff(flight.frame_s) == pytest.approx(0.020)
         assert "does not tell when the ESCs take a pulse" in " ".join(flight.notes)
+
+
+# Of a loop at 50 Hz any of these would seem to keep step with the rig file's frames of 20 ms.
+@pytest.mark.parametrize("loop_s", [0.010, 0.020, TICK_S])
+@pytest.mark.parametrize("step_s", [0.0, 0.001, 0.004])
+@pytest.mark.parametrize("after_s", [0.0, 0.003, "the tick before"])
+def test_a_column_that_copies_the_ticks_tells_no_frames(loop_s, step_s, after_s) -> None:
+    rng = np.random.default_rng(3)
+    ticks_s = 0.1 + loop_s * np.arange(1 + round(14.0 / loop_s))
+    ticks_s += 3e-4 * np.abs(rng.standard_normal(len(ticks_s)))
+    copied_s = ticks_s[1:] + after_s if after_s != "the tick before" else ticks_s[:-1]
+    if step_s > 0.0:
+        copied_s = step_s * np.floor(copied_s / step_s)
+    log = RunLog({"t_s": ticks_s[1:], "applied_time_s": copied_s})
+    frames = frames_of(log, RIG, np.arange(0.0, 14.0, 1.0 / 128.0))
+    assert frames.reported_s is None
+    assert frames.stated_s[1:3] == pytest.approx([0.010, 0.030])  # in the middle
+    assert "does not tell when the ESCs take a pulse" in frames.doubt
+
+
+@pytest.mark.parametrize("loop_s", [0.010, 0.020, TICK_S])
+def test_logs_of_other_loops_tell_their_frames(loop_s) -> None:
+    """The board's clock is 0.1 % off a loop's, or frames of 20 ms would keep step with some."""
+    rng = np.random.default_rng(4)
+    ticks_s = 0.1 + loop_s * np.arange(round(20.0 / loop_s))
+    ticks_s += 3e-4 * np.abs(rng.standard_normal(len(ticks_s)))
+    for frame_s in (0.01503, 0.02002, 0.038):
+        told_s = frame_s * np.floor((ticks_s - 0.004) / frame_s) + 0.002
+        for written_s in (told_s, np.round(told_s, 3), told_s.astype(np.float32).astype(float)):
+            period = reported_period_s(ticks_s, written_s)
+            assert period is None or period == pytest.approx(frame_s, rel=1e-3)
+            assert period is not None or loop_s < TICK_S
+
+
+def test_times_of_another_clock_tell_no_phase() -> None:
+    log = record(RIG, seconds=12.0, seed=SEEDS[0]).without_truth()
+    of_its_own = changed(log, applied_time_s=log["applied_time_s"] + 1000.0)
+    assert "does not tell when" in " ".join(flight_from_log(of_its_own, RIG, "x").notes)
+    both = changed(of_its_own, t_s=log["t_s"] + 1000.0)
+    assert flight_from_log(both, RIG, "x").notes == ()
+
+
+@pytest.mark.parametrize(
+    ("step_s", "said"), [(0.005, "multiples of 5 ms only"), (0.010, "does not tell when")]
+)
+def test_times_with_too_few_digits_tell_no_period(step_s, said) -> None:
+    """They lie on the grid of their rounding, whatever the frames are."""
+    for frame_s in (0.0125, 0.020, 0.038):
+        ticks_s, frames_s = seen(frame_s, 1e-4, 0)
+        rounded_s = step_s * np.floor(frames_s / step_s)
+        assert reported_period_s(ticks_s, rounded_s) is None
+    log = record(RIG, seconds=12.0, seed=SEEDS[0]).without_truth()
+    coarse = changed(log, applied_time_s=step_s * np.floor(log["applied_time_s"] / step_s))
+    assert said in " ".join(flight_from_log(coarse, RIG, "x").notes)
+
+
+def test_a_clock_of_coarse_ticks_tells_no_period() -> None:
+    """Of 1/64 s, as of an operating system: both columns have it, and a loop at 50 Hz sees it."""
+    ticks_s = np.floor((0.1 + 0.020 * np.arange(900)) * 64.0) / 64.0
+    assert reported_period_s(ticks_s, ticks_s - 1.0 / 64.0) is None
 
 
 def test_with_the_logs_period_thrusts_are_those_of_the_rig_that_has_it() -> None:

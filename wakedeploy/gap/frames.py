@@ -24,6 +24,11 @@ _SCATTER = 0.1  # of a period, 1 sd
 _CLEARLY = 1.3  # times less of its own length than the times scatter about any other period
 _EXPECTED = 0.9  # of the ticks see as many new frames as fit between two ticks
 _SEEN = 0.01  # of the ticks see one frame fewer than the others: a half period would show as two
+_NO_AGE_S = 0.001  # nearer to the ticks throughout than any frames are that do not keep step
+_OTHER_CLOCK_S = 0.5  # a pulse that is applied so long before or after is not of the ticks' clock
+_COARSE_S = 0.005
+_EXACT_S = 2e-5  # what a number of 32 bits leaves of a time within minutes
+_ROUNDED = 0.95  # of the unit circle's radius: ticks that lie on the same grid
 _SAME = 0.05  # a period that is further off is another one, not a board's clock
 
 
@@ -43,19 +48,18 @@ class Frames:
 def frames_of(log: RunLog, rig: Rig, grid_s: FloatArray) -> Frames:
     """The servo frames over the flight's grid (N,)."""
     stated_s = rig.disturbance.esc_frame_s
-    known = np.isfinite(log["applied_time_s"]) & (log["applied_time_s"] > 0.0)
-    applied_s = np.asarray(log["applied_time_s"][known], float)
+    seen_s, applied_s = _times_of_frames(log)
     phase_s = _phase_s(applied_s, stated_s)
-    told_s = reported_period_s(np.asarray(log["t_s"][known], float), applied_s)
+    told_s = reported_period_s(seen_s, applied_s)
     if told_s is None or (phase_s is not None and told_s < 1.5 * stated_s):
-        return _by_rig_file(stated_s, phase_s, grid_s)
+        return _by_rig_file(stated_s, phase_s, grid_s, applied_s)
     told_phase_s = _phase_s(applied_s, told_s)
     if told_phase_s is None:
-        return _by_rig_file(stated_s, phase_s, grid_s)
+        return _by_rig_file(stated_s, phase_s, grid_s, applied_s)
     reported_s = _grid(told_s, told_phase_s, grid_s)
     if abs(told_s - stated_s) < _SAME * stated_s:  # the board's clock: the same frame, not twice
         return Frames(reported_s)
-    stated = _by_rig_file(stated_s, None, grid_s).stated_s
+    stated = _by_rig_file(stated_s, None, grid_s, applied_s).stated_s
     return Frames(stated, reported_s, _contradiction(told_s, rig))
 
 
@@ -70,9 +74,10 @@ def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None
     None where that does not tell it. The times are multiples of the period apart, but so they are
     of its half, and with some scatter of others: between two ticks as many frames begin as fit
     there, or one more. Of such periods the one is taken on whose grid the times scatter least, if
-    that is clear, and if both were seen: else its half might be the period.
+    that is clear, and if both were seen: else its half might be the period. Times that are rounded
+    coarsely, or as the ticks' own are, lie on the grid of the rounding.
     """
-    if len(applied_s) <= _FEWEST:
+    if len(applied_s) <= _FEWEST or _coarse(applied_s):
         return None
     periods_s = np.geomspace(
         _SHORTEST_S, _LONGEST_S, 1 + round(np.log(_LONGEST_S / _SHORTEST_S) / np.log(_RATIO))
@@ -96,19 +101,50 @@ def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None
     rival = float(scatter[others].min(initial=np.inf))
     if not both_seen[best] or scatter[best] > min(_SCATTER, rival / _CLEARLY):
         return None
-    return float(fitted_s[best])
+    rounded = abs(np.exp(2j * np.pi * seen_s / fitted_s[best]).mean()) > _ROUNDED
+    return None if rounded else float(fitted_s[best])
 
 
-def _by_rig_file(frame_s: float, phase_s: float | None, grid_s: FloatArray) -> Frames:
+def _times_of_frames(log: RunLog) -> tuple[FloatArray, FloatArray]:
+    """Ticks (n,) and the times at which the pulse seen at each was applied; none if it has none.
+
+    A column that copies the ticks (this one's time, or a command's that is only then sent, or the
+    tick's before) would look like frames that keep step with the loop, and times of another clock
+    like frames of any phase.
+    """
+    known = np.isfinite(log["applied_time_s"]) & (log["applied_time_s"] > 0.0)
+    seen_s = np.asarray(log["t_s"][known], float)
+    applied_s = np.asarray(log["applied_time_s"][known], float)
+    age_s = seen_s - applied_s
+    is_this, is_last = age_s < _NO_AGE_S, np.abs(age_s[1:] - np.diff(seen_s)) < _NO_AGE_S
+    copies = max(float(one.mean()) for one in (is_this, is_last)) if len(seen_s) > 1 else 1.0
+    if copies > _EXPECTED or float(np.median(np.abs(age_s))) > _OTHER_CLOCK_S:
+        return np.zeros(0), np.zeros(0)
+    return seen_s, applied_s
+
+
+def _by_rig_file(
+    frame_s: float, phase_s: float | None, grid_s: FloatArray, applied_s: FloatArray
+) -> Frames:
     if frame_s <= 0.0:
         return Frames(grid_s.copy())
     if phase_s is not None:
-        return Frames(_grid(frame_s, phase_s, grid_s))
+        rounded = (
+            "applied_time_s has multiples of 5 ms only: if they are rounded, a latency is "
+            "uncertain by as much"
+        )
+        return Frames(_grid(frame_s, phase_s, grid_s), doubt=rounded if _coarse(applied_s) else "")
     return Frames(
         _grid(frame_s, 0.5 * frame_s, grid_s),
         doubt="applied_time_s does not tell when the ESCs take a pulse: the middle of the servo "
         "frame is assumed, and a latency is uncertain by half a frame",
     )
+
+
+def _coarse(applied_s: FloatArray) -> bool:
+    """Whether the times (n,) look rounded to 5 ms or to hundredths of a second."""
+    off_s = applied_s - _COARSE_S * np.rint(applied_s / _COARSE_S)
+    return bool((np.abs(off_s) < _EXACT_S).all())
 
 
 def _phase_s(applied_s: FloatArray, frame_s: float) -> float | None:
