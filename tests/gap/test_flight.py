@@ -1,5 +1,8 @@
 """Logs as the gap workflow reads them, against the plant that flew them, and what it refuses."""
 
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 from recorded import QUIET, RIG, SECONDS, changed, probed
@@ -18,7 +21,7 @@ from wakedeploy.gap.flight import (
     read_flights,
 )
 from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.runlog import FLYING, RunLog
+from wakedeploy.runlog import COLUMNS, FLYING, RunLog
 
 FIELDS = [name for name in Flight.__dataclass_fields__ if name not in ("name", "sha256")]
 
@@ -201,6 +204,22 @@ def test_csv_and_mcap_are_the_same_flight(log, tmp_path) -> None:
     one, other = read_flights([tmp_path / "a.mcap", tmp_path / "a.csv"], RIG)
     assert same(one, other)
     assert one.sha256 != other.sha256
+
+
+def test_a_log_with_the_columns_of_the_documentation_alone_is_the_same_flight(
+    log, tmp_path
+) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "rig.md").read_text(encoding="utf-8")
+    table = page.partition("## Logs of another loop")[2]
+    rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
+    named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert named > {c.name for c in COLUMNS if c.presence == "required"}
+    told = {name: values for name, values in log.columns.items() if name in named}
+    path = tmp_path / "a.csv"
+    RunLog(told, dict(log.metadata)).write_csv(path)
+    (flight,) = read_flights([path], RIG)
+    whole = changed(log, x_ref_m=np.full(len(log), np.nan)).without_truth()
+    assert same(flight, flight_from_log(whole, RIG, "a"))
 
 
 def test_flights_keep_the_order_in_which_they_are_given(log, tmp_path) -> None:
