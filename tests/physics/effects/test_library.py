@@ -147,6 +147,18 @@ def test_the_play_of_a_belt_is_a_hysteresis(play_m: float, drive_m: np.ndarray) 
     assert trailing_m(play_m, finer_m)[::10] == pytest.approx(found, abs=1e-9)
 
 
+@given(st.floats(0.001, 0.2), PATHS_M)
+@settings(max_examples=30, deadline=None)
+def test_play_that_homing_has_taken_up_to_one_side_is_an_offset(play_m: float, ways_m) -> None:
+    """Homed to the left, the carriage is with its drive leftwards, a play behind rightwards."""
+    drive_m = np.append(np.linspace(0.0, 1.01 * play_m, 5), ways_m)
+    place_m = 0.0
+    for at_m, found_m in zip(drive_m, trailing_m(play_m, drive_m), strict=True):
+        place_m = min(max(place_m, at_m - play_m), at_m)
+        if at_m > play_m or place_m != 0.0:  # the play has been gone through once
+            assert at_m - found_m - place_m == pytest.approx(0.5 * play_m, abs=1e-9)
+
+
 @given(PATHS_M)
 @settings(max_examples=30, deadline=None)
 def test_without_play_the_carriage_is_its_drive(drive_m: np.ndarray) -> None:
