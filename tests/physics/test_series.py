@@ -197,6 +197,20 @@ def test_readings_that_all_stray_alike_are_believed_in_the_end() -> None:
     assert states[0, STOP[1] - 1] == pytest.approx(case.nominal[0, STOP[1] - 1] + 0.4, abs=0.02)
 
 
+def test_the_likelihood_does_not_jump_where_strays_begin_to_be_believed() -> None:
+    """Its slopes are differences: across a jump of some nats they would be nonsense."""
+    case = Case()
+    first = case.readings(START[0], STOP[0])[0][8]
+    straight = case.reading.copy()
+    totals = []
+    for shift_m in np.linspace(0.0, 0.1, 2001):
+        case.reading = straight.copy()
+        case.reading[first : first + 5] += shift_m
+        samples, *_ = case.run(SOME_OUTLIERS, remember=False)
+        totals.append(samples[2].sum())
+    assert np.abs(np.diff(totals, 2)).max() < 0.02
+
+
 def commands(count: int, dt_s: float = DT_S) -> np.ndarray:
     """Square roots of commanded thrusts [√N] that rise and fall."""
     t_s = dt_s * np.arange(count)

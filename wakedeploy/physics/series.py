@@ -16,7 +16,6 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-_PERSISTENT = 3
 _LOST_M, _LOST_MPS = 0.05, 0.5
 
 
@@ -155,21 +154,24 @@ def filtered(
     states, covariances = np.zeros((3, kept)), np.zeros((kept, 3, 3))
     n = 0
     for s in range(len(start)):
-        z, v, d, strays = nominal[0, start[s]], nominal[1, start[s]], 0.0, 0
+        z, v, d = nominal[0, start[s]], nominal[1, start[s]], 0.0
+        stray1 = stray2 = stray3 = 0.0  # how likely the last three samples were strays
         p = np.zeros((3, 3))
         p[0, 0], p[1, 1], p[2, 2] = 0.03**2, 0.3**2, 1.0
         while n < len(reading) and step_of[n] < start[s]:
             n += 1
         for k in range(start[s], stop[s]):
             while n < len(reading) and step_of[n] == k:
-                if strays >= _PERSISTENT:  # so many strays in a row are no strays: look again
-                    p[0, 0] += _LOST_M * _LOST_M
-                    p[1, 1] += _LOST_MPS * _LOST_MPS
+                # Three strays in a row are no strays: look again. Not by a decision, which would
+                # make the likelihood jump, and its slopes nonsense.
+                lost = (stray1 * stray2 * stray3) ** 2
+                p[0, 0] += lost * _LOST_M * _LOST_M
+                p[1, 1] += lost * _LOST_MPS * _LOST_MPS
                 z, v, d = _update(
                     samples[:, n], p, z, v, d, into_s[n], reading[n], expected[0, n],
                     expected[1, n], nominal[0, k], nominal[1, k], noise[n], outlier,
                 )  # fmt: skip
-                strays = strays + 1 if samples[3, n] < 0.5 else 0
+                stray1, stray2, stray3 = stray2, stray3, 1.0 - samples[3, n]
                 for h in range(len(horizons)):
                     if k + horizons[h] < stop[s]:
                         _forecast(
