@@ -51,6 +51,14 @@ def test_no_effect_at_all_is_an_estimate(told) -> None:
     assert "range" not in words
 
 
+def test_an_effect_whose_interval_holds_nothing_is_doubted(told) -> None:
+    assert told[WEAK]["sag_per_s"]["holds_neutral"] is True
+    assert "holds_neutral" not in told[STRONG]["loss_s_per_m"]
+    for name, doubted in ((WEAK, True), (STRONG, False)):
+        words = account({"verdict": "named", "effects": [{"name": name, "parameters": told[name]}]})
+        assert (f"Doubt {name}: its interval reaches" in words) is doubted
+
+
 def test_the_rig_file_has_the_size_without_the_mark(told) -> None:
     written = _entry({"name": STRONG, "parameters": told[STRONG]}, "ab" * 32, "2026-01-01")
     stated = written.parameters["loss_s_per_m"].model_dump()

@@ -305,6 +305,27 @@ def test_a_resting_body_is_held_by_all_that_is_needed(share: float) -> None:
     assert abs(friction(0.0, 100.0 * driving_n)) <= RIG.rail.stiction_n
 
 
+@pytest.mark.parametrize("times_stiction", [3.0, 8.0])
+def test_a_strong_force_turns_a_body_round_as_on_the_plants_rail(times_stiction: float) -> None:
+    """What only passes through zero is not held there, however slow it is for a moment."""
+    driving_n, dt_s = times_stiction * RIG.rail.stiction_n, 1e-4
+    body = RailBody(RIG.sufferer.mass_kg, RIG.rail, RIG.sufferer.travel_m, z_m=0.5, vz_mps=-0.05)
+    taken, modelled = 0.0, 0.0  # impulses [N s], on the plant and by the smooth form
+    while body.vz_mps < 0.05:
+        before = body.vz_mps
+        modelled += friction(before, driving_n) * dt_s
+        body.step(driving_n + body.mass_kg * GRAVITY_MPS2, dt_s)
+        taken += driving_n * dt_s - body.mass_kg * (body.vz_mps - before)
+    held = RIG.rail.stiction_n * 0.012 * body.mass_kg / driving_n  # N s, while below 6 mm/s
+    assert modelled == pytest.approx(taken, abs=0.2 * held)
+
+
+@pytest.mark.parametrize("speed_mps", [0.0, 0.002, -0.005])
+def test_friction_has_no_jump_where_a_force_breaks_loose(speed_mps: float) -> None:
+    forces = [friction(speed_mps, f) for f in np.linspace(-0.4, 0.4, 4001)]
+    assert np.abs(np.diff(forces)).max() < 0.001
+
+
 def test_friction_is_odd_and_has_no_jumps() -> None:
     speeds = np.linspace(-0.2, 0.2, 4001)
     forces = [friction(v, 0.04) for v in speeds]

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.gap.finding import FALSE_DISCOVERIES
 from wakedeploy.gap.naming import FEWEST_FLIGHTS
 from wakedeploy.gap.shrinking import gap_channel, placebo, shrinking
 from wakedeploy.gap.telling import (
@@ -105,8 +106,19 @@ def _values(result: Mapping[str, Any]) -> list[str]:
         start = f"If it is {name}" if name in members else name
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{start}: {', '.join(values) or 'without parameters'}.{physics}")
-        told += _at_bound(effect)
+        told += _at_bound(effect) + _may_be_nothing(effect)
     return told
+
+
+def _may_be_nothing(effect: Mapping[str, Any]) -> list[str]:
+    """That an effect gained what it must, and the flights still do not agree that it is there."""
+    sizes = [mapping(p) for p in mapping(effect.get("parameters")).values()]
+    if not sizes or not all(p.get("holds_neutral") is True for p in sizes):
+        return []
+    return [
+        f"Doubt {effect.get('name')}: its interval reaches to where it changes nothing, so the "
+        "flights do not agree on it; more of them would tell."
+    ]
 
 
 def _at_bound(effect: Mapping[str, Any]) -> list[str]:
@@ -171,7 +183,7 @@ def _rest(unknown: Mapping[str, Any]) -> list[str]:
 def _place(result: Mapping[str, Any]) -> list[str]:
     """Where the disagreement is strongest."""
     places = entries(result.get("places")) or entries(result.get("where"))
-    places = [place for place in places if number(place.get("q_value")) <= 0.05]
+    places = [place for place in places if number(place.get("q_value")) <= FALSE_DISCOVERIES]
     if not places:
         return []
     words = place_words(places[0])

@@ -67,23 +67,21 @@ def _effect(answer: Answer, effect: str) -> dict[str, Any]:
 def sizes_of(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
     """The parameters of one of a fit's effects, with 90 % intervals.
 
-    `at_bound` is only with those that stand at an end of the library's range.
+    `at_bound` is only with those that stand at an end of the library's range, `holds_neutral` with
+    others whose interval reaches to where the parameter changes nothing.
     """
     told = {}
     for p in LIBRARY[effect].parameters:
         name = f"{effect}.{p.name}"
         low, high = fitted.interval(name)
         told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
-        if _at_bound(fitted, name):
+        free = next(f for f in fitted.free if f.name == name)
+        # An end of the range is no estimate; not so zero, nor where the parameter changes nothing.
+        if fitted.value(name) in {free.low, free.high} - {0.0, free.neutral}:
             told[p.name]["at_bound"] = True
+        elif low <= free.neutral <= high:
+            told[p.name]["holds_neutral"] = True
     return told
-
-
-def _at_bound(fitted: Fit, name: str) -> bool:
-    """Whether the flights want more than the library allows; not at zero, nor where nothing is."""
-    free = next(f for f in fitted.free if f.name == name)
-    ends = {free.low, free.high} - {0.0, free.neutral}
-    return fitted.value(name) in ends
 
 
 def bent(fitted: Fit) -> list[dict[str, Any]]:

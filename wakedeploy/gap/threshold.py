@@ -45,7 +45,7 @@ SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-_VERSION = 8  # of what is simulated; another one starts the cache anew
+_VERSION = 9  # of what is simulated; another one starts the cache anew
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 

@@ -17,6 +17,7 @@ FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
 _LOST_M, _LOST_MPS = 0.05, 0.5
+_LOOSE = 2.0  # at 1.5 times what holds it, nothing of stiction is left
 
 
 def compiled(function: Callable[..., Any]) -> Any:
@@ -68,7 +69,9 @@ def rail_friction(
 
     Coulomb's force grows within `sliding_mps`; below `resting_mps` the rail holds against the
     driving force, up to stiction. Up to there it holds all of it: a smooth limit, which begins to
-    give way before, makes a stronger stiction out of every Coulomb friction.
+    give way before, makes a stronger stiction out of every Coulomb friction. A stronger force
+    breaks loose: Coulomb's remains, and where the force is so strong that the speed only passes
+    through zero, nothing is held. Steps of either kind would make the likelihood jagged.
     """
     result = np.empty_like(vz_mps)
     most_n = max(stiction_n, coulomb_n, 1e-6)
@@ -81,7 +84,11 @@ def rail_friction(
         result[k] = sliding
         if abs(v) < 4.0 * resting_mps:
             resting = math.exp(-(v / resting_mps) * (v / resting_mps))
-            holding = min(max(driving_n[k], -most_n), most_n)
+            holding, beyond = driving_n[k], abs(driving_n[k]) / most_n - 1.0
+            if beyond > 0.0:
+                left_n = coulomb_n + (most_n - coulomb_n) * max(0.0, 1.0 - _LOOSE * beyond)
+                holding = math.copysign(left_n, driving_n[k])
+                resting *= max(0.0, 1.0 - beyond)
             result[k] += resting * (holding - sliding)
     return result
 
@@ -162,11 +169,7 @@ def filtered(
             n += 1
         for k in range(start[s], stop[s]):
             while n < len(reading) and step_of[n] == k:
-                # Three strays in a row are no strays: look again. Not by a decision, which would
-                # make the likelihood jump, and its slopes nonsense.
-                lost = (stray1 * stray2 * stray3) ** 2
-                p[0, 0] += lost * _LOST_M * _LOST_M
-                p[1, 1] += lost * _LOST_MPS * _LOST_MPS
+                _look_again(p, stray1 * stray2 * stray3)
                 z, v, d = _update(
                     samples[:, n], p, z, v, d, into_s[n], reading[n], expected[0, n],
                     expected[1, n], nominal[0, k], nominal[1, k], noise[n], outlier,
@@ -187,6 +190,17 @@ def filtered(
                 acceleration[1, k], acceleration[2, k], gain[k], keep, white,
             )  # fmt: skip
     return samples, ahead, states, covariances
+
+
+@compiled
+def _look_again(p: FloatArray, stray: float) -> None:
+    """Widen the covariance (changed in place) as far as three samples in a row were strays.
+
+    So many are none: the filter has lost the motion. Not by a decision, which would make the
+    likelihood jump, and its slopes nonsense.
+    """
+    p[0, 0] += stray * stray * _LOST_M * _LOST_M
+    p[1, 1] += stray * stray * _LOST_MPS * _LOST_MPS
 
 
 @compiled
