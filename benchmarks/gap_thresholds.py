@@ -25,7 +25,8 @@ def main() -> None:
         null = threshold.simulate(rig, sets=SETS[name], progress=_tell(name))
         told[rig.sha256] = {"rig": name, "sets": len(null), **asdict(threshold.quantiles(null))}
     path = Path(threshold.__file__).with_name("thresholds.json")
-    write_text_whole(path, json.dumps({"rigs": told}, indent=1) + "\n")
+    shipped = {"version": threshold.VERSION, "rigs": told}
+    write_text_whole(path, json.dumps(shipped, indent=1) + "\n")
 
 
 def _tell(name: str):

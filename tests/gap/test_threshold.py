@@ -17,7 +17,7 @@ from wakedeploy.gap.threshold import (
     simulate,
 )
 from wakedeploy.physics.constants import constants_of, spreads_of
-from wakedeploy.rig import default_rig
+from wakedeploy.rig import Effect, EffectParameter, default_rig
 
 PLACES = {"force": 0.01, "control effort": 0.01, "height 0.25 s ahead": 0.001}
 
@@ -62,6 +62,25 @@ def test_the_default_rigs_thresholds_are_shipped(rig) -> None:
     # The best of thirty effects, each with half a chi-squared less what leaving out costs.
     assert 3.0 < known.effect_nats < 12.0
     assert 40.0 <= known.whiteness < 100.0
+
+
+def test_a_corrected_rigs_effects_are_off_as_their_intervals_allow() -> None:
+    lag = {"up_s": EffectParameter(value=0.06, unit="s", low=0.05, high=0.07)}
+    lag["down_s"] = EffectParameter(value=0.1, unit="s")
+    entry = Effect(name="spool-lag-sufferer", parameters=lag)
+    rig = default_rig().without("spool").model_copy(update={"effect": (entry,)})
+    seeds = range(300)
+    truths = [miscalibrated(rig, np.random.default_rng(s)).effect[0].parameters for s in seeds]
+    up_s = np.array([truth["up_s"].value for truth in truths])
+    assert 0.85 < np.mean((up_s > 0.05) & (up_s < 0.07)) < 0.95
+    assert up_s.std() > 0.005
+    assert {truth["down_s"].value for truth in truths} == {0.1}
+
+
+def test_thresholds_of_another_search_are_not_used(monkeypatch) -> None:
+    assert known_thresholds(default_rig()) is not None
+    monkeypatch.setattr("wakedeploy.gap.threshold.VERSION", 1_000_000)
+    assert known_thresholds(default_rig()) is None
 
 
 def test_what_a_stopped_simulation_has_kept_is_not_flown_again(tmp_path) -> None:

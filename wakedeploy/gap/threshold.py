@@ -44,8 +44,9 @@ FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of nami
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
+_INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-_VERSION = 9  # of what is simulated; another one starts the cache anew
+VERSION = 9  # of what is simulated; thresholds of another one are not used
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -155,7 +156,8 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
 def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     """A truth that the rig file describes to within its spreads, drawn at random.
 
-    Delays are off by an absolute value: a negative delay is no delay.
+    Delays are off by an absolute value: a negative delay is no delay. Effects that the rig file has
+    are off by what their intervals allow.
     """
     values, spreads = constants_of(rig), spreads_of(rig)
     drawn = {n: values[n] + s * float(rng.standard_normal()) for n, s in spreads.items()}
@@ -171,7 +173,22 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     ]
     taken = {entry.name for entry in rig.effect}
     added = tuple(entry for entry in hidden if entry.name not in taken)
-    return truth.model_copy(update={"effect": (*truth.effect, *added)})
+    own = tuple(_drawn(effect, rng) for effect in truth.effect)
+    return truth.model_copy(update={"effect": (*own, *added)})
+
+
+def _drawn(effect: Effect, rng: np.random.Generator) -> Effect:
+    """An effect of a rig file, its parameters drawn from their intervals, within the library's."""
+    stated = LIBRARY[effect.name].parameters if effect.name in LIBRARY else ()
+    bounds = {p.name: (p.low, p.high) for p in stated}
+    drawn = {}
+    for name, known in effect.parameters.items():
+        value = known.value
+        if known.low is not None and known.high is not None:
+            value += (known.high - known.low) / (2.0 * _INTERVAL_SD) * float(rng.standard_normal())
+        low, high = bounds.get(name, (-np.inf, np.inf))
+        drawn[name] = known.model_copy(update={"value": float(np.clip(value, low, high))})
+    return effect.model_copy(update={"parameters": drawn})
 
 
 def _entry(name: str, **values: float) -> Effect:
@@ -233,8 +250,10 @@ def _shipped() -> dict[str, dict[str, float]]:
     source = files("wakedeploy.gap").joinpath("thresholds.json")
     if not source.is_file():
         return {}
-    shipped: dict[str, dict[str, float]] = json.loads(source.read_text("utf-8"))["rigs"]
-    return {sha: {k: v[k] for k in asdict(_LEAST)} for sha, v in shipped.items()}
+    shipped = json.loads(source.read_text("utf-8"))
+    if shipped["version"] != VERSION:
+        return {}
+    return {sha: {k: float(v[k]) for k in asdict(_LEAST)} for sha, v in shipped["rigs"].items()}
 
 
 def _cached(rig: Rig) -> dict[str, float] | None:
@@ -247,4 +266,4 @@ def _cached(rig: Rig) -> dict[str, float] | None:
 
 def _cache_path(rig: Rig) -> Path:
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(home) / "wakedeploy" / f"gap-threshold-{_VERSION}-{rig.sha256[:24]}.json"
+    return Path(home) / "wakedeploy" / f"gap-threshold-{VERSION}-{rig.sha256[:24]}.json"
