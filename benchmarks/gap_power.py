@@ -1,11 +1,13 @@
 """Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
 
 Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without
-any effect. Writes `docs/gap-power.json`: for all hidden single effects together, and by strength,
-the share that should be named, the share that was, and the same for "right", a class with the
-effect included. Takes a minute: `python benchmarks/gap_power.py gap-benchmark/`.
+any effect. Writes `docs/gap-power.json`: for all hidden single effects together, by the strength
+that was judged in the flights, and by the share that was promised, the share that should be named,
+the share that was, and the same for "right", a class with the effect included. Takes a minute:
+`python benchmarks/gap_power.py gap-benchmark/`.
 """
 
+import itertools
 import json
 import sys
 from collections.abc import Sequence
@@ -22,6 +24,7 @@ from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import plausible_size
+from wakedeploy.gap.power_page import SURELY
 from wakedeploy.gap.rates import Draws, fitted_share
 from wakedeploy.gap.separation import gather
 from wakedeploy.gap.threshold import thresholds_for
@@ -29,6 +32,8 @@ from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 
 FIRST_SEED = 930_000_000  # beyond those of all cases
+STRENGTHS = (0.0, 15.0, 50.0, float("inf"))  # nats, judged
+PROMISED = (0.0, 0.2, 0.8, SURELY, 1.001)
 PAGE = Path(__file__).parents[1] / "docs" / "gap-power.json"
 
 
@@ -40,8 +45,12 @@ def main() -> None:
     for instant in (False, True):
         rows += compared([c for c in cases if c.instant is instant], lines)
     told = {"all": summary(rows)}
-    for nats in sorted({row["target_nats"] for row in rows}):
-        told[f"{nats} nats"] = summary([r for r in rows if r["target_nats"] == nats])
+    for low, high in itertools.pairwise(STRENGTHS):
+        told[f"{low:g} to {high:g} nats"] = summary(within(rows, "judged_nats", low, high))
+    for low, high in itertools.pairwise(PROMISED):
+        told[f"promised {low:g} to {min(high, 1.0):g}"] = summary(
+            within(rows, "predicted_named", low, high)
+        )
     told["cases"] = rows
     write_text_whole(PAGE, json.dumps(told, indent=1) + "\n")
     print(json.dumps({k: v for k, v in told.items() if k != "cases"}, indent=1))
@@ -71,7 +80,6 @@ def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any
             {
                 "case": case.name,
                 "plant": case.plant,
-                "target_nats": case.nats,
                 "judged_nats": line["nats"],
                 "predicted_named": float(outcome.named[0]),
                 "predicted_right": float(outcome.in_class[0]),
@@ -82,10 +90,18 @@ def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any
     return rows
 
 
-def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """Means of a group."""
+def within(
+    rows: Sequence[dict[str, Any]], key: str, low: float, high: float
+) -> list[dict[str, Any]]:
+    """The rows in which a number is at least `low` and less than `high`."""
+    return [row for row in rows if low <= row[key] < high]
+
+
+def summary(rows: Sequence[dict[str, Any]]) -> dict[str, float | None]:
+    """Means of a group, None of an empty one."""
     keys = ("predicted_named", "named", "predicted_right", "right")
-    return {"cases": len(rows)} | {k: float(np.mean([row[k] for row in rows])) for k in keys}
+    means = {k: float(np.mean([row[k] for row in rows])) if rows else None for k in keys}
+    return {"cases": len(rows)} | means
 
 
 if __name__ == "__main__":

@@ -17,8 +17,9 @@ from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import plausible_size
-from wakedeploy.gap.power import power, predicted_naming_rate, step_count
+from wakedeploy.gap.power import power, step_count
 from wakedeploy.gap.power_page import COLUMNS, draw_cost, rows, sentences, write_page
+from wakedeploy.gap.rates import Draws, fitted_share
 from wakedeploy.gap.sensors import SENSORS, with_sensor
 from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.tracking import RigForecast, tracking_rmse_m, with_effect
@@ -107,18 +108,15 @@ def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -
     assert "never" in {text.get_text() for text in draw_cost(changed).axes[1].texts}
 
 
-def test_predictions_for_one_case_follow_its_size(flown) -> None:
+def test_outcomes_follow_the_size(flown) -> None:
     names = ("coulomb-friction", "viscous-friction", "lost-steps")
-    rates = [
-        predicted_naming_rate(
-            RIG, "lost-steps", (size,), flights=flown, threshold_nats=4.0, names=names
-        )
-        for size in (0.0005, 0.02)
-    ]
-    assert rates[0]["detected"] < 0.3
-    assert rates[1]["named"] > 0.95
-    assert rates[0]["gain_nats"] < rates[1]["gain_nats"]
-    assert all(r["named"] <= r["in_class"] <= r["detected"] for r in rates)
+    sizes = {n: plausible_size(RIG, n) for n in names} | {"lost-steps": (0.02,)}
+    evidence = gather(*fitted_base(GantryModel(RIG, flown)), names, sizes)
+    draws = Draws.of(evidence, share=fitted_share(len(flown)))
+    told = draws.outcomes("lost-steps", np.array([0.025, 1.0]), 4.0)
+    assert told.detected[0] < 0.3
+    assert told.named[1] > 0.95
+    assert np.all((told.named <= told.in_class) & (told.in_class <= told.detected))
 
 
 def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(flown) -> None:
@@ -166,7 +164,7 @@ def test_every_plausible_size_can_be_flown_as_an_effect_of_a_rig() -> None:
 
 
 def test_one_flight_is_too_few() -> None:
-    with pytest.raises(UnusableInput, match="at least 4"):
+    with pytest.raises(UnusableInput, match="3 flights to fit to"):
         power(RIG, flights=1, seconds=10.0)
 
 
@@ -180,4 +178,9 @@ def test_commands_say_in_one_sentence_what_they_need(tmp_path) -> None:
     (tmp_path / "result.json").write_text("[]")
     wrong = run.invoke(plan_command, ["--out", str(tmp_path)])
     assert "no JSON object" in str(wrong.exception)
+    (tmp_path / "result.json").write_text('{"class": ["stiction", "coulomb-friction"]}')
+    (tmp_path / "find.json").write_text('{"rig_sha256": "ab"}')
+    other = run.invoke(plan_command, ["--out", str(tmp_path)])
+    assert "The default rig" in str(other.exception)
+    assert "give that one by --rig" in str(other.exception)
     assert "before any is flown" in run.invoke(power_command, ["--help"]).output

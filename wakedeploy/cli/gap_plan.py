@@ -50,6 +50,8 @@ def plan(
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     members = names or _class_in(out)
+    if out is not None:
+        _same_rig(out, rig, rig_path)
     sizes = _known_sizes(out, members)
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:
         made = make_plan(rig, members, sizes=sizes, progress=bar.advance)
@@ -145,6 +147,19 @@ def _class_in(out: Path | None) -> tuple[str, ...]:
     if len(members) < 2:
         raise UnusableInput(f"{out / 'result.json'}: holds no class; give --class NAME twice.")
     return tuple(str(name) for name in members)
+
+
+def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
+    """UnusableInput where the class in the folder was found with another rig file."""
+    from wakedeploy.gap.steps import read_steps
+
+    found_with = read_steps(out).find.get("rig_sha256")
+    if found_with in (None, rig.sha256):
+        return
+    raise UnusableInput(
+        f"{rig_path or 'The default rig'}: the flights in {out} were compared with another rig "
+        "file; give that one by --rig."
+    )
 
 
 def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:

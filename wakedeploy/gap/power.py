@@ -187,8 +187,7 @@ def power(
     """
     if flights - sealed_count(flights) < FEWEST_FLIGHTS:
         raise UnusableInput(
-            f"A name takes {FEWEST_FLIGHTS} flights to fit to and one to keep apart: plan at least "
-            f"{FEWEST_FLIGHTS + 1}."
+            f"A name takes {FEWEST_FLIGHTS} flights to fit to: plan as many at least."
         )
     chosen = _chosen(rig, names)
     with ProcessPoolExecutor(max_workers=workers) as pool:
@@ -223,35 +222,6 @@ def step_count(rig: Rig, flights: int) -> int:
     """How many times `power` calls its `progress` for the whole library."""
     effects = len(_chosen(rig, None))
     return flights + effects + 1 + effects + len(SENSORS) + 1 + effects
-
-
-def predicted_naming_rate(
-    rig: Rig,
-    effect: str,
-    values: Sequence[float],
-    *,
-    flights: Sequence[Flight],
-    threshold_nats: float | None = None,
-    names: Sequence[str] | None = None,
-) -> dict[str, float]:
-    """How often `name` will name this effect from flights like these, and answer with its class.
-
-    `values` are its parameters, `flights` any of the rig without the effect. Keys: "detected",
-    "named" alone, "in_class" (named or in the class), and "gain_nats" as expected.
-    """
-    chosen = _chosen(rig, names)
-    sizes = {name: plausible_size(rig, name) for name in chosen} | {effect: tuple(values)}
-    model, base = fitted_base(GantryModel(rig, flights))
-    evidence = gather(model, base, chosen, sizes)
-    threshold = null_quantile(evidence) if threshold_nats is None else threshold_nats
-    draws = Draws.of(evidence, share=fitted_share(len(flights)))
-    outcome = draws.outcomes(effect, _FACTOR_ONE, threshold)
-    return {
-        "detected": float(outcome.detected[0]),
-        "named": float(outcome.named[0]),
-        "in_class": float(outcome.in_class[0]),
-        "gain_nats": float(gain_nats(evidence)[chosen.index(effect)]),
-    }
 
 
 class _Told:

@@ -23,7 +23,7 @@ _FLIGHTS = 2.0 ** np.arange(1.0, np.log2(MOST_FLIGHTS) + 0.25, 0.5)
 
 @dataclass(frozen=True, eq=False)
 class Outcomes:
-    """Shares of data sets, arrays (G,), and the mean size of the class that is answered."""
+    """Shares of data sets, arrays (G,): the effect found, named alone, or at least in the class."""
 
     detected: FloatArray
     named: FloatArray

@@ -7,7 +7,7 @@ simulations of the fitted base (one in twenty would exceed it by chance) and if 
 over the episodes lies above zero.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -75,8 +75,9 @@ def close(
     places = find_places(model, base)
     tell("simulating the baseline for the threshold")
     threshold = threshold_nats(model, base, simulations, seed)
-    rounds, found, rivals = _name(model, base, sealed, threshold, tell)
+    rounds, found = _name(model, base, sealed, threshold, tell)
     found = _still_needed(model, found, threshold)
+    rivals = _open_class(rounds, found)
     verdict = _verdict(model, base, found, rivals)
     document = _document(model, base, found, sealed, rounds, threshold)
     document |= {"domain": model.name, "verdict": verdict, "class": list(rivals)}
@@ -110,10 +111,9 @@ def threshold_nats(model: ResponseModel, base: Fit, simulations: int, seed: int)
 
 def _name(
     model: ResponseModel, base: Fit, sealed: tuple[int, ...], threshold: float, tell: Progress
-) -> tuple[list[dict[str, Any]], Fit, tuple[str, ...]]:
-    """Effects one after another; those that cannot be told apart from the last one named."""
+) -> tuple[list[dict[str, Any]], Fit]:
+    """Effects one after another; each round has those that cannot be told from what it accepted."""
     rounds: list[dict[str, Any]] = []
-    rivals: tuple[str, ...] = ()
     found = base
     while len(found.hypothesis) < MOST_EFFECTS:
         left = [name for name in model.effects if name not in found.hypothesis]
@@ -125,13 +125,21 @@ def _name(
         best = ranking[0]
         if best.gain_nats <= threshold or best.gain_interval()[0] <= 0.0:
             break
-        if not rounds[1:]:
-            near = [c.name for c in ranking if c.gain_nats > best.gain_nats - CLASS_NATS]
-            rivals = tuple(near) if len(near) > 1 else ()
+        least = best.gain_nats - CLASS_NATS
+        rounds[-1]["class"] = [c.name for c in ranking if c.gain_nats > least]
         found = settled(model, best.fit.hypothesis, found.episodes, best.fit)
         rounds[-1]["accepted"] = parameters(found, (best.name,), _plain(model, found))
         rounds[-1]["sealed_error"] = errors(model, found, sealed)
-    return rounds, found, rivals
+    return rounds, found
+
+
+def _open_class(rounds: Sequence[Mapping[str, Any]], found: Fit) -> tuple[str, ...]:
+    """The first class of several effects that one still needed stands for; () if each is alone."""
+    for searched in rounds:
+        members = searched.get("class", ())
+        if len(members) > 1 and members[0] in found.hypothesis:
+            return tuple(members)
+    return ()
 
 
 def _still_needed(model: ResponseModel, found: Fit, threshold: float) -> Fit:
@@ -212,10 +220,11 @@ def _effect(
 ) -> dict[str, Any]:
     """A named effect, its parameters without its name, its share of the belief when accepted.
 
-    All effects and "nothing" are equally likely before.
+    All effects and "nothing" are equally likely before, "nothing" as if it gained the threshold.
     """
-    ranking = next(r["ranking"] for r in rounds if r["ranking"][0]["name"] == name)
-    gains = np.array([0.0, *(c["gain_nats"] for c in ranking)])
+    searched = next(r for r in rounds if r["ranking"][0]["name"] == name)
+    ranking = searched["ranking"]
+    gains = np.array([searched["threshold_nats"], *(c["gain_nats"] for c in ranking)])
     confidence = float(1.0 / np.exp(gains - ranking[0]["gain_nats"]).sum())
     mine = {k.split(".", 1)[1]: v for k, v in own.items() if k.startswith(f"{name}.")}
     return {"name": name, "confidence": confidence, "parameters": mine}
@@ -308,12 +317,16 @@ def _placebo(
     rounds: list[dict[str, Any]],
     sealed: Sequence[int],
 ) -> dict[str, Any] | None:
-    """A wrong effect in place of the right one: the last in the first ranking."""
-    others = [c["name"] for c in rounds[0]["ranking"] if c["name"] not in found.hypothesis]
+    """The best wrong effect in place of the right ones, of those that nothing confuses with them.
+
+    Of the first ranking, without what was found and without the members of any round's class.
+    """
+    claimed = {*found.hypothesis, *(n for r in rounds for n in r.get("class", ()))}
+    others = [c["name"] for c in rounds[0]["ranking"] if c["name"] not in claimed]
     if not found.hypothesis or not others:
         return None
-    wrong = rank(model, base, others[-1:])[0].fit
+    wrong = rank(model, base, others[:1])[0].fit
     after = errors(model, wrong, sealed)
     before = errors(model, base, sealed)
     gain = _sealed_gain(model, base, wrong, sealed)
-    return {"name": others[-1], "before": before, "after": after, "sealed_gain_nats": gain}
+    return {"name": others[0], "before": before, "after": after, "sealed_gain_nats": gain}
