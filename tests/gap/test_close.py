@@ -183,3 +183,19 @@ def test_an_effect_that_was_named_keeps_its_size_if_it_is_asked_for(world, close
     out = shutil.copytree(closed[0], tmp_path / "out")
     add(open_case(*world, thresholds=THRESHOLDS), out, only="spool-lag-sufferer")
     assert read_rig(out / "rig.toml").sha256 == read_rig(closed[0] / "rig.toml").sha256
+
+
+def test_add_runs_again_after_it_was_killed_while_it_wrote(world, closed, tmp_path, monkeypatch):
+    out = shutil.copytree(closed[0], tmp_path / "out")
+    case = open_case(*world, thresholds=THRESHOLDS)
+
+    def killed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("wakedeploy.rig.Rig.write", killed)
+        with pytest.raises(KeyboardInterrupt):
+            add(case, out)
+    assert not (out / "rig.toml").exists()
+    add(case, out)
+    assert read_rig(out / "rig.toml").sha256 == read_rig(closed[0] / "rig.toml").sha256

@@ -281,6 +281,14 @@ def test_confidence_is_shared_with_nothing_and_the_rivals() -> None:
     assert Round((), candidates(a=2000.0)).confidence(candidates(a=2000.0)[0]) == 1.0
 
 
+@pytest.mark.parametrize(("beyond_nats", "sure"), [(0.0, 0.5), (3.0, 0.953), (-3.0, 0.047)])
+def test_an_effect_at_the_threshold_is_as_likely_as_nothing(beyond_nats, sure) -> None:
+    """So much is what the best of all effects gains where nothing is missing."""
+    ranking = candidates(a=9.0 + beyond_nats)
+    searched = Round((), ranking, "a", least_nats=9.0)
+    assert searched.confidence(ranking[0]) == pytest.approx(sure, abs=0.001)
+
+
 def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -> None:
     sizes = detectable(nothing)
     for effect, parameter in (("ground-effect", "gain"), ("coulomb-friction", "coulomb_n")):

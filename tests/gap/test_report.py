@@ -90,7 +90,7 @@ def test_the_page_tells_verdict_value_and_share_closed(full):
     assert "52 ms (47 to 59)" in text
     assert "21.3 mm" in text
     assert "96 % of the gap closed" in text
-    assert "the wrong effect range-drift in its place, does not help" in text
+    assert "the best wrong effect range-drift in its place, does not help" in text
     assert "below 0.25 m: force +0.41 N" in text
     assert "Next step" not in text
 
@@ -186,6 +186,15 @@ def test_the_account_of_each_verdict(tmp_path, verdict, expected):
         assert sentence in told
 
 
+def test_every_open_class_is_told():
+    open_ones = [["viscous-friction", "coulomb-friction"], ["battery-sag"]]
+    result = {"verdict": "class", "class": ["range-bias", "range-scale"], "more_classes": open_ones}
+    told = account(result).splitlines()[0]
+    assert "either range-bias or range-scale; these flights cannot tell which." in told
+    assert "Besides, viscous-friction or coulomb-friction is missing." in told
+    assert "Besides, most likely battery-sag is missing." in told
+
+
 def test_the_account_needs_no_more_than_a_verdict():
     for verdict in ("named", "class", "unknown", "none", None):
         assert account({"verdict": verdict})
@@ -251,6 +260,16 @@ def test_a_placebo_that_helps_is_a_warning():
     assert "Careful" in account({"verdict": "named", "placebo": placebo})
 
 
+@pytest.mark.parametrize(("nats", "said"), [(1.0, "not help"), (9.0, "a little"), (40.0, "less"),
+                                            (90.0, "as well")])  # fmt: skip
+def test_how_far_a_placebo_helps_is_told_against_what_was_found(nats, said):
+    placebo = {"name": "range-drift", "before": 2.0, "after": 1.0, "unit": "N", "helps": nats > 3.0}
+    placebo |= {"gain_nats": nats, "found_gain_nats": 100.0}
+    told = account({"verdict": "named", "placebo": placebo})
+    assert said in told
+    assert ("Careful" in told) is (nats == 90.0)
+
+
 def test_twelve_maps_at_most_the_most_significant_of_both_kinds():
     rng = np.random.default_rng(0)
     maps = [fabricated_map(rng, i) for i in range(30)]
@@ -290,7 +309,7 @@ def test_a_class_of_one_is_no_name_and_no_choice():
     assert "most likely stiction" in told
     assert "one of" not in told
     assert "a sensor" not in told
-    assert "3 flights to fit to" in told
+    assert "A name takes 3 flights: fly more." in told
 
 
 def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():

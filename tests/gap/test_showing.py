@@ -121,7 +121,8 @@ def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_pat
     assert told["cross_validated"] is True
     assert told["sealed"] == []
     seen = float((answer.fit.per_episode - answer.base.per_episode).sum())
-    assert 0.5 * seen < told["log_density_gain_nats"] < seen  # what was not seen is less likely
+    # Unseen, either model is less likely; which loses more depends on how far the base is bent.
+    assert 0.5 * seen < told["log_density_gain_nats"] < 1.1 * seen
     assert told["shown_on"] == ["flight 40", "flight 41"]
     assert [str(p) for p in scored] == told["retrain"]["scored_on"] == told["shown_on"]
     words = account(told | {"verdict": "named", "effects": [{"name": HIDDEN}]})

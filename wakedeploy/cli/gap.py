@@ -87,7 +87,7 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,
-                     help="Run logs, MCAP or CSV; the last of three and more are only shown."),
+                     help="Run logs, MCAP or CSV; the last is only shown (from six on, two)."),
         click.option("--rig", "rig_path", type=_FILE, required=True,
                      help="The rig file that the flights were flown with."),
     ):  # fmt: skip

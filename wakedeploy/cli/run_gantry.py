@@ -28,7 +28,9 @@ if TYPE_CHECKING:
     help="Record the run here (.mcap); in a folder, named by its start.",
 )
 @click.option("--arm-file", type=FILE, help="Stand by, motors off, until this file is made.")
-@click.option("--watch-gap", is_flag=True, help="Warn when the rig file explains it no more.")
+@click.option("--watch-gap", is_flag=True,
+              help="Warn when the rig file explains it no more (limits: the default rig's).",
+)  # fmt: skip
 @click.option("--json", "json_path", type=FILE, help="Also write the summary as JSON.")
 def command(log_path: Path | None, json_path: Path | None, **options: Any) -> None:
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.

@@ -54,7 +54,7 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
     if verdict == "class":
         members, others = texts(result.get("class")), texts(result.get("others"))
         more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
-        return _class_sentence(members, names) + more
+        return _class_sentence(members, names) + more + _more_classes(result)
     if verdict == "unknown" and _flights(result) == 1:
         return "Something is missing from the model; one flight cannot tell what."
     if verdict == "unknown" and entries(result.get("beside")):
@@ -91,6 +91,13 @@ def _class_sentence(members: list[str], named: list[str]) -> str:
     if sure:
         return f"Missing from the model: {listed(sure)}, and {one}"
     return f"Missing from the model: {one}"
+
+
+def _more_classes(result: Mapping[str, Any]) -> str:
+    """What else is missing, and cannot be told from rivals of its own."""
+    classes = [texts(each) for each in result.get("more_classes") or ()]
+    told = [f"most likely {c[0]}" if len(c) == 1 else listed(c, "or") for c in classes if c]
+    return "".join(f" Besides, {each} is missing." for each in told)
 
 
 def _values(result: Mapping[str, Any]) -> list[str]:
@@ -136,14 +143,13 @@ def _at_bound(effect: Mapping[str, Any]) -> list[str]:
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
     if len(texts(result.get("class"))) == 1:
-        return [
-            f"A name takes {FEWEST_FLIGHTS} flights to fit to, and one to keep apart: fly more."
-        ]
+        return [f"A name takes {FEWEST_FLIGHTS} flights: fly more."]
     planned = mapping(result.get("plan")).get("sentence")
     split_by = str(planned or result.get("split_by") or "").rstrip(".")
-    told = ["`wakedeploy gap plan` looks for the manoeuvre that does it fastest."]
+    plan = "`wakedeploy gap plan`, with the same --rig and --out, looks for the manoeuvre that"
+    told = [f"{plan} does it fastest."]
     if not split_by:
-        return ["`wakedeploy gap plan` looks for the manoeuvre that would tell them apart."]
+        return [f"{plan} would tell them apart."]
     return [f"What would tell them apart: {split_by}.", *told]
 
 

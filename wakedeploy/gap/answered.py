@@ -28,6 +28,7 @@ def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
         "verdict": answer.verdict,
         "effects": [_effect(answer, n) for n in answer.effects],
         "class": list(answer.members),
+        "more_classes": [list(members) for members in answer.classes[1:]],
         "others": _others(answer),
         "split_by": _split_by(answer),
         "rounds": [_round(r, answer.thresholds) for r in answer.rounds],

@@ -35,7 +35,14 @@ from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.residuals import INNOVATION
 from wakedeploy.gap.showing import show
-from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
+from wakedeploy.gap.steps import (
+    forget,
+    prepare,
+    read_steps,
+    refuse_foreign_rig,
+    require,
+    write_step,
+)
 from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.telling import texts
 from wakedeploy.gap.threshold import thresholds_for
@@ -179,19 +186,18 @@ def add(
         raise UnusableInput(f"{out / 'name.json'}: no effect was named, none to add{hint}.")
     kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
     corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
+    refuse_foreign_rig(out)
     forget(out, "add")
-    if (out / "rig.toml").exists():
-        raise UnusableInput(
-            f"{out / 'rig.toml'}: not as `gap add` wrote it; move it away, or give another --out."
-        )
-    corrected.write(out / "rig.toml")
     told = {
         "rig": "rig.toml",
         "old_sha256": case.rig.sha256,
         "new_sha256": corrected.sha256,
         "effects": [e.model_dump(exclude_none=True) for e in added],
     }
-    return write_step(out, "add", told)
+    # First what tells of it: a `rig.toml` that nothing tells of would be another hand's.
+    added_step = write_step(out, "add", told)
+    corrected.write(out / "rig.toml")
+    return added_step
 
 
 def show_gap(
@@ -223,7 +229,9 @@ def show_gap(
     )
     shown = corrected.hypothesis if corrected is not None else ()
     told["as_if"] = [n for n in shown if n in LIBRARY and n not in added]
-    if retrain is not None and added:
+    if retrain is not None and not added:
+        progress("nothing was added to the rig file: no predictor to train")
+    elif retrain is not None:
         progress("training predictors on the old and the corrected rig")
         scored = [Path(flight.name) for flight in sealed]
         told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), scored, out))
@@ -242,6 +250,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "verdict": named.get("verdict"),
         "effects": named.get("effects", []),
         "class": named.get("class", []),
+        "more_classes": named.get("more_classes", []),
         "others": named.get("others", []),
         "where": [
             {k: p[k] for k in _WHERE} | {"words": p["words"]} for p in steps.find.get("places", ())
@@ -281,6 +290,7 @@ def close(
     Where a class is left and `plan` is wanted, a search for the manoeuvre that splits it follows.
     """
     prepare(out, rig_path)
+    refuse_foreign_rig(out)  # minutes of fitting should not end at it
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
     named = name(case, out, progress)

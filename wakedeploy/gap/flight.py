@@ -86,7 +86,6 @@ class Flight:
     resolution_m: float
     sha256: str = ""
     notes: tuple[str, ...] = ()
-    battery_v: FloatArray | None = None
     references: FloatArray | None = None  # (3, n) height, carriage, source command, at the samples
     reported_frame_s: FloatArray | None = None
 
@@ -167,7 +166,6 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
         notes=(*notes, *_doubts(log, rig, frames, x_m, flying)),
-        battery_v=_battery(log, t_s, grid_s),
         references=_references(log, fresh),
         reported_frame_s=frames.reported_s,
     )
@@ -384,13 +382,6 @@ def _censored_mean(reading_m: FloatArray, noise_m: float) -> tuple[float, float,
     mean = float((weight * means).sum() / weight.sum())
     variance = float((weight * (means - mean) ** 2).sum() / weight.sum())
     return mean, variance + _REST_SD_M**2, False
-
-
-def _battery(log: RunLog, t_s: FloatArray, grid_s: FloatArray) -> FloatArray | None:
-    if "battery_v" not in log or not np.isfinite(log["battery_v"]).sum() > 10:
-        return None
-    known = np.isfinite(log["battery_v"])
-    return np.asarray(np.interp(grid_s, t_s[known], log["battery_v"][known]))
 
 
 def _references(log: RunLog, fresh: npt.NDArray[np.bool_]) -> FloatArray:

@@ -110,7 +110,11 @@ class GantryModel:
         return self._physics[episode].forces(constants, effects)
 
     def forecasts(self, fitted: Fit, episode: int, horizons_s: Sequence[float]) -> Forecasts:
-        """Open-loop replay: from each filtered state, the commands alone tell what comes."""
+        """Open-loop replay: from each filtered state, the commands tell what comes.
+
+        Forces are linear around the flight's motion, which all its readings smoothed: what depends
+        on the motion with a corner, friction's sign, is known ahead a little too well.
+        """
         flight = self.flights[episode]
         constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
         forces = self._physics[episode].forces(constants, effects)

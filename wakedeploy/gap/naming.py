@@ -88,17 +88,23 @@ class Round:
     """One search through the library, on top of the effects `given`.
 
     `found` is what it took, mostly the best; a better relative of what was given may have been
-    passed over. Rivals are within `near_nats` of it.
+    passed over. Rivals are within `near_nats` of it. `least_nats` is what the best of all effects
+    gains where nothing is missing, once in twenty.
     """
 
     given: tuple[str, ...]
     ranking: tuple[Candidate, ...]
     found: str = ""
     near_nats: float = CLASS_NATS
+    least_nats: float = 0.0
 
     def confidence(self, candidate: Candidate) -> float:
-        """The candidate's share of the belief, "nothing" included, all equally likely before."""
-        gains = np.array([0.0, *(c.gain_nats for c in self.ranking)])
+        """The candidate's share of the belief, all effects and "nothing" equally likely before.
+
+        "Nothing" is believed as if it gained `least_nats`: that much comes of trying so many
+        effects on flights whose calibration is off, and says nothing for any one of them.
+        """
+        gains = np.array([self.least_nats, *(c.gain_nats for c in self.ranking)])
         weights = np.exp(gains - gains.max())
         return float(math.exp(candidate.gain_nats - gains.max()) / weights.sum())
 
@@ -127,7 +133,9 @@ class Answer:
 
     verdict: Verdict
     effects: tuple[str, ...]
-    members: tuple[str, ...]  # of the class, where it is one
+    classes: tuple[
+        tuple[str, ...], ...
+    ]  # members of each effect that stays open, first found first
     rounds: tuple[Round, ...]
     model: GantryModel
     base_model: GantryModel
@@ -137,6 +145,11 @@ class Answer:
     unknown: Symbolic | None
     rest: Symbolic | None  # beyond the effects, but too little to doubt them
     thresholds: Thresholds
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Of the first class."""
+        return self.classes[0] if self.classes else ()
 
 
 def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
@@ -196,7 +209,7 @@ def name_effects(
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
     white = whiteness(current)
-    verdict, members = _verdict(rounds, current, unknown, white, thresholds, disagrees)
+    verdict, classes = _verdict(rounds, current, unknown, white, thresholds, disagrees)
     if unknown is not None:
         bare, least = (searched.base_model, base), thresholds.expression_nats
         model, unknown = joined(model, current, unknown, bare, searched.expression, least)
@@ -206,7 +219,7 @@ def name_effects(
     return Answer(
         verdict,
         _claimed(verdict, rounds, current),
-        members,
+        classes,
         tuple(rounds),
         model,
         searched.base_model,
@@ -273,7 +286,7 @@ class _Search:
         best = self._chosen(ranked)
         found = best.name if best is not None else ""
         given = self.current.hypothesis
-        self.rounds.append(Round(given, tuple(ranked), found, self._near_nats))
+        self.rounds.append(Round(given, tuple(ranked), found, self._near_nats, least))
         if best is None:
             return False
         self.model, self.current = _settled(self.model, best.fit)
@@ -392,14 +405,14 @@ def _verdict(
     white: Whiteness,
     thresholds: Thresholds,
     disagrees: bool,
-) -> tuple[Verdict, tuple[str, ...]]:
+) -> tuple[Verdict, tuple[tuple[str, ...], ...]]:
     if unknown is not None or not white.passes(thresholds.whiteness):
         return "unknown", ()
     if not current.hypothesis:
         return ("unknown" if disagrees else "none"), ()
     unsettled = _unsettled(rounds, current)
     if unsettled:
-        return "class", tuple(c.name for c in unsettled[0].rivals)
+        return "class", tuple(tuple(c.name for c in r.rivals) for r in unsettled)
     return "named", ()
 
 

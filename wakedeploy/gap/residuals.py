@@ -20,7 +20,6 @@ import numpy as np
 from wakedeploy.gap.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
-from wakedeploy.physics.rail import GRAVITY_MPS2
 
 INNOVATION = "innovation"  # of no unit that a rig has: it tells that, and not by how much
 CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", INNOVATION: "sd"}
@@ -124,8 +123,8 @@ def _exogenous(model: GantryModel, episode: int, t_s: FloatArray) -> dict[str, F
     moving = np.sign(np.where(np.abs(flight.vx_mps[at]) > 0.02, flight.vx_mps[at], 0.0))
     references = flight.references
     height = np.full(len(at), np.nan)
-    if references is not None:
-        height = np.interp(t_s, flight.sample_s, np.nan_to_num(references[0]))
+    if references is not None and (known := np.isfinite(references[0])).any():
+        height = np.interp(t_s, flight.sample_s[known], references[0][known])
     return {
         "source command": source,
         "source command slope": (source - flight.source.at(t_s - 0.2)) / 0.2,
@@ -172,8 +171,3 @@ def mean_square(values: FloatArray) -> float:
     """Of finite values; 0 for none."""
     finite = values[np.isfinite(values)]
     return float((finite**2).mean()) if len(finite) else 0.0
-
-
-def weight_n(model: GantryModel) -> float:
-    """The sufferer's weight [N]."""
-    return model.rig.sufferer.mass_kg * GRAVITY_MPS2

@@ -245,11 +245,14 @@ def _placebo(
     found_nats: float,
     crossed: bool,
 ) -> dict[str, Any]:
-    """A wrong effect in the place of what was found, fitted and shown likewise; {} without any."""
+    """The best wrong effect in the place of what was found, fitted and shown likewise.
+
+    {} without any.
+    """
     wrong = wrong_effects(found.tried, hypothesis, members)
     if not wrong:
         return {}
-    chosen = wrong[len(wrong) // 2]
+    chosen = wrong[0]
     shown = _under(before.model, *refitted(found.base_model, chosen.fit), crossed)
     gain = _log_density(shown) - _log_density(before)
     return {
@@ -261,8 +264,6 @@ def _placebo(
         "gain_nats": gain,
         "found_gain_nats": found_nats,
         "helps": bool(gain > _HELPS_NATS),
-        "rank": wrong.index(chosen) + 1,
-        "of": len(wrong),
     }
 
 

@@ -24,7 +24,7 @@ from wakedeploy.gap.telling import (
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _HARDLY = 0.98  # of the error before; an error after beyond that asks for an explanation
 _SPEAKS_NATS = 3.0  # of sealed flights
-_LITTLE = 0.2  # of the gain of what was found; a wrong effect may imitate so much
+_LITTLE, _LESS = 0.2, 0.7  # of the gain of what was found; so much a wrong effect may imitate
 
 
 def gap_channel(result: Mapping[str, Any]) -> tuple[str, Mapping[str, Any]]:
@@ -157,11 +157,13 @@ def placebo(result: Mapping[str, Any]) -> list[str]:
     gains = [number(wrong.get(key)) for key in ("gain_nats", "found_gain_nats")]
     if not math.isnan(sum(gains)):
         change += f"; gain {gains[0]:.1f} nats, of what was found {gains[1]:.1f}"
-    start = f"A placebo, the wrong effect {wrong['name']} in its place,"
+    start = f"A placebo, the best wrong effect {wrong['name']} in its place,"
     if not wrong.get("helps"):
         return [f"{start} does not help ({change})."]
     if gains[0] < _LITTLE * gains[1]:
         return [f"{start} helps a little ({change}): it imitates a part."]
+    if gains[0] < _LESS * gains[1]:
+        return [f"{start} helps less ({change}): it imitates much of it."]
     return [
         f"Careful: {start[0].lower()}{start[1:]} helps as well ({change}); "
         "what was found may be no more than a better fit."

@@ -24,7 +24,8 @@ STEPS = ("find", "name", "add", "show", "result")
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
 _OF_NAME = (
-    *("verdict", "effects", "class", "others", "split_by", "unknown", "rest", "beside"),
+    *("verdict", "effects", "class", "more_classes", "others", "split_by"),
+    *("unknown", "rest", "beside"),
     *("detectable", "white", "threshold_of_s"),
 )
 _OF_SHOW = (
@@ -111,6 +112,21 @@ def prepare(folder: Path, rig_path: Path) -> None:
         ) from error
 
 
+def refuse_foreign_rig(folder: Path) -> None:
+    """UnusableInput where the folder holds a `rig.toml` that is not as `add` wrote it."""
+    if (folder / "rig.toml").is_file() and not _wrote_rig(folder):
+        raise UnusableInput(
+            f"{folder / 'rig.toml'}: not as `gap add` wrote it; move it away, or give another "
+            "--out."
+        )
+
+
+def _wrote_rig(folder: Path) -> bool:
+    """Whether the folder's `rig.toml` is as its `add.json` says."""
+    rig, written = folder / "rig.toml", _read(folder / "add.json").get("new_sha256")
+    return written is not None and rig.is_file() and sha256_of(rig.read_bytes()) == written
+
+
 def forget(folder: Path, first: str) -> None:
     """Remove what `first` and the steps after it left in an earlier run, their rig file included.
 
@@ -118,11 +134,8 @@ def forget(folder: Path, first: str) -> None:
     another hand has written or changed stays.
     """
     stale = STEPS[STEPS.index(first) :]
-    if "add" in stale:
-        rig = folder / "rig.toml"
-        written = _read(folder / "add.json").get("new_sha256")
-        if written is not None and rig.is_file() and sha256_of(rig.read_bytes()) == written:
-            rig.unlink()
+    if "add" in stale and _wrote_rig(folder):
+        (folder / "rig.toml").unlink()
     for step in stale:
         (folder / f"{step}.json").unlink(missing_ok=True)
     for drawn in (folder / "report.html", *(folder / "figures").glob("*.png")):

@@ -56,7 +56,6 @@ def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
     told["named_intervals"] = named_intervals(truth, result)
     told["closed"] = share_closed(result, floor)
     told["closed_by_own_floor"] = share_by_own_floor(result)
-    told["placebo_helps"] = (result.get("placebo") or {}).get("helps")
     return told
 
 
