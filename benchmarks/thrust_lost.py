@@ -1,8 +1,9 @@
-"""How often a healthy flight is ended for a lost thrust, and how soon a pulled battery is noticed.
+"""How often a healthy flight is ended for thrust or sensor, and how soon a real failure is noticed.
 
 Flies the gantry in simulation, every flight with a calibration drawn from the rig file's spreads:
-as it is, with stronger wakes, and with a battery that is pulled at a random moment, so that neither
-motor turns on. A processor core takes about a third of a second for each flight.
+as it is, with stronger wakes, with a battery that is pulled at a random moment, so that neither
+motor turns on, and with something that comes into the range sensor's beam then, at any distance
+that it measures. A processor core takes about a third of a second for each flight.
 
     python benchmarks/thrust_lost.py --json docs/thrust-lost.json
 """
@@ -23,10 +24,11 @@ from wakedeploy.rig import default_rig
 
 FIRST_SEED = 920_000_000
 SECONDS = 20.0
-PULLED = "pulled battery"
+PULLED, BLOCKED = "pulled battery", "something in the beam"
+NEAR_M, FAR_M = 0.05, 1.2  # where it is
 WAKES = {"default wake": 1.0, "wake speed × 1.22 (force × 1.5)": 1.22}
 WAKES |= {"wake speed × 1.5 (force × 2.25)": 1.5}
-NAMED = {"thrust_lost", "sensor_frozen", "battery_lost"}
+NAMED = {"thrust_lost", "sensor_frozen", "sensor_jump", "battery_lost"}
 
 
 def flown(case: str, index: int) -> dict[str, object]:
@@ -43,13 +45,21 @@ def flown(case: str, index: int) -> dict[str, object]:
         return (source_us, sufferer_us) if t_s < pulled_s else (idle_us, idle_us)
 
     hook: Callable[..., tuple[float, float]] | None = battery if case == PULLED else None
+    there_m = float(rng.uniform(NEAR_M, FAR_M))
+    noise_m = rig.range_sensor.noise_m
+
+    def seen(t_s: float, range_m: float, steps: int) -> tuple[float, int]:
+        if case == BLOCKED and t_s > pulled_s:
+            return there_m + noise_m * float(rng.standard_normal()), steps
+        return range_m + bias_m, steps
+
     log = record(
         truth,
         seconds=SECONDS,
         seed=seed,
         model_rig=rig,
         command_hook=hook,
-        sensor_hook=lambda t_s, range_m, steps: (range_m + bias_m, steps),
+        sensor_hook=seen,
     )
     failed = np.flatnonzero(log["mode"] == "FAILSAFE")
     began = failed[0] if len(failed) else len(log) - 1
@@ -58,6 +68,8 @@ def flown(case: str, index: int) -> dict[str, object]:
         "cause": str(log["faults"][began]) if len(failed) else "",
         "delay_s": float(log["t_s"][began] - pulled_s) if len(failed) else None,
         "height_m": float(log["true_z_m"][pulled_tick]),
+        "off_m": there_m - float(log["true_z_m"][pulled_tick]),
+        "risen_m": float(log["true_z_m"][pulled_tick:].max() - log["true_z_m"][pulled_tick]),
         "strongest_wake_n": float(log["true_wake_force_n"].min()),
     }
 
@@ -73,9 +85,13 @@ def summed_up(case: str, flights: list[dict[str, object]]) -> dict[str, object]:
         "median_strongest_wake_n": float(np.median([one["strongest_wake_n"] for one in flights])),
     }
     airborne = [one for one in flights if one["delay_s"] is not None and one["height_m"] > 0.05]
-    if case == PULLED and airborne:
+    if case in (PULLED, BLOCKED) and airborne:
         delays = np.percentile([one["delay_s"] for one in airborne], [50, 90, 100])
         told["delay_in_the_air_p50_p90_max_s"] = delays.tolist()
+    if case == BLOCKED:
+        below = [one for one in flights if one["off_m"] < -0.1 and one["height_m"] > 0.05]
+        told["seen_too_low"] = len(below)
+        told["risen_p50_max_m"] = np.percentile([o["risen_m"] for o in below], [50, 100]).tolist()
     return told
 
 
@@ -90,7 +106,7 @@ def main() -> None:
     os.environ["OMP_NUM_THREADS"] = "1"
     rows = []
     with ProcessPoolExecutor(max_workers=options.workers) as pool:
-        for case in (PULLED, *WAKES):
+        for case in (PULLED, BLOCKED, *WAKES):
             count = options.flights if case == "default wake" else options.each
             rows.append(summed_up(case, list(pool.map(flown, [case] * count, range(count)))))
             print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)

@@ -26,7 +26,7 @@ _UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts lea
 _ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
 _STEP_ACCELERATION_SD_MPS2 = 2.0
 _GATE_SD = 5.0
-_PERSISTENT = 4  # that many rejected samples in a row are the truth, not outliers
+_PERSISTENT = 4  # that many rejected samples in a row are no outliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +53,8 @@ class Estimate:
     rejected: int = 0
     innovation_m: float = math.nan
     innovation_var_m2: float = math.nan
+    off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
+    jumped_m: float = 0.0  # the same, when the next is taken in because so many were rejected
 
     @property
     def z_m(self) -> float:
@@ -195,7 +197,7 @@ class Estimator:
         return replace(now, lateral=lateral, lateral_cov=cov)
 
     def _update_height(self, now: Estimate, measured: Measurement) -> Estimate:
-        unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan)
+        unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan, jumped_m=0.0)
         if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
             return unseen
         age = measured.range_age_s + self._range_delay_s
@@ -203,9 +205,11 @@ class Estimator:
         row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
         innovation = range_m - float((row @ now.height)[0])
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + self._range_var
-        seen = replace(now, innovation_m=innovation, innovation_var_m2=variance)
-        if innovation**2 > _GATE_SD**2 * variance and now.rejected < _PERSISTENT:
-            return replace(seen, rejected=now.rejected + 1)
+        seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
+        is_far = innovation**2 > _GATE_SD**2 * variance
+        off_m = min(now.off_m, abs(innovation))
+        if is_far and now.rejected < _PERSISTENT:
+            return replace(seen, rejected=now.rejected + 1, off_m=off_m)
         height, cov = kalman_update(
             now.height,
             now.height_cov,
@@ -213,7 +217,10 @@ class Estimator:
             np.array([[self._range_var]]),
             row,
         )
-        return replace(seen, height=height, height_cov=cov, rejected=0)
+        jumped_m = off_m if is_far else 0.0
+        return replace(
+            seen, height=height, height_cov=cov, rejected=0, off_m=math.inf, jumped_m=jumped_m
+        )
 
 
 _POSITION_ROW = np.array([[1.0, 0.0]])

@@ -19,7 +19,7 @@ from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
-from runtime.realtime import Clock, Pacer, Tick
+from runtime.realtime import Clock, Laps, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Gate, Mode, SafetyState
 from runtime.signs import SignReader, Signs
@@ -100,20 +100,6 @@ class Wire(Protocol):
         """The status of a board that fell silent, after a new greeting; None if it stays so."""
 
 
-class Laps:
-    """Times between marks, on the monotonic clock."""
-
-    def __init__(self, clock: Clock) -> None:
-        self.times_s: Row = {}
-        self._clock, self._last_s = clock, clock.monotonic()
-
-    def mark(self, stage: str) -> None:
-        """The stage that ends here."""
-        now_s = self._clock.monotonic()
-        self.times_s[stage] = now_s - self._last_s
-        self._last_s = now_s
-
-
 class Loop:
     """One run: rest, flight, rest; `run` it once. `beat` is called after every tick."""
 
@@ -137,6 +123,7 @@ class Loop:
         self._wait_s = prediction_wait_s(rig)
         self._limits = arm_limits(rig, plan.motors_off)
         self._safety, self._gate = SafetyState(), Gate()
+        self._last_tick_s: float | None = None
         self._sign_reader, self._signs = SignReader(rig), Signs()
         self._descent: safety.Descent | None = None
         self._last_range_us, self._range_repeats = -1, 0
@@ -150,6 +137,11 @@ class Loop:
     def failsafe_cause(self) -> tuple[str, ...]:
         """The faults that ended the flight; empty after a good one."""
         return self._safety.cause
+
+    @property
+    def _flies(self) -> bool:
+        """Whether motors may be turning; else a person may hold the sufferer, or put it down."""
+        return not self._plan.motors_off and self._safety.mode is not Mode.ARMED
 
     def run(self) -> Tally:
         """Arm, fly, come to rest. The motors are idle when it returns or raises.
@@ -170,6 +162,9 @@ class Loop:
                 self._tick(pacer.wait())
                 if self._beat is not None:
                     self._beat()
+        except Exception:
+            self._let_the_deadman_land()
+            raise
         finally:
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
@@ -177,6 +172,14 @@ class Loop:
             self.tally.ended = self._ending()
             self.tally.gap = self._watch.report if self._watch is not None else None
         return self.tally
+
+    def _let_the_deadman_land(self) -> None:
+        """Without commands the board brings the motors to idle on ramps; disarmed, they stop."""
+        if not self._flies:
+            return
+        limits = self._rig.limits
+        ramp_s = max(limits.source_descent_s, limits.sufferer_descent_s)
+        self._clock.sleep(safety.LINK_LOST_S + ramp_s)
 
     def _look_for_a_reboot(self) -> None:
         """A board that restarted answers no command, as behind a cut cable; a greeting it does."""
@@ -290,6 +293,8 @@ class Loop:
 
     def _supervise(self, prediction: Prediction, answer: Answer, measured: Measurement) -> None:
         now_s = measured.t_s + self._origin_s
+        stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
+        self._last_tick_s = now_s
         status, estimate = answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
@@ -304,11 +309,13 @@ class Loop:
             bad_prediction=prediction.bad_prediction,
             bad_observation=prediction.bad_observation,
             range_silence_s=math.inf if self._ranges.failure else now_s - self._range_seen_s,
+            stalled_s=stalled_s,
             link_silence_s=now_s - answer.received_s,
             link_failed=self._link.failure is not None,
             mcu_fault=bool(status.faults) or not status.armed,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
+            range_jump_m=estimate.jumped_m if self._flies else 0.0,
             range_frozen_s=signs.range_frozen_s,
             range_frozen_limit_s=self._sign_reader.frozen_limit_s,
             not_lifting_s=signs.not_lifting_s,

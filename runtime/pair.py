@@ -12,7 +12,6 @@ from pathlib import Path
 from runtime.run import RunRequest, Show, Tell, Warn, fly
 from wakedeploy.errors import CheckFailed, UnusableInput
 
-MOST_PAIRS = 50
 _SEEDS_OF_A_FLIGHT = 1_000_003  # apart from each other, and from the seeds that people choose
 
 Ask = Callable[[str], bool]

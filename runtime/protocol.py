@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import ClassVar, Self
 
 PROTOCOL_VERSION = 1
-FIRMWARE = 2  # of the sketch that belongs to this wakedeploy, arduino_sketch/session.h
+FIRMWARE = 3  # of the sketch that belongs to this wakedeploy, arduino_sketch/session.h
 BAUD = 250_000  # exact on a 16 MHz UNO (115,200 is off by 2 %), 40 µs a byte
 MAX_FRAME_BYTES = 64  # with its ending zero; the UNO's receive buffer holds this many
 SHORTEST_PULSE_US, LONGEST_PULSE_US = 500.0, 2500.0  # beyond these no ESC understands a pulse

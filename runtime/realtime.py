@@ -53,6 +53,13 @@ def become_realtime() -> None:
     os.sched_setaffinity(0, {loop_core()})
 
 
+def become_ordinary() -> None:
+    """Take this thread back to the ordinary scheduler and to every core."""
+    if os.sched_getscheduler(0) != os.SCHED_OTHER:
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
+
+
 def _lock_memory() -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_LOCK_CURRENT_FUTURE_ON_FAULT) != 0:
@@ -115,3 +122,17 @@ class Pacer:
             self._clock.sleep(start_s - now_s)
         self._next = index + 1
         return Tick(index, start_s, max(0.0, self._clock.monotonic() - start_s), skipped)
+
+
+class Laps:
+    """Times between marks, on the monotonic clock."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.times_s: dict[str, float] = {}
+        self._clock, self._last_s = clock, clock.monotonic()
+
+    def mark(self, stage: str) -> None:
+        """The stage that ends here."""
+        now_s = self._clock.monotonic()
+        self.times_s[stage] = now_s - self._last_s
+        self._last_s = now_s

@@ -46,6 +46,7 @@ class Recorder:
         self._closing = threading.Event()
         self._offered = self._taken = 0
         self._error: str | None = None
+        self._report: RecorderReport | None = None
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -71,13 +72,15 @@ class Recorder:
                 return  # counted: offered, but never taken
 
     def close(self) -> RecorderReport:
-        """Write what still waits, end the file, and report."""
-        self._closing.set()
-        self._thread.join(CLOSE_LIMIT_S)
-        if self._thread.is_alive():
-            self._error = f"{self.path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
-        written = self._writer.flushed
-        return RecorderReport(written, self._offered - written, self._error)
+        """Write what still waits, end the file, and report; a second time, only report."""
+        if self._report is None:
+            self._closing.set()
+            self._thread.join(CLOSE_LIMIT_S)
+            if self._thread.is_alive():
+                self._error = f"{self.path}: the disk has not answered for {CLOSE_LIMIT_S:.0f} s"
+            written = self._writer.flushed
+            self._report = RecorderReport(written, self._offered - written, self._error)
+        return self._report
 
     def _run(self) -> None:
         _yield_to_the_loop()

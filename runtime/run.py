@@ -55,11 +55,15 @@ Tell = Callable[[Tally], None]
 Show = Callable[[float, float], None]
 Warn = Callable[[str], None]
 
+_STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
+    "loop_stalled": "the loop stood still: end what else runs on the computer, or fly --realtime",
     "battery_lost": "the battery's voltage fell far: check its plug, its charge and the stop",
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
     "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",
+    "sensor_jump": "the measured height jumped and stayed there: keep the sensor's beam free",
     "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "
     "propeller, that nothing covers the range sensor, and that the wake is not stronger than it",
     "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",
@@ -159,8 +163,7 @@ def fly(
         finally:
             if tell is not None and loop.tally.ticks:
                 tell(loop.tally)
-    _judge_recording(report)
-    _judge(loop, link, ranges)
+    _judge(loop, link, ranges, _recording_told(report))
     return loop.tally
 
 
@@ -347,12 +350,14 @@ def _fly_recorded(
 ) -> RecorderReport | None:
     """Run the loop; the recording is closed in any case."""
     quieten_interpreter()
-    try:
-        with _stopping_by_hand(loop):
+    with _stopping_by_hand(loop):
+        try:
             loop.run()
-    finally:
-        manager.stopping(f"ended: {loop.tally.ended or 'before take-off'}")  # no beats from here
-        report = recorder.close() if recorder else None
+        finally:
+            manager.stopping(
+                f"ended: {loop.tally.ended or 'before take-off'}"
+            )  # no beats from here
+            report = recorder.close() if recorder else None
     return report
 
 
@@ -378,29 +383,28 @@ def _shown(loop: Loop, flight_s: float, rig: Rig, show: Show | None) -> Iterator
         thread.join(timeout=1.0)  # a terminal may be held for as long as someone likes
 
 
-def _judge_recording(report: RecorderReport | None) -> None:
-    """CheckFailed when the recording is not whole."""
+def _recording_told(report: RecorderReport | None) -> str:
+    """What is wrong with a recording that is not whole; "" if it is."""
     if report and report.error:
-        raise CheckFailed(
-            f"{report.error}; {report.written} ticks are in the log, {report.dropped} are not."
-        )
+        return f"{report.error}; {report.written} ticks are in the log, {report.dropped} are not."
     if report and report.dropped:
-        raise CheckFailed(
+        return (
             f"{report.dropped} of {report.dropped + report.written} ticks were not recorded: the "
             "disk is too slow; record to another one."
         )
+    return ""
 
 
 @contextlib.contextmanager
 def _stopping_by_hand(loop: Loop) -> Iterator[None]:
-    """Ctrl-C and a polite kill bring the sufferer down; a second one stops at once."""
+    """Ctrl-C, a polite kill, a closed terminal bring the sufferer down; a second stops at once."""
 
     def ask(number: int, frame: types.FrameType | None) -> None:
         if loop.stop_asked:
             raise KeyboardInterrupt
         loop.stop_asked = True
 
-    before = {number: signal.signal(number, ask) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: signal.signal(number, ask) for number in _STOPPING}
     try:
         yield
     finally:
@@ -408,9 +412,11 @@ def _stopping_by_hand(loop: Loop) -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def _judge(loop: Loop, link: Link, ranges: RangeSource) -> None:
-    """CheckFailed naming what ended the flight and what to do about it."""
+def _judge(loop: Loop, link: Link, ranges: RangeSource, recording: str) -> None:
+    """CheckFailed naming what ended the flight, what to do about it, and what is not recorded."""
     cause = loop.failsafe_cause
+    if recording and (not cause or cause[0] in ("recorder_failed", "operator_stop")):
+        raise CheckFailed(recording)
     if "operator_stop" in cause:
         raise KeyboardInterrupt
     if cause:
@@ -419,4 +425,5 @@ def _judge(loop: Loop, link: Link, ranges: RangeSource) -> None:
         why = link.failure or failed or HINTS[cause[0]]
         if reset := last_reset(loop.last_reset):
             why += f"; its last reset: {reset}"
-        raise CheckFailed(f"The flight ended in a failsafe ({'+'.join(cause)}): {why}")
+        told = f"The flight ended in a failsafe ({'+'.join(cause)}): {why}"
+        raise CheckFailed(f"{told}. {recording}" if recording else told)

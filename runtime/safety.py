@@ -23,6 +23,11 @@ LINK_LOST_S = 0.125  # without an answer: the MCU's own deadman starts its ramp 
 # gives the same twice in 7 to 10 % of readings, and 24 times in a row never. A sensor that holds
 # each reading for up to 0.15 s, as some do, says at least five different things in that time.
 RANGE_FROZEN_S = 0.75
+# Five samples in a row, the first of them too, are so far from where the sufferer can be. A fall of
+# which the filter knows nothing ends 5 cm away after a tenth of a second, and goes on from there.
+# Something has come into the beam; a controller that believes it pushes the sufferer onto a stop.
+RANGE_JUMP_M = 0.1
+REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has moved
 # On the stop while the commands should give 1.5 times the weight. That lifts within 0.15 s at
 # 5 m/s², also where the rig file's thrust curve is a third too strong. Only a wake of more than
 # half the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
@@ -37,9 +42,12 @@ FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
 # After these the height is not known, or cannot be controlled: the pulse goes to idle on a ramp.
 # A controller would wind up against motors without a battery, and jump when it comes back.
-BLINDING = frozenset({"sensor_lost", "sensor_frozen", "link_lost", "thrust_lost", "battery_lost"})
+BLINDING = frozenset(
+    {"sensor_lost", "sensor_frozen", "sensor_jump", "link_lost", "thrust_lost", "battery_lost"}
+)
 DESCENT_MPS = 0.25
-DESCENT_LIMIT_S = 8.0
+DESCENT_LIMIT = 2.0  # times what the way down takes; then the motors stop wherever it is
+LEAST_DESCENT_LIMIT_S = 8.0
 LANDED_M = 0.03
 
 
@@ -96,10 +104,12 @@ class Findings:
     bad_observation: bool = False  # not finite, or far outside the trained range
     range_silence_s: float = 0.0  # since the last new range sample
     link_silence_s: float = 0.0  # since the MCU last answered
+    stalled_s: float = 0.0  # since the tick before
     link_failed: bool = False
     mcu_fault: bool = False
     recorder_failed: bool = False
     stop_asked: bool = False  # by the operator
+    range_jump_m: float = 0.0  # which five samples in a row are off at least
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
@@ -148,12 +158,16 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
 
 def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
     """Names of the faults that end a flight, what explains the others first."""
+    # A board that was not asked does not answer: then it is the computer that stood still.
+    stalled = found.stalled_s > LINK_LOST_S and not found.link_failed
     fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
     named = {
-        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S,
+        "loop_stalled": stalled,
+        "link_lost": found.link_failed or (found.link_silence_s > LINK_LOST_S and not stalled),
         "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
+        "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
         "thrust_lost": fell or found.not_lifting_s > NOT_LIFTING_S,
         "mcu_fault": found.mcu_fault,
         "recorder_failed": found.recorder_failed,
@@ -231,4 +245,5 @@ def has_landed(descent: Descent, t_s: float, z_m: float, limits: Limits) -> bool
     if not descent.height_known or not math.isfinite(z_m):
         return since_s >= limits.sufferer_descent_s
     at_end = DESCENT_MPS * since_s >= descent.z_m
-    return (at_end and z_m < LANDED_M) or since_s > DESCENT_LIMIT_S
+    limit_s = max(LEAST_DESCENT_LIMIT_S, DESCENT_LIMIT * descent.z_m / DESCENT_MPS)
+    return (at_end and z_m < LANDED_M) or since_s > limit_s

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.watch_filter import WatchFilter
+from wakedeploy.errors import one_line
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import Value
 
@@ -40,9 +41,12 @@ class GapReport:
     first_left_s: float | None = None
     times_left: int = 0
     why: str = ""
+    failed: str = ""  # why it stopped, if it did
 
     def sentence(self) -> str:
         """For the run's summary."""
+        if self.failed:
+            return f"stopped ({self.failed})"
         if math.isnan(self.worst):
             return "too little flight to judge"
         if self.first_left_s is None:
@@ -68,8 +72,19 @@ class GapWatch:
     def step(self, row: Mapping[str, Value]) -> float | None:
         """The score after one tick; None at rest, and until there is enough flight to judge.
 
-        A tick without a usable sample leaves the score as it is by then.
+        A tick without a usable sample leaves the score as it is by then. Never raises: whatever it
+        stumbles over, it only watches; the flight goes on without a score, and `report` says why.
         """
+        if self.report.failed:
+            return None
+        try:
+            return self._scored(row)
+        except Exception as error:
+            self.report.failed = one_line(error)
+            self._say(f"The gap watch stopped: {self.report.failed}")
+            return None
+
+    def _scored(self, row: Mapping[str, Value]) -> float | None:
         seen = self._filter.step(row)
         if seen is None:
             return None

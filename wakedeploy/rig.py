@@ -25,7 +25,7 @@ from wakedeploy.validation import first_problem
 
 SCHEMA = 1
 LOOP_RATE_HZ = 32.0
-MOST_STEPS_PER_S = 32_767  # a command's carriage speed is a 16-bit number on the wire
+MOST_STEPS_PER_S = 10_000  # the board makes one step a tick, as arduino_sketch/tick_limits.h says
 
 _CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
 _LATER = (  # constants that rig files once did not have, and what they are without

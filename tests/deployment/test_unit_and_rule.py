@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from runtime.safety import DESCENT_LIMIT_S, LINK_LOST_S
+from runtime.recorder import CLOSE_LIMIT_S
+from runtime.safety import DESCENT_LIMIT, DESCENT_MPS, LINK_LOST_S
 from wakedeploy.cli.run_gantry import command as run_gantry
 from wakedeploy.rig import default_rig
 
@@ -73,7 +74,8 @@ def test_a_restart_does_not_reset_the_board_on_its_way_down():
 def test_the_unit_leaves_time_to_land_and_flights_do_not_count_as_failures():
     (stop,), (burst,) = settings("TimeoutStopSec"), settings("StartLimitBurst")
     (interval,), (signals,) = settings("StartLimitIntervalSec"), settings("KillMode")
-    assert float(stop) > DESCENT_LIMIT_S + 30.0  # and the recorder's patience
+    down_s = DESCENT_LIMIT * default_rig().limits.z_m[1] / DESCENT_MPS
+    assert float(stop) > down_s + CLOSE_LIMIT_S
     assert signals == "mixed"
     shortest_s = 6.0 + 2 * 3.0  # `--seconds 6`, and the rest before and after it
     assert float(burst) * shortest_s >= float(interval)

@@ -1,11 +1,14 @@
 """What cannot be built is told in a sentence that names what to install."""
 
+import hashlib
+import re
 import shutil
 from pathlib import Path
 
 import pytest
 from decisions_library import needs_compiler
 
+from runtime.protocol import FIRMWARE
 from runtime.virtual import firmware_build
 from runtime.virtual.firmware_build import firmware, host_library, simulator_library
 from wakedeploy.errors import UnusableInput
@@ -44,3 +47,14 @@ def test_what_the_compiler_refuses_is_told(tmp_path):
     wrong.write_text("int main( {\n")
     with pytest.raises(UnusableInput, match=r"refuses the firmware:\n(.|\n)*wrong.cpp:1"):
         host_library(wrong)
+
+
+def test_the_firmwares_number_changes_with_what_the_sketch_does():
+    """A board with another sketch is refused by this number, so that it must tell them apart."""
+    sources = sorted(path for path in firmware_build.SKETCH.iterdir() if path.suffix != ".md")
+    said = "".join(path.name + path.read_text("utf-8") for path in sources)
+    code = re.sub(r"\s+", " ", re.sub(r"//[^\n]*", "", said))
+    digest = hashlib.sha256(code.encode()).hexdigest()[:16]
+    assert {FIRMWARE: digest} == {3: "50cd2e6d86430729"}, (
+        "another sketch: raise FIRMWARE here and in session.h"
+    )

@@ -81,6 +81,18 @@ def test_an_outlier_is_rejected_and_a_lasting_jump_believed() -> None:
     ranges[20:] = 0.8
     lasting = fly(ranges, np.full(40, 0.02), hovering(0.5))
     assert lasting[-1].z_m == pytest.approx(0.8, abs=0.05)
+    assert not any(e.jumped_m for e in once)
+    assert [tick for tick, e in enumerate(lasting) if e.jumped_m > 0.1] == [24]
+    assert lasting[24].jumped_m == pytest.approx(0.3, abs=0.02)
+
+
+def test_readings_that_drift_away_are_no_jump() -> None:
+    """A frozen sensor's, or those of a fall: the first that is rejected is not yet far off."""
+    drifting = fly(0.5 + 0.06 * np.maximum(np.arange(60.0) - 20.0, 0.0), np.full(60, 0.02),
+                   hovering(0.5))  # fmt: skip
+    jumps = [e.jumped_m for e in drifting if e.jumped_m]
+    assert jumps
+    assert max(jumps) < 0.1
 
 
 def test_on_the_stop_the_motors_off_it_rests() -> None:

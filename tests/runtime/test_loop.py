@@ -14,6 +14,7 @@ from runtime.loop import Loop, applied_s, arm_limits, budget_s, require_wait
 from runtime.prediction import Result
 from runtime.protocol import Command as WireCommand
 from runtime.reference import hold_plan, random_plan
+from runtime.watch import GapWatch
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import default_rig
 
@@ -225,6 +226,53 @@ def test_a_slow_tick_is_counted_logged_and_not_repaid():
     assert [b - a for a, b in itertools.pairwise(ticks) if b - a > 1] == [2]
     assert [row["tick"] for row in rows.rows if "overrun" in row["faults"]] == [20]
     assert tally.overruns == 2  # the slow one and the one that could not begin
+
+
+def test_a_loop_that_stood_still_is_no_broken_cable_and_comes_down_under_control():
+    world, rows = World(), Rows()
+    send, stalls = world.send, iter([True])
+
+    def stalling(command):
+        if len(rows.rows) == 60 and next(stalls, False):
+            world.now_s += 0.25
+        return send(command)
+
+    world.send = stalling
+    loop = Loop(RIG, world, world, hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), None, rows, world)
+    loop.run()
+    assert loop.failsafe_cause[0] == "loop_stalled"
+    assert "link_lost" not in loop.failsafe_cause
+    down = [row for row in rows.rows if row["mode"] == "FAILSAFE"]
+    assert max(row["sufferer_cmd_us"] for row in down[8:]) > 1200.0  # no ramp to idle
+    assert abs(down[-1]["true_z_m"]) < 0.05
+
+
+def test_an_error_in_flight_leaves_the_motors_to_the_deadmans_ramp():
+    world, rows = World(), Rows()
+    put = rows.put
+
+    def fails(row):
+        put(row)
+        if len(rows.rows) == 80:
+            raise ZeroDivisionError
+
+    rows.put = fails
+    loop = Loop(RIG, world, world, hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), None, rows, world)
+    with pytest.raises(ZeroDivisionError):
+        loop.run()
+    assert world.disarmed
+    assert world.now_s > rows.rows[-1]["t_s"] + RIG.limits.sufferer_descent_s
+
+
+def test_a_watch_that_stumbles_ends_no_flight(monkeypatch):
+    told = []
+    watch = GapWatch(RIG, told.append)
+    monkeypatch.setattr(watch._filter, "step", lambda row: 1 / 0)
+    world, rows = World(), Rows()
+    plan = hold_plan(RIG, 1.0, 0.4, 1400.0)
+    tally = Loop(RIG, world, world, plan, None, rows, world, watch=watch).run()
+    assert tally.ended == "whole"
+    assert "stopped (" in tally.gap.sentence()
 
 
 def test_nothing_flies_from_a_carriage_that_is_not_at_home():

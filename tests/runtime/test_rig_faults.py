@@ -69,6 +69,11 @@ def freezes():
         return held_m, steps
     return {"force_hook": look, "sensor_hook": sensor}
 
+def blocked():
+    def sensor(t_s, range_m, steps):
+        return (0.1 + 0.003 * math.sin(1e3 * t_s) if broken(t_s) else range_m), steps
+    return {"force_hook": look, "sensor_hook": sensor}
+
 def covered():
     return {"sensor_hook": lambda t_s, range_m, steps: (math.nan, steps)}
 """
@@ -135,6 +140,7 @@ def has_flown(run, log, ticks):
         ("never_plugged", "thrust_lost", "check the battery"),
         ("stops", "sensor_lost", "check the sensor's wires"),
         ("freezes", "sensor_frozen", "says the same"),
+        ("blocked", "sensor_jump", "beam free"),
     ],
 )
 def test_a_fault_of_the_plant_is_named_in_one_sentence(here, fault, cause, words):
@@ -145,6 +151,8 @@ def test_a_fault_of_the_plant_is_named_in_one_sentence(here, fault, cause, words
     began = list(recorded["mode"]).index("FAILSAFE")
     assert recorded["faults"][began].split("+")[0] == cause
     assert recorded["source_cmd_us"][began] == 1000.0
+    if fault == "blocked":  # nothing pushed it onto the upper stop
+        assert recorded["true_z_m"].max() < RIG.sufferer.travel_m - 0.1
 
 
 def test_a_usb_cable_pulled_in_flight_leaves_idle_motors_and_a_whole_log(here):
@@ -345,10 +353,11 @@ def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, se
     assert "(sensor_lost): the plant process stopped sending range samples" in err
 
 
-def test_a_polite_kill_lands_and_closes_the_log(here):
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_polite_kill_lands_and_closes_the_log(here, number):
     run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
     until(lambda: has_flown(run, "f.mcap", 0))
-    run.send_signal(signal.SIGTERM)
+    run.send_signal(number)
     _, err = run.communicate(timeout=60)
     assert (run.returncode, err) == (130, "Interrupted.\n")
     assert "unfinished" not in read_run_log("f.mcap").metadata

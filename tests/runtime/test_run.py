@@ -10,6 +10,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -17,6 +18,7 @@ import pytest
 from click.testing import CliRunner
 
 from runtime.calibration.session import resting
+from runtime.protocol import FIRMWARE
 from runtime.recorder import RunLogWriter
 from runtime.run import HINTS, RunRequest, fly, require_fit
 from runtime.safety import Findings, fatal_faults
@@ -140,7 +142,8 @@ def test_a_virtual_board_at_a_rigs_port_is_refused_and_its_kind_is_in_the_log(
         where = {"port": gantry.port, "range_socket": gantry.range_socket}
         fly(RunRequest(rig, 0.0, plan=plan, log=log, **where))
     told = read_run_log(log).metadata
-    assert (told["board"], told["firmware"], told["board_faults"]) == ("virtual", "2", "")
+    own = (told["board"], told["firmware"], told["board_faults"])
+    assert own == ("virtual", str(FIRMWARE), "")
 
 
 def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkeypatch):
@@ -260,15 +263,20 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
         range_frozen_s=9.0,
         not_lifting_s=9.0,
         battery_gone_s=9.0,
-        link_silence_s=9.0,
+        range_jump_m=9.0,
         mcu_fault=True,
         recorder_failed=True,
         stop_asked=True,
         z_m=9.0,
         x_m=9.0,
     )
+    named = {
+        name
+        for other in ({"link_silence_s": 9.0}, {"stalled_s": 9.0, "range_frozen_s": 0.0})
+        for name in fatal_faults(replace(everything, **other), RIG.limits)
+    }
     # A reboot looks like a lost link until the flight is over.
-    assert {*fatal_faults(everything, RIG.limits), "mcu_reboot"} == set(HINTS)
+    assert {*named, "mcu_reboot"} == set(HINTS)
 
 
 @pytest.mark.parametrize(
@@ -280,6 +288,7 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
         (["--baseline", "--port", "/dev/ttyACM97"], "The default rig: [thrust.sufferer] is"),
         (["--baseline", "--port", "/dev/ttyACM97", "--hooks", "a:b"], "belong to --virtual"),
         (["--baseline", "--virtual", "--range-socket", "a.sock"], "belongs to --port"),
+        (["--baseline", "--virtual", "--allow-lead-mismatch"], "belongs to --package"),
         (["--package", "none.onnx", "--virtual"], "none.onnx"),
     ],
 )

@@ -86,7 +86,14 @@ def test_recovery_needs_a_clean_second():
 
 
 def test_what_passes_soon_ends_no_flight():
-    soon = Findings(range_frozen_s=0.7, not_lifting_s=0.9, battery_gone_s=0.2, thrust_share=2.0)
+    soon = Findings(
+        stalled_s=0.1,
+        range_jump_m=0.3,  # from a sensor that says the same: the sufferer has moved
+        range_frozen_s=0.7,
+        not_lifting_s=0.9,
+        battery_gone_s=0.2,
+        thrust_share=2.0,
+    )
     assert run(RUNNING, [soon]).mode is Mode.RUNNING
 
 
@@ -95,6 +102,9 @@ def test_what_passes_soon_ends_no_flight():
     [
         (Findings(link_failed=True), "link_lost"),
         (Findings(link_silence_s=0.2), "link_lost"),
+        (Findings(link_silence_s=0.2, stalled_s=0.19), "loop_stalled"),
+        (Findings(link_failed=True, stalled_s=0.19), "link_lost"),
+        (Findings(range_jump_m=0.15, range_frozen_s=0.07), "sensor_jump"),
         (Findings(range_silence_s=0.3), "sensor_lost"),
         (Findings(mcu_fault=True), "mcu_fault"),
         (Findings(range_frozen_s=0.8), "sensor_frozen"),

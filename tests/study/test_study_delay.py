@@ -166,9 +166,17 @@ def test_the_papers_shift_stands_beside_the_learned_one(
     lines = [line("downwash", t, delay_s + 0.3 + slope * (t - 0.3)) for t in (0.2, 0.3, 0.4)]
     told = delay_sentence(lines).partition("In the paper")[2]
     assert "0.12 s longer" in told
-    assert f"{delay_s:.3f} s longer, which {said[0]} within 0.05 s" in told
+    alike = 3 if said[0] == "agrees" else 1
+    assert f"within 0.05 s of that at {alike} of 3, which {said[0]}" in told
     assert f"slope of {slope:.2f}, which {said[1]} within 0.25" in told
     assert "In the paper" not in delay_sentence([line("gantry", t, t, 0.1) for t in (0.2, 0.3)])
+
+
+def test_shifts_that_cancel_do_not_agree() -> None:
+    lines = [line("downwash", t, t + off) for t, off in ((0.2, -0.18), (0.3, 0.12), (0.4, 0.42))]
+    told = delay_sentence(lines).partition("In the paper")[2]
+    assert "here it is longer by −0.18, +0.12, +0.42 s" in told
+    assert "within 0.05 s of that at 1 of 3, which does not agree" in told
 
 
 @pytest.mark.parametrize(
@@ -192,7 +200,8 @@ def test_what_counts_is_the_start_that_validates_better_and_all_ends_are_told(
     assert f"ends within 0.05 s in {alike}; in the paper it ends at the physical delay" in told
     assert f"wherever it starts, which {verdict}." in told
     ends = [f"{abs(e - 0.375):.3f} s {'longer' if e > 0.375 else 'shorter'}" for e in ends_s]
-    assert f"ends from 0.050 s alone {ends[0]}, from 0.700 s alone {ends[1]} than" in told
+    for start, end in zip(("0.050", "0.700"), ends, strict=True):
+        assert f"from {start} s alone {end} (slopes of μ" in told
     slope = (ends_s[1] - ends_s[0]) / 0.05  # of the better two alone
     assert f"grows by {slope:.2f} s" in told
     columns, rows = delay_summary(lines)

@@ -138,11 +138,11 @@ def thrust(request: Request, clips_kg: tuple[float, ...], trust_curve: bool) -> 
 @command.command()
 @click.option("--distance-m", type=float, help="Where to drive, from home; negative: to the left.")
 @click.option("--measured-m", type=float, help="The distance measured; else it is asked for.")
-@click.option("--hold-s", type=click.FloatRange(3, 600), default=40.0, show_default=True,
-              help="How long to stand there and be measured.")  # fmt: skip
+@click.option("--hold-s", type=click.FloatRange(3, 600),
+              help="How long to stand there and be measured (default: 40).")  # fmt: skip
 @shared_options
 def steps(
-    request: Request, distance_m: float | None, measured_m: float | None, hold_s: float
+    request: Request, distance_m: float | None, measured_m: float | None, hold_s: float | None
 ) -> None:
     """The carriage's steps per metre (stepper.steps_per_m): drive, measure with a rule, drive home.
 
@@ -158,15 +158,18 @@ def steps(
     rig = request.rig("stepper.steps_per_m")
     if (distance_m is None) != bool(request.logs):
         raise UnusableInput("Give --distance-m for a drive, or --log with --measured-m.")
+    if request.logs and hold_s is not None:
+        raise UnusableInput("--hold-s belongs to a drive; a --log has its own time.")
     if request.logs and measured_m is None:
         raise UnusableInput("A log does not tell how far the carriage went: give --measured-m.")
     if distance_m is not None:
         procedure.require_distance(distance_m, rig)
+    stand_s = 40.0 if hold_s is None else hold_s
     question = (
-        f"Mark where the carriage stands. It will drive {distance_m} m, stand for {hold_s:g} s, in "
-        "which you measure how far it went, and drive home."
+        f"Mark where the carriage stands. It will drive {distance_m} m, stand for {stand_s:g} s, "
+        "in which you measure how far it went, and drive home."
     )
-    (log,) = request.measured(rig, procedure.record, [(question, distance_m, hold_s)])
+    (log,) = request.measured(rig, procedure.record, [(question, distance_m, stand_s)])
     if measured_m is None and request.virtual:
         # What a rule would show, to the millimetre.
         true_m = procedure.steps_out(log) / request.true_rig(rig).stepper.steps_per_m

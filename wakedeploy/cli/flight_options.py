@@ -126,6 +126,8 @@ def flight_request(
     """What to fly, from the options; UnusableInput when they do not go together."""
     if (package is None) != baseline:
         raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
+    if baseline and others["allow_lead_mismatch"]:
+        raise UnusableInput("--allow-lead-mismatch belongs to --package; PID alone has no lead.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
     own = {name: others[name] for name in ("firmware", "range_socket", "hooks")}

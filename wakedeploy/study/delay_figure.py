@@ -15,7 +15,6 @@ from wakedeploy.study.delay import (
     Attended,
     Learned,
     Transport,
-    Trend,
     best,
     by_run,
     trend,
@@ -198,7 +197,7 @@ def delay_sentence(lines: Sequence[Learned]) -> str:
         )
         told.append(_starts(every))
         if domain == PAPER_DOMAIN:
-            told.append(_delay_in_the_paper(found))
+            told.append(_delay_in_the_paper(own))
     return " ".join(told)
 
 
@@ -213,7 +212,8 @@ def _starts(lines: Sequence[Learned]) -> str:
     apart_s = [max(x.delay_s for x in own) - min(x.delay_s for x in own) for own in runs]
     alike = sum(value <= ALIKE_S for value in apart_s)
     alone = ", ".join(
-        f"from {start_s:.3f} s alone {_apart(trend(own).off_s)}"
+        f"from {start_s:.3f} s alone {_apart(trend(own).off_s)} (slopes of μ and of the mean age "
+        f"{_two(trend(own).slope)} and {_two(trend(own, 'mean_age_s').slope)})"
         for start_s in starts_s
         if (own := [line for line in lines if line.start_s == start_s])
     )
@@ -237,15 +237,18 @@ def _at_the_delay(lines: Sequence[Learned]) -> bool:
     return all(-ALIKE_S <= value <= PAPER_SHIFT_S + ALIKE_S for value in off_s)
 
 
-def _delay_in_the_paper(found: Trend) -> str:
+def _delay_in_the_paper(lines: Sequence[Learned]) -> str:
     """The paper's figure of learned over physical delays, and whether this one agrees."""
-    shifted = abs(found.off_s - PAPER_SHIFT_S) <= ALIKE_S
-    follows = abs(found.slope - 1.0) <= ALIKE_SLOPE
+    follows = abs((slope := trend(lines).slope) - 1.0) <= ALIKE_SLOPE
+    settings = dict.fromkeys(line.setting for line in lines)
+    apart_s = [trend([line for line in lines if line.setting == s]).off_s for s in settings]
+    alike = sum(abs(off_s - PAPER_SHIFT_S) <= ALIKE_S for off_s in apart_s)
+    told = ", ".join(f"{off_s:+.2f}".replace("-", "−") for off_s in apart_s)
     return (
         f"In the paper μ is {PAPER_SHIFT_S:g} s longer than the transport delay at all five "
-        f"separations, which is a slope of 1: here it is {_apart(found.off_s)}, which "
-        f"{_verdict(shifted)} within {ALIKE_S:g} s, with a slope of {_two(found.slope)}, which "
-        f"{_verdict(follows)} within {ALIKE_SLOPE:g}."
+        f"separations, which is a slope of 1: here it is longer by {told} s, within {ALIKE_S:g} s "
+        f"of that at {alike} of {len(apart_s)}, which {_verdict(alike == len(apart_s))}, with a "
+        f"slope of {_two(slope)}, which {_verdict(follows)} within {ALIKE_SLOPE:g}."
     )
 
 
