@@ -42,7 +42,7 @@ class EsnHyper:
         Span("neurons", 100, 1500, log=True),
         Span("spectral_radius", 0.1, 1.5),
         Span("leak", 0.05, 1.0, log=True),
-        Span("input_scale", 0.01, 1.0, log=True),
+        Span("input_scale", 1e-4, 1.0, log=True),
     )
 
 

@@ -110,6 +110,7 @@ def _preset(
         "trials_by_state": dict(counts),
         "trial": row.number,
         "validation_error": row.error,
+        **_reference_error(study),
         "trainable": row.parameters,
         "device": row.device,
     }
@@ -121,6 +122,12 @@ def _preset(
     )
     preset = Preset(arch=work.plan.arch, hyper=stated(hyper), settings=settings, study=told)
     return preset, heading
+
+
+def _reference_error(study: optuna.Study) -> dict[str, float]:
+    """The validation error of the reference's trial, where it came to its end."""
+    own = [row.error for row in rows_of(study) if row.reference and row.error is not None]
+    return {"reference_error": min(own)} if own else {}
 
 
 def _write_front(

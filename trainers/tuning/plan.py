@@ -6,7 +6,7 @@ from pathlib import Path
 
 from trainers.dimensions import Dimension
 from trainers.fit import FitSettings
-from trainers.runs import RunConfig
+from trainers.runs import TRAINING, RunConfig
 from trainers.tape import lay_tape
 from trainers.training import configure, settings_for, tapes
 from trainers.tuning.space import Point, search_space, split
@@ -38,6 +38,7 @@ class Plan:
     objective: tuple[str, ...]
     seed: int
     dimensions: tuple[Dimension, ...]
+    training: int = TRAINING  # another revision's trials are no rivals of these
 
     @property
     def identity(self) -> dict[str, object]:

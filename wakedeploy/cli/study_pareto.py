@@ -58,7 +58,7 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
         [
             (made, wanted)
             for made in sets.values()
-            for wanted in planned(made, architectures, asked.seeds, asked.epochs)
+            for wanted in planned(made, architectures, asked.seeds, asked.epochs, blinded=False)
         ],
         asked.runs,
     )

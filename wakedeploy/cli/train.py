@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from trainers.fit import FitSettings
     from trainers.preset import Preset
     from trainers.runs import RunConfig, TrainedRun
+    from wakedeploy.episodes import EpisodeSet
 
 _NAMED_PRESETS = ("reference", "tuned")
 
@@ -95,6 +96,7 @@ def command(
     lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
     for chosen in presets.values():
         _tell_of_another_lead(chosen, lead_s)
+        _tell_of_another_set(chosen, episodes)
     configs = [
         configure(
             episodes,
@@ -112,7 +114,7 @@ def command(
         with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
             run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
             runs.append(run)
-    _report(runs, data, out, lead_s, json_path)
+    _report(runs, data, out, lead_s, json_path, preset)
 
 
 def _settings(
@@ -131,6 +133,17 @@ def _tell_of_another_lead(preset: "Preset | None", lead_s: float) -> None:
         click.echo(
             f"The preset of {preset.arch} was found for a lead of {found_s:g} s; this trains for"
             f" {lead_s:g} s (--lead {found_s:g} repeats it).",
+            err=True,
+        )
+
+
+def _tell_of_another_set(preset: "Preset | None", episodes: "EpisodeSet") -> None:
+    """Two sets of a domain need not be alike: simulated and measured flights are both "gantry"."""
+    study = {} if preset is None else preset.study
+    if preset is not None and study.get("data_sha256") not in (None, episodes.sha256):
+        click.echo(
+            f"The preset of {preset.arch} was found on another set ({study.get('data')}, "
+            f"{study.get('trials')} trials, {study.get('date')}).",
             err=True,
         )
 
@@ -187,13 +200,20 @@ def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
 
 
 def _report(
-    runs: list["TrainedRun"], data: Path, out: Path, lead_s: float, json_path: Path | None
+    runs: list["TrainedRun"],
+    data: Path,
+    out: Path,
+    lead_s: float,
+    json_path: Path | None,
+    preset: str,
 ) -> None:
     rows = [_row(run) for run in runs]
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
     print_scores(title, rows, runs[0].config, runs[0].metrics.test_r2_ceiling)
     if json_path:
-        write_json(json_path, {"rows": rows})
+        sha256 = runs[0].config.data_sha256
+        how = {"preset": preset, "lead_s": lead_s, "data_sha256": sha256}
+        write_json(json_path, how | {"rows": rows})
 
 
 def _row(run: "TrainedRun") -> dict[str, Any]:

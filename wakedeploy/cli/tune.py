@@ -34,7 +34,8 @@ _STOPPED = (
 @click.option(
     "--out", type=click.Path(file_okay=False, path_type=Path), required=True, help="A folder."
 )
-@click.option("--seed", type=click.IntRange(0, 2**31), default=0, show_default=True)
+@click.option("--seed", type=click.IntRange(0, 2**31), default=100, show_default=True,
+              help="Of every trial; not one that `train --seeds` then scores.")  # fmt: skip
 @click.option("--epochs", type=click.IntRange(1, 100_000), default=60, show_default=True)
 @lead_option
 @click.option(

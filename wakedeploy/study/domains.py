@@ -101,13 +101,15 @@ def compare(
     runs: Path,
     *,
     epochs: int | None = None,
+    blinded: bool = True,
 ) -> list[Line]:
     """Score everything on the same samples after one warm-up; trains what is not trained yet.
 
-    `epochs` is how long each is trained, if not as usual.
+    `epochs` is how long each is trained, if not as usual. `blinded`: also kept from the sufferer's
+    own past, where a set says which channels tell of it.
     """
     lines = list(_unlearned(data))
-    for asked in _asked(data, architectures, seeds, epochs):
+    for asked in _asked(data, architectures, seeds, epochs, blinded):
         run, wanted = best_run(data, asked, runs)
         name = asked.arch + (SOURCE_ONLY if asked.present_only else "")
         line = _scored(data, name, asked.seed, *predicted(run.predictor, data))
@@ -116,15 +118,19 @@ def compare(
 
 
 def planned(
-    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None = None
+    data: EpisodeSet,
+    architectures: Sequence[str],
+    seeds: int,
+    epochs: int | None = None,
+    blinded: bool = True,
 ) -> list[Wanted]:
     """The runs that `compare` needs."""
-    asked = _asked(data, architectures, seeds, epochs)
+    asked = _asked(data, architectures, seeds, epochs, blinded)
     return [wanted for one in asked for wanted in candidates(one)]
 
 
 def _asked(
-    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None
+    data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None, blinded: bool
 ) -> list[Wanted]:
     """One for each line.
 
@@ -132,7 +138,7 @@ def _asked(
     second line that is kept from their past: it cannot differentiate its way to the force.
     """
     named = data.provenance.get("own_motion")
-    hidings = [(), tuple(map(str, named))] if isinstance(named, list) else [()]
+    hidings = [(), tuple(map(str, named))] if blinded and isinstance(named, list) else [()]
     return [
         Wanted(arch, seed, epochs, present_only=hidden)
         for hidden in hidings

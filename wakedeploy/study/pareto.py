@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.study.domains import SOURCE_ONLY, Line, by_predictor, compare
+from wakedeploy.study.domains import Line, by_predictor, compare
 from wakedeploy.study.runs import obtained_run
 
 Cost = Callable[["Point"], float]
@@ -88,9 +88,8 @@ def learned(
     epochs: int | None = None,
 ) -> dict[str, list[Line]]:
     """Study 1's lines by architecture, those with the whole past; trains what is not there."""
-    lines = compare(data, architectures, seeds, runs, epochs=epochs)
-    trained = [line for line in lines if line.seed is not None]
-    return {n: own for n, own in by_predictor(trained).items() if not n.endswith(SOURCE_ONLY)}
+    lines = compare(data, architectures, seeds, runs, epochs=epochs, blinded=False)
+    return by_predictor([line for line in lines if line.seed is not None])
 
 
 def measure(
@@ -115,7 +114,7 @@ def measure(
         Point(
             domain=data.domain,
             arch=arch,
-            errors=tuple(line.normalised for line in own),
+            errors=tuple(line.error for line in own),
             trainable=trained[arch].metrics.trainable,
             frozen=trained[arch].metrics.frozen,
             step_p99_ms=row.stages_ms[_PREDICT]["p99"],
