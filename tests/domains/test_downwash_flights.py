@@ -108,6 +108,11 @@ def test_a_set_has_both_kinds_of_flight_and_repeats_exactly() -> None:
     assert len(one.episodes) == 3
     assert set(one.split.values()) == {"train", "validation", "test"}
     assert one.sha256 != make_set(minutes=0.5, seed=2, spread=0.1).sha256
+    plain = make_set(minutes=0.5, seed=1).episodes  # by turns without and with roughly the force
+    for number, episode in enumerate(plain):
+        alone = fly([2_000_000 + number], expect="nothing")
+        same = np.allclose(episode.force, alone.force_n[: len(episode), 0], atol=1e-5)
+        assert same is (number % 2 == 0)
 
 
 def test_differences_of_own_motion_tell_most_of_the_force() -> None:

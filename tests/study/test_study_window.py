@@ -194,8 +194,8 @@ def test_every_architecture_looks_like_itself_and_unlike_the_limits() -> None:
     assert told["gru"] == looks(["gru"])["gru"]  # whoever else is drawn
     assert not {figures.TRUE, figures.REFERENCE} & {colour for colour, _ in told.values()}
     points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names[1:8])]
-    labels = curves({"toy": points}).axes[0].get_legend_handles_labels()[1]
-    assert set(names[1:8]) <= set(labels)
+    labels = curves({"toy": points}, {"toy": 0.1}).axes[0].get_legend_handles_labels()[1]
+    assert {*names[1:8], "transport delay"} <= set(labels)
 
 
 def test_the_memoryless_alone_is_refused(tmp_path) -> None:

@@ -39,7 +39,13 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.folder import write_study
     from wakedeploy.study.sets import DOMAINS
-    from wakedeploy.study.window import measure, planned, sentence, with_memory
+    from wakedeploy.study.window import (
+        measure,
+        planned,
+        sentence,
+        transport_delay_s,
+        with_memory,
+    )
     from wakedeploy.study.window_figure import needed, parts
 
     architectures = with_memory(_architectures(arch))
@@ -62,10 +68,12 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     result = {"quick": asked.quick, "seeds": asked.seeds, "channels": mains, "points": points}
     rates_hz = {name: made.rate_hz for name, made in sets.items()}
     title = asked.titled("How much of the past a predictor has to see")
-    path = write_study(asked.results("window", names), title, parts(told, mains, rates_hz), result)
+    delays_s = {name: transport_delay_s(made) for name, made in sets.items()}
+    drawn = parts(told, mains, rates_hz, delays_s)
+    path = write_study(asked.results("window", names), title, drawn, result)
     print_table("The shortest past that suffices", *needed(told))
     for name, own in told.items():
-        click.echo(sentence(name, own, rates_hz[name]))
+        click.echo(sentence(name, own, rates_hz[name], delays_s[name]))
     click.echo(f"Figures, tables and the page: {path}")
 
 

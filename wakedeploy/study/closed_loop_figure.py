@@ -13,7 +13,7 @@ from wakedeploy import figures
 from wakedeploy.study.closed_loop import Tracked, above, recovered, sentence
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -102,7 +102,7 @@ def summary(lines: Sequence[Tracked]) -> tuple[list[str], list[list[str]]]:
 
 def parts(lines: Sequence[Tracked], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
-    told = f"{sentence(lines, chosen)} {CHOICE}"
+    told = f"{sentence(lines, chosen)}{choice({line.name for line in lines})}"
     return [Part("closed-loop", told, COLUMNS, rows(lines), bars(lines), summary(lines))]
 
 

@@ -30,7 +30,7 @@ _DEEPER_M = 1.2  # by which the field's grid goes on below, for the farthest suf
 START = "initial_delay_s"
 START_SHARES = (2 / 15, 13 / 15)  # of the window, where training begins: beside every delay
 ALIKE_S = 0.05  # ends of two starts that lie no farther apart are one
-_DISTANCE = "dz_m"  # the observation that says how far the wake has to sink
+DISTANCE = "dz_m"  # the observation that says how far the wake has to sink
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def source_lag_s(rig: Any) -> float:
 
 def transport(data: EpisodeSet, speed_mps: float) -> Transport:
     """What the heights flown in the test episodes and the wake's speed make of the delay."""
-    column = [channel.name for channel in data.observation].index(_DISTANCE)
+    column = [channel.name for channel in data.observation].index(DISTANCE)
     warm = data.warm_up_steps
     flown = [e.observation[warm:, column] for e in data.part("test") if len(e) > warm]
     delays_s = np.concatenate(flown).astype(float) / speed_mps

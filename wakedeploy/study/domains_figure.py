@@ -21,7 +21,7 @@ from wakedeploy.study.domains import (
 )
 from wakedeploy.study.domains_sentence import sentence
 from wakedeploy.study.folder import Part
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -116,9 +116,11 @@ def _limits(lines: Sequence[Line]) -> list[tuple[Line, str]]:
 
 def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
+    seen = {line.predictor for lines in told.values() for line in lines}
     first = Part(
         "domains",
-        f"Error of each architecture, as a share of what predicting the mean would leave. {CHOICE}",
+        "Error of each architecture, as a share of what predicting the mean would leave."
+        f"{choice(seen)}",
         COLUMNS,
         rows([line for own in told.values() for line in own]),
         bars(told),

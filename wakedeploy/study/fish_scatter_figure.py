@@ -15,7 +15,7 @@ from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, held_out, r
 from wakedeploy.study.fish_scatter import Shown
 from wakedeploy.study.folder import Part
 from wakedeploy.study.looks import looks
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 
 if TYPE_CHECKING:
@@ -131,7 +131,8 @@ def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list
         for line in lines
         if line.seed is not None
     ]
-    told = f"All architectures on the test block. {claims('fish', lines)} {CHOICE}"
+    named = {line.predictor for line in lines}
+    told = f"All architectures on the test block. {claims('fish', lines)}{choice(named)}"
     return [
         Part("fish-scatter", sentence(shown), COLUMNS, points, draw(shown, rate_hz), count),
         Part("fish-scatter-scores", told, SCORES, scores, shown=summary(lines)),

@@ -14,7 +14,7 @@ from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
 from wakedeploy.study.looks import looks
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window_figure import spread
 
@@ -128,7 +128,7 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     first = Part(
         "lead",
         "Force error and tracking error against how far ahead the force is predicted; rings mark "
-        f"each line's best lead. {CHOICE}",
+        f"each line's best lead.{choice({p.predictor for p in every})}",
         COLUMNS,
         rows(every),
         curves(told),

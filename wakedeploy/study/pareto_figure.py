@@ -11,7 +11,7 @@ from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -145,10 +145,11 @@ def _overlap(one: Box, other: Box) -> bool:
 
 def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
+    named = {point.arch for points in told.values() for point in points}
     first = Part(
         "pareto",
         "Error against trainable parameters and against the step's time in the loop; filled points"
-        f" on the line are beaten by none in both. {CHOICE}",
+        f" on the line are beaten by none in both.{choice(named)}",
         COLUMNS,
         [row for points in told.values() for row in rows(points)],
         panels(told),

@@ -4,7 +4,7 @@ In: sets and what to train on them. Out: predictors; a stopped run goes on where
 """
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,10 +25,17 @@ RESERVOIRS: tuple[Mapping[str, float], ...] = (
     {"input_scale": 0.03},
     {"input_scale": 0.001, "leak": 0.3},
 )
-CHOICE = (
-    "Of the eight only the reservoir (esn) has its scales chosen for each set, one of "
-    f"{1 + len(RESERVOIRS)} on validation; all others are trained as they are."
-)
+
+
+def choice(names: Collection[str]) -> str:
+    """What was chosen for the models of a figure, with a space before it; "" where nothing was."""
+    if "esn" not in names:
+        return ""
+    return (
+        " Of the eight only the reservoir (esn) has its scales chosen for each set, one of "
+        f"{1 + len(RESERVOIRS)} on validation; all others are trained as they are."
+    )
+
 
 # Seconds of training on the same half an hour of flights (docs/training.json), one thread.
 _SECONDS = {

@@ -16,7 +16,7 @@ from wakedeploy.study.closed_loop_figure import rows as flown
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.looks import looks
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 from wakedeploy.study.shift import Shifted, agreement, sentence
 
 if TYPE_CHECKING:
@@ -99,5 +99,5 @@ def parts(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) 
     """The study's one figure and table."""
     rows = [(one.spread, *row) for one in (nominal, *told) for row in flown(one.lines)]
     drawn, table = lines_over_spreads(nominal, told), summary(nominal, told)
-    said = f"{sentence(nominal, told, chosen)} {CHOICE}"
+    said = f"{sentence(nominal, told, chosen)}{choice({line.name for line in nominal.lines})}"
     return [Part("shift", said, COLUMNS, rows, drawn, table)]

@@ -34,7 +34,6 @@ from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 3 / 4, 1.0, 1.5)  # of the domain's usual window
 WHOLE = math.inf  # the past since the episode's start
 TOLERANCE = 1.05  # how much above the least error a window may be that suffices
-_FISH_DELAY_S = 0.333  # at which foil and flag tip of the recording go together best
 _MOST_SCORED = 3000  # neighbouring samples err alike: more would say little
 _FLOAT_BYTES = 4
 
@@ -175,23 +174,31 @@ def architectures_of(points: Sequence[Seen]) -> list[str]:
     return list(dict.fromkeys(p.arch for p in points if p.arch != MEMORYLESS))
 
 
-def transport_delay_s(domain: str) -> float | None:
-    """How long the wake is under way, where that is one known number."""
-    if domain == "downwash":
-        from wakedeploy.domains.downwash import NOMINAL_DELAY_S
+def transport_delay_s(data: EpisodeSet) -> float | None:
+    """How long the wake is under way on average, where a set and its simulation tell; or None.
 
-        return NOMINAL_DELAY_S
-    return _FISH_DELAY_S if domain == "fish" else None
+    On fish it is the lag at which the flag's tip follows the foil best.
+    """
+    from wakedeploy.study.basin import echo_of
+    from wakedeploy.study.delay import DISTANCE, nominal, transport
+    from wakedeploy.study.sets import DOMAINS
+
+    if data.domain == "fish":
+        return echo_of(data).true_s
+    if data.domain in ("downwash", "gantry") and DISTANCE in {c.name for c in data.observation}:
+        return transport(data, nominal(data.domain, DOMAINS[data.domain]).speed_mps).mean_s
+    return None
 
 
-def sentence(domain: str, points: Sequence[Seen], rate_hz: float) -> str:
-    """What a domain's points say, in one sentence."""
+def sentence(
+    domain: str, points: Sequence[Seen], rate_hz: float, delay_s: float | None = None
+) -> str:
+    """What a domain's points say, in one sentence; `delay_s` is the wake's, where it is known."""
     longest = max((p.past_s for p in points if p.past_s < WHOLE), default=0.0)
     told = [_told(need(points, arch), rate_hz, longest) for arch in architectures_of(points)]
     if not told:
         return f"On {domain}, no model with memory was trained."
-    delay_s = transport_delay_s(domain)
-    known = "" if delay_s is None else f" The wake is under way for {delay_s:.3f} s."
+    known = "" if delay_s is None else f" The wake is under way for {delay_s:.3f} s on average."
     return f"On {domain}, {'; '.join(told)}.{known}"
 
 

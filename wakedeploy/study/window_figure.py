@@ -13,7 +13,7 @@ from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.looks import looks
-from wakedeploy.study.runs import CHOICE
+from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window import (
     WHOLE,
@@ -21,7 +21,6 @@ from wakedeploy.study.window import (
     architectures_of,
     need,
     sentence,
-    transport_delay_s,
 )
 
 if TYPE_CHECKING:
@@ -46,15 +45,18 @@ COLUMNS = (
 )
 
 
-def curves(told: Mapping[str, Sequence[Seen]]) -> "Figure":
-    """Error over the channel's standard deviation against the past [s], domain by domain."""
+def curves(told: Mapping[str, Sequence[Seen]], delays_s: Mapping[str, float | None]) -> "Figure":
+    """Error over the channel's standard deviation against the past [s], domain by domain.
+
+    A line where the wake's delay is known.
+    """
     across = min(len(told), 3)
     down = -(-len(told) // across)
     size = (3.1 * across, 0.4 + 2.4 * down)
     with figures.style():
         drawn, grid = figures.figure(down, across, size=size, squeeze=False)
         for axes, (domain, points) in zip(grid.flat, told.items(), strict=False):
-            _panel(axes, domain, points)
+            _panel(axes, domain, points, delays_s.get(domain))
         for axes in list(grid.flat)[len(told) :]:
             axes.set_axis_off()
         for axes in grid[:, 0]:
@@ -70,10 +72,9 @@ def curves(told: Mapping[str, Sequence[Seen]]) -> "Figure":
     return drawn
 
 
-def _panel(axes: "Axes", domain: str, points: Sequence[Seen]) -> None:
+def _panel(axes: "Axes", domain: str, points: Sequence[Seen], delay_s: float | None) -> None:
     plain = float(np.mean([p.share for p in points if p.arch == MEMORYLESS]))
     axes.axhline(plain, color=figures.LIMIT, linestyle="--", label=f"{MEMORYLESS} (no memory)")
-    delay_s = transport_delay_s(domain)
     if delay_s is not None:
         axes.axvline(delay_s, color=figures.TRUE, linewidth=0.9, label="transport delay")
     for arch, (colour, marker) in looks(architectures_of(points)).items():
@@ -100,22 +101,26 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen]) -> None:
 
 
 def parts(
-    told: Mapping[str, Sequence[Seen]], mains: Mapping[str, str], rates_hz: Mapping[str, float]
+    told: Mapping[str, Sequence[Seen]],
+    mains: Mapping[str, str],
+    rates_hz: Mapping[str, float],
+    delays_s: Mapping[str, float | None],
 ) -> list[Part]:
     """The figure over all domains with what is needed, then each domain's table.
 
-    `mains` and `rates_hz` are each domain's channel and rate.
+    `mains`, `rates_hz` and `delays_s` are each domain's channel, rate and transport delay.
     """
-    said = {name: sentence(name, points, rates_hz[name]) for name, points in told.items()}
+    said = {n: sentence(n, points, rates_hz[n], delays_s[n]) for n, points in told.items()}
+    seen = {point.arch for points in told.values() for point in points}
     first = Part(
         "window",
         "Error against how much of the past is seen; a ring marks the shortest past with which the "
         "error is within 5 % of the least. Of a model that carries a state that is at most what it "
         "needs: its past was cut after a training that never scored so young a state. One that "
-        f"sees a window was trained for each length. {CHOICE}",
+        f"sees a window was trained for each length.{choice(seen)}",
         COLUMNS,
         rows([p for points in told.values() for p in points]),
-        curves(told),
+        curves(told, delays_s),
         needed(told),
     )
     return [first] + [
