@@ -51,7 +51,8 @@ SPEED_RATIO = (0.5, 2.0)
 SPEED_MPS = (3.0, 5.0)
 WALL_LENGTHS = (0.9, 1.4)
 _FROM_LENGTHS = 2.0  # apart along the channel when a pass begins and ends
-_SETTLING_S = 30.0  # in which wakes form
+# Before, wakes form. It is recorded, too: memories warm up meanwhile, and the whole pass is scored.
+_SETTLING_S = WINDOW_S
 # Both models take the water's surface for rigid: no ship may be near the speed of its own waves.
 _FASTEST_FROUDE = 0.6  # speed over √(g · depth)
 _SLOWEST_PASS = 0.15  # a pass whose speeds differ less, relative to the faster, would never end
@@ -197,18 +198,17 @@ def _steps(
             yield None
             return
         loads = forces.step(a, b, dt_s)
-        if abs(ahead_m) <= lead_m:
-            observed = (
-                ahead_m,
-                apart_m,
-                b.course * b.speed_mps - a.speed_mps,
-                b.aside_mps - a.aside_mps,
-                a.speed_mps,
-                a.heading_rad,
-                a.aside_m,
-                one.depth_m / hull.draught_m,
-            )
-            yield observed, (float(loads[0][0]), float(loads[1][0]))
+        observed = (
+            ahead_m,
+            apart_m,
+            b.course * b.speed_mps - a.speed_mps,
+            b.aside_mps - a.aside_mps,
+            a.speed_mps,
+            a.heading_rad,
+            a.aside_m,
+            one.depth_m / hull.draught_m,
+        )
+        yield observed, (float(loads[0][0]), float(loads[1][0]))
         sufferer.step(one.target_m(k * dt_s), float(loads[0][0]), float(loads[1][0]), dt_s)
         source.step(one.source_m, float(loads[0][1]), float(loads[1][1]), dt_s)
 

@@ -93,7 +93,7 @@ DOMAINS = {
     domain.name: domain
     for domain in (
         _recorded("quadrotor", "force_z_n", "*.npz", _quadrotor),
-        _simulated("ship", "sway_n", 120.0, 20.0, _ship),
+        _simulated("ship", "sway_n", 600.0, 20.0, _ship),
         _recorded("fish", "flag_tip_m", "*_Foil.mat", _fish),
         _simulated("downwash", "force_z_n", 20.0, 2.0, _downwash),
         _simulated("gantry", "force_z_n", 30.0, 2.0, _gantry),
