@@ -260,6 +260,13 @@ def test_a_placebo_that_helps_is_a_warning():
     assert "Careful" in account({"verdict": "named", "placebo": placebo})
 
 
+def test_an_error_below_the_noise_is_told_as_noise_and_not_as_more_than_all():
+    error = {"before": 0.012, "after": 0.0053, "noise_floor": 0.0056, "unit": "m"}
+    told = account({"verdict": "named", "gap": {"height 0.25 s ahead": error}})
+    assert "where noise alone gives 5.6 mm: no more is left than noise." in told
+    assert "100 %" not in told
+
+
 @pytest.mark.parametrize(("nats", "said"), [(1.0, "not help"), (9.0, "a little"), (40.0, "less"),
                                             (90.0, "as well")])  # fmt: skip
 def test_how_far_a_placebo_helps_is_told_against_what_was_found(nats, said):

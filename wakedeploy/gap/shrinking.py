@@ -78,6 +78,8 @@ def shrinking(result: Mapping[str, Any]) -> list[str]:
         return [f"{told}; noise alone: {floor}."]
     share = closed_share(channel)
     closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
+    if share > 1.0:  # the noise that a model expects of itself is an estimate, mostly a high one
+        closed = ": no more is left than noise"
     if number(channel.get("after")) > number(channel.get("before")):
         closed = ": the gap did not shrink"
     members = texts(result.get("as_if"))
