@@ -46,7 +46,7 @@ FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-VERSION = 9  # of what is simulated; thresholds of another one are not used
+VERSION = 10  # of what is simulated; thresholds of another one are not used
 _LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -164,7 +164,8 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     for name in drawn:
         if name.startswith(("rail.", "spool.", "wake.")):
             drawn[name] = max(drawn[name], 0.1 * values[name])
-    drawn["rail.stiction_n"] = max(values["rail.stiction_n"], drawn.get("rail.coulomb_n", 0.0))
+    held_n = drawn.get("rail.stiction_n", values["rail.stiction_n"])
+    drawn["rail.stiction_n"] = max(held_n, drawn.get("rail.coulomb_n", 0.0))
     truth = with_constants(rig, drawn)
     hidden = [
         _entry("range-bias", bias_m=drawn.get("range.bias_m", 0.0)),

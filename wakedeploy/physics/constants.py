@@ -79,6 +79,7 @@ DEFAULT_SPREAD: Mapping[str, Spread] = {
     "wake.diffusivity_m2ps": Spread(relative=0.10),
     "rail.coulomb_n": Spread(relative=0.3, absolute=0.01),
     "rail.viscous_n_per_mps": Spread(relative=0.3, absolute=0.01),
+    "rail.stiction_n": Spread(relative=0.3, absolute=0.01),  # no calibration measures it
 }
 
 
