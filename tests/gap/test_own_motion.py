@@ -41,7 +41,7 @@ def moved_mps(model: GantryModel, fitted: Fit) -> float:
 
 def test_another_turn_neither_moves_nor_gains(base, friction) -> None:
     for model, fitted in (base, friction):
-        assert moved_mps(model, fitted) < 5e-4
+        assert moved_mps(model, fitted) < 1e-3  # a quarter of what the speed is known to
         near = model.around_own_motion(fitted)
         again = fit(near, fitted.hypothesis, range(2), fitted.theta)
         assert again.objective == pytest.approx(fitted.objective, abs=1.5)

@@ -133,7 +133,7 @@ def tune(data: EpisodeSet, folder: Path, address: str, *others: object) -> Resul
     if not (folder / "set").exists():
         data.write(folder / "set")
     asked = ["tune", "--arch", "agile-mlp", "--data", folder / "set", "--out", folder / "out"]
-    asked += ["--epochs", 3, "--storage", address, *others]
+    asked += ["--epochs", 3, "--seed", 0, "--storage", address, *others]
     for dimension in TINY["agile-mlp"]:
         asked += ["--dimension", dimension]
     return CliRunner().invoke(main, [str(one) for one in asked])
@@ -199,7 +199,7 @@ def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice
     echo.write(tmp_path / "set")
     (tmp_path / "ready").mkdir()
     asked = [tmp_path / "ready", "tune", "--arch", "agile-mlp", "--data", tmp_path / "set",
-             "--storage", address, "--epochs", 1, "--trials", 3,
+             "--storage", address, "--epochs", 1, "--trials", 3, "--seed", 0,
              "--dimension", "batch=256"]  # fmt: skip
     machines = [
         subprocess.Popen(

@@ -75,7 +75,7 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
     if verdict == "unknown":
         told += _part(result) + _rest(mapping(result.get("unknown")))
     told += _little_left(mapping(result.get("rest")))
-    told += _place(result) if verdict != "none" else []
+    told += _place(result)
     told += shrinking(result) + placebo(result) + _retraining(result)
     if verdict == "none":
         told += _detectable(result)
@@ -194,6 +194,8 @@ def _place(result: Mapping[str, Any]) -> list[str]:
         return []
     words = place_words(places[0])
     at = "" if words.startswith(_NEEDS_NO_AT) else "at "
+    if result.get("verdict") == "none":
+        return [f"What stands out most ({_q(places[0])}), {words}, may be chance."]
     return [f"It shows most ({_q(places[0])}) {at}{words}."]
 
 

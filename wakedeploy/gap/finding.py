@@ -32,6 +32,7 @@ Orders = npt.NDArray[np.int32]
 BoolArray = npt.NDArray[np.bool_]
 
 FALSE_DISCOVERIES = 0.05
+FORBIDS_NONE = 0.02  # a place at this q or below; one in fifty sets of flights has it by chance
 HORIZONS_S = (0.25, 0.5, 1.0)
 # At least four times as long as the channel's own window correlates what it measures.
 _BLOCK_S = {
