@@ -185,7 +185,12 @@ def _placebo(document: Document) -> Markup:
             channels, numbers(placebo.get("before")), numbers(placebo.get("after")), strict=True
         )
     ]
-    return element("p", f"A placebo, {placebo.get('name')} instead: {'; '.join(left)}.")
+    nats = [number(of.get("sealed_gain_nats")) for of in (placebo, document)]
+    return element(
+        "p",
+        f"The best other effect instead, {placebo.get('name')}: {'; '.join(left)}. On the sealed "
+        f"episodes it gains {nats[0]:.1f} nats, what was found {nats[1]:.1f}.",
+    )
 
 
 def _white(document: Document) -> list[Markup]:
