@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,7 +19,16 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.plan import plausible_size
 from wakedeploy.gap.power import power, step_count
-from wakedeploy.gap.power_page import COLUMNS, draw_cost, rows, sentences, write_page
+from wakedeploy.gap.power_page import (
+    COLUMNS,
+    KEPT,
+    KEPT_OF,
+    SURELY,
+    draw_cost,
+    rows,
+    sentences,
+    write_page,
+)
 from wakedeploy.gap.rates import Draws, fitted_share
 from wakedeploy.gap.sensors import SENSORS, with_sensor
 from wakedeploy.gap.separation import gather, loss_nats
@@ -161,6 +171,12 @@ def test_every_plausible_size_can_be_flown_as_an_effect_of_a_rig() -> None:
         entry = with_effect(RIG, name, plausible_size(RIG, name)).effect[-1]
         assert set(entry.parameters) == {p.name for p in effect.parameters}
     assert step_count(RIG, 7) == 7 + 3 * len(LIBRARY) + 1 + len(SENSORS) + 1
+
+
+def test_the_share_of_promises_kept_is_the_benchmarks() -> None:
+    told = json.loads((Path(__file__).parents[2] / "docs" / "gap-power.json").read_text())
+    measured = told[f"promised {SURELY:g} to 1"]
+    assert (measured["cases"], round(measured["named"], 2)) == (KEPT_OF, KEPT)
 
 
 def test_one_flight_is_too_few() -> None:
