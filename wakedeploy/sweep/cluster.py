@@ -99,6 +99,9 @@ class Cluster:
                 outcome = self._outcome(future, job)
                 if outcome is not None:
                     del self._jobs[key]
+                    # Before anything else: a result that is still asked for is computed again if
+                    # the worker that holds it is lost meanwhile.
+                    future.release()
                     yield job, outcome
             if self._client.status != "running":
                 raise self._lost()
