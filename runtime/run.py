@@ -55,7 +55,8 @@ Tell = Callable[[Tally], None]
 Show = Callable[[float, float], None]
 Warn = Callable[[str], None]
 
-_STOPPING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+_STOPPING = (signal.SIGINT, signal.SIGTERM)
+_HANGING_UP = (signal.SIGHUP, signal.SIGQUIT)
 
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
@@ -354,9 +355,8 @@ def _fly_recorded(
         try:
             loop.run()
         finally:
-            manager.stopping(
-                f"ended: {loop.tally.ended or 'before take-off'}"
-            )  # no beats from here
+            # No beats from here.
+            manager.stopping(f"ended: {loop.tally.ended or 'before take-off'}")
             report = recorder.close() if recorder else None
     return report
 
@@ -404,7 +404,9 @@ def _stopping_by_hand(loop: Loop) -> Iterator[None]:
             raise KeyboardInterrupt
         loop.stop_asked = True
 
-    before = {number: signal.signal(number, ask) for number in _STOPPING}
+    # `nohup` asks that a closed terminal be nobody's concern.
+    heard = [n for n in _HANGING_UP if signal.getsignal(n) is not signal.SIG_IGN]
+    before = {number: signal.signal(number, ask) for number in (*_STOPPING, *heard)}
     try:
         yield
     finally:

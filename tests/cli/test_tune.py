@@ -106,7 +106,12 @@ def test_the_best_trains_as_a_preset(done: Path, data: Path, tmp_path: Path) -> 
     asked = ("--data", data, "--preset", done / "best.toml", "--json", tmp_path / "t.json")
     ended = wakedeploy("train", *asked, "--out", tmp_path / "runs")
     assert ended.exit_code == 0, ended.output
-    (row,) = json.loads((tmp_path / "t.json").read_text())["rows"]
+    written = json.loads((tmp_path / "t.json").read_text())
+    (row,) = written["rows"]
+    preset = tomllib.loads((done / "best.toml").read_text())
+    assert written["data_sha256"] == preset["study"]["data_sha256"]
+    assert (written["preset"], written["lead_s"]) == (str(done / "best.toml"), 0.0)
+    assert "another set" not in ended.output
     told = json.loads(done.with_suffix(".json").read_text())
     assert row["arch"] == "gru"
     assert row["rmse"] == told["test"]["rmse"]
@@ -117,6 +122,16 @@ def test_the_best_trains_as_a_preset(done: Path, data: Path, tmp_path: Path) -> 
     config = json.loads((tmp_path / "other/echo/gru/s0/config.json").read_text())
     assert (config["hyper"]["hidden"], config["settings"]["epochs"]) == (5, 1)
     assert config["settings"]["lanes"] == told["settings"]["lanes"]
+
+
+def test_a_preset_of_another_set_is_told(done: Path, data: Path, tmp_path: Path) -> None:
+    preset = (done / "best.toml").read_text()
+    sha256 = tomllib.loads(preset)["study"]["data_sha256"]
+    (tmp_path / "p.toml").write_text(preset.replace(sha256, "0" * 64))
+    asked = ("--data", data, "--preset", tmp_path / "p.toml", "--epochs", 1)
+    ended = wakedeploy("train", *asked, "--out", tmp_path / "runs")
+    assert ended.exit_code == 0, ended.output
+    assert "The preset of gru was found on another set" in one_line(ended)
 
 
 def test_more_trials_add_to_the_study(done: Path, data: Path) -> None:

@@ -8,7 +8,13 @@ from recorded import RIG, flown
 from scipy.stats import false_discovery_control
 
 from wakedeploy.gap import finding
-from wakedeploy.gap.finding import FALSE_DISCOVERIES, HORIZONS_S, find_places, q_values
+from wakedeploy.gap.finding import (
+    FALSE_DISCOVERIES,
+    HORIZONS_S,
+    find_places,
+    forbids_none,
+    q_values,
+)
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.residuals import CHANNELS, COORDINATES, Residuals, residuals
@@ -240,6 +246,18 @@ def test_a_planted_bump_is_found_at_its_bins(monkeypatch, base) -> None:
         if m["coordinate"] == "height":
             highest = int(np.argmax(m["mean"]))
             assert 0.5 < 0.5 * (m["edges"][highest] + m["edges"][highest + 1]) < 0.85
+
+
+@pytest.mark.parametrize(
+    ("channel", "q", "forbids"),
+    [("force", 0.02, True), ("force", 0.03, False), ("innovation", 0.001, False)],
+)
+def test_a_place_that_chance_makes_often_does_not_forbid_that_nothing_is_missing(
+    channel: str, q: float, forbids: bool
+) -> None:
+    weak = {"channel": "force", "q_value": 0.05}
+    assert forbids_none([weak, {"channel": channel, "q_value": q}]) is forbids
+    assert not forbids_none([])
 
 
 def test_an_offset_is_everywhere(monkeypatch, base) -> None:

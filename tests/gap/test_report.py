@@ -260,6 +260,14 @@ def test_a_placebo_that_helps_is_a_warning():
     assert "Careful" in account({"verdict": "named", "placebo": placebo})
 
 
+def test_beside_nothing_a_place_is_told_as_too_little():
+    place = {"words": "height above 0.9 m: +0.01 N (force), q = 0.04", "q_value": 0.04}
+    told = account({"verdict": "none", "places": [place]})
+    assert "Too little to say that something is missing (q = 0.04): height above 0.9 m" in told
+    assert "It shows most" not in told
+    assert "It shows most (q = 0.04) at height" in account({"verdict": "named", "places": [place]})
+
+
 def test_an_error_below_the_noise_is_told_as_noise_and_not_as_more_than_all():
     error = {"before": 0.012, "after": 0.0053, "noise_floor": 0.0056, "unit": "m"}
     told = account({"verdict": "named", "gap": {"height 0.25 s ahead": error}})

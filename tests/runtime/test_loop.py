@@ -211,16 +211,23 @@ def test_a_recording_that_fails_and_a_limit_that_is_left_end_the_flight():
     assert fly(shifted)[0].failsafe_cause == ("x_limit",)
 
 
-def test_a_slow_tick_is_counted_logged_and_not_repaid():
-    world, rows = World(), Rows()
+def stalling_world(rows, at, for_s):
+    """A world in which the tick after so many rows takes so much longer, once."""
+    world = World()
     send, stalls = world.send, iter([True])
 
     def stalling(command):
-        if len(rows.rows) == 20 and next(stalls, False):
-            world.now_s += 0.045
+        if len(rows.rows) == at and next(stalls, False):
+            world.now_s += for_s
         return send(command)
 
     world.send = stalling
+    return world
+
+
+def test_a_slow_tick_is_counted_logged_and_not_repaid():
+    rows = Rows()
+    world = stalling_world(rows, at=20, for_s=0.045)
     tally = Loop(RIG, world, world, hold_plan(RIG, 1.0, 0.4, 1400.0), None, rows, world).run()
     ticks = rows.column("tick")
     assert [b - a for a, b in itertools.pairwise(ticks) if b - a > 1] == [2]
@@ -229,15 +236,8 @@ def test_a_slow_tick_is_counted_logged_and_not_repaid():
 
 
 def test_a_loop_that_stood_still_is_no_broken_cable_and_comes_down_under_control():
-    world, rows = World(), Rows()
-    send, stalls = world.send, iter([True])
-
-    def stalling(command):
-        if len(rows.rows) == 60 and next(stalls, False):
-            world.now_s += 0.25
-        return send(command)
-
-    world.send = stalling
+    rows = Rows()
+    world = stalling_world(rows, at=60, for_s=0.25)
     loop = Loop(RIG, world, world, hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), None, rows, world)
     loop.run()
     assert loop.failsafe_cause[0] == "loop_stalled"

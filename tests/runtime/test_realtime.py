@@ -1,6 +1,7 @@
 """Ticks on a grid of absolute times, with a clock that the test moves."""
 
 import itertools
+import os
 
 import pytest
 
@@ -51,6 +52,16 @@ def test_a_tick_may_begin_a_little_late_and_says_so():
     assert [t.index for t in ticks] == [0, 1, 2]
     assert ticks[1].late_s == pytest.approx(0.00075)
     assert ticks[2].late_s == pytest.approx(0.0)
+
+
+@pytest.mark.parametrize(("policy", "asked"), [(os.SCHED_FIFO, 2), (os.SCHED_OTHER, 0)])
+def test_what_was_inherited_of_real_time_is_given_back(policy, asked, monkeypatch):
+    calls = []
+    monkeypatch.setattr(os, "sched_getscheduler", lambda pid: policy)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda pid, to, param: calls.append(to))
+    monkeypatch.setattr(os, "sched_setaffinity", lambda pid, cores: calls.append(set(cores)))
+    realtime.become_ordinary()
+    assert calls == [os.SCHED_OTHER, set(range(os.cpu_count()))][:asked]
 
 
 def test_a_machine_that_forbids_real_time_says_what_to_change(monkeypatch):

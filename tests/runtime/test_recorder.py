@@ -66,6 +66,26 @@ def test_a_stalled_disk_drops_ticks_and_counts_them(
     assert read_run_log(tmp_path / "a.mcap").metadata["dropped"] == str(dropped)
 
 
+def test_a_disk_that_never_answers_is_waited_for_once(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    answered = threading.Event()
+    monkeypatch.setattr(RunLogWriter, "write", lambda *row: answered.wait())
+    monkeypatch.setattr("runtime.recorder.CLOSE_LIMIT_S", 0.2)
+    recorder = Recorder(tmp_path / "a.mcap", METADATA)
+    recorder.put(tick_row(0))
+    joins: list[float] = []
+    join = recorder._thread.join
+    monkeypatch.setattr(
+        recorder._thread, "join", lambda limit_s: (joins.append(limit_s), join(limit_s))
+    )
+    first = recorder.close()
+    assert "has not answered" in str(first.error)
+    assert recorder.close() is first
+    assert joins == [0.2]
+    answered.set()
+
+
 def test_a_full_disk_stops_the_recording_and_keeps_what_is_there(tmp_path: Path) -> None:
     """A file-size limit of the operating system gives the writes the disk would give."""
     path = tmp_path / "full.mcap"

@@ -353,6 +353,23 @@ def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, se
     assert "(sensor_lost): the plant process stopped sending range samples" in err
 
 
+def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
+    CLI.insert(0, "nohup")
+    try:
+        run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
+    finally:
+        CLI.pop(0)
+    until(lambda: has_flown(run, "f.mcap", 0))
+    run.send_signal(signal.SIGHUP)
+    flown = int(read_run_log("f.mcap").flying.sum())
+    until(lambda: has_flown(run, "f.mcap", flown + 64))
+    assert run.poll() is None
+    run.send_signal(signal.SIGTERM)
+    _, err = run.communicate(timeout=60)
+    assert run.returncode == 130
+    assert err.endswith("Interrupted.\n")  # behind what nohup says
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_lands_and_closes_the_log(here, number):
     run = started("--virtual", "--seconds", 60, "--log", "f.mcap")

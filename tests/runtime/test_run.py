@@ -18,9 +18,9 @@ import pytest
 from click.testing import CliRunner
 
 from runtime.calibration.session import resting
-from runtime.protocol import FIRMWARE
+from runtime.protocol import FIRMWARE, Fault
 from runtime.recorder import RunLogWriter
-from runtime.run import HINTS, RunRequest, fly, require_fit
+from runtime.run import HINTS, RunRequest, _judge, fly, require_fit
 from runtime.safety import Findings, fatal_faults
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
@@ -159,6 +159,22 @@ def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkey
     with pytest.raises(CheckFailed, match="No space left"):
         fly(RunRequest(RIG, 8.0, log=log))
     assert 0 < len(read_run_log(log)) <= 40
+
+
+@pytest.mark.parametrize(
+    ("cause", "said"),
+    [
+        ((), "^9 ticks were not recorded"),
+        (("recorder_failed",), "^9 ticks were not recorded"),
+        (("operator_stop",), "^9 ticks were not recorded"),
+        (("battery_lost",), r"\(battery_lost\): the battery.* 9 ticks were not recorded"),
+    ],
+)
+def test_a_failsafe_and_a_log_with_holes_are_both_told(cause, said):
+    loop = SimpleNamespace(failsafe_cause=cause, last_reset=Fault.NONE)
+    link = ranges = SimpleNamespace(failure=None)
+    with pytest.raises(CheckFailed, match=said):
+        _judge(loop, link, ranges, "9 ticks were not recorded")
 
 
 def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monkeypatch):

@@ -1,6 +1,7 @@
 """The modes, transition by transition, and the pure steps around them."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -158,6 +159,9 @@ def test_the_way_down_is_bounded_and_ends_on_the_stop():
     assert not safety.has_landed(descent, 12.0, 0.2, LIMITS)
     assert safety.has_landed(descent, 13.0, 0.01, LIMITS)
     assert safety.has_landed(descent, 20.0, 0.5, LIMITS)
+    high = replace(descent, z_m=3.0)
+    assert not safety.has_landed(high, descent.start_s + 20.0, 0.5, LIMITS)
+    assert safety.has_landed(high, descent.start_s + 25.0, 0.5, LIMITS)
 
 
 def test_without_a_height_the_pulse_ramps_to_idle_within_the_descent_time():

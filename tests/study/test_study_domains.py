@@ -83,6 +83,8 @@ def test_the_past_of_own_motion_is_hidden_where_a_set_names_it(tmp_path) -> None
     kept = share["history-mlp" + SOURCE_ONLY]
     assert share["history-mlp"] < 0.6 * share["agile-mlp"]
     assert kept == pytest.approx(share["agile-mlp"], rel=0.1)
+    plan = [planned(data, ["history-mlp"], 1, 8, blinded=blinded) for blinded in (True, False)]
+    assert [[w.present_only for w in wanted] for wanted in plan] == [[(), ("drive",)], [()]]
     told = sentence("toy", lines)
     assert f"history-mlp is the best on validation and errs by {kept:.2f}" in told
     assert "memory takes" in told.lower()

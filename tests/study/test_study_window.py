@@ -3,6 +3,7 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from wakedeploy import figures
 from wakedeploy.cli import main
 from wakedeploy.cli.study_horizon import window
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.rig import default_rig
 from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import Wanted, candidates, obtained_run, trained
 from wakedeploy.study.window import (
@@ -28,6 +30,7 @@ from wakedeploy.study.window import (
     planned,
     reach,
     sentence,
+    transport_delay_s,
     windows,
 )
 from wakedeploy.study.window_figure import curves, needed
@@ -196,6 +199,20 @@ def test_every_architecture_looks_like_itself_and_unlike_the_limits() -> None:
     points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names[1:8])]
     labels = curves({"toy": points}, {"toy": 0.1}).axes[0].get_legend_handles_labels()[1]
     assert {*names[1:8], "transport delay"} <= set(labels)
+
+
+def test_the_transport_delay_comes_from_the_set() -> None:
+    data = delayed_set()
+    swing = np.sin(2.0 * np.pi * np.arange(300)[:, None] / 16.0).astype(np.float32)  # 0.8 s
+    made = [Episode(e.name, swing[DELAY:], swing[:-DELAY]) for e in data.episodes]
+    fish = replace(data, domain="fish", episodes=tuple(made))
+    assert transport_delay_s(fish) == pytest.approx(DELAY / 20.0, abs=0.01)
+    assert transport_delay_s(data) is None
+    low = [Episode(e.name, np.full_like(e.observation, 1.2), e.force) for e in data.episodes]
+    gantry = replace(
+        data, domain="gantry", observation=(Channel("dz_m", "m"),), episodes=tuple(low)
+    )
+    assert transport_delay_s(gantry) == pytest.approx(1.2 / default_rig().wake.speed_mps)
 
 
 def test_the_memoryless_alone_is_refused(tmp_path) -> None:

@@ -59,6 +59,16 @@ def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_
     assert set(found.importances) == set(study.trials[0].params)
 
 
+def test_the_best_says_what_the_papers_shape_reached(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out", trials=2, asked=("hidden=100:128", "layers=2"))
+    study = work.begin()
+    run_trials(work, study, echo)
+    conclude(work, study, echo)
+    (own,) = [row for row in rows_of(study) if row.reference]
+    assert own.point["hidden"] == 128
+    assert read_preset(work.out / "best.toml").study["reference_error"] == own.error
+
+
 def test_without_any_finished_trial_the_reasons_are_kept(echo: EpisodeSet, tmp_path: Path) -> None:
     work = work_of(echo, tmp_path / "out", trials=2, budget=10)
     study = work.begin()

@@ -195,7 +195,7 @@ def _place(result: Mapping[str, Any]) -> list[str]:
     words = place_words(places[0])
     at = "" if words.startswith(_NEEDS_NO_AT) else "at "
     if result.get("verdict") == "none":
-        return [f"What stands out most ({_q(places[0])}), {words}, may be chance."]
+        return [f"Too little to say that something is missing ({_q(places[0])}): {words}."]
     return [f"It shows most ({_q(places[0])}) {at}{words}."]
 
 

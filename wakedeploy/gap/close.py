@@ -19,7 +19,7 @@ import numpy as np
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.gap.answered import sizes_of, write_answer
-from wakedeploy.gap.finding import FORBIDS_NONE, find_places
+from wakedeploy.gap.finding import find_places, forbids_none
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.found import Found
 from wakedeploy.gap.gantry import GantryModel
@@ -33,7 +33,6 @@ from wakedeploy.gap.naming import (
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
 from wakedeploy.gap.refitting import refitted
-from wakedeploy.gap.residuals import INNOVATION
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import (
     forget,
@@ -141,8 +140,7 @@ def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
     """
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
-    places = read_steps(out).find.get("places", ())
-    disagrees = any(p["channel"] != INNOVATION and p["q_value"] <= FORBIDS_NONE for p in places)
+    disagrees = forbids_none(read_steps(out).find.get("places", ()))
     progress("fitting the rig file as it is")
     model, base = case.base
     answer = name_effects(

@@ -337,7 +337,17 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]
     }
 
 
+def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a place disagrees too clearly for "nothing is missing".
+
+    Innovations do not count: their whiteness is a gate of its own.
+    """
+    return any(p["channel"] != INNOVATION and p["q_value"] <= FORBIDS_NONE for p in places)
+
+
 def _sentence(places: Sequence[dict[str, Any]]) -> str:
     if not places:
         return "Simulation and measurement agree everywhere to within noise."
+    if all(place["q_value"] > FORBIDS_NONE for place in places):
+        return f"What stands out most may be chance: {places[0]['words']}."
     return f"They disagree beyond noise: {places[0]['words']}."
