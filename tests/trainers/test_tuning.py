@@ -194,6 +194,21 @@ def test_a_trial_may_be_interrupted_again_and_again(
     assert all(row.point == rows[0].point for row in rows)
 
 
+def test_a_trial_interrupted_at_its_very_beginning_is_not_lost(
+    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted() -> None:
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patched:
+        patched.setattr("trainers.tuning.trial.this_worker", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            tuned(echo, tmp_path / "out", trials=2)
+    rows = rows_of(tuned(echo, tmp_path / "out", trials=2))
+    assert [row.state for row in rows] == ["interrupted", "finished", "finished"]
+    assert rows[0].reason == "interrupted; begun again"
+
+
 def test_enough_trials_are_enough(echo: EpisodeSet, tmp_path: Path) -> None:
     tuned(echo, tmp_path / "out", trials=3)
     assert len(tuned(echo, tmp_path / "out", trials=2).trials) == 3

@@ -64,10 +64,14 @@ class Objective:
         self.device = device
         self.learned, self.held_out = tapes(data, plan.lead_s)
 
-    def __call__(self, trial: optuna.Trial) -> float | tuple[float, float]:
-        """The trial's error, or its error and its step's p99 in µs."""
-        trial.set_user_attr(WORKER, this_worker())
+    def __call__(
+        self, trial: optuna.Trial, on_begun: Callable[[], None] = lambda: None
+    ) -> float | tuple[float, float]:
+        """The trial's error, or its error and its step's p99 in µs; `on_begun` is called first."""
         try:
+            # Within, since an interruption that strikes here is one as well.
+            on_begun()
+            trial.set_user_attr(WORKER, this_worker())
             return self._judged(trial)
         except KeyboardInterrupt:
             trial.set_user_attr(REASON, INTERRUPTED)

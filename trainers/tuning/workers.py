@@ -5,6 +5,7 @@ point another one takes up; a new worker takes its place.
 """
 
 import contextlib
+import functools
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -198,13 +199,7 @@ def _run_here(
         with work.turn() as leave:  # so that no two count the same trial as theirs
             if _left(study, work.trials) <= 0:
                 return
-
-            def begun(
-                trial: optuna.Trial, leave: Callable[[], None] = leave
-            ) -> float | tuple[float, float]:
-                leave()
-                return objective(trial)
-
+            begun = functools.partial(objective, on_begun=leave)
             try:
                 study.optimize(begun, n_trials=1, catch=FAILURES)
             except (optuna.exceptions.UpdateFinishedTrialError, ValueError):

@@ -12,6 +12,7 @@ from wakedeploy.gap.benchmark.cases import PAIRS, Case, all_cases, short_cases
 from wakedeploy.gap.benchmark.flown import TRACKED
 from wakedeploy.gap.benchmark.judge import (
     FAILED,
+    beliefs,
     decided,
     named_intervals,
     sealed,
@@ -21,7 +22,7 @@ from wakedeploy.gap.benchmark.judge import (
 from wakedeploy.gap.benchmark.measure import Floor
 from wakedeploy.gap.benchmark.page import draw, markdown_of
 from wakedeploy.gap.benchmark.run import LINES, read_lines, run_cases
-from wakedeploy.gap.benchmark.table import coverage, summary, wilson
+from wakedeploy.gap.benchmark.table import belief, coverage, summary, wilson
 from wakedeploy.physics.effects import LIBRARY
 
 
@@ -80,6 +81,22 @@ def test_named_intervals_are_held_against_the_truth() -> None:
     (row,) = named_intervals(truth("effect", "a"), given)
     assert not row["held"]
     assert named_intervals(truth("effect", "b"), given) == []
+
+
+def test_a_confidence_is_held_against_how_often_it_was_right() -> None:
+    given = {"effects": [{"name": n, "confidence": c} for n, c in (("a", 0.6), ("b", 0.4))]}
+    told = beliefs(truth("effect", "a"), given)
+    assert [(row["effect"], row["hidden"]) for row in told] == [("a", True), ("b", False)]
+    assert beliefs(truth("none"), {"verdict": FAILED}) == []
+    sure = [{"effect": "a", "confidence": c, "hidden": h} for c, h in ((1.0, True), (0.992, False))]
+    first, second, third = belief([*told, *sure])
+    assert (first["held"], first["share"], first["of"]) == (0.4, 0.0, 1)
+    assert (second["held"], second["share"]) == (0.6, 1.0)
+    assert (third["held"], third["share"], third["to"]) == (pytest.approx(0.996), 0.5, 1.0)
+    case = next(c for c in all_cases() if c.kind == "none")
+    page = markdown_of(summary([line(case, beliefs=[*told, *sure])]))
+    assert "| 99 to 100 % | 99.6 % | 50 % [9, 91] | 1 of 2 |" in page
+    assert "How sure" not in markdown_of(summary([line(case)]))
 
 
 def test_the_share_closed_is_of_squares_above_the_floor() -> None:

@@ -53,6 +53,7 @@ def judge(folder: Path, result: Result, truth_path: Path) -> dict[str, Any]:
             gains[name] = max(gains[name], strength.nats)  # two fits of one thing: the better one
     told |= decided(truth, result, gains)
     told["class_gains"] = {name: finite(gain) for name, gain in gains.items()}
+    told["beliefs"] = beliefs(truth, result)
     told["named_intervals"] = named_intervals(truth, result)
     told["closed"] = share_closed(result, floor)
     told["closed_by_own_floor"] = share_by_own_floor(result)
@@ -118,6 +119,19 @@ def named_intervals(truth: Truth, result: Result) -> list[dict[str, Any]]:
                     _interval(entry["name"], name, stated["low"], stated["high"], values[name])
                 )
     return rows
+
+
+def beliefs(truth: Truth, result: Result) -> list[dict[str, Any]]:
+    """For each effect of an answer, a class's members too: what it was held for, and the truth."""
+    return [
+        {
+            "effect": e["name"],
+            "confidence": e["confidence"],
+            "hidden": e["name"] in truth["effects"],
+        }
+        for e in result.get("effects", [])
+        if e.get("confidence") is not None
+    ]
 
 
 def sealed(folder: Path, flights: Sequence[str]) -> list[str]:

@@ -60,6 +60,7 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         "## Plants\n\n" + _plants(told),
         "## Coverage of 90 % intervals\n\n"
         + _coverage(told["coverage_fitted"], told["coverage_named"]),
+        _belief(told["belief"]),
         "## What was answered\n\nA class that holds the hidden effect counts as *class*.\n\n"
         + _confusion(told["confusion"]),
         _tracking(told["tracking"]),
@@ -156,6 +157,26 @@ def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:
         ]
         rows.append([name, *cells])
     return _table(["effect", "all cases, true effect fitted", "named by the workflow"], rows)
+
+
+def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return ""
+    cells = [
+        [
+            f"{100 * row['from']:g} to {100 * row['to']:g} %",
+            f"{100 * row['held']:.1f} %",
+            _share(row),
+            f"{row['count']} of {row['of']}",
+        ]
+        for row in rows
+    ]
+    text = (
+        "Each effect that was named, or stood in a class, has a confidence. A confidence is honest "
+        "where the last share agrees with the mean beside it."
+    )
+    head = ["confidence", "mean", "hidden indeed", "answers"]
+    return f"## How sure, and how often rightly\n\n{text}\n\n{_table(head, cells)}"
 
 
 def _confusion(table: Mapping[str, Mapping[str, int]]) -> str:

@@ -10,6 +10,7 @@ from typing import Any
 
 Line = Mapping[str, Any]
 BINS = ((0.0, 10.0), (10.0, 25.0), (25.0, 50.0), (50.0, 100.0), (100.0, math.inf))
+BELIEFS = ((0.0, 0.5), (0.5, 0.8), (0.8, 0.95), (0.95, 0.99), (0.99, 1.0))
 _Z95 = 1.959963984540054
 
 
@@ -63,6 +64,7 @@ def summary(lines: Sequence[Line]) -> dict[str, Any]:
         },
         "coverage_fitted": coverage(r for line in lines for r in line.get("fitted_intervals", [])),
         "coverage_named": coverage(row for line in lines for row in line["named_intervals"]),
+        "belief": belief(row for line in lines for row in line.get("beliefs", [])),
         "closed_from_50_nats": spread(closed(line) for line in (*strong, *pairs)),
         "closed_by_a_member": spread(line["closed"] for line in (*strong, *pairs)),
         "closed_by_own_floor": spread(
@@ -110,6 +112,22 @@ def coverage(rows: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
         held["all"].append(row["held"])
         held.setdefault(row["effect"], []).append(row["held"])
     return {name: _rate(values) for name, values in held.items()}
+
+
+def belief(rows: Iterable[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """How often what was held for so sure was so: one row per range of confidence, if any."""
+    known, told = list(rows), []
+    for low, high in BELIEFS:
+        ends_it = high == BELIEFS[-1][1]
+        inside = [
+            r for r in known if low <= r["confidence"] and (r["confidence"] < high or ends_it)
+        ]
+        if inside:
+            held = sum(r["confidence"] for r in inside) / len(inside)
+            told.append(
+                {"from": low, "to": high, "held": held} | _rate(r["hidden"] for r in inside)
+            )
+    return told
 
 
 def confusion(lines: Sequence[Line]) -> dict[str, dict[str, int]]:
