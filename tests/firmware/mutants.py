@@ -1,14 +1,16 @@
 """Changes the firmware's decisions one token at a time and asks the tests whether they notice.
 
-    python tests/firmware/mutants.py [--every N] [--start N] [--listed] [--json docs/mutants.json]
+    python tests/firmware/mutants.py [--every N] [--start N] [--listed] [--workers N]
+        [--json docs/mutants.json]
 
 Prints the mutants that survive. Those in `EQUIVALENT` behave as the original does: each has to
 survive and does not count. Exits 1 when fewer than nine in ten of the others are noticed or when a
 listed one is, 2 when nothing can be judged. `--listed` tries the list alone, as is due after a
-change of the sketch.
+change of the sketch. The record of the last whole run is docs/mutants.json.
 """
 
 import argparse
+import hashlib
 import json
 import os
 import re
@@ -17,6 +19,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -262,19 +265,30 @@ def judged(fates: Sequence[tuple[Mutant, str]]) -> dict[str, object]:
     }
 
 
-def tried(wanted: Sequence[Mutant]) -> list[tuple[Mutant, str]]:
+def tried(wanted: Sequence[Mutant], workers: int) -> list[tuple[Mutant, str]]:
     """What becomes of each; SystemExit (2) when the firmware as it is does not pass."""
+
+    def one(mutant: Mutant | None) -> str:
+        with tempfile.TemporaryDirectory() as folder:
+            return fate(mutant, Path(folder))
+
+    if (end := one(None)) != "survived":
+        print(f"The firmware as it is does not pass these tests ({end}).", file=sys.stderr)
+        sys.exit(2)
     fates = []
-    with tempfile.TemporaryDirectory() as folder:
-        if (end := fate(None, Path(folder))) != "survived":
-            print(f"The firmware as it is does not pass these tests ({end}).", file=sys.stderr)
-            sys.exit(2)
-        for mutant in wanted:
-            end = fate(mutant, Path(folder))
+    with ThreadPoolExecutor(workers) as pool:
+        for mutant, end in zip(wanted, pool.map(one, wanted), strict=True):
             fates.append((mutant, end))
             if end in ("survived", "timed out") and mutant.change not in EQUIVALENT:
                 print(f"{end}: {mutant}", flush=True)
     return fates
+
+
+def digest_of_decisions() -> str:
+    """Which code a record is of: the decisions', comments and all."""
+    files = sorted(f"{name}{suffix}" for name in DECISIONS for suffix in (".cpp", ".h"))
+    code = "\0".join((SKETCH / file).read_text() for file in files)
+    return hashlib.sha256(code.encode()).hexdigest()[:16]
 
 
 def main() -> None:
@@ -282,6 +296,7 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="try every Nth mutant only")
     parser.add_argument("--start", type=int, default=0, help="begin with this one")
     parser.add_argument("--listed", action="store_true", help="try those in EQUIVALENT only")
+    parser.add_argument("--workers", type=int, default=os.cpu_count(), help="mutants at a time")
     parser.add_argument("--json", type=Path, help="write the record here")
     asked = parser.parse_args()
     every = list(mutants())
@@ -290,7 +305,7 @@ def main() -> None:
     if gone:
         sys.exit(2)
     wanted = [m for m in every if m.change in EQUIVALENT] if asked.listed else every
-    record = judged(tried(wanted[asked.start :: asked.every]))
+    record = judged(tried(wanted[asked.start :: asked.every], asked.workers))
     print(
         f"{record['noticed']} of {record['tried']} mutants noticed, {len(record['timed_out'])} of "
         f"them by running out of time; {len(record['equivalent'])} are equivalent."
@@ -298,7 +313,8 @@ def main() -> None:
     for mutant in record["wrongly_listed"]:
         print(f"in EQUIVALENT, and noticed: {mutant}")
     if asked.json:
-        of = {"commit": frozen_at(), "start": asked.start, "every": asked.every}
+        of = {"commit": frozen_at(), "decisions": digest_of_decisions()}
+        of |= {"start": asked.start, "every": asked.every, "of": len(every)}
         asked.json.write_text(json.dumps(of | record, indent=1) + "\n")
     too_few = record["tried"] and record["share"] < LEAST_SHARE
     sys.exit(1 if too_few or record["wrongly_listed"] else 0)
