@@ -1,0 +1,243 @@
+"""Tunes each architecture on each domain, ships what was found, and scores it on the test split.
+
+SETS has one set per domain, made as in the README's session; WORK gets the studies and runs. For
+each pair: `wakedeploy tune`, its `best.toml` to `trainers/presets/`, and `wakedeploy train` with
+that preset and with the reference, three seeds each, none of which the study has seen. Goes on
+where it was stopped; what is named neither by `--domain` nor by `--arch` keeps its row.
+
+    OMP_NUM_THREADS=1 python benchmarks/tuned.py sets work --jobs 2
+
+Writes docs/tuned.json, docs/tuned.md and two figures beside it.
+"""
+
+import argparse
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor, as_completed
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from trainers.build import ARCHITECTURES
+from trainers.preset import SHIPPED
+from wakedeploy import figures
+from wakedeploy.files import write_text_whole
+from wakedeploy.study.domains import MAIN
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# How many trials are affordable: one takes from two seconds (fish) to two minutes (downwash).
+TRIALS = {"fish": 100, "ship": 100, "quadrotor": 60, "gantry": 40, "crazyflie": 30, "downwash": 20}
+# What would take most of the time in 100 Hz sets, kept to shapes that train in minutes.
+NARROWED = {
+    ("downwash", "cross-attention"): ("embed=8:48",),
+    ("downwash", "mamba"): ("d_state=2:16",),
+}
+SEEDS = 3
+DOCS = Path(__file__).parents[1] / "docs"
+Row = dict[str, Any]
+
+
+def main() -> None:
+    """Tune, ship, score, write; each finished pair at once."""
+    options = _options()
+    rows = read_rows(DOCS / "tuned.json")
+    pairs = [(domain, arch) for domain in options.domain for arch in options.arch]
+    with ThreadPoolExecutor(options.jobs) as pool:
+        under_way = {
+            pool.submit(obtained, *pair, options.sets, options.work): pair for pair in pairs
+        }
+        for done in as_completed(under_way):
+            pair = under_way[done]
+            rows[pair] = done.result()
+            write(rows)
+            print(f"{pair[1]} on {pair[0]}: {gain_text(rows[pair])}", flush=True)
+
+
+def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
+    """One pair's row: tuned, shipped, and scored with and without what was found."""
+    data, folder = sets / domain, work / domain / arch
+    told = folder / "tune.json"
+    asked = [f"--dimension={text}" for text in NARROWED.get((domain, arch), ())]
+    asked += ["--arch", arch, "--data", data, "--trials", TRIALS[domain]]
+    wakedeploy("tune", *asked, "--out", folder / "study", "--json", told)
+    shipped = SHIPPED / domain / f"{arch}.toml"
+    shipped.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(folder / "study" / "best.toml", shipped)
+    study = json.loads(told.read_text())
+    row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
+    row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
+    row |= {"narrowed": list(NARROWED.get((domain, arch), ()))}
+    for preset in ("reference", "tuned"):
+        scores = folder / f"{preset}.json"
+        wakedeploy(
+            "train", "--arch", arch, "--data", data, "--preset", preset, "--seeds", SEEDS,
+            "--out", folder / preset, "--json", scores,
+        )  # fmt: skip
+        row[preset] = scored(domain, json.loads(scores.read_text())["rows"])
+    return row
+
+
+def wakedeploy(*arguments: object) -> None:
+    """A command in a process of its own; SystemExit with what it said where it fails."""
+    ended = subprocess.run(
+        [sys.executable, "-m", "wakedeploy", *map(str, arguments)], capture_output=True, text=True
+    )
+    if ended.returncode != 0:
+        sys.exit(f"wakedeploy {' '.join(map(str, arguments))}\n{ended.stderr}")
+
+
+def scored(domain: str, runs: Sequence[Mapping[str, Any]]) -> Row:
+    """Test errors of the seeds, as shares of the spread, of the channels that are told of."""
+    return {
+        "errors": [error(domain, run["r2"]) for run in runs],
+        "rmse": [run["rmse"] for run in runs],
+        "trainable": runs[0]["trainable"],
+    }
+
+
+def error(domain: str, r2: Mapping[str, float | None]) -> float:
+    """RMSE over standard deviation: 1 for predicting the mean."""
+    told = [MAIN[domain]] if MAIN.get(domain) in r2 else list(r2)
+    shares = [1.0 - value for name in told if (value := r2[name]) is not None]
+    return math.sqrt(sum(shares) / len(shares))
+
+
+def ratio(row: Row) -> tuple[float, float, float]:
+    """Tuned over reference: the mean's ratio, and the least and largest of any two seeds."""
+    ours, paper = row["tuned"]["errors"], row["reference"]["errors"]
+    return sum(ours) / sum(paper), min(ours) / max(paper), max(ours) / min(paper)
+
+
+def gain_text(row: Row) -> str:
+    """A row in words, with what the seeds' scatter leaves open."""
+    middle, low, high = ratio(row)
+    sure = "" if low > 1.0 or high < 1.0 else " (seeds overlap)"
+    return f"error × {middle:.2f} [{low:.2f}, {high:.2f}]{sure}"
+
+
+def read_rows(path: Path) -> dict[tuple[str, str], Row]:
+    """The rows of earlier runs."""
+    if not path.exists():
+        return {}
+    return {(row["domain"], row["arch"]): row for row in json.loads(path.read_text())["rows"]}
+
+
+def write(rows: Mapping[tuple[str, str], Row]) -> None:
+    """Everything that docs/ shows, from all rows."""
+    ordered = [rows[d, a] for d in TRIALS for a in ARCHITECTURES if (d, a) in rows]
+    write_text_whole(DOCS / "tuned.json", json.dumps({"rows": ordered}, indent=1) + "\n")
+    write_text_whole(DOCS / "tuned.md", page(ordered))
+    for name, drawn in (("gain", gains(ordered)), ("importances", importances(ordered))):
+        figures.save(drawn, DOCS / f"tuned-{name}.png")
+
+
+def page(rows: Sequence[Row]) -> str:
+    """The tables, a domain each, under sentences made of their numbers."""
+    better = sum(ratio(row)[2] < 1.0 for row in rows)
+    worse = sum(ratio(row)[1] > 1.0 for row in rows)
+    parts = [
+        "# What tuning gains",
+        "Made by `python benchmarks/tuned.py SETS WORK`. Each study begins at the paper's shape "
+        "and is judged on validation by a seed of its own; both are then trained with three "
+        "others and scored on the test split. The error is the RMSE over the standard "
+        "deviation, 1 for predicting the mean. Brackets: the least and the largest ratio of any "
+        "tuned seed to any of the reference.",
+        f"Of {len(rows)} pairs, every tuned seed is better than every reference seed in {better}, "
+        f"and worse in {worse}.",
+        "![Tuned error over the reference's](tuned-gain.png)",
+        "![Which dimensions matter](tuned-importances.png)",
+    ]
+    for domain in TRIALS:
+        own = [row for row in rows if row["domain"] == domain]
+        if own:
+            parts.append(f"## {domain}\n\n{table(own)}")
+    return "\n\n".join(parts) + "\n"
+
+
+def table(rows: Sequence[Row]) -> str:
+    """One line for each architecture of a domain."""
+    head = ["architecture", "trials", "reference", "tuned", "tuned / reference", "weights", "by"]
+    lines = [head, ["---"] * len(head)]
+    for row in rows:
+        cells = [row["arch"], _trials(row)]
+        cells += [_errors(row[preset]["errors"]) for preset in ("reference", "tuned")]
+        cells += [gain_text(row).removeprefix("error ")]
+        cells += [f"{row['reference']['trainable']:,} → {row['tuned']['trainable']:,}"]
+        first = sorted(row["importances"].items(), key=lambda item: -item[1])[:2]
+        lines.append([*cells, ", ".join(f"{n} {100 * share:.0f} %" for n, share in first)])
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _trials(row: Row) -> str:
+    counts = row["trials"]
+    kept = f"{sum(counts.values())}, {counts.get('finished', 0)} to the end"
+    return kept + (f" ({', '.join(row['narrowed'])})" if row["narrowed"] else "")
+
+
+def _errors(errors: Sequence[float]) -> str:
+    mean = sum(errors) / len(errors)
+    spread = math.sqrt(sum((e - mean) ** 2 for e in errors) / (len(errors) - 1))
+    return f"{mean:.3f} ± {spread:.3f}"
+
+
+def gains(rows: Sequence[Row]) -> "Figure":
+    """One column for each domain, one mark for each architecture."""
+    domains = [d for d in TRIALS if any(row["domain"] == d for row in rows)]
+    with figures.style():
+        drawn, axes = figures.figure(1, len(domains), size=(1.6 + 1.7 * len(domains), 3.2),
+                                     sharey=True, squeeze=False)  # fmt: skip
+        names = list(ARCHITECTURES)
+        for panel, domain in zip(axes[0], domains, strict=True):
+            for row in (row for row in rows if row["domain"] == domain):
+                middle, low, high = ratio(row)
+                place = names.index(row["arch"])
+                reach = [[middle - low], [high - middle]]
+                panel.errorbar(middle, place, xerr=reach, fmt="o", ms=4, color=figures.MEASURED)
+            panel.axvline(1.0, color=figures.LIMIT, linestyle="--")
+            panel.set(title=domain, xlabel="error, tuned / reference")
+        axes[0][0].set_yticks(range(len(names)), names)
+        axes[0][0].invert_yaxis()
+    return drawn
+
+
+def importances(rows: Sequence[Row]) -> "Figure":
+    """One map for each architecture: domains down, its dimensions across."""
+    with figures.style():
+        drawn, axes = figures.figure(4, 2, size=(10.0, 11.0))
+        for panel, arch in zip(axes.ravel(), ARCHITECTURES, strict=True):
+            own = [row for row in rows if row["arch"] == arch]
+            names = sorted({name for row in own for name in row["importances"]})
+            shares = [[row["importances"].get(name, 0.0) for name in names] for row in own]
+            panel.grid(visible=False)
+            panel.set(title=arch)
+            if names:
+                panel.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+            panel.set_xticks(range(len(names)), names, rotation=40, ha="right", fontsize=7)
+            panel.set_yticks(range(len(own)), [row["domain"] for row in own], fontsize=7)
+            for y, line in enumerate(shares):
+                for x, share in enumerate(line):
+                    shade = "white" if share > 0.6 else "black"
+                    panel.text(x, y, f"{100 * share:.0f}", ha="center", va="center", fontsize=6,
+                               color=shade)  # fmt: skip
+        drawn.suptitle("Importance of each dimension [%], PED-ANOVA", fontsize=10)
+    return drawn
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sets", type=Path, help="a folder with a set for each domain")
+    parser.add_argument("work", type=Path, help="studies and runs go here")
+    parser.add_argument("--domain", nargs="+", default=list(TRIALS), choices=list(TRIALS))
+    parser.add_argument("--arch", nargs="+", default=[*ARCHITECTURES], choices=[*ARCHITECTURES])
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="pairs at a time")
+    return parser.parse_args()
+
+
+if __name__ == "__main__":
+    main()
