@@ -4,6 +4,7 @@ Both train the same predictor from the same weights with the same loss, optimise
 normalisation, on the same number of targets, in alternating turns of one process and one thread.
 The plain loop is what most papers use: every target's window is stored whole, a DataLoader draws
 shuffled batches, and a recurrent model runs over each window from a zero state for one target.
+Two trainings in a process each then say what two cores reach, as a sweep uses them.
 
     OMP_NUM_THREADS=1 python benchmarks/training.py --json docs/training-speed.json
 """
@@ -12,10 +13,13 @@ import argparse
 import dataclasses
 import hashlib
 import json
+import math
+import multiprocessing
 import platform
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from threading import Barrier
 from typing import Any
 
 import numpy as np
@@ -41,6 +45,7 @@ from wakedeploy.episodes import EpisodeSet, read_episode_set
 DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reservoir is solved
 REFERENCE = 1024  # rows and columns of the matrix product that says what the core can do
 AT_ONCE = 4096  # windows validated together
+SIDE_EPOCHS = 3  # of each training beside others
 MATRIX = ("addmm", "aten::mm", "bmm", "baddbmm", "convolution", "mkldnn_linear", "thnn_conv")
 INDEXING = ("aten::index", "aten::gather", "aten::where", "aten::minimum", "aten::maximum")
 RECURRENCE = ("_LinearRecurrence", "_GruSequence")  # but for the matrix products in it
@@ -54,7 +59,7 @@ def main() -> None:
     data = _data(options)
     archs = DESCENDING if options.arch == "all" else tuple(options.arch.split(","))
     epochs, seeds = (2, 1) if options.quick else (options.epochs, options.seeds)
-    result = measured(data, archs, epochs, seeds, told=print)
+    result = measured(data, archs, epochs, seeds, told=print, cores=2)
     result |= {"quick": options.quick, "minutes": data.provenance.get("minutes")}
     print("\n" + table(result["rows"]))
     if options.json:
@@ -87,8 +92,9 @@ def measured(
     epochs: int,
     seeds: int,
     told: Callable[[str], None] = lambda text: None,
+    cores: int = 1,
 ) -> dict[str, Any]:
-    """Every architecture's row, and what it was measured on."""
+    """Every architecture's row, and what it was measured on; `cores` also at once, if several."""
     rows = []
     for arch in archs:
         settings = dataclasses.replace(settings_for(arch), epochs=epochs, patience=epochs)
@@ -97,6 +103,8 @@ def measured(
             for seed in range(seeds)
         ]
         rows.append(compared(configs, data))
+        if cores > 1:
+            rows[-1]["at_once"] = at_once(configs[0], data, cores)
         told(json.dumps(rows[-1]))
     return {
         "domain": data.domain,
@@ -249,9 +257,33 @@ def turns_of(config: RunConfig, data: EpisodeSet) -> dict[str, Any]:
         told["core_gflops"].append(core_gflops())
     for name in ("targets", "updates"):
         told[name] = {"ours": getattr(ours.loss, name), "plain": getattr(plain.loss, name)}
-    told["errors"] = {"ours": ours.standing.history[-1], "plain": plain.validate()}
+    losses = {"ours": ours.standing.history[-1], "plain": plain.validate()}
+    told["errors"] = {name: math.sqrt(loss) for name, loss in losses.items()}
     ours.predictor.load_state_dict(plain.predictor.state_dict())
-    return told | {"plain_error_carried": ours.validate()}  # as it would be flown
+    return told | {"plain_error_carried": math.sqrt(ours.validate())}  # as it would be flown
+
+
+def at_once(config: RunConfig, data: EpisodeSet, cores: int) -> dict[str, float]:
+    """As many trainings as cores, a process and a thread each: together, and beside their limit."""
+    context = multiprocessing.get_context("spawn")  # torch does not survive a fork
+    with context.Manager() as manager, context.Pool(cores) as pool:
+        given = [(config, data, manager.Barrier(cores))] * cores
+        rates = pool.starmap(_one_of_several, given)
+    per_s, gflops = (sum(kind) for kind in zip(*rates, strict=True))
+    share = 1e-9 * flops_per_target(config, data)["ours"] * per_s / gflops
+    return {"cores": cores, "per_s": per_s, "core_gflops": gflops, "share_of_cores": share}
+
+
+def _one_of_several(config: RunConfig, data: EpisodeSet, together: Barrier) -> tuple[float, float]:
+    """Targets a second, and 10⁹ operations a second in matrix products, beside the others."""
+    torch.set_num_threads(1)
+    fit = counted_fit(config, data)
+    fit.train_epoch()
+    before = fit.loss.targets
+    together.wait()
+    took_s = _seconds(lambda: [fit.train_epoch() for _ in range(SIDE_EPOCHS)])
+    together.wait()
+    return (fit.loss.targets - before) / took_s, core_gflops()
 
 
 def counted_fit(config: RunConfig, data: EpisodeSet) -> Fit:
@@ -383,7 +415,8 @@ def _kind(event: Any) -> str:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """A Markdown table: median over turns, 10th to 90th percentile, errors of each seed's mean."""
-    head = ["", "targets/s", "plain loop", "ratio", "error", "plain", "of the core", *SHARES]
+    head = ["", "targets/s", "plain loop", "ratio", "error", "plain", "of the core"]
+    head += ["two cores", "of them", *SHARES]
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for row in rows:
         cells = [row["arch"]]
@@ -392,6 +425,12 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         cells += [f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f})"]
         cells += [_mean(row["errors"][name]) for name in ("ours", "plain")]
         cells += [f"{100 * row['ours_share_of_core']:.0f} %"]
+        beside = row.get("at_once")
+        cells += (
+            [f"{beside['per_s']:,.0f}", f"{100 * beside['share_of_cores']:.0f} %"]
+            if beside
+            else ["–", "–"]
+        )
         cells += [f"{100 * row['shares'][name]:.0f} %" for name in SHARES]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

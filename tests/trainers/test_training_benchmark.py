@@ -13,7 +13,9 @@ from benchmarks.training import (
     SHARES,
     MultiplyAdds,
     PlainLoop,
+    at_once,
     counted_fit,
+    flops_per_target,
     measured,
     newest_force,
     table,
@@ -48,6 +50,16 @@ def test_both_start_from_the_same_weights_and_see_as_many_targets(echo: EpisodeS
     assert 0 < gru["targets"]["ours"][0] <= 2 * scored
     assert json.loads(json.dumps(result)) == result
     assert table(result["rows"]).count("\n") == 1 + 3
+
+
+def test_two_trainings_at_once_are_counted_together(echo: EpisodeSet) -> None:
+    told = at_once(config_of(echo, "gru"), echo, 2)
+    assert told["cores"] == 2
+    assert told["per_s"] > 0.0
+    flops = flops_per_target(config_of(echo, "gru"), echo)["ours"]
+    assert told["share_of_cores"] == pytest.approx(
+        1e-9 * flops * told["per_s"] / told["core_gflops"]
+    )
 
 
 @pytest.mark.parametrize("arch", ["agile-mlp", "history-mlp", "cross-attention", "gru", "mamba"])
