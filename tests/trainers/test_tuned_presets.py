@@ -1,0 +1,66 @@
+"""The presets that ship, and the books of the benchmark that found them."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.tuned import DOCS, TRIALS, error, gain_text, page, ratio, read_rows, scored
+from trainers.build import ARCHITECTURES
+from trainers.preset import SHIPPED, read_preset
+
+SHIPPED_FILES = sorted(SHIPPED.glob("*/*.toml"))
+
+
+def row(**changed: Any) -> dict[str, Any]:
+    told = {"domain": "fish", "arch": "gru", "trials": {"finished": 40, "behind": 60}}
+    told |= {"importances": {"hidden": 0.3, "learning_rate": 0.7}, "narrowed": []}
+    told |= {"reference": {"errors": [0.20, 0.22, 0.21], "trainable": 30_000}}
+    return told | {"tuned": {"errors": [0.15, 0.16, 0.17], "trainable": 9_000}} | changed
+
+
+def test_an_error_is_that_of_the_channels_that_are_told_of() -> None:
+    assert error("gantry", {"force_z_n": 0.96}) == pytest.approx(0.2)
+    assert error("ship", {"sway_n": 0.5, "yaw_nm": 0.86}) == pytest.approx(0.32**0.5)
+    assert error("ship", {"sway_n": 0.64, "yaw_nm": None}) == pytest.approx(0.6)  # never changes
+    assert error("quadrotor", {"force_x_n": 0.0, "force_z_n": 0.75}) == pytest.approx(0.5)
+    runs = [{"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 7} for r2 in (0.96, 0.99)]
+    assert scored("gantry", runs)["errors"] == pytest.approx([0.2, 0.1])
+
+
+def test_a_gain_counts_where_no_seed_contradicts_it() -> None:
+    assert ratio(row()) == pytest.approx((0.16 / 0.21, 0.15 / 0.22, 0.17 / 0.20))
+    assert "overlap" not in gain_text(row())
+    overlapping = row(tuned={"errors": [0.15, 0.16, 0.21], "trainable": 9_000})
+    assert "overlap" in gain_text(overlapping)
+    worse = row(arch="tcn", tuned={"errors": [0.3, 0.3, 0.3], "trainable": 9_000})
+    told = page([row(), overlapping, worse])
+    words = "Of 3 pairs, every tuned seed is better than every reference seed in 1, and worse in 1."
+    assert words in told
+    assert "| gru | 100, 40 to the end | 0.210 ± 0.010 | 0.160 ± 0.010 |" in told
+    assert "| 30,000 → 9,000 | learning_rate 70 %, hidden 30 % |" in told
+
+
+@pytest.mark.parametrize("path", SHIPPED_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
+def test_a_preset_that_ships_is_that_of_the_record(path: Path) -> None:
+    preset, rows = read_preset(path), read_rows(DOCS / "tuned.json")
+    domain, arch = path.parent.name, path.stem
+    assert (preset.study["domain"], preset.arch) == (domain, arch)
+    told = rows[domain, arch]
+    assert preset.study["data_sha256"] == told["data_sha256"]
+    assert preset.study["trials"] == sum(told["trials"].values()) >= TRIALS[domain]
+    assert preset.study["trainable"] == told["tuned"]["trainable"] < 100_000
+    assert preset.study["validation_error"] <= preset.study.get("reference_error", 1.0)
+
+
+def test_no_row_of_the_record_is_without_its_preset_and_the_page_is_of_it() -> None:
+    if not (DOCS / "tuned.json").exists():
+        pytest.skip("nothing has been tuned yet")
+    rows = read_rows(DOCS / "tuned.json")
+    assert set(rows) == {(path.parent.name, path.stem) for path in SHIPPED_FILES}
+    assert (DOCS / "tuned.md").read_text() == page(list(rows.values()))
+    assert all(len(one[preset]["errors"]) == 3 for one in rows.values()
+               for preset in ("reference", "tuned"))  # fmt: skip
+    assert {arch for _, arch in rows} <= set(ARCHITECTURES)
+    json.dumps(list(rows.values()), allow_nan=False)
