@@ -1,5 +1,6 @@
 """`wakedeploy gap benchmark`: the workflow against effects that are hidden from it."""
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,11 @@ _MULTIPLES = 3
 )
 @click.option("--table-only", is_flag=True, help="Fly nothing: tables of what is there.")
 @click.option("--keep", is_flag=True, help="Keep each case's logs and answer.")
-@click.option("--page", type=_FILE, help="Also write the tables as a Markdown page with a figure.")
+@click.option(
+    "--page",
+    type=_FILE,
+    help="Also write the tables as a Markdown page, a figure and the cases beside it.",
+)
 def benchmark(
     short: bool,
     full: bool,
@@ -80,6 +85,7 @@ def _write(lines: list[dict[str, Any]], out: Path, page: Path | None) -> None:
     from wakedeploy import figures
     from wakedeploy.files import write_text_whole
     from wakedeploy.gap.benchmark.page import draw, markdown_of, text_of
+    from wakedeploy.gap.benchmark.run import LINES
     from wakedeploy.gap.benchmark.table import summary
 
     told = summary(lines)
@@ -87,7 +93,11 @@ def _write(lines: list[dict[str, Any]], out: Path, page: Path | None) -> None:
     for path in filter(None, (out / "benchmark.md", page)):
         picture = path.with_suffix(".png")
         figures.save(draw(told), picture)
-        write_text_whole(path, markdown_of(told, picture.name))
+        lines_name = path.with_suffix(".jsonl").name if path == page else LINES
+        write_text_whole(path, markdown_of(told, picture.name, lines_name))
+    if page:  # what the tables can be made of again, and the run gone on with
+        text = "".join(json.dumps(line) + "\n" for line in lines)
+        write_text_whole(page.with_suffix(".jsonl"), text)
     click.echo(text_of(told))
 
 

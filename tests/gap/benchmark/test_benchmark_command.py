@@ -24,6 +24,8 @@ def test_tables_are_made_from_the_lines_that_are_there(tmp_path: Path) -> None:
     assert "0 % [0, 79]" in told.output
     assert page.read_text().startswith("# The gap workflow")
     assert page.with_suffix(".png").stat().st_size > 1000
+    assert json.loads(page.with_suffix(".jsonl").read_text()) == line
+    assert "[gap-benchmark.jsonl](gap-benchmark.jsonl)" in page.read_text()
     assert json.loads((tmp_path / "summary.json").read_text())["cases"] == {"none": 1}
 
 

@@ -39,7 +39,7 @@ def text_of(told: Summary) -> str:
     return markdown_of(told)
 
 
-def markdown_of(told: Summary, figure_name: str = "") -> str:
+def markdown_of(told: Summary, figure_name: str = "", lines_name: str = "") -> str:
     """The page: headline figures against their bars, then the tables behind them."""
     counts = ", ".join(f"{n} {kind}" for kind, n in sorted(told["cases"].items()))
     commits = ", ".join(c or "no commit" for c in told["commits"])
@@ -50,7 +50,8 @@ def markdown_of(told: Summary, figure_name: str = "") -> str:
         "second plant that imports nothing of this project. Strength is what the hidden effect "
         "gains on flights left out, in nats, measured by the judge. Brackets: Wilson's 95 % "
         "intervals. A case on which the workflow failed counts as wrong.",
-        f"Cases: {counts}{_left(told)}. Code frozen at: {commits}.",
+        f"Cases: {counts}{_left(told)}. Code frozen at: {commits}."
+        + (f" Each case has a line in [{lines_name}]({lines_name})." if lines_name else ""),
         _headline(told),
         _closed(told),
         f"![Share of right answers against the strength of the hidden effect]({figure_name})"
