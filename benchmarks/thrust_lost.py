@@ -90,6 +90,7 @@ def summed_up(case: str, flights: list[dict[str, object]]) -> dict[str, object]:
         told["delay_in_the_air_p50_p90_max_s"] = delays.tolist()
     if case == BLOCKED:
         below = [one for one in flights if one["off_m"] < -0.1 and one["height_m"] > 0.05]
+        told["unnoticed_off_m"] = sorted(round(o["off_m"], 3) for o in flights if not o["cause"])
         told["seen_too_low"] = len(below)
         told["risen_p50_max_m"] = np.percentile([o["risen_m"] for o in below], [50, 100]).tolist()
     return told
