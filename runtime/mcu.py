@@ -26,7 +26,6 @@ class Outputs:
 class McuStatus:
     """What the MCU reports back."""
 
-    last_sequence: int
     armed: bool
     latched: bool
     missed_commands: int
@@ -48,14 +47,13 @@ class Mcu:
         self._carriage_mps = self._carriage_target_mps = 0.0
         self._last_command_s = 0.0
         self._next_expected_s = 0.0
-        self._last_sequence = 0
         self._armed = self._latched = self._ramping = False
         self._missed = 0
 
     @property
     def status(self) -> McuStatus:
         """The report that answers a command."""
-        return McuStatus(self._last_sequence, self._armed, self._latched, self._missed)
+        return McuStatus(self._armed, self._latched, self._missed)
 
     def arm(self, t_s: float) -> None:
         """Start anew from idle; clears the latch."""
@@ -71,10 +69,9 @@ class Mcu:
         self._carriage_mps = self._carriage_target_mps = 0.0
 
     def command(
-        self, t_s: float, sequence: int, source_us: float, sufferer_us: float, carriage_mps: float
+        self, t_s: float, source_us: float, sufferer_us: float, carriage_mps: float
     ) -> None:
         """Take a command that arrived at `t_s`; ignored unless armed and not latched."""
-        self._last_sequence = sequence
         if not self._armed or self._latched:
             return
         self._heard(t_s)

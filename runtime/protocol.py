@@ -36,7 +36,7 @@ class FrameType(enum.IntEnum):
 
 
 class Fault(enum.IntFlag):
-    """The MCU's fault latch; only a new handshake clears it."""
+    """The MCU's fault latch; only arming clears it."""
 
     NONE = 0
     DEADMAN = 1

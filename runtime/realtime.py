@@ -53,6 +53,16 @@ def become_realtime() -> None:
     os.sched_setaffinity(0, {loop_core()})
 
 
+def yield_to_the_loop() -> None:
+    """Take the lowest real-time priority where this thread has inherited the loop's.
+
+    The ordinary class would be worse than none: another program could push the thread aside while
+    it holds the interpreter's lock, and the loop would wait for both.
+    """
+    if hasattr(os, "SCHED_FIFO") and os.sched_getscheduler(0) == os.SCHED_FIFO:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+
+
 def become_ordinary() -> None:
     """Take this thread back to the ordinary scheduler and to every core."""
     if os.sched_getscheduler(0) != os.SCHED_OTHER:

@@ -1,7 +1,6 @@
 """Records a run in a thread of its own, so that a stalling disk never holds up the loop."""
 
 import errno
-import os
 import queue
 import threading
 import time
@@ -9,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from runtime.realtime import yield_to_the_loop
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.runlog import Value
 from wakedeploy.runlog_mcap import RunLogWriter
@@ -83,7 +83,7 @@ class Recorder:
         return self._report
 
     def _run(self) -> None:
-        _yield_to_the_loop()
+        yield_to_the_loop()
         try:
             self._record()
             self._finish()
@@ -121,6 +121,11 @@ class Recorder:
 
 
 def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
+    if path.suffix == ".csv":
+        raise UnusableInput(
+            f"{path}: flights are recorded as MCAP; name it {path.with_suffix('.mcap').name}, and "
+            "`wakedeploy log export` makes CSV of it."
+        )
     if path.is_file() and path.stat().st_size > 0:
         raise UnusableInput(f"{path}: there is already a recording; name another file for --log.")
     try:
@@ -129,13 +134,3 @@ def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
         raise UnusableInput(
             f"{path}: no run log can be written there ({one_line(error)})."
         ) from error
-
-
-def _yield_to_the_loop() -> None:
-    """Take the lowest real-time priority where the thread has inherited the loop's.
-
-    The ordinary class would be worse than none: another program could push the thread aside while
-    it holds the interpreter's lock, and the loop would wait for both.
-    """
-    if hasattr(os, "SCHED_FIFO") and os.sched_getscheduler(0) == os.SCHED_FIFO:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))

@@ -113,9 +113,7 @@ class SimulatedGantry:
         while self._under_way and self._under_way[0][0] <= plant.t_s:
             arrived_s, sequence, command = self._under_way.popleft()
             speed_mps = command.carriage_steps_per_s / self._truth.stepper.steps_per_m
-            self._mcu.command(
-                arrived_s, sequence, command.source_us, command.sufferer_us, speed_mps
-            )
+            self._mcu.command(arrived_s, command.source_us, command.sufferer_us, speed_mps)
             trip_s = arrived_s - self._sent_s.pop(sequence)
             self._answer = self._answered(sequence, plant.t_s, trip_s)
         out = self._mcu.advance(plant.t_s, plant.dt_s)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from runtime.realtime import yield_to_the_loop
 from runtime.watch_filter import WatchFilter
 from wakedeploy.errors import one_line
 from wakedeploy.rig import Rig
@@ -72,7 +73,7 @@ class GapWatch:
     def step(self, row: Mapping[str, Value]) -> float | None:
         """The score after one tick; None at rest, and until there is enough flight to judge.
 
-        A tick without a usable sample leaves the score as it is by then. Never raises: whatever it
+        A tick without a usable sample has no score and changes none. Never raises: whatever it
         stumbles over, it only watches; the flight goes on without a score, and `report` says why.
         """
         if self.report.failed:
@@ -143,4 +144,9 @@ class GapWatch:
     def _say(self, sentence: str) -> None:
         """Tell from a thread of its own: a terminal may be held for as long as someone likes."""
         if self._tell is not None:
-            threading.Thread(target=self._tell, args=(sentence,), daemon=True).start()
+            threading.Thread(target=_told, args=(self._tell, sentence), daemon=True).start()
+
+
+def _told(tell: Callable[[str], None], sentence: str) -> None:
+    yield_to_the_loop()
+    tell(sentence)

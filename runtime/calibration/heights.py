@@ -8,6 +8,7 @@ read on the stop and what is read per metre. Three heights or more also show whe
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 
 from runtime.calibration import Outcome, require
 from runtime.calibration.readings import rest_of
@@ -17,10 +18,13 @@ from wakedeploy.rig import Rig
 from wakedeploy.rig_update import Calibrated
 from wakedeploy.runlog import RunLog
 
+FloatArray = npt.NDArray[np.float64]
+
 SECONDS = 10.0
 HEIGHT_SD_M = 0.0005  # of a spacer measured with a steel rule
 _SHORTEST_M = 0.1  # between the heights: over less, 1 mm of error is 1 % of scale
 _MOST_OFF_M = 0.006
+_TOO_FEW_TO_TELL = 3  # heights: off a line, any of them could be the wrong one
 _SCALES = (0.9, 1.1)
 _FURTHEST_M = 0.3
 
@@ -53,12 +57,8 @@ def estimate(logs: Sequence[RunLog], heights_m: Sequence[float], rig: Rig) -> Ou
     cov = np.linalg.inv(design.T @ design)
     bias_m, scale = (float(v) for v in cov @ design.T @ (read_m / error_m))
     off_m = read_m - bias_m - scale * height_m
-    worst = int(np.argmax(np.abs(off_m)))
-    require(
-        abs(off_m[worst]) < _MOST_OFF_M,
-        f"At {heights_m[worst]:g} m the sensor reads {1e3 * off_m[worst]:+.1f} mm beside the line "
-        "through the others: measure that spacer again.",
-    )
+    leverage = np.einsum("ki,ij,kj->k", design, cov, design)
+    _require_line(off_m, error_m, leverage, heights_m)
     require(
         _SCALES[0] < scale < _SCALES[1],
         f"The readings rise by {scale:.3f} m per metre, and a sound sensor's by {_SCALES[0]:g} to "
@@ -81,3 +81,28 @@ def estimate(logs: Sequence[RunLog], heights_m: Sequence[float], rig: Rig) -> Ou
         for h, r, o in zip(heights_m, read_m, off_m, strict=True)
     ]
     return Outcome(constants, tuple(told))
+
+
+def _require_line(
+    off_m: FloatArray, error_m: FloatArray, leverage: FloatArray, heights_m: Sequence[float]
+) -> None:
+    """CheckFailed where a height lies off the line; it names the spacer if the others can tell.
+
+    An end of the line pulls it along, so that its neighbour seems to be off: each height is held
+    against the line through the others.
+    """
+    if len(off_m) <= _TOO_FEW_TO_TELL:
+        miss_m = float(np.max(np.abs(off_m)))
+        require(
+            miss_m < _MOST_OFF_M,
+            f"The heights miss a straight line by up to {1e3 * miss_m:.1f} mm: measure the spacers "
+            "again; a fourth height would tell which of them it is.",
+        )
+        return
+    beside_m = off_m / (1.0 - leverage)
+    worst = int(np.argmax(np.abs(off_m) / (error_m * np.sqrt(1.0 - leverage))))
+    require(
+        abs(beside_m[worst]) < _MOST_OFF_M,
+        f"At {heights_m[worst]:g} m the sensor reads {1e3 * beside_m[worst]:+.1f} mm beside the "
+        "line through the others: measure that spacer again.",
+    )

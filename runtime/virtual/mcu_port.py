@@ -89,9 +89,7 @@ class McuPort:
         self._last_sequence = frame.sequence
         if isinstance(message, Command):
             speed_mps = message.carriage_steps_per_s / self._rig.stepper.steps_per_m
-            self._mcu.command(
-                t_s, frame.sequence, message.source_us, message.sufferer_us, speed_mps
-            )
+            self._mcu.command(t_s, message.source_us, message.sufferer_us, speed_mps)
         elif isinstance(message, Arm) and self._may_arm and message.is_usable:
             self._arm(t_s, message)
         elif isinstance(message, Disarm):

@@ -217,7 +217,7 @@ void sim_open_port(uint64_t boot_cycles) {
   boots_until = avr->cycle + boot_cycles;
 }
 
-int sim_is_booting(void) { return avr->cycle < boots_until; }
+static int sim_is_booting(void) { return avr->cycle < boots_until; }
 
 /* The number of bytes taken; none while the bootloader runs. */
 int sim_send(const uint8_t *bytes, int length) {

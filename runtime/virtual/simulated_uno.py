@@ -57,11 +57,6 @@ class SimulatedUno:
         return float(self._simulator.sim_cycle()) / CYCLES_PER_S
 
     @property
-    def is_booting(self) -> bool:
-        """Whether the bootloader runs, which hears nothing."""
-        return bool(self._simulator.sim_is_booting())
-
-    @property
     def bytes_under_way(self) -> int:
         """Bytes sent that have not reached the chip."""
         return int(self._simulator.sim_pending())

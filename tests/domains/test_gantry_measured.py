@@ -8,7 +8,7 @@ import pytest
 
 from runtime.measured_force import measure, range_offset, thrust_after_spool
 from wakedeploy.domains.gantry import record
-from wakedeploy.domains.gantry_measured import measured_set
+from wakedeploy.domains.gantry_measured import measured_set, measured_stretches
 from wakedeploy.episodes import Channel
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
@@ -114,6 +114,21 @@ def test_acceleration_and_thrust_are_kept_and_are_the_plants() -> None:
         assert np.std(true_mps2) > 0.5  # there was something to measure
         thrust_error = episode.extras["thrust_n"] - np.interp(t_s, true_s, true_n)
         assert np.sqrt(np.mean(thrust_error**2)) < 0.05
+
+
+def test_stretches_are_whole_where_a_set_would_cut_them(logs: dict[str, RunLog]) -> None:
+    log = logs["flight0"]
+    short = RunLog(
+        {n: v[(log["t_s"] < 3.0) | (log["t_s"] > 4.5)] for n, v in log.columns.items()},
+        log.metadata,
+    )
+    told = measured_stretches({"one": log, "two": short}, RIG)
+    (whole,) = told["one"]
+    assert len(told["two"]) == 2
+    parts = measured_set({"one": log}, RIG).episodes.episodes
+    assert len(parts) == 4
+    assert len(whole) == sum(map(len, parts))
+    np.testing.assert_array_equal(whole.force, np.concatenate([e.force for e in parts]))
 
 
 def test_observations_are_those_of_the_loop(logs: dict[str, RunLog]) -> None:

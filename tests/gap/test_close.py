@@ -10,9 +10,18 @@ from recorded import as_it_stands, judged
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.gap import report
 from wakedeploy.gap.close import Case, add, close, name, open_case, show_gap
 from wakedeploy.gap.naming import Thresholds
-from wakedeploy.gap.steps import forget, prepare, read_steps, require, write_step
+from wakedeploy.gap.steps import (
+    PICTURES,
+    forget,
+    prepare,
+    read_plan,
+    read_steps,
+    require,
+    write_step,
+)
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig import default_rig, read_rig
 from wakedeploy.runlog_mcap import write_mcap
@@ -137,6 +146,28 @@ def test_forgetting_takes_the_workflows_own_rig_file_and_no_other(tmp_path):
         forget(tmp_path, "name")
         assert rig.exists() is stays
         assert sorted(p.name for p in tmp_path.glob("*.json")) == ["find.json"]
+
+
+def test_forgetting_leaves_what_is_not_the_steps_own(tmp_path):
+    (tmp_path / "figures").mkdir()
+    own = [tmp_path / "figures" / f"{name}.png" for name in PICTURES]
+    others = [tmp_path / "figures" / name for name in ("power-separation.png", "my_photo.png")]
+    for path in (*own, *others):
+        path.write_bytes(b"picture")
+    (tmp_path / "report.html").write_text("<title>Mine</title>", encoding="utf-8")
+    forget(tmp_path, "find")
+    assert [path.exists() for path in (*own, *others)] == [False] * len(own) + [True] * 2
+    assert (tmp_path / "report.html").exists()
+    with pytest.raises(UnusableInput, match=r"report.html: not a report of these steps"):
+        prepare(tmp_path, tmp_path / "elsewhere.toml")
+    assert [picture.name for picture in report.PICTURES] == list(PICTURES)
+
+
+def test_a_torn_plan_is_told(tmp_path):
+    assert read_plan(tmp_path) == {}
+    (tmp_path / "plan.json").write_text('{"class": [', encoding="utf-8")
+    with pytest.raises(UnusableInput, match="run the step that writes it again"):
+        read_plan(tmp_path)
 
 
 def test_what_can_come_next_follows_from_what_is_there(tmp_path):

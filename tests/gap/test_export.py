@@ -17,6 +17,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.export import export_rig, matlab_script
+from wakedeploy.gap.export_effects import _Plain
 from wakedeploy.gap.matlab import function
 from wakedeploy.gap.tables import matlab_names, write_log, write_set
 from wakedeploy.physics.constants import constants_of
@@ -174,6 +175,26 @@ def test_what_has_no_counterpart_in_matlab_is_named():
     tree = ast.parse("def f(x):\n    return [y for y in x]\n").body[0]
     with pytest.raises(UnusableInput, match=r"f: '\[y for y in x\]' has no counterpart"):
         function(tree)
+    surplus = ("max(0.0, x, 2.0)", "round(x, 2)", "np.arange(2, 5)", "np.sum(x, 1)")
+    for call in (*surplus, "np.hypot(x)"):
+        tree = ast.parse(f"def f(x):\n    return {call}\n").body[0]
+        with pytest.raises(UnusableInput, match="has no counterpart"):
+            function(tree)
+
+
+def test_an_effect_of_another_module_than_numpy_is_refused():
+    """What is exported imports numpy alone, and as np."""
+    import ast
+    import math
+
+    for known, words in (({"math": math}, "uses 'math'"), ({"numpy": np}, None)):
+        (used,) = known
+        tree = ast.parse(f"def force_n(self, p, m, s):\n    return {used}.exp(m.z_m)\n").body[0]
+        if words is None:
+            assert ast.unparse(_Plain("own", known).visit(tree)).endswith("return np.exp(m.z_m)")
+            continue
+        with pytest.raises(UnusableInput, match=words):
+            _Plain("own", known).visit(tree)
 
 
 # --- logs and sets ------------------------------------------------------------------------------

@@ -9,6 +9,7 @@ from click.testing import CliRunner
 from fabricated_artefacts import fabricate
 
 from wakedeploy.cli.gap_demo import demo
+from wakedeploy.errors import UnusableInput
 from wakedeploy.gap import demo as story
 from wakedeploy.gap.demo_figure import Flown, draw_story
 from wakedeploy.gap.steps import read_steps
@@ -66,7 +67,8 @@ def test_measured_flights_know_nothing_of_the_truth(tmp_path):
     from wakedeploy.runlog import read_run_log
 
     size = story.Size(flights=1, seconds=8.0, minutes=1.0, epochs=1, test_flights=1)
-    (path,) = story.fly_measured(tmp_path, size, workers=1)
+    path = tmp_path / "flight1.mcap"
+    story.fly_measured([path], size, workers=1)
     log = read_run_log(path)
     assert not [name for name in log.columns if name.startswith("true_")]
     assert log.metadata["rig_sha256"] == story.believed_rig().sha256
@@ -100,6 +102,20 @@ def test_the_demo_says_when_it_did_not_show_what_it_should(tmp_path, monkeypatch
     assert json.loads((tmp_path / "demo.json").read_text("utf-8"))["ok"] == ok
     assert (tmp_path / "figures" / story.PICTURE).read_bytes() == b"picture"
     assert "47.0 mm" in done.output
+
+
+def test_the_demo_replaces_nobodys_rig_file_or_flights(tmp_path, monkeypatch):
+    monkeypatch.setattr(story, "fly_measured", lambda *_: pytest.fail("flew"))
+    for name, content in (("rig.toml", "# mine\n"), ("flight1.mcap", "mine")):
+        folder = tmp_path / name
+        folder.mkdir()
+        (folder / name).write_text(content, "utf-8")
+        with pytest.raises(UnusableInput, match=f"{name}: not the demo's"):
+            story.run(folder)
+        assert [p.read_text("utf-8") for p in folder.iterdir()] == [content]
+    story.believed_rig().write(tmp_path / "flight1.mcap" / "rig.toml")  # as an earlier demo left it
+    with pytest.raises(pytest.fail.Exception, match="flew"):
+        story.run(tmp_path / "flight1.mcap")
 
 
 @pytest.mark.slow

@@ -95,10 +95,20 @@ def test_range_finds_bias_and_scale_from_spacers():
     found = heights.estimate(logs, heights_m, RIG)
     agrees(found, "range_sensor.bias_m", 0.031, 0.002)
     agrees(found, "range_sensor.scale", 1.03, 0.005)
-    with pytest.raises(CheckFailed, match=r"At 0\.\d+ m the sensor reads"):
+    with pytest.raises(CheckFailed, match="a fourth height would tell"):
         heights.estimate(logs, (0.0, 0.30, 0.8), RIG)  # the middle one is typed wrongly
     with pytest.raises(CheckFailed, match="per metre"):
         heights.estimate(logs[::2], (0.0, 0.5), RIG)
+
+
+@pytest.mark.parametrize("wrong", range(4))
+def test_range_names_the_spacer_that_is_off_also_at_an_end(wrong):
+    site, heights_m = SimulatedSite(RIG, seed=4), [0.0, 0.3, 0.55, 0.8]
+    logs = [heights.record(site, RIG, h, i) for i, h in enumerate(heights_m)]
+    heights.estimate(logs, heights_m, RIG)
+    said = heights_m[wrong] = heights_m[wrong] + 0.02
+    with pytest.raises(CheckFailed, match=rf"At {said:g} m the sensor reads -\d+\.\d mm beside"):
+        heights.estimate(logs, heights_m, RIG)
 
 
 @pytest.mark.parametrize(

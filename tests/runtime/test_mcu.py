@@ -15,7 +15,7 @@ DT_S = 1.0 / 1024.0
 def flying(t_s: float = 0.0) -> Mcu:
     mcu = Mcu(RIG)
     mcu.arm(t_s)
-    mcu.command(t_s, 1, 1800.0, 1700.0, 0.4)
+    mcu.command(t_s, 1800.0, 1700.0, 0.4)
     return mcu
 
 
@@ -25,7 +25,7 @@ def run(mcu: Mcu, start_s: float, seconds: float) -> list[Outputs]:
 
 def test_unarmed_it_does_nothing() -> None:
     mcu = Mcu(RIG)
-    mcu.command(0.0, 1, 2000.0, 2000.0, 0.5)
+    mcu.command(0.0, 2000.0, 2000.0, 0.5)
     assert run(mcu, 0.0, 0.1)[-1] == Outputs(1000.0, 1000.0, 0.0)
 
 
@@ -42,10 +42,10 @@ def test_the_deadman_holds_then_ramps_then_latches() -> None:
     assert not mcu.status.latched
     run(mcu, 1.075, 0.2)
     assert mcu.status.latched
-    mcu.command(1.3, 2, 1800.0, 1700.0, 0.0)
+    mcu.command(1.3, 1800.0, 1700.0, 0.0)
     assert run(mcu, 1.3, 0.05)[-1].source_us == 1000.0
     mcu.arm(1.4)
-    mcu.command(1.4, 3, 1800.0, 1700.0, 0.0)
+    mcu.command(1.4, 1800.0, 1700.0, 0.0)
     assert run(mcu, 1.4, 0.05)[-1].source_us == 1800.0
 
 
@@ -54,7 +54,7 @@ def test_missed_commands_are_counted_and_late_ones_are_not() -> None:
     mcu.arm(0.0)
     for tick in range(10):
         start = tick * period + (0.4 * period if tick == 5 else 0.0)
-        mcu.command(start, tick, 1500.0, 1500.0, 0.0)
+        mcu.command(start, 1500.0, 1500.0, 0.0)
         run(mcu, start, period)
     assert mcu.status.missed_commands == 0
     run(mcu, 10 * period, 3 * period)
@@ -72,8 +72,8 @@ def test_no_sequence_of_commands_passes_a_limit(
 ) -> None:
     mcu, t_s, outputs = Mcu(RIG), 0.0, [Outputs(1000.0, 1000.0, 0.0)]
     mcu.arm(0.0)
-    for number, (source, sufferer, speed, wait_s) in enumerate(sequence):
-        mcu.command(t_s, number, source, sufferer, speed)
+    for source, sufferer, speed, wait_s in sequence:
+        mcu.command(t_s, source, sufferer, speed)
         outputs += run(mcu, t_s, wait_s)
         t_s += wait_s
     for before, after in itertools.pairwise(outputs):

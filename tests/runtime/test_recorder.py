@@ -66,6 +66,12 @@ def test_a_stalled_disk_drops_ticks_and_counts_them(
     assert read_run_log(tmp_path / "a.mcap").metadata["dropped"] == str(dropped)
 
 
+def test_a_flight_is_not_recorded_under_a_name_that_says_csv(tmp_path: Path) -> None:
+    with pytest.raises(UnusableInput, match=r"name it flight.mcap, and `wakedeploy log export`"):
+        Recorder(tmp_path / "flight.csv", METADATA)
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_a_disk_that_never_answers_is_waited_for_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

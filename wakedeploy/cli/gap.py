@@ -167,10 +167,11 @@ def name_gap(
     """
     from wakedeploy.gap.account import verdict_sentence
     from wakedeploy.gap.close import name
+    from wakedeploy.gap.steps import read_steps
 
     case = _case(rig_path, measured, out, workers)
     told = name(case, out, _progress)
-    click.echo(verdict_sentence(told))
+    click.echo(verdict_sentence(read_steps(out).summary))  # which knows how many flights there were
     for searched in told["rounds"]:
         given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
         click.echo(f"Gain on held-out flights{given} (threshold {searched['threshold_nats']:.1f}):")

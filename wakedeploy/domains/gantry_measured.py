@@ -76,16 +76,10 @@ def measured_set(
     """
     plain = {name: log.without_truth() for name, log in logs.items()}
     rate_hz = _common_rate(plain)
-    model, measured = measure(list(plain.values()), rig, progress)
-    found = {
-        name: [_episode(f"{name}-{i}", log, one, rig) for i, one in enumerate(of_log, 1)]
-        for (name, log), of_log in zip(plain.items(), measured, strict=True)
-    }
+    model, measured = _measured(plain, rig, progress)
+    found = _stretches(plain, measured, rig)
     episodes, split = _split(found, rate_hz)
-    reports = [
-        _report(name, log, of_log, rig)
-        for (name, log), of_log in zip(plain.items(), measured, strict=True)
-    ]
+    reports = [_report(name, log, measured[name], rig) for name, log in plain.items()]
     made = EpisodeSet(
         domain="gantry",
         rate_hz=rate_hz,
@@ -98,6 +92,34 @@ def measured_set(
         provenance=_provenance(rig, model, reports, sources or {}),
     )
     return MeasuredSet(made, model, tuple(reports))
+
+
+def measured_stretches(logs: Mapping[str, RunLog], rig: Rig) -> dict[str, list[Episode]]:
+    """The airborne stretches of each log, whole, with the force that was measured in them.
+
+    For scoring what was trained elsewhere; raises UnusableInput for logs of different rates.
+    """
+    plain = {name: log.without_truth() for name, log in logs.items()}
+    _common_rate(plain)
+    return _stretches(plain, _measured(plain, rig)[1], rig)
+
+
+def _measured(
+    logs: Mapping[str, RunLog],
+    rig: Rig,
+    progress: Callable[[int, int], None] | None = None,
+) -> tuple[ForceModel, dict[str, list[MeasuredForce]]]:
+    model, measured = measure(list(logs.values()), rig, progress)
+    return model, dict(zip(logs, measured, strict=True))
+
+
+def _stretches(
+    logs: Mapping[str, RunLog], measured: Mapping[str, Sequence[MeasuredForce]], rig: Rig
+) -> dict[str, list[Episode]]:
+    return {
+        name: [_episode(f"{name}-{i}", log, one, rig) for i, one in enumerate(measured[name], 1)]
+        for name, log in logs.items()
+    }
 
 
 def episode_name(stem: str) -> str:

@@ -7,7 +7,6 @@ that a person can stop, look, and go on.
 
 import datetime
 import functools
-import json
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -37,6 +36,7 @@ from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import (
     forget,
     prepare,
+    read_plan,
     read_steps,
     refuse_foreign_rig,
     require,
@@ -313,10 +313,9 @@ def _plan(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
     """What would split a class: the manoeuvre found for it, or what the library says."""
     if not named.get("class"):
         return {}
-    path = out / "plan.json"
-    planned = json.loads(path.read_text("utf-8")) if path.exists() else {}
+    planned, keys = read_plan(out), ("sentence", "manoeuvre", "flights", "seconds", "split_by")
     if planned.get("class") == named["class"]:
-        return {k: planned[k] for k in ("sentence", "manoeuvre", "flights", "seconds", "split_by")}
+        return {key: planned.get(key) for key in keys}
     return {"sentence": named.get("split_by", "")}
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.domains.gantry import record
+from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.close import close
 from wakedeploy.gap.demo_figure import Flown, draw_story
 from wakedeploy.gap.retrain import Pilot, fly_both, retrain
@@ -72,11 +73,13 @@ def run(
     again.
     """
     began = time.monotonic()
-    out.mkdir(parents=True, exist_ok=True)
     rig_path = out / "rig.toml"
+    logs = [out / f"flight{i + 1}.mcap" for i in range(size.flights)]
+    _refuse_foreign(rig_path, logs)
+    out.mkdir(parents=True, exist_ok=True)
     believed_rig().write(rig_path)
     progress(f"flying {size.flights} flights of a virtual gantry whose motors lag")
-    logs = fly_measured(out, size, workers)
+    fly_measured(logs, size, workers)
     folder = out / "gap"
 
     def retrained(old: Rig, new: Rig, scored: Sequence[Path], into: Path) -> dict[str, Any]:
@@ -95,18 +98,28 @@ def run(
     return told | {"seconds": round(time.monotonic() - began, 1)}
 
 
-def fly_measured(out: Path, size: Size, workers: int) -> list[Path]:
+def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
+    """UnusableInput where somebody's own rig file or flights have the names of the demo's."""
+    if rig_path.is_file() and rig_path.read_text(encoding="utf-8") == believed_rig().text:
+        return  # an earlier demo's folder
+    for path in (rig_path, *logs):
+        if path.exists():
+            raise UnusableInput(
+                f"{path}: not the demo's, which would replace it; give another --out."
+            )
+
+
+def fly_measured(logs: Sequence[Path], size: Size, workers: int) -> None:
     """Flights of the world under the uncorrected rig file, PID alone, as logs without truth."""
-    jobs = [(out / f"flight{i + 1}.mcap", size.seconds, i) for i in range(size.flights)]
+    jobs = [(path, size.seconds, index) for index, path in enumerate(logs)]
     with ProcessPoolExecutor(max_workers=workers) as pool:
-        return list(pool.map(_measured, jobs))
+        list(pool.map(_measured, jobs))
 
 
-def _measured(job: tuple[Path, float, int]) -> Path:
+def _measured(job: tuple[Path, float, int]) -> None:
     path, seconds, index = job
     log = record(world_rig(), seconds=seconds, seed=_FIRST_SEED + index, model_rig=believed_rig())
     log.without_truth().write_mcap(path)
-    return path
 
 
 def _flown_again(

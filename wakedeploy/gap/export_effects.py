@@ -7,8 +7,9 @@ made from the source of the methods that the simulation calls, so that there is 
 import ast
 import inspect
 import textwrap
-import types
 from collections.abc import Iterable
+
+import numpy as np
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.effects.base import Effect, Motion, Setting
@@ -103,7 +104,9 @@ class _Plain(ast.NodeTransformer):
         value = self._known.get(node.id)
         if isinstance(value, int | float):
             return ast.Constant(float(value))
-        if isinstance(value, types.ModuleType) or node.id in ("abs", "min", "max", "round"):
+        if value is np:
+            return ast.Name("np", ast.Load())
+        if value is None and node.id in ("abs", "min", "max", "round"):
             return node
         raise UnusableInput(
             f"The effect {self._effect!r} uses {node.id!r}, which cannot be exported; write its "

@@ -34,7 +34,7 @@ SHORTEST_S = 4.0  # of airborne time, to say anything
 _SHORTEST_STRETCH_S = 1.5
 _LONGEST_GAP_S = 0.5
 _GAP_S = 0.1  # between samples
-_JUMP_S = 0.25  # a clock that jumps by more between ticks is not one run
+_TOLD_GAP_S = 0.125  # between ticks: bridged, and told
 _FREE_WHITE = 2.0  # [(m/s²)²·s] for a first look at the motion, knowing nothing of forces
 _CUT_OFF_SHARE = 0.9  # of readings at rest are of one value: their mean cannot be told
 _ZERO_M = 0.0005  # what reads less reads zero
@@ -174,7 +174,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
 
 
 def _require_same_rig(log: RunLog, rig: Rig, name: str) -> None:
-    """A log of another rig file is refused, unless only the effects or the spool differ."""
+    """A log of another rig is refused; what only the model knows, such as effects, may differ."""
     stated = log.metadata.get("rig_sha256")
     if stated is None or stated == rig.sha256:
         return
@@ -205,7 +205,7 @@ def _checked_clock(t_s: FloatArray, name: str) -> tuple[str, ...]:
             f"{name}: the clock jumps by {worst:.2f} s after t_s = {at:.2f} s; cut the log there "
             "or leave it out."
         )
-    if worst > _JUMP_S / 2:
+    if worst > _TOLD_GAP_S:
         return (f"a gap of {1e3 * worst:.0f} ms between ticks was bridged",)
     return ()
 

@@ -6,6 +6,7 @@ counterpart here is refused by name, never guessed.
 """
 
 import ast
+import re
 from collections.abc import Callable
 from typing import Any
 
@@ -243,13 +244,12 @@ class _Writer:
         if node.keywords:
             raise self._refused(node)
         arguments, name = [self._value(one) for one in node.args], _called(node)
-        if isinstance(node.func, ast.Name):
-            if name in _BUILT_IN:
-                return _BUILT_IN[name].format(*arguments)
+        if isinstance(node.func, ast.Name) and name not in _BUILT_IN:
             return f"{name}({', '.join(arguments)})"
-        if name not in _NUMPY:
+        known = _BUILT_IN if isinstance(node.func, ast.Name) else _NUMPY
+        if name not in known or len(arguments) != len(set(re.findall(r"{(\d)}", known[name]))):
             raise self._refused(node)
-        return _NUMPY[name].format(*arguments)
+        return known[name].format(*arguments)
 
     def _refused(self, node: ast.AST) -> UnusableInput:
         shown = ast.unparse(node).splitlines()[0]

@@ -30,7 +30,7 @@ from wakedeploy.gap.shrinking import (
     noise_unknown,
     unchanged,
 )
-from wakedeploy.gap.steps import Steps, read_steps
+from wakedeploy.gap.steps import TITLE, Steps, read_steps
 from wakedeploy.gap.telling import (
     UNKNOWN,
     counted,
@@ -124,8 +124,8 @@ PICTURES = (
         "placebo",
         "A placebo: a wrong effect in the place of what was found, with as many parameters where "
         "there is one, fitted likewise. Of the effects that can be told from what was found, the "
-        "middle one by gain on held-out flights. It must not help, that is gain over 3 nats on "
-        "the flights shown.",
+        "best by gain on held-out flights. It must not help, that is gain over 3 nats on the "
+        "flights shown.",
         lambda steps: report_figures.draw_placebo(steps.summary),
     ),
     Picture(
@@ -156,7 +156,7 @@ def write_report(out: Path) -> Path:
     body = [_opening(steps), _where(steps, pictures), _which(steps, pictures)]
     body += [_added(steps), _shown(steps, pictures), _data(steps)]
     path = out / "report.html"
-    write_text_whole(path, page("The gap between simulation and measurement", *body))
+    write_text_whole(path, page(TITLE, *body))
     return path
 
 
@@ -181,7 +181,7 @@ def _opening(steps: Steps) -> Markup:
     sentences = [verdict_sentence(summary), *evidence(summary)]
     links = [("where", "Where"), ("which", "Which"), ("added", "Added"), ("shown", "Shown")]
     return together(
-        element("h1", "The gap between simulation and measurement"),
+        element("h1", TITLE),
         _flights(steps),
         element("nav", *(element("a", text, href=f"#{to}") for to, text in links)),
         element("div", *(element("p", each) for each in sentences), class_="account"),

@@ -20,7 +20,7 @@ from scipy.stats import t as student
 from runtime.predictor import PackagePredictor
 from runtime.replay import rolled_out
 from wakedeploy.domains.gantry import make_set, record
-from wakedeploy.domains.gantry_measured import MeasuredSet, measured_set
+from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.episodes import Episode
 from wakedeploy.errors import UnusableInput
 from wakedeploy.package import Package, read_package
@@ -29,6 +29,7 @@ from wakedeploy.runlog import RunLog, read_run_log
 
 FloatArray = npt.NDArray[np.float64]
 Progress = Callable[[str], None]
+Flown = Mapping[str, Sequence[Episode]]  # airborne stretches by flight
 
 ARCH = "history-mlp"  # of those with a memory, the one that is trained the fastest
 MINUTES = 8.0
@@ -81,14 +82,16 @@ def retrain(
     hyper_parameters(arch, {})  # refuses an unknown architecture before anything is simulated
     if not measured:
         raise UnusableInput("Retraining is judged on measured flights; give at least one log.")
+    progress("measuring the force in the flights")
+    names = [f"flight{i}" for i in range(len(measured))]
+    logs = {name: _opened(log) for name, log in zip(names, measured, strict=True)}
+    truth, by_old = measured_stretches(logs, new), measured_stretches(logs, old)
+    if not any(truth.values()):
+        raise UnusableInput("In none of the measured flights the sufferer is in the air.")
     rigs = {"old": old, "new": new}
     jobs = [_Job(r.text, minutes, seed, arch, epochs, out, name) for name, r in rigs.items()]
     progress(f"training {arch} on {minutes:g} min of either simulation")
     packages = _in_processes(jobs, workers)
-    progress("measuring the force in the flights")
-    names = [f"flight{i}" for i in range(len(measured))]
-    logs = {name: _opened(log) for name, log in zip(names, measured, strict=True)}
-    truth, by_old = measured_set(logs, new), measured_set(logs, old)
     progress("scoring both predictors on them")
     predictors = {name: read_package(path) for name, path in packages.items()}
     return {
@@ -185,9 +188,8 @@ def _opened(log: RunLog | Path) -> RunLog:
     return log if isinstance(log, RunLog) else read_run_log(log)
 
 
-def _scores(packages: Mapping[str, Package], truth: MeasuredSet) -> dict[str, Any]:
+def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
     """`<name>_rmse` with its interval for each package, and the ratio of the last to the first."""
-    flights = _by_flight(truth.episodes.episodes)
     told: dict[str, Any] = {}
     sums = {
         name: np.array([_squares(package, episodes) for episodes in flights.values()])
@@ -241,14 +243,6 @@ def _interval(value: float, influence: FloatArray) -> list[float] | None:
     return [math.exp(value - reach), math.exp(value + reach)]
 
 
-def _by_flight(episodes: Sequence[Episode]) -> dict[str, list[Episode]]:
-    """Airborne stretches by the flight that they were cut from: `flight0-1` is of `flight0`."""
-    flights: dict[str, list[Episode]] = {}
-    for episode in episodes:
-        flights.setdefault(episode.name.rsplit("-", 1)[0], []).append(episode)
-    return flights
-
-
 def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, float]:
     """Sum of squared errors [N²] and number of ticks, once the memory is full."""
     from trainers.targets import shift_ahead
@@ -265,9 +259,10 @@ def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, floa
     return total, float(count)
 
 
-def _rms(truth: MeasuredSet, of: str) -> float:
+def _rms(flights: Flown, of: str) -> float:
     """Root mean square [N] of the measured force or of its standard deviation."""
-    parts = [e.force if of == "force" else e.extras["force_sd_n"] for e in truth.episodes.episodes]
+    episodes = [episode for own in flights.values() for episode in own]
+    parts = [e.force if of == "force" else e.extras["force_sd_n"] for e in episodes]
     return float(np.sqrt(np.mean(np.square(np.concatenate(parts)))))
 
 

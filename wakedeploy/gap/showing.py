@@ -4,7 +4,7 @@ Where there are too few to seal any, each is shown with the sizes that the other
 
 In: what was found and the flights to show. Out: `show.json`: errors per channel with intervals and
 the noise floor, per place, whiteness of the rest, and a placebo: a wrong effect with as many
-parameters, the middle one of those, which must not help.
+parameters, the best of those by gain, which must not help.
 """
 
 from collections.abc import Mapping, Sequence

@@ -20,6 +20,11 @@ from wakedeploy.gap.telling import entries, mapping, texts
 Artefact = Mapping[str, Any]
 
 STEPS = ("find", "name", "add", "show", "result")
+TITLE = "The gap between simulation and measurement"  # of the report, by which it is known
+PICTURES = (
+    *("maps_exogenous", "maps_fed_back", "replay", "spectrum", "ranking", "confusion"),
+    *("before_after", "places", "forecasts", "placebo", "retraining"),
+)
 
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
 _OF_FIND = ("places", "logs", "split", "noise_floor")
@@ -86,6 +91,11 @@ class Steps:
         )
 
 
+def read_plan(folder: Path) -> Artefact:
+    """`plan.json`, {} where no plan was made; UnusableInput where it cannot be read."""
+    return _read(folder / "plan.json")
+
+
 def read_steps(folder: Path) -> Steps:
     """Read the artefacts of a folder; UnusableInput where a file is there and cannot be read."""
     return Steps(**{name: _read(folder / f"{name}.json") for name in STEPS})
@@ -100,6 +110,11 @@ def prepare(folder: Path, rig_path: Path) -> None:
         raise UnusableInput(
             f"{folder}: the corrected rig.toml would overwrite the rig file given; "
             "choose another --out."
+        )
+    report = folder / "report.html"
+    if report.is_file() and not _wrote_report(report):
+        raise UnusableInput(
+            f"{report}: not a report of these steps, which would replace it; choose another --out."
         )
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -121,6 +136,12 @@ def refuse_foreign_rig(folder: Path) -> None:
         )
 
 
+def _wrote_report(path: Path) -> bool:
+    """Whether a page is a report of these steps."""
+    with path.open("rb") as file:
+        return TITLE.encode() in file.read(1000)
+
+
 def _wrote_rig(folder: Path) -> bool:
     """Whether the folder's `rig.toml` is as its `add.json` says."""
     rig, written = folder / "rig.toml", _read(folder / "add.json").get("new_sha256")
@@ -131,15 +152,18 @@ def forget(folder: Path, first: str) -> None:
     """Remove what `first` and the steps after it left in an earlier run, their rig file included.
 
     So are the report, its figures and the plan, which tell of what is removed. A `rig.toml` that
-    another hand has written or changed stays.
+    another hand has written or changed stays, and so does what else lies there.
     """
     stale = STEPS[STEPS.index(first) :]
     if "add" in stale and _wrote_rig(folder):
         (folder / "rig.toml").unlink()
     for step in stale:
         (folder / f"{step}.json").unlink(missing_ok=True)
-    for drawn in (folder / "report.html", *(folder / "figures").glob("*.png")):
+    for drawn in ((folder / "figures" / f"{name}.png") for name in PICTURES):
         drawn.unlink(missing_ok=True)
+    report = folder / "report.html"
+    if report.is_file() and _wrote_report(report):
+        report.unlink()
     if "name" in stale:
         for beside in ("name.npz", "plan.json"):
             (folder / beside).unlink(missing_ok=True)

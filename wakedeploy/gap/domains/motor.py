@@ -100,7 +100,7 @@ class MotorModel(ResponseModel):
         return np.asarray(step.rpm - predicted)[None]
 
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
-        """Time since the step, the step's size, and the duty before it."""
+        """Time since the step, the step's size, and the duty after it."""
         step = self.steps[episode]
         same = np.ones(len(step.time_s))
         return {

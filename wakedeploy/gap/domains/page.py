@@ -119,10 +119,11 @@ def _steps(document: Document, out: Path, prefix: str) -> list[Markup]:
 def _opening(document: Document, names: list[str]) -> Markup:
     """The verdict in words, and the sizes."""
     rivals = texts(document.get("class"))
+    too_many = f"The baseline lacks one of {listed(rivals, 'or')}: too many to call it a class."
     told = {
         "named": f"The baseline lacks {listed(names)}.",
         "class": f"The baseline lacks one of {listed(rivals, 'or')}: they cannot be told apart.",
-        "unknown": "The baseline lacks something that no single effect explains.",
+        "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",
     }
     episodes, sealed = (len(texts(document.get(key))) for key in ("episodes", "sealed"))

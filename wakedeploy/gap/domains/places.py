@@ -6,13 +6,14 @@ longer than the noise's correlation, are permuted within the hypothesis that not
 """
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
 from wakedeploy.gap.domains.coloured import ResponseModel
+from wakedeploy.gap.finding import q_values
 from wakedeploy.gap.inference import Fit, FloatArray
 
 BINS = 6
@@ -132,12 +133,9 @@ def _p_value(white: FloatArray, block: FloatArray, seed: int) -> float:
 
 def _controlled(places: list[Place]) -> list[Place]:
     """Those that survive false-discovery control, with q in place of p."""
-    order = sorted(places, key=lambda p: p.q_value)
-    q_values = [p.q_value * len(order) / (k + 1) for k, p in enumerate(order)]
-    q_values = list(np.minimum.accumulate(q_values[::-1])[::-1])
     kept = [
-        Place(**(vars(p) | {"q_value": float(q)}))
-        for p, q in zip(order, q_values, strict=True)
+        replace(place, q_value=q)
+        for place, q in zip(places, q_values([p.q_value for p in places]), strict=True)
         if q < SIGNIFICANT
     ]
     return sorted(kept, key=lambda p: (p.q_value, -abs(p.residual)))
