@@ -101,6 +101,9 @@ def lanes(
     """
     pieces = _pieces(tape, steps, generator)
     count = min(count, len(pieces))
+    unscored = warm_up // steps  # chunks at a lane's beginning; fewer lanes where all would be
+    if -(-len(pieces) // count) <= unscored:
+        count = max(1, len(pieces) // (unscored + 1))
     per_lane = -(-len(pieces) // count)
     rows = [_lane(pieces[i * per_lane : (i + 1) * per_lane], per_lane) for i in range(count)]
     table = torch.tensor(

@@ -37,9 +37,10 @@ from trainers.runs import (
 )
 from trainers.score import score
 from trainers.tape import Tape, lay_tape
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.episodes import SPLITS, EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.locks import one_at_a_time
 from wakedeploy.package import ForceChannel, ObservationChannel, Scores
 from wakedeploy.validation import first_problem
 
@@ -133,14 +134,28 @@ def train(
     diverged.
     """
     folder = run_folder(root, config)
-    if fresh:
-        _clear(folder)
-    if (folder / CONFIG).exists():
-        _check_same(folder, read_config(folder), config)
-    if (folder / METRICS).exists():
-        return load_run(folder)
     predictor = new_predictor(config)
     device = choose_device(device, predictor, FitSettings(**config.settings))  # type: ignore[arg-type]
+    if fresh or not (folder / METRICS).exists():
+        require_enough(data, config.lead_s)  # before anything is written, or of an earlier run goes
+    with one_at_a_time(folder):  # of two that train the same, the second finds it done
+        if fresh:
+            _clear(folder)
+        if (folder / CONFIG).exists():
+            _check_same(folder, read_config(folder), config)
+        if not (folder / METRICS).exists():
+            _train_there(folder, config, data, predictor, device, on_epoch)
+        return load_run(folder)
+
+
+def _train_there(
+    folder: Path,
+    config: RunConfig,
+    data: EpisodeSet,
+    predictor: Predictor,
+    device: str,
+    on_epoch: OnEpoch,
+) -> None:
     write_record(folder / CONFIG, config)
     if isinstance(predictor.core, Esn):
         standing, seconds = _solve(folder, config, data, predictor, device)
@@ -148,7 +163,6 @@ def train(
     else:
         standing, seconds = _descend(folder, config, data, predictor, device, on_epoch)
     _finish(folder, config, data, standing, seconds, device)
-    return load_run(folder)
 
 
 def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
@@ -158,6 +172,12 @@ def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:
     """
     learned = lay_tape(data, "train", lead_s, data.warm_up_steps)
     return learned, lay_tape(data, "validation", lead_s, data.warm_up_steps)
+
+
+def require_enough(data: EpisodeSet, lead_s: float) -> None:
+    """UnusableInput where a split of the set has nothing left after warm-up and lead."""
+    for split in SPLITS:
+        lay_tape(data, split, lead_s, data.warm_up_steps)
 
 
 def new_fit(

@@ -103,6 +103,7 @@ def test_lanes_play_episodes_in_order_and_score_each_sample_once(
             seen[index[scored]] += 1
     assert chunks[0].fresh.all()
     assert seen.max() <= 1
+    assert seen.sum() > 0  # however many lanes were asked for, something is learned
     if steps >= warm_up:
         assert seen.sum() > len(seen) - (count + len(tape.lengths)) * (warm_up + steps) - 1
 

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import shutil
 from pathlib import Path
 
 import pytest
@@ -11,6 +12,7 @@ from wakedeploy.cli import main
 from wakedeploy.episodes import EpisodeSet
 
 ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
+ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256"}
 
 
 def wakedeploy(*arguments: object) -> Result:
@@ -52,9 +54,7 @@ def test_evaluating_the_test_split_repeats_what_training_found(folder: Path) -> 
         json.loads((folder / name).read_text())["rows"] for name in ("train.json", "eval.json")
     )
     for before, after in zip(trained, evaluated, strict=True):
-        assert {k: v for k, v in before.items() if k != "seconds"} == {
-            k: v for k, v in after.items() if k != "seconds"
-        }
+        assert before | {"seconds": 0.0} == after | {"seconds": 0.0}
 
 
 def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
@@ -65,6 +65,27 @@ def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:
     assert done.exit_code == 0, done.output
     (row,) = json.loads((folder / "one.json").read_text())["rows"]
     assert (row["arch"], row["seed"], row["split"]) == ("agile-mlp", 1, "all")
+
+
+def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
+    other = folder / "several" / "wide"
+    done = wakedeploy(
+        "train", "--data", folder / "set", "--arch", "agile-mlp", "--hyper", "agile-mlp.hidden=9",
+        "--epochs", 1, "--out", other,
+    )  # fmt: skip
+    assert done.exit_code == 0, done.output
+    shutil.copytree(folder / "runs" / "echo" / "agile-mlp", folder / "several" / "usual")
+    done = wakedeploy(
+        "evaluate", folder / "several", "--data", folder / "set", "--json", folder / "both.json"
+    )
+    assert done.exit_code == 0, done.output
+    told = " ".join(done.output.split())
+    assert "hidden 9" in told
+    assert "hidden 128" in told
+    rows = json.loads((folder / "both.json").read_text())["rows"]
+    assert sorted(Path(row["run"]).parts[-2:] for row in rows) == [
+        ("agile-mlp", "s0"), ("usual", "s0"), ("usual", "s1"),
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 import dataclasses
 import json
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -42,7 +44,7 @@ def trained(
     data: EpisodeSet, root: Path, arch: str, settings: FitSettings | None = SHORT, **others
 ) -> TrainedRun:
     asked = {"seed": 0, "lead_s": 0.0, "hyper": SMALL.get(arch), "settings": settings} | others
-    keep = {name: asked.pop(name) for name in ("on_epoch", "fresh") if name in asked}
+    keep = {name: asked.pop(name) for name in ("on_epoch", "fresh", "device") if name in asked}
     return train(configure(data, arch, **asked), data, root, **keep)
 
 
@@ -83,6 +85,51 @@ def test_a_finished_run_is_not_trained_again_unless_fresh(echo: EpisodeSet, tmp_
     assert fresh.metrics.weights_sha256 == first.metrics.weights_sha256
 
 
+@pytest.mark.parametrize("why", ["device", "lead", "test split"])
+def test_a_training_that_is_refused_costs_no_run_and_blocks_none(
+    why: str, echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: dict[str, Any] = {"fresh": True}
+    data = echo
+    if why == "device":
+        monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+        asked["device"] = "cuda"
+    elif why == "lead":
+        asked["lead_s"] = 1e4
+    else:
+        short = [
+            dataclasses.replace(e, observation=e.observation[:5], force=e.force[:5], extras={})
+            if echo.split[e.name] == "test"
+            else e
+            for e in echo.episodes
+        ]
+        data = dataclasses.replace(echo, episodes=tuple(short))
+    first = trained(data if why != "test split" else echo, tmp_path, "agile-mlp")
+    with pytest.raises(UnusableInput):
+        trained(data, tmp_path, "agile-mlp", **asked)
+    assert load_run(first.folder).metrics == first.metrics
+    with pytest.raises(UnusableInput):
+        trained(data, tmp_path / "other", "agile-mlp", **asked)
+    trained(echo, tmp_path / "other", "agile-mlp")
+
+
+def test_two_processes_that_train_the_same_train_it_once(echo: EpisodeSet, tmp_path: Path) -> None:
+    epochs: list[int] = []
+    with ThreadPoolExecutor(2) as pool:
+        runs = [
+            pool.submit(
+                trained,
+                echo,
+                tmp_path,
+                "agile-mlp",
+                on_epoch=lambda done, total: epochs.append(done),
+            )
+            for _ in range(2)
+        ]
+    assert sorted(epochs) == [1, 2, 3, 4, 5]
+    assert runs[0].result().metrics == runs[1].result().metrics
+
+
 def test_another_configuration_or_set_is_told_in_one_sentence(
     echo: EpisodeSet, make_echo: Callable[..., EpisodeSet], tmp_path: Path
 ) -> None:
@@ -121,7 +168,8 @@ def test_a_run_folder_holds_safetensors_and_json_only(echo: EpisodeSet, tmp_path
     for arch in ("gru", "esn"):
         folder = trained(echo, tmp_path, arch).folder
         assert folder == tmp_path / "echo" / arch / "s0"
-        for path in folder.iterdir():
+        assert (folder / ".turn.lock").stat().st_size == 0
+        for path in (path for path in folder.iterdir() if path.name != ".turn.lock"):
             assert path.suffix in {".json", ".safetensors"}, path
             data = path.read_bytes()
             if path.suffix == ".json":

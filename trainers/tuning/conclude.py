@@ -26,11 +26,11 @@ from trainers.tuning.report import (
     whole_point,
     write_trials,
 )
-from trainers.tuning.storage import turn
 from trainers.tuning.study import all_trials, finished, running
 from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.locks import one_at_a_time
 
 FRONT, RUNS = "pareto", "best"
 
@@ -62,7 +62,7 @@ def conclude(
     Raises CheckFailed where no trial came to its end; `trials.csv` says why.
     """
     torch.set_num_threads(1)
-    with turn(work.out, "conclude"):  # another process may have come to the end, too
+    with one_at_a_time(work.out, "conclude"):  # another process may have come to the end, too
         return _concluded(work, study, data, on_epoch)
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 from trainers.dimensions import Dimension
 from trainers.fit import FitSettings
 from trainers.runs import TRAINING, RunConfig
-from trainers.tape import lay_tape
-from trainers.training import configure, settings_for, tapes
+from trainers.training import configure, require_enough, settings_for, tapes
 from trainers.tuning.space import Point, search_space, split
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -103,6 +102,7 @@ def make_plan(
 
 def _check_large_enough(data: EpisodeSet, lead_s: float) -> None:
     """Told now, not when the study ends: each split has to have something to say."""
+    require_enough(data, lead_s)
     _, held_out = tapes(data, lead_s)
     samples = int(held_out.scored.sum())
     if samples < FEWEST_SAMPLES:
@@ -115,7 +115,6 @@ def _check_large_enough(data: EpisodeSet, lead_s: float) -> None:
             f"The force never changes in the validation split of this {data.domain} set, so that it"
             " cannot tell trials apart; make a longer set."
         )
-    lay_tape(data, "test", lead_s, data.warm_up_steps)
 
 
 def described(plan: Plan, data_folder: Path) -> dict[str, object]:

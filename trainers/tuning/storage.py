@@ -22,6 +22,7 @@ from optuna.trial import FrozenTrial
 from sqlalchemy.engine import URL, make_url
 
 from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.locks import one_at_a_time
 
 JOURNAL = "study.journal"
 OnLost = Callable[[optuna.Study, FrozenTrial], None]
@@ -78,7 +79,7 @@ class Place:
         UnusableInput for a database that cannot be reached.
         """
         if self._url is None:
-            with turn(self._journal.parent) as leave:
+            with one_at_a_time(self._journal.parent) as leave:
                 yield leave
             return
         _require_driver()
@@ -186,36 +187,6 @@ class KernelLock(BaseJournalFileLock):
         held, self._held = self._held, None
         if held is not None:
             os.close(held)
-
-
-@contextlib.contextmanager
-def turn(out: Path, what: str = "turn") -> Iterator[Callable[[], None]]:
-    """One process of this machine at a time in here, until it leaves or calls what it was given.
-
-    Different things to do (`what`) do not wait for each other.
-    """
-    out.mkdir(parents=True, exist_ok=True)
-    held = [_locked(out / f".{what}.lock")]
-
-    def leave() -> None:
-        if held:
-            os.close(held.pop())
-
-    try:
-        yield leave
-    finally:
-        leave()
-
-
-def _locked(path: Path) -> int:
-    """A descriptor that holds the lock until it is closed, by us or by the process' end."""
-    descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-    except BaseException:
-        os.close(descriptor)
-        raise
-    return descriptor
 
 
 def _drop_unfinished_line(journal: Path) -> None:

@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +127,16 @@ def _side(rows: Sequence[Sequence[str]], index: int) -> Any:
     """Right for a column of numbers, left for words."""
     cells = [row[index].strip() for row in rows]
     return "right" if all(cell == "" or cell[0] in "-+−.—0123456789" for cell in cells) else "left"
+
+
+def what_differs(one: Mapping[str, object], others: Iterable[Mapping[str, object]]) -> str:
+    """The settings in which one of several differs from any other, as `name value, …`."""
+    alike = list(others)
+    return ", ".join(
+        f"{name} {value}"
+        for name, value in one.items()
+        if any(other.get(name) != value for other in alike)
+    )
 
 
 def mean_and_spread(values: list[float | None], style: str) -> str:

@@ -12,6 +12,7 @@ from wakedeploy.cli.output import (
     print_table,
     progress,
     told_when_stopped,
+    what_differs,
     write_json,
 )
 from wakedeploy.cli.training_options import device_option
@@ -248,9 +249,4 @@ def _varied(row: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:
     def told(one: dict[str, Any]) -> dict[str, Any]:
         return {"lead_s": one["lead_s"], **one["settings"], **one["hyper"]}
 
-    alike = [told(other) for other in rows if other["arch"] == row["arch"]]
-    return ", ".join(
-        f"{name} {value}"
-        for name, value in told(row).items()
-        if any(other[name] != value for other in alike)
-    )
+    return what_differs(told(row), [told(one) for one in rows if one["arch"] == row["arch"]])

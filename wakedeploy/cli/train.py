@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import mean_and_spread, print_table, progress, write_json
+from wakedeploy.cli.output import (
+    mean_and_spread,
+    print_table,
+    progress,
+    what_differs,
+    write_json,
+)
 from wakedeploy.cli.training_options import device_option, lead_option
 from wakedeploy.errors import UnusableInput
 
@@ -232,11 +238,17 @@ def score_row(
 ) -> dict[str, Any]:
     """A run's errors on a split, as `train --json` and `evaluate --json` write them.
 
-    `device` is where it was trained.
+    `run` is its folder, `device` where it was trained.
     """
     return {
+        "run": str(run.folder),
         "arch": run.config.arch,
         "seed": run.config.seed,
+        "lead_s": run.config.lead_s,
+        "hyper": run.config.hyper,
+        "settings": run.config.settings,
+        "kept_from": list(run.config.present_only),
+        "data_sha256": run.config.data_sha256,
         "trainable": run.metrics.trainable,
         "frozen": run.metrics.frozen,
         "split": split,
@@ -253,18 +265,28 @@ def print_scores(
     config: "RunConfig",
     ceiling: dict[str, float] | None,
 ) -> None:
-    """One line for each architecture, mean ± spread over its seeds."""
+    """One line for each configuration, mean ± spread over its seeds."""
     columns = ["architecture", "trainable", "frozen"]
     for channel in config.force:
         limit = f" (ceiling {ceiling[channel.name]:.3f})" if ceiling else ""
         columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}{limit}"]
-    archs = list(dict.fromkeys(row["arch"] for row in rows))
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in rows:
+        groups.setdefault(json.dumps([row["arch"], _told_apart_by(row)]), []).append(row)
     table = []
-    for arch in archs:
-        own = [row for row in rows if row["arch"] == arch]
-        line = [arch, f"{own[0]['trainable']:,}", f"{own[0]['frozen']:,}"]
+    for own in groups.values():
+        alike = [_told_apart_by(row) for row in rows if row["arch"] == own[0]["arch"]]
+        differs = what_differs(_told_apart_by(own[0]), alike)
+        name = own[0]["arch"] + (f" ({differs})" if differs else "")
+        line = [name, f"{own[0]['trainable']:,}", f"{own[0]['frozen']:,}"]
         for channel in config.force:
             line.append(mean_and_spread([row["rmse"][channel.name] for row in own], ".4g"))
             line.append(mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
         table.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
     print_table(title, [*columns, "seconds"], table)
+
+
+def _told_apart_by(row: dict[str, Any]) -> dict[str, Any]:
+    """Everything of a run's configuration that is not its seed."""
+    kept = {"kept_from": row["kept_from"], "data": row["data_sha256"][:8]}
+    return {"lead_s": row["lead_s"], **row["settings"], **row["hyper"], **kept}

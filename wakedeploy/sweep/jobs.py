@@ -28,10 +28,9 @@ from trainers.runs import (
     require_buildable,
     run_folder,
 )
-from trainers.tape import lay_tape
-from trainers.training import configure, settings_for, stated_lead_s, train
+from trainers.training import configure, require_enough, settings_for, stated_lead_s, train
 from wakedeploy.commit import frozen_at
-from wakedeploy.episodes import SPLITS, EpisodeSet, read_episode_set
+from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, one_line
 from wakedeploy.files import write_whole
 from wakedeploy.sweep.generate import Generate, make
@@ -165,7 +164,7 @@ def train_jobs(
         try:
             config = _configured(data, choice)
             if config.lead_s not in enough:
-                _require_enough(data, config.lead_s)
+                require_enough(data, config.lead_s)
                 enough.add(config.lead_s)
             shape = config.model_copy(update={"seed": 0}).model_dump_json()
             if shape not in buildable:
@@ -227,11 +226,6 @@ def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:
         hyper=choice.hyper,
         settings=settings_for(choice.arch, others=choice.settings),
     )
-
-
-def _require_enough(data: EpisodeSet, lead_s: float) -> None:
-    for split in SPLITS:
-        lay_tape(data, split, lead_s, data.warm_up_steps)
 
 
 def _unfit(name: str, data: EpisodeSet, choice: Choice, reason: str) -> UnfitJob:
