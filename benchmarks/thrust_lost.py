@@ -104,7 +104,6 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    os.environ["OMP_NUM_THREADS"] = "1"
     rows = []
     with ProcessPoolExecutor(max_workers=options.workers) as pool:
         for case in (PULLED, BLOCKED, *WAKES):

@@ -104,7 +104,6 @@ def _contender(path: Path) -> Contender:
 
 def _flown(contender: Contender, flights: int) -> dict[str, object]:
     """The contender's row: tracking RMSE [mm] over flights, mean and its 95 % half width."""
-    os.environ["OMP_NUM_THREADS"] = "1"
     with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
         errors = list(pool.map(_rmse_mm, [contender] * flights, range(flights)))
     half_width = 2.0 * float(np.std(errors, ddof=1)) / math.sqrt(flights)

@@ -46,6 +46,7 @@ DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reser
 REFERENCE = 1024  # rows and columns of the matrix product that says what the core can do
 AT_ONCE = 4096  # windows validated together
 SIDE_EPOCHS = 3  # of each training beside others
+TOGETHER_S = 600.0  # for which one waits for the others
 MATRIX = ("addmm", "aten::mm", "bmm", "baddbmm", "convolution", "mkldnn_linear", "thnn_conv")
 INDEXING = ("aten::index", "aten::gather", "aten::where", "aten::minimum", "aten::maximum")
 RECURRENCE = ("_LinearRecurrence", "_GruSequence")  # but for the matrix products in it
@@ -267,7 +268,7 @@ def at_once(config: RunConfig, data: EpisodeSet, cores: int) -> dict[str, float]
     """As many trainings as cores, a process and a thread each: together, and beside their limit."""
     context = multiprocessing.get_context("spawn")  # torch does not survive a fork
     with context.Manager() as manager, context.Pool(cores) as pool:
-        given = [(config, data, manager.Barrier(cores))] * cores
+        given = [(config, data, manager.Barrier(cores, timeout=TOGETHER_S))] * cores
         rates = pool.starmap(_one_of_several, given)
     per_s, gflops = (sum(kind) for kind in zip(*rates, strict=True))
     share = 1e-9 * flops_per_target(config, data)["ours"] * per_s / gflops

@@ -11,6 +11,7 @@ Writes docs/tuned.json, docs/tuned.md and two figures beside it.
 """
 
 import argparse
+import hashlib
 import json
 import math
 import os
@@ -52,34 +53,41 @@ def main() -> None:
         under_way = {
             pool.submit(obtained, *pair, options.sets, options.work): pair for pair in pairs
         }
-        for done in as_completed(under_way):
-            pair = under_way[done]
-            rows[pair] = done.result()
-            write(rows)
-            print(f"{pair[1]} on {pair[0]}: {gain_text(rows[pair])}", flush=True)
+        try:
+            for done in as_completed(under_way):
+                pair = under_way[done]
+                rows[pair] = done.result()
+                write(rows)
+                print(f"{pair[1]} on {pair[0]}: {gain_text(rows[pair])}", flush=True)
+        except BaseException:  # a failure ends it all: its cause is most likely theirs, too
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
 
 
 def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
-    """One pair's row: tuned, shipped, and scored with and without what was found."""
+    """One pair's row: tuned, scored with and without what was found, and shipped."""
     data, folder = sets / domain, work / domain / arch
     told = folder / "tune.json"
     asked = [f"--dimension={text}" for text in NARROWED.get((domain, arch), ())]
     asked += ["--arch", arch, "--data", data, "--trials", TRIALS[domain]]
     wakedeploy("tune", *asked, "--out", folder / "study", "--json", told)
-    shipped = SHIPPED / domain / f"{arch}.toml"
-    shipped.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(folder / "study" / "best.toml", shipped)
+    best = folder / "study" / "best.toml"
     study = json.loads(told.read_text())
     row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
     row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
     row |= {"narrowed": list(NARROWED.get((domain, arch), ()))}
-    for preset in ("reference", "tuned"):
-        scores = folder / f"{preset}.json"
+    # A study that went on may have found better, whose runs are others.
+    found = f"tuned-{hashlib.sha256(best.read_bytes()).hexdigest()[:8]}"
+    for name, preset, runs in (("reference", "reference", "reference"), ("tuned", best, found)):
+        scores = folder / f"{runs}.json"
         wakedeploy(
             "train", "--arch", arch, "--data", data, "--preset", preset, "--seeds", SEEDS,
-            "--out", folder / preset, "--json", scores,
+            "--out", folder / runs, "--json", scores,
         )  # fmt: skip
-        row[preset] = scored(domain, json.loads(scores.read_text())["rows"])
+        row[name] = scored(domain, json.loads(scores.read_text())["rows"])
+    shipped = SHIPPED / domain / f"{arch}.toml"
+    shipped.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(best, shipped)
     return row
 
 

@@ -106,7 +106,6 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=os.cpu_count())
     parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    os.environ["OMP_NUM_THREADS"] = "1"
     rows, times = [], []
     with ProcessPoolExecutor(max_workers=options.workers) as pool:
         for name in cases(default_rig()):

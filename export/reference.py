@@ -30,7 +30,7 @@ def _written(arch: str, path: Path) -> Path:
     predictor = new_predictor(config).eval()
     rng = np.random.default_rng(0)
     with torch.no_grad():
-        # A readout that is solved for starts at zero, and zero has no relative error.
+        # What starts at zero, as Delay Embedding's selector does, would hide what it multiplies.
         for weights in predictor.parameters():
             if weights.requires_grad and not torch.any(weights):
                 weights.copy_(torch.from_numpy(0.1 * rng.standard_normal(weights.shape)))

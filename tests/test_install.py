@@ -20,7 +20,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.install]
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {"wakedeploy", "trainers", "export", "runtime"}
-ABSENT = ["torch", "onnx", "onnxscript", "optuna", "numba", "pandas", "safetensors", "plotly"]
+ABSENT = ["torch", "onnx", "onnxscript", "optuna", "numba", "pandas", "safetensors"]
 
 
 def end(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:

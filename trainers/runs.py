@@ -194,9 +194,13 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     return tensors, facts
 
 
-def damaged(path: Path, why: str) -> UnusableInput:
+class UnusableRun(UnusableInput):
+    """What lies in a run's folder is damaged, or another run: without it, training goes."""
+
+
+def damaged(path: Path, why: str) -> UnusableRun:
     """The sentence for a checkpoint that cannot be used."""
-    return UnusableInput(f"{path} is damaged ({why}); train this run again with --fresh.")
+    return UnusableRun(f"{path} is damaged ({why}); train this run again with --fresh.")
 
 
 def _read(kind: type[AnyRecord], path: Path) -> AnyRecord:

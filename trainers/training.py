@@ -26,6 +26,7 @@ from trainers.runs import (
     RunConfig,
     RunMetrics,
     TrainedRun,
+    UnusableRun,
     damaged,
     load_run,
     new_predictor,
@@ -129,9 +130,9 @@ def train(
     """The finished run of this configuration: as it lies there, continued, or trained anew.
 
     `device` is "cpu", "cuda" or "auto". On CUDA the same seed gives nearly the same weights, on the
-    CPU exactly the same. Raises UnusableInput when the folder holds a run of another configuration
-    or a damaged one (unless `fresh`), or CUDA is asked for in vain; CheckFailed when the fit
-    diverged.
+    CPU exactly the same. Raises UnusableRun when the folder holds a run of another configuration
+    or a damaged one (unless `fresh`), UnusableInput for a set with too little, or where CUDA is
+    asked for in vain; CheckFailed when the fit diverged.
     """
     folder = run_folder(root, config)
     predictor = new_predictor(config)
@@ -226,17 +227,17 @@ def _check_same(folder: Path, there: RunConfig, wanted: RunConfig) -> None:
     """A run is continued with the configuration it was begun with, or not at all."""
     old, new = _flat(there), _flat(wanted)
     if old["data_sha256"] != new["data_sha256"]:
-        raise UnusableInput(
+        raise UnusableRun(
             f"{folder} was trained on other data; choose another --out, or --fresh to replace it."
         )
     if old["training"] != new["training"]:
-        raise UnusableInput(
+        raise UnusableRun(
             f"{folder} was trained by other code (revision {old['training']}, this is"
             f" {new['training']}); choose another --out, or --fresh to replace it."
         )
     for name in sorted(old.keys() | new.keys()):
         if old.get(name) != new.get(name):
-            raise UnusableInput(
+            raise UnusableRun(
                 f"{folder} was trained with {name} = {old.get(name)}, not {new.get(name)}; choose"
                 " another --out, or --fresh to replace it."
             )

@@ -1,9 +1,21 @@
-"""Processes that this one starts: none outlives it."""
+"""Processes that this one starts: how many, and none outlives it."""
 
 import multiprocessing
 import multiprocessing.connection
 import os
 import threading
+
+MOST_WORKERS = 16  # by default: each holds some 400 MB
+
+
+def default_workers() -> int:
+    """How many processes share work unless told: one for each core that this one may use."""
+    usable = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(_cores())
+    return min(len(usable), MOST_WORKERS)
+
+
+def _cores() -> int:
+    return os.cpu_count() or 1
 
 
 def end_with_parent() -> None:

@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
@@ -32,7 +33,7 @@ def test_what_is_no_set_is_told_in_one_line(tmp_path: Path) -> None:
     assert "dataset.json: is not the description of an episode set" in result.stderr
 
 
-def test_an_unusable_rig_or_folder_leaves_nothing(tmp_path: Path) -> None:
+def test_an_unusable_rig_leaves_nothing(tmp_path: Path) -> None:
     rig, out = tmp_path / "rig.toml", tmp_path / "out"
     rig.write_text("schema = 99\n")
     make = ["data", "make", "gantry", "--out", str(out), "--minutes", "1"]
@@ -40,3 +41,19 @@ def test_an_unusable_rig_or_folder_leaves_nothing(tmp_path: Path) -> None:
     assert result.exit_code == 2
     assert "schema 99 is newer" in result.stderr
     assert not out.exists()
+
+
+@pytest.mark.parametrize("domain", ["gantry", "downwash", "ship"])
+def test_a_folder_that_cannot_be_written_to_is_told_before_anything_is_simulated(
+    domain: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(
+        f"wakedeploy.domains.{domain}.make_set", lambda *_, **__: pytest.fail("flew")
+    )
+    (tmp_path / "file").write_text("mine")
+    make = ["data", "make", domain, "--minutes", "1", "--out"]
+    for out, words in (("file", "is a file"), ("file/below", "cannot be written to")):
+        result = CliRunner().invoke(main, [*make, str(tmp_path / out)])
+        assert result.exit_code == 2, result.output
+        assert words in " ".join(result.stderr.split())
+    assert (tmp_path / "file").read_text() == "mine"

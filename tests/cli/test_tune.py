@@ -134,7 +134,21 @@ def test_a_preset_of_another_set_is_told(done: Path, data: Path, tmp_path: Path)
     assert "The preset of gru was found on another set" in one_line(ended)
 
 
-def test_more_trials_add_to_the_study(done: Path, data: Path) -> None:
+def test_more_trials_add_to_the_study_and_the_best_follows(data: Path, tmp_path: Path) -> None:
+    out, asked = tmp_path / "out", ("--epochs", 2, *FAST)
+    for trials in (2, 6):
+        ended = tune(data, out, "--trials", trials, *asked, "--json", tmp_path / "told.json")
+        assert ended.exit_code == 0, ended.output
+        told = json.loads((tmp_path / "told.json").read_text())
+        assert len(told["rows"]) == trials
+        best = min((r for r in told["rows"] if r["error"] is not None), key=lambda r: r["error"])
+        preset = tomllib.loads((out / "best.toml").read_text())
+        assert preset["study"]["trial"] == told["best"]["number"] == best["number"]
+        config = json.loads((out / "best/echo/gru/s0/config.json").read_text())
+        assert config["hyper"]["hidden"] == preset["hyper"]["hidden"] == best["point"]["hidden"]
+
+
+def test_as_many_trials_as_there_are_add_nothing(done: Path, data: Path) -> None:
     before = (done / "study.journal").read_bytes()
     again = tune(data, done, "--trials", 5, "--epochs", 2, *FAST)
     assert again.exit_code == 0, again.output
@@ -237,14 +251,6 @@ def test_tuned_presets_are_looked_up_by_the_sets_domain(
     assert found.exit_code == 0, found.output
     config = json.loads((tmp_path / "runs/echo/gru/s0/config.json").read_text())
     assert config["hyper"]["hidden"] == 8
-
-
-def test_every_shipped_preset_is_one_of_its_folder() -> None:
-    from trainers.preset import SHIPPED, read_preset
-
-    for path in SHIPPED.glob("*/*.toml"):
-        preset = read_preset(path)
-        assert (preset.study["domain"], preset.arch) == (path.parent.name, path.stem)
 
 
 def test_presets_are_packed_into_the_wheel(tmp_path: Path) -> None:

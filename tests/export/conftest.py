@@ -23,7 +23,7 @@ class Exported:
 
 
 def predictor_of(arch: str):
-    """Untrained weights, but normalisation that is not the identity and a readout that is not 0."""
+    """Untrained weights, but a normalisation that is not the identity, and no weight that is 0."""
     torch = pytest.importorskip("torch")
     from export.reference import INPUTS, OUTPUTS, reference_config
     from trainers.runs import new_predictor

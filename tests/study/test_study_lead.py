@@ -35,7 +35,7 @@ from wakedeploy.study.lead import (
     tracking,
 )
 from wakedeploy.study.lead_figure import parts, summary
-from wakedeploy.study.runs import trained
+from wakedeploy.study.runs import Wanted, obtained
 
 DELAY, KEEP, SAMPLES = 4, 0.8, 400
 
@@ -61,7 +61,7 @@ def test_memory_loses_nothing_up_to_the_delay_and_then_what_an_ar1_series_loses(
             ("history-mlp", max(0, steps - DELAY)),
             ("agile-mlp", abs(steps - DELAY)),
         ):
-            predictor = trained(data, arch, 0, tmp_path, epochs=15, lead_s=lead_s)
+            predictor = obtained(data, Wanted(arch, 0, epochs=15, lead_s=lead_s), tmp_path)
             found = force_error(data, "force_z_n", predictor, lead_s)
             rmse, sd = found["rmse"], found["sd"]
             least = math.sqrt(1.0 - KEEP ** (2 * told))
@@ -258,7 +258,7 @@ def test_runs_are_kept_from_those_of_studies_that_train_longer(told) -> None:
     data = read_episode_set(out / "sets" / "gantry-quick")
     usual = out / "runs-quick"
     assert list((usual / "lead").rglob("config.json"))
-    trained(data, "agile-mlp", 0, usual, epochs=1)  # refused where a run of four epochs lies
+    obtained(data, Wanted("agile-mlp", 0, epochs=1), usual)  # refused beside a run of four epochs
 
 
 def test_a_reservoir_has_its_scales_tried_at_every_lead() -> None:

@@ -1,12 +1,26 @@
 """The presets that ship, and the books of the benchmark that found them."""
 
+import itertools
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from benchmarks.tuned import DOCS, TRIALS, error, gain_text, page, ratio, read_rows, scored
+from benchmarks import tuned
+from benchmarks.tuned import (
+    DOCS,
+    SEEDS,
+    TRIALS,
+    error,
+    gain_text,
+    obtained,
+    page,
+    ratio,
+    read_rows,
+    scored,
+)
 from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED, read_preset
 
@@ -40,6 +54,46 @@ def test_a_gain_counts_where_no_seed_contradicts_it() -> None:
     assert words in told
     assert "| gru | 100, 40 to the end | 0.210 ± 0.010 | 0.160 ± 0.010 |" in told
     assert "| 30,000 → 9,000 | learning_rate 70 %, hidden 30 % |" in told
+
+
+def test_a_pair_is_shipped_once_it_is_scored_and_goes_on_from_a_better_study(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The commands' places and words; what they do is tested with them."""
+    asked: list[list[str]] = []
+
+    def command(*arguments: object) -> None:
+        words = [str(argument) for argument in arguments]
+        asked.append(words)
+        given = dict(itertools.pairwise(words))
+        if words[0] == "tune":
+            Path(given["--out"]).mkdir(parents=True, exist_ok=True)
+            (Path(given["--out"]) / "best.toml").write_text(best)
+            told = {"trials": {"finished": 9}, "data_sha256": "d", "lead_s": 0.0}
+            Path(given["--json"]).write_text(json.dumps(told | {"importances": {"hidden": 1.0}}))
+            return
+        if fails:
+            sys.exit("no")
+        r2 = 0.84 if given["--preset"] == "reference" else 0.91
+        rows = [{"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 5} for _ in range(SEEDS)]
+        Path(given["--json"]).write_text(json.dumps({"rows": rows}))
+
+    monkeypatch.setattr(tuned, "wakedeploy", command)
+    monkeypatch.setattr(tuned, "SHIPPED", tmp_path / "presets")
+    best, fails = "first", True
+    with pytest.raises(SystemExit):
+        obtained("gantry", "gru", tmp_path / "sets", tmp_path / "work")
+    assert not (tmp_path / "presets").exists()
+    fails = False
+    row = obtained("gantry", "gru", tmp_path / "sets", tmp_path / "work")
+    assert row["reference"]["errors"] == pytest.approx([0.4] * SEEDS)
+    assert row["tuned"]["errors"] == pytest.approx([0.3] * SEEDS)
+    best = "second"
+    obtained("gantry", "gru", tmp_path / "sets", tmp_path / "work")
+    assert (tmp_path / "presets/gantry/gru.toml").read_text() == "second"
+    outs = [words[words.index("--out") + 1] for words in asked if words[0] == "train"]
+    assert len({out for out in outs if "tuned" in out}) == 2
+    assert all(str(TRIALS["gantry"]) in words for words in asked if words[0] == "tune")
 
 
 @pytest.mark.parametrize("path", SHIPPED_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")

@@ -13,7 +13,7 @@ import optuna
 import torch
 
 from trainers.preset import Preset, stated, write_preset
-from trainers.runs import RunConfig, TrainedRun, read_config, run_folder
+from trainers.runs import RunConfig, TrainedRun, UnusableRun
 from trainers.training import OnEpoch, train
 from trainers.tuning.figure import write_figures
 from trainers.tuning.plan import described
@@ -29,7 +29,7 @@ from trainers.tuning.report import (
 from trainers.tuning.study import all_trials, finished, running
 from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.errors import CheckFailed
 from wakedeploy.locks import one_at_a_time
 
 FRONT, RUNS = "pareto", "best"
@@ -149,7 +149,6 @@ def _trained(
     """The best trial's run, taken as it lies there or trained anew."""
     root = out / RUNS
     try:
-        same = read_config(run_folder(root, config)) == config
-    except UnusableInput:
-        same = False
-    return train(config, data, root, on_epoch=on_epoch, fresh=not same, device=device)
+        return train(config, data, root, on_epoch=on_epoch, device=device)
+    except UnusableRun:  # damaged, or of a trial that was the best before
+        return train(config, data, root, on_epoch=on_epoch, device=device, fresh=True)

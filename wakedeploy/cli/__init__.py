@@ -34,7 +34,7 @@ COMMANDS = (
     "calibrate",
     "doctor",
 )
-TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors", "plotly"}
+TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors"}
 _UNUSABLE = (
     FileNotFoundError,
     FileExistsError,

@@ -1,11 +1,13 @@
 """`wakedeploy data`: make, import and describe episode sets."""
 
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
@@ -75,6 +77,7 @@ def make_gantry(
     from wakedeploy.rig import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
+    _require_writable(out)
     with progress("Flying", 1) as bar:
         made = make_set(rig, minutes=minutes, seed=seed, packages=packages, progress=bar.update)
     made.write(out)
@@ -104,6 +107,7 @@ def make_downwash(
     """
     from wakedeploy.domains.downwash import make_set
 
+    _require_writable(out)
     with progress("Flying", 1) as bar:
         made = make_set(minutes=minutes, seed=seed, spread=spread, progress=bar.update)
     made.write(out)
@@ -137,10 +141,20 @@ def make_ship(
     """
     from wakedeploy.domains.ship import make_set
 
+    _require_writable(out)
     with progress("Sailing", 1) as bar:
         made = make_set(minutes=minutes, seed=seed, level=level, progress=bar.update)
     made.write(out)
     _describe(made, out, json_path)
+
+
+def _require_writable(out: Path) -> None:
+    """UnusableInput where a set could not be written, before hours of simulation."""
+    if out.exists() and not out.is_dir():
+        raise UnusableInput(f"{out}: is a file; give a folder for the episode set.")
+    there = next(path for path in (out, *out.absolute().parents) if path.exists())
+    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
+        raise UnusableInput(f"{out}: {there} cannot be written to; choose another --out.")
 
 
 @command.group("import")

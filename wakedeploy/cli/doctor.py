@@ -99,7 +99,12 @@ def base_libraries() -> list[Finding]:
 
 def extras() -> list[Finding]:
     """The optional groups: complete, or what is missing and how to get it."""
-    uses = {"train": "training, export and demo", "rig": "the range sensor on the Pi"}
+    uses = {
+        "train": "training, export and demo",
+        "rig": "the range sensor on the Pi",
+        "cluster": "tuning and sweeps on many machines",
+        "tables": "Parquet",
+    }
     return [finding for extra, use in uses.items() for finding in _extra(extra, use)]
 
 

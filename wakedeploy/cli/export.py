@@ -71,7 +71,7 @@ def _episodes(data_sha256: str, data: Path | None, run: Path) -> "EpisodeSet":
 
     if data is not None:
         return read_episode_set(data)
-    for depth in range(1, _DEPTH):
+    for depth in range(1, _DEPTH + 1):
         for description in sorted(Path().glob(f"{'*/' * depth}{DESCRIPTION}")):
             with contextlib.suppress(UnusableInput):  # not every dataset.json here is a set
                 if stated_sha256(description.parent) == data_sha256:

@@ -1,12 +1,11 @@
 """The option that says how many processes share a command's work."""
 
-import os
 from collections.abc import Callable
 from typing import Any
 
 import click
 
-_MOST = 16  # by default: each holds some 400 MB
+from wakedeploy.processes import MOST_WORKERS, default_workers
 
 
 def workers_option(purpose: str = "Processes.") -> Callable[..., Any]:
@@ -14,7 +13,7 @@ def workers_option(purpose: str = "Processes.") -> Callable[..., Any]:
     return click.option(
         "--workers",
         type=click.IntRange(1, 512),
-        default=lambda: min(len(os.sched_getaffinity(0)), _MOST),
-        show_default=f"one per core, at most {_MOST}",
+        default=default_workers,
+        show_default=f"one per core, at most {MOST_WORKERS}",
         help=purpose,
     )

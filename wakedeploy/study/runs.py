@@ -89,21 +89,6 @@ def best_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "tuple[TrainedRun,
     return min(tried, key=lambda one: min(one[0].metrics.history))
 
 
-def trained(
-    data: EpisodeSet,
-    arch: str,
-    seed: int,
-    runs: Path,
-    *,
-    epochs: int | None = None,
-    lead_s: float = 0.0,
-    hyper: Mapping[str, Any] | None = None,
-    present_only: tuple[str, ...] = (),
-) -> "Predictor":
-    """The predictor of this configuration, trained now if it is not there."""
-    return obtained(data, Wanted(arch, seed, epochs, lead_s, hyper or {}, present_only), runs)
-
-
 def obtained(data: EpisodeSet, wanted: Wanted, runs: Path) -> "Predictor":
     """The predictor of a wanted run, trained now if it is not there."""
     return obtained_run(data, wanted, runs).predictor
@@ -112,20 +97,24 @@ def obtained(data: EpisodeSet, wanted: Wanted, runs: Path) -> "Predictor":
 def obtained_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "TrainedRun":
     """A wanted run, trained now if it is not there.
 
-    Raises UnusableInput, and CheckFailed where training diverged, with the folder to delete.
+    Raises UnusableInput, with the folder to delete where that helps; CheckFailed where training
+    diverged.
     """
-    from trainers.runs import run_folder
+    from trainers.runs import UnusableRun, run_folder
     from trainers.training import train
 
     config = _configured(data, wanted)
     root = wanted.folder(data, runs)
     try:
         return train(config, data, root)
-    except (UnusableInput, CheckFailed) as error:
+    except UnusableRun as error:
         reason, _, _ = str(error).partition(";")
-        raise type(error)(
+        raise UnusableInput(
             f"{reason}; delete {run_folder(root, config)} and start the study again."
         ) from error
+    except CheckFailed as error:  # it would diverge again
+        reason, _, _ = str(error).partition(";")
+        raise CheckFailed(f"{reason}; leave {wanted.arch} out with --arch.") from error
 
 
 def _configured(data: EpisodeSet, wanted: Wanted) -> "RunConfig":

@@ -1,7 +1,7 @@
 """Work that needs nothing of each other, on as many processes as asked for.
 
 In: a function of one job, and jobs. Out: the results in the jobs' order, the same for any number of
-processes.
+processes if this one computes with one thread, as each of several does.
 """
 
 import multiprocessing
@@ -10,9 +10,11 @@ import os
 import signal
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from wakedeploy.processes import end_with_parent
+from wakedeploy.errors import CheckFailed
+from wakedeploy.processes import default_workers, end_with_parent
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -25,11 +27,11 @@ def side_by_side(
     workers: int | None = None,
     on_done: Callable[[Job], None] = lambda job: None,
 ) -> list[Result]:
-    """`work` of each job, on `workers` processes (None: as many as there are cores).
+    """`work` of each job, on `workers` processes (None: `default_workers`).
 
     `work` must be a function of a module. `on_done` is called with each job that is done.
     """
-    workers = min(workers or os.cpu_count() or 1, len(jobs))
+    workers = min(workers or default_workers(), len(jobs))
     results: list[Result] = []
     if workers <= 1:
         for job in jobs:
@@ -46,6 +48,10 @@ def side_by_side(
                 done.result()  # the first failure ends it
                 on_done(which[done])
             return [one.result() for one in waiting]
+        except BrokenProcessPool as error:
+            raise CheckFailed(
+                f"A process of {workers} was killed; is there enough memory for so many?"
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise

@@ -7,12 +7,12 @@ others, and they can be stopped at once.
 
 import collections
 import multiprocessing.connection
-import os
 from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Protocol
 
+from wakedeploy.processes import default_workers
 from wakedeploy.sweep.jobs import Job, Outcome, failure
 from wakedeploy.sweep.worker import Worker
 
@@ -33,7 +33,7 @@ class Executor(Protocol):
 
 
 class LocalProcesses:
-    """As many processes as asked for (None: one per core), each with one thread.
+    """As many processes as asked for (None: `default_workers`), each with one thread.
 
     Runs lie in `runs` and go on where they were stopped. A job whose process is killed is done
     again, up to ATTEMPTS times.
@@ -41,7 +41,7 @@ class LocalProcesses:
 
     def __init__(self, runs: Path, workers: int | None = None) -> None:
         self._runs = runs.absolute()
-        self._limit = workers or os.cpu_count() or 1
+        self._limit = workers or default_workers()
         self._waiting: collections.deque[Job] = collections.deque()
         self._workers: list[Worker] = []
         self._attempts: collections.Counter[str] = collections.Counter()
