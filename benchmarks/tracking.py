@@ -4,7 +4,7 @@ Makes the default gantry set, trains and exports the eight at lead 0 and at the 
 flies PID alone, the true force at both leads, and all sixteen packages over the same flights, none
 of which was trained on. Everything lies in one folder and is made once: a second call goes on.
 
-    python benchmarks/tracking.py --work tracking --json docs/tracking.json
+    OMP_NUM_THREADS=1 python benchmarks/tracking.py --work tracking --json docs/tracking.json
 """
 
 import argparse
@@ -13,28 +13,20 @@ import math
 import os
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from trainers.build import ARCHITECTURES
 from wakedeploy.domains.gantry import record
-from wakedeploy.package import read_package
+from wakedeploy.episodes import stated_sha256
+from wakedeploy.package import Parity, read_package
 from wakedeploy.rig import default_rig
 
 FIRST_SEED = 900_000_000  # far from every training seed
 SECONDS = 25.0
-ARCHITECTURES = (
-    "agile-mlp",
-    "history-mlp",
-    "delay-embedding",
-    "gru",
-    "tcn",
-    "mamba",
-    "esn",
-    "cross-attention",
-)
 
 
 @dataclass(frozen=True)
@@ -44,15 +36,20 @@ class Contender:
     name: str
     lead_s: float | None
     package: Path | None = None
+    parity: Parity | None = None
 
 
 def main() -> None:
     """Make what is missing, fly, print the table, write it."""
     options = _options()
-    lead_s = default_rig().default_lead_s
-    packages = [
-        _package(options.work, arch, lead) for lead in (0.0, lead_s) for arch in ARCHITECTURES
-    ]
+    work, lead_s = options.work / f"{options.minutes:g}-minutes", default_rig().default_lead_s
+    data_sha256 = _made(work / "set", options.minutes)
+    wanted = [(arch, lead) for lead in (0.0, lead_s) for arch in ARCHITECTURES]
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        packages = list(pool.map(lambda one: _package(work, *one), wanted))
+    for path in packages:
+        if read_package(path).manifest.data_sha256 != data_sha256:
+            sys.exit(f"{path} is of another set than {work / 'set'}: give another --work.")
     contenders = [
         Contender("PID alone", None),
         Contender("true force", 0.0),
@@ -62,7 +59,8 @@ def main() -> None:
     rows = [_flown(contender, options.flights) for contender in contenders]
     print(_table(rows))
     if options.json:
-        options.json.write_text(json.dumps({"seconds": SECONDS, "rows": rows}, indent=2) + "\n")
+        told = {"seconds": SECONDS, "minutes": options.minutes, "data_sha256": data_sha256}
+        options.json.write_text(json.dumps(told | {"rows": rows}, indent=2) + "\n")
 
 
 def _options() -> argparse.Namespace:
@@ -71,14 +69,14 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--flights", type=int, default=24)
     parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
-    _make_set(options.work / "set", options.minutes)
-    return options
+    return parser.parse_args()
 
 
-def _make_set(folder: Path, minutes: float) -> None:
+def _made(folder: Path, minutes: float) -> str:
+    """The hash of the set, simulated if it is not there yet."""
     if not (folder / "dataset.json").exists():
         _run("data", "make", "gantry", "--out", folder, "--minutes", minutes, "--seed", 0)
+    return stated_sha256(folder)
 
 
 def _package(work: Path, arch: str, lead_s: float) -> Path:
@@ -99,7 +97,7 @@ def _run(*arguments: object) -> None:
 
 def _contender(path: Path) -> Contender:
     manifest = read_package(path).manifest
-    return Contender(manifest.arch, manifest.lead_s, path)
+    return Contender(manifest.arch, manifest.lead_s, path, manifest.parity)
 
 
 def _flown(contender: Contender, flights: int) -> dict[str, object]:
@@ -114,6 +112,8 @@ def _flown(contender: Contender, flights: int) -> dict[str, object]:
         "half_width_mm": half_width,
         "flights": flights,
     }
+    if contender.parity is not None:
+        row["parity"] = contender.parity.model_dump()
     print(f"{contender.name} {contender.lead_s}: {row['rmse_mm']:.2f} mm", file=sys.stderr)
     return row
 
