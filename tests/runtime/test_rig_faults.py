@@ -370,8 +370,16 @@ def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
     assert err.endswith("Interrupted.\n")  # behind what nohup says
 
 
+@pytest.fixture
+def attended():
+    """As at a terminal, also where the tests run under `nohup`: a run inherits what is ignored."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_a_polite_kill_lands_and_closes_the_log(here, number):
+def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
     run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
     until(lambda: has_flown(run, "f.mcap", 0))
     run.send_signal(number)
