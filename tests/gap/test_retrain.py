@@ -108,7 +108,7 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
     assert by_old["old_rmse"] != told["old_rmse"]  # another lag taken off is another force
     assert told["scored_on"] == [*(str(path) for path in paths), "flight2"]
     assert told["unit"] == "N"
-    alone = retrain(OLD, TRUTH, paths[:1], tmp_path / "alone", minutes=1, epochs=1)
+    alone = retrain(OLD, TRUTH, paths[:1], tmp_path / "alone", minutes=2, epochs=1)
     assert (alone["flights"], alone["ratio_interval"]) == (1, None)  # of one flight there is none
     assert told["lead_s"] == {"old": OLD.default_lead_s, "new": TRUTH.default_lead_s}
     pilots = [
