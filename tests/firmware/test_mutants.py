@@ -1,14 +1,25 @@
 """What the mutation run takes for noticed, and what it refuses to judge; not the run itself."""
 
+import json
 import sys
 from pathlib import Path
 
 import mutants
 import pytest
 from decisions_library import needs_compiler
-from mutants import EQUIVALENT, Mutant, fate, judged, unmatched
+from mutants import (
+    EQUIVALENT,
+    LEAST_SHARE,
+    ROOT,
+    Mutant,
+    digest_of_decisions,
+    fate,
+    judged,
+    unmatched,
+)
 
 ALL = list(mutants.mutants())
+RECORD = ROOT / "docs" / "mutants.json"
 LISTED = next(m for m in ALL if m.change in EQUIVALENT)
 OTHERS = [m for m in ALL if m.change not in EQUIVALENT][:4]
 
@@ -71,3 +82,14 @@ def test_what_runs_out_of_time_or_not_at_all_is_not_killed(judge, monkeypatch) -
     monkeypatch.setattr(mutants, "LIMIT_S", 60)
     with pytest.raises(RuntimeError, match="nothing_of_this_name"):
         fate(None, folder)
+
+
+def test_the_record_is_of_the_present_decisions_and_of_every_mutant() -> None:
+    record = json.loads(RECORD.read_text())
+    again = "the decisions have changed: run make mutants"
+    assert record["decisions"] == digest_of_decisions(), again
+    counted = record["tried"] + record["no_program"] + len(record["equivalent"])
+    assert (record["every"], counted) == (1, len(ALL)), again
+    assert record["noticed"] == record["tried"] - len(record["survived"])
+    assert record["share"] >= LEAST_SHARE
+    assert record["wrongly_listed"] == []
