@@ -32,9 +32,9 @@ from wakedeploy.study.domains import MAIN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# How many trials are affordable: one takes from two seconds (fish) to two minutes (downwash).
+# How many trials are affordable: sets of more samples at higher rates take longer for each.
 TRIALS = {"fish": 100, "ship": 100, "quadrotor": 60, "gantry": 40, "crazyflie": 30, "downwash": 20}
-# What would take most of the time in 100 Hz sets, kept to shapes that train in minutes.
+# What would take most of the time in 100 Hz sets, kept to smaller shapes.
 NARROWED = {
     ("downwash", "cross-attention"): ("embed=8:48",),
     ("downwash", "mamba"): ("d_state=2:16",),

@@ -144,26 +144,16 @@ def train(
             _clear(folder)
         if (folder / CONFIG).exists():
             _check_same(folder, read_config(folder), config)
-        if not (folder / METRICS).exists():
-            _train_there(folder, config, data, predictor, device, on_epoch)
+        if (folder / METRICS).exists():
+            return load_run(folder)
+        write_record(folder / CONFIG, config)
+        if isinstance(predictor.core, Esn):
+            standing, seconds = _solve(folder, config, data, predictor, device)
+            on_epoch(1, 1)
+        else:
+            standing, seconds = _descend(folder, config, data, predictor, device, on_epoch)
+        _finish(folder, config, data, standing, seconds, device)
         return load_run(folder)
-
-
-def _train_there(
-    folder: Path,
-    config: RunConfig,
-    data: EpisodeSet,
-    predictor: Predictor,
-    device: str,
-    on_epoch: OnEpoch,
-) -> None:
-    write_record(folder / CONFIG, config)
-    if isinstance(predictor.core, Esn):
-        standing, seconds = _solve(folder, config, data, predictor, device)
-        on_epoch(1, 1)
-    else:
-        standing, seconds = _descend(folder, config, data, predictor, device, on_epoch)
-    _finish(folder, config, data, standing, seconds, device)
 
 
 def tapes(data: EpisodeSet, lead_s: float) -> tuple[Tape, Tape]:

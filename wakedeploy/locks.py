@@ -14,7 +14,7 @@ def one_at_a_time(folder: Path, what: str = "turn") -> Iterator[Callable[[], Non
     The folder is made. Different things to do there (`what`) do not wait for each other.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    held = [locked(folder / f".{what}.lock")]
+    held = [_locked(folder / f".{what}.lock")]
 
     def leave() -> None:
         if held:
@@ -26,7 +26,7 @@ def one_at_a_time(folder: Path, what: str = "turn") -> Iterator[Callable[[], Non
         leave()
 
 
-def locked(path: Path) -> int:
+def _locked(path: Path) -> int:
     """A descriptor that holds the lock until it is closed, by us or by the process' end."""
     descriptor = os.open(path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
     try:

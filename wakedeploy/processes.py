@@ -10,12 +10,9 @@ MOST_WORKERS = 16  # by default: each holds some 400 MB
 
 def default_workers() -> int:
     """How many processes share work unless told: one for each core that this one may use."""
-    usable = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else range(_cores())
-    return min(len(usable), MOST_WORKERS)
-
-
-def _cores() -> int:
-    return os.cpu_count() or 1
+    if hasattr(os, "sched_getaffinity"):
+        return min(len(os.sched_getaffinity(0)), MOST_WORKERS)
+    return min(os.cpu_count() or 1, MOST_WORKERS)
 
 
 def end_with_parent() -> None:

@@ -1,5 +1,6 @@
 """The firmware decides as runtime/mcu.py and runtime/virtual/mcu_port.py do, within limits."""
 
+import dataclasses
 import math
 import random
 
@@ -233,6 +234,18 @@ def test_after_the_latch_only_a_handshake_helps():
     board.send(6, Hello())
     armed = board.send(7, LIMITS)
     assert (armed.faults, armed.missed) == (Fault.NONE, 0)
+
+
+def test_a_handshake_stands_a_carriage_that_brakes_for_longer_than_the_ladder():
+    board = flying(dataclasses.replace(LIMITS, max_accel_steps_per_s2=300))
+    for sequence in range(3, 3 + 4 * 32):
+        board.send(sequence, Command(1000, 1000, 2100))
+        board.run(312)
+    while board.is_flying:
+        board.run(1)
+    assert board.run(1000)["step"].any()
+    board.send(200, Hello())
+    assert not board.run(20_000)["step"].any()
 
 
 def test_a_reset_by_the_watchdog_is_told_until_the_host_arms():

@@ -83,8 +83,7 @@ def retrain(
     if not measured:
         raise UnusableInput("Retraining is judged on measured flights; give at least one log.")
     progress("measuring the force in the flights")
-    names = [f"flight{i}" for i in range(len(measured))]
-    logs = {name: _opened(log) for name, log in zip(names, measured, strict=True)}
+    logs = {f"flight{i}": _opened(log) for i, log in enumerate(measured)}
     truth, by_old = measured_stretches(logs, new), measured_stretches(logs, old)
     if not any(truth.values()):
         raise UnusableInput("In none of the measured flights the sufferer is in the air.")
@@ -99,7 +98,7 @@ def retrain(
         **_scores(predictors, truth),
         "by_old_label": _scores(predictors, by_old),
         "scored_on": [
-            str(log) if isinstance(log, Path) else n for log, n in zip(measured, names, strict=True)
+            str(log) if isinstance(log, Path) else n for n, log in zip(logs, measured, strict=True)
         ],
         "label_sd": _rms(truth, "sd"),
         "measured_rms": _rms(truth, "force"),
