@@ -21,6 +21,7 @@ from wakedeploy.files import write_text_whole
 from wakedeploy.validation import first_problem
 
 SHIPPED = Path(__file__).with_name("presets")
+REFERENCE, TUNED = "reference", "tuned"  # the paper's shapes, and those that ship
 
 
 class Preset(BaseModel):
@@ -52,6 +53,22 @@ def read_preset(path: Path) -> Preset:
     except (OSError, ValueError) as error:  # TOML's and UTF-8's own are ValueErrors
         raise UnusableInput(f"{path} cannot be read as a preset ({one_line(error)}).") from error
     return preset
+
+
+def chosen_preset(asked: str, arch: str, domain: str) -> Preset | None:
+    """What `asked`, reference, tuned or a file, means for an architecture on sets of a domain.
+
+    None for the reference, from which a preset differs. UnusableInput where there is none.
+    """
+    if asked == REFERENCE:
+        return None
+    chosen = shipped_preset(domain, arch) if asked == TUNED else read_preset(Path(asked))
+    if chosen.arch != arch:
+        raise UnusableInput(
+            f"{asked} is a preset of {chosen.arch}, not of {arch}; train --arch {chosen.arch} with"
+            " it."
+        )
+    return chosen
 
 
 def shipped_preset(domain: str, arch: str, folder: Path = SHIPPED) -> Preset:

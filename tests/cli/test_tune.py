@@ -201,7 +201,7 @@ PRESET = 'format = 1\narch = "gru"\n[hyper]\nhidden = 8\n[settings]\nepochs = 1\
 @pytest.mark.parametrize(
     ("text", "arguments", "says"),
     [
-        (PRESET, ["--arch", "tcn"], "it is one of gru, not of tcn; train --arch gru with it"),
+        (PRESET, ["--arch", "tcn"], "is a preset of gru, not of tcn; train --arch gru with it"),
         (PRESET.replace("hidden", "hiden"), [], "gru has no hyper-parameter 'hiden'"),
         (
             PRESET.replace("epochs", "epoch"),

@@ -32,6 +32,11 @@ _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--arch", help="all, or NAME[,NAME…]. Default: all.")
 @click.option("--seeds", type=click.IntRange(1, 1000), help="How many. Default: 1.")
 @click.option("--lead", help="Seconds[,…] ahead. Default: what the set states, or 0.")
+@click.option(
+    "--preset",
+    metavar="reference|tuned|FILE[,…]",
+    help="What the other options change; a file is for its architecture. Default: reference.",
+)
 @click.option("--epochs", help="N[,N…]. Default: 60.")
 @click.option("--learning-rate", help="RATE[,RATE…], peak. Default: 0.003, Mamba 0.01.")
 @click.option(
@@ -78,6 +83,7 @@ def command(
         arch = ["gru", "tcn"]               # or "all"
         seeds = 3
         lead = [0.0, 0.1]                   # s; default: what the set states
+        preset = ["reference", "tuned"]     # or files of `tune`; default: reference
         [settings]                          # epochs, learning_rate, batch, patience, …
         epochs = 20
         [hyper.gru]
@@ -138,6 +144,8 @@ def _options(asked: dict[str, Any]) -> dict[str, Any]:
         plan["arch"] = _names(asked["arch"])
     if asked["seeds"]:
         plan["seeds"] = asked["seeds"]
+    if asked["preset"]:
+        plan["preset"] = _names(asked["preset"])
     if asked["lead"]:
         plan["lead"] = _values("--lead", asked["lead"])
     for name in ("epochs", "learning_rate"):
@@ -228,7 +236,7 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """One line for each architecture with its settings, mean ± spread over the seeds."""
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        key = json.dumps([row[name] for name in ("arch", "lead_s", "settings", "hyper")])
+        key = json.dumps([row[name] for name in ("arch", "preset", "lead_s", "settings", "hyper")])
         groups.setdefault(key, []).append(row)
     channels = list(rows[0]["test"]["rmse"])
     columns = ["architecture", "settings", "seeds", "trainable"]
@@ -244,9 +252,15 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
 
 
 def _varied(row: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:
-    """What distinguishes a row from others of its architecture, the seed aside."""
+    """What distinguishes a row from others of its architecture, the seed aside.
+
+    Presets differ in much; it is enough to name them.
+    """
 
     def told(one: dict[str, Any]) -> dict[str, Any]:
         return {"lead_s": one["lead_s"], **one["settings"], **one["hyper"]}
 
-    return what_differs(told(row), [told(one) for one in rows if one["arch"] == row["arch"]])
+    own = [one for one in rows if one["arch"] == row["arch"]]
+    alike = [told(one) for one in own if one["preset"] == row["preset"]]
+    named = what_differs({"preset": row["preset"]}, [{"preset": one["preset"]} for one in own])
+    return ", ".join(filter(None, (named, what_differs(told(row), alike))))

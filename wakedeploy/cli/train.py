@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from trainers.runs import RunConfig, TrainedRun
     from wakedeploy.episodes import EpisodeSet
 
-_NAMED_PRESETS = ("reference", "tuned")
-
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
@@ -91,6 +89,7 @@ def command(
     """
     import torch
 
+    from trainers.preset import chosen_preset
     from trainers.training import configure, stated_lead_s, train
     from wakedeploy.episodes import read_episode_set
 
@@ -98,7 +97,7 @@ def command(
     overrides = _hyper(hyper, names)
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
-    presets = {name: _preset(preset, name, episodes.domain) for name in names}
+    presets = {name: chosen_preset(preset, name, episodes.domain) for name in names}
     lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
     for chosen in presets.values():
         _tell_of_another_lead(chosen, lead_s)
@@ -156,24 +155,9 @@ def _tell_of_another_set(preset: "Preset | None", episodes: "EpisodeSet") -> Non
 
 def _arch_of(preset: str) -> str:
     """The architecture of a preset's file; all of them where none is given."""
-    from trainers.preset import read_preset
+    from trainers.preset import REFERENCE, TUNED, read_preset
 
-    return "all" if preset in _NAMED_PRESETS else read_preset(Path(preset)).arch
-
-
-def _preset(asked: str, arch: str, domain: str) -> "Preset | None":
-    """What differs from the reference; None for the reference itself."""
-    from trainers.preset import read_preset, shipped_preset
-
-    if asked == "reference":
-        return None
-    chosen = shipped_preset(domain, arch) if asked == "tuned" else read_preset(Path(asked))
-    if chosen.arch != arch:
-        raise UnusableInput(
-            f"--preset {asked}: it is one of {chosen.arch}, not of {arch}; train --arch"
-            f" {chosen.arch} with it."
-        )
-    return chosen
+    return "all" if preset in (REFERENCE, TUNED) else read_preset(Path(preset)).arch
 
 
 def _architectures(asked: str) -> list[str]:

@@ -19,6 +19,7 @@ from typing import Any
 
 import wakedeploy
 from trainers.device import one_thread
+from trainers.preset import REFERENCE, chosen_preset
 from trainers.runs import (
     BEST,
     CONFIG,
@@ -76,6 +77,7 @@ class TrainJob:
     folder: Path
     config: RunConfig
     device: str
+    preset: str = REFERENCE
     fresh: bool = False
 
     @property
@@ -96,6 +98,7 @@ class TrainJob:
             "arch": config.arch,
             "seed": config.seed,
             "lead_s": config.lead_s,
+            "preset": self.preset,
             "settings": dict(config.settings),
             "hyper": dict(config.hyper),
         }
@@ -175,7 +178,8 @@ def train_jobs(
             jobs.setdefault(unfit.identity, unfit)
             continue
         identity = identity_of("train", config.model_dump(mode="json"))
-        jobs.setdefault(identity, TrainJob(identity, name, folder.absolute(), config, device))
+        job = TrainJob(identity, name, folder.absolute(), config, device, choice.preset)
+        jobs.setdefault(identity, job)
     return list(jobs.values())
 
 
@@ -218,13 +222,15 @@ def _write(path: Path, data: bytes) -> None:
 
 
 def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:
+    preset = chosen_preset(choice.preset, choice.arch, data.domain)
+    hyper, settings = ({}, {}) if preset is None else (preset.hyper, preset.settings)
     return configure(
         data,
         choice.arch,
         seed=choice.seed,
         lead_s=stated_lead_s(data) if choice.lead_s is None else choice.lead_s,
-        hyper=choice.hyper,
-        settings=settings_for(choice.arch, others=choice.settings),
+        hyper={**hyper, **choice.hyper},
+        settings=settings_for(choice.arch, others={**settings, **choice.settings}),
     )
 
 
@@ -234,6 +240,7 @@ def _unfit(name: str, data: EpisodeSet, choice: Choice, reason: str) -> UnfitJob
         "arch": choice.arch,
         "seed": choice.seed,
         "lead_s": choice.lead_s,
+        "preset": choice.preset,
         "settings": dict(choice.settings),
         "hyper": dict(choice.hyper),
     }

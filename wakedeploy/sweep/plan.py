@@ -19,6 +19,7 @@ from pydantic import BeforeValidator, Field
 from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
 from trainers.fit import FitSettings
+from trainers.preset import REFERENCE, TUNED, read_preset
 from wakedeploy.episodes import DESCRIPTION
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.sweep.generate import Generate, checked
@@ -37,6 +38,7 @@ class Choice:
     lead_s: float | None
     settings: Mapping[str, Any]
     hyper: Mapping[str, Any]
+    preset: str = REFERENCE  # what settings and hyper change; for some domain, or a file
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ def read_plan(path: Path | None, options: Mapping[str, Any] | None = None) -> Pl
         return f"{path}, line {line}: " if line else f"{path}: " if path else ""
 
     base = path.parent if path else Path()
-    return _checked_plan(_merged(raw, given), base, Path() if "data" in given else base, where)
+    beside = {name: Path() if name in given else base for name in ("data", "preset")}
+    return _checked_plan(_merged(raw, given), base, beside, where)
 
 
 def line_of(text: str, place: Place) -> int | None:
@@ -115,8 +118,10 @@ def _is_head(line: str, bracket: str = "[") -> bool:
     return line.lstrip().startswith(bracket)
 
 
-def _checked_plan(raw: Mapping[str, Any], base: Path, sets: Path, where: Where) -> Plan:
-    """A plan from its values; rig files are relative to `base`, folders of sets to `sets`.
+def _checked_plan(
+    raw: Mapping[str, Any], base: Path, beside: Mapping[str, Path], where: Where
+) -> Plan:
+    """A plan from its values; rig files are relative to `base`, sets and presets to `beside`'s.
 
     Raises UnusableInput, which begins with what `where` says of the value's place.
     """
@@ -139,8 +144,9 @@ def _checked_plan(raw: Mapping[str, Any], base: Path, sets: Path, where: Where) 
     if not document.data and (trains or not generate):
         what = f"has {', '.join(sorted(trains))} but no data" if trains else "asks for nothing"
         raise UnusableInput(f"{where(())}the plan {what}; name sets to train on (--data).")
-    data = _data(document, names, sets, where)
-    return Plan(data, tuple(_choices(document, where)) if data else (), tuple(generate))
+    data = _data(document, names, beside["data"], where)
+    choices = tuple(_choices(document, beside["preset"], where)) if data else ()
+    return Plan(data, choices, tuple(generate))
 
 
 def _file(path: Path) -> tuple[str, dict[str, Any]]:
@@ -202,6 +208,7 @@ class _Document(_Table):
     arch: Several[str] = ("all",)
     seeds: int = Field(default=1, ge=1, le=1000)
     lead: Several[Annotated[float, Field(ge=0, le=10)]] = ()
+    preset: Several[str] = (REFERENCE,)
     settings: dict[str, Several[Any]] = {}
     hyper: dict[str, dict[str, Several[Any]]] = {}
     generate: Annotated[tuple[_Generate, ...], BeforeValidator(_listed)] = ()
@@ -223,8 +230,9 @@ def _data(
     return found
 
 
-def _choices(document: _Document, where: Where) -> Iterator[Choice]:
+def _choices(document: _Document, presets_in: Path, where: Where) -> Iterator[Choice]:
     archs = _architectures(document.arch, where)
+    presets = _presets(document.preset, archs, presets_in, where)
     _check_settings(document.settings, where)
     for arch in document.hyper:
         if arch not in archs:
@@ -235,9 +243,39 @@ def _choices(document: _Document, where: Where) -> Iterator[Choice]:
     leads: tuple[float | None, ...] = tuple(map(float, document.lead)) or (None,)
     for arch in archs:
         hypers = list(_hypers(arch, document.hyper.get(arch, {}), where))
-        for lead_s, settings, hyper in itertools.product(leads, _grid(document.settings), hypers):
+        every = itertools.product(presets[arch], leads, _grid(document.settings), hypers)
+        for preset, lead_s, settings, hyper in every:
             for seed in range(document.seeds):
-                yield Choice(arch, seed, lead_s, settings, hyper)
+                yield Choice(arch, seed, lead_s, settings, hyper, preset)
+
+
+def _presets(
+    asked: tuple[str, ...], archs: list[str], folder: Path, where: Where
+) -> dict[str, list[str]]:
+    """The presets of each architecture: a file is of one, what has a name of all."""
+    found: dict[str, list[str]] = {arch: [] for arch in archs}
+    for name in dict.fromkeys(asked):
+        if name in (REFERENCE, TUNED):
+            for presets in found.values():
+                presets.append(name)
+            continue
+        try:
+            arch = read_preset(folder / name).arch
+        except UnusableInput as error:
+            raise UnusableInput(f"{where(('preset',))}{error}") from error
+        if arch not in found:
+            raise UnusableInput(
+                f"{where(('preset',))}'{name}' is a preset of {arch}, which is not among the"
+                f" architectures of this sweep ({', '.join(archs)})."
+            )
+        found[arch].append(str(folder / name))
+    without = [arch for arch, presets in found.items() if not presets]
+    if without:
+        raise UnusableInput(
+            f"{where(('preset',))}none of these is a preset of {', '.join(without)}; add"
+            f" '{REFERENCE}', or leave out what has none."
+        )
+    return found
 
 
 def _architectures(asked: tuple[str, ...], where: Where) -> list[str]:
