@@ -14,7 +14,7 @@ PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint con
 	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
 
 # Two tests at a time, each with one thread: more, and the 32 Hz loop of some would be late.
-TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2
+TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
 .PHONY: help venv demo test explore check format lint bench firmware mutants clean
 

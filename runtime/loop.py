@@ -194,7 +194,8 @@ class Loop:
     def _ending(self) -> str:
         """How the flight ended, as its summary says it."""
         cause = self.failsafe_cause
-        if "operator_stop" in cause or (self.stop_asked and not self._finished):
+        stopped = cause == () and self.stop_asked and not self._finished
+        if stopped or cause[:1] == ("operator_stop",):
             return "stopped by hand"
         if cause:
             return f"failsafe: {'+'.join(cause)}"

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput, installs, one_line
 
 TIMING_BUDGET_US = 20_000  # the sensor's fastest; its time of a sample is the middle of it
 NOTHING_IN_RANGE_MM = 8190  # what the VL53L0X says when no light came back
@@ -224,7 +224,7 @@ def import_driver() -> tuple[Any, Any]:
         # Blinka raises RuntimeError where a library for this board's pins is missing.
         raise UnusableInput(
             f"The range sensor's driver cannot be loaded here ({one_line(error)}); on the Pi "
-            "install it and what it needs with: pip install 'wakedeploy[rig]'."
+            f"install it and what it needs with: {installs('rig')}."
         ) from error
     if not hasattr(board, "I2C"):
         raise UnusableInput(

@@ -40,7 +40,7 @@ from runtime.standby import begin_standby, stand_by
 from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.watch import GapWatch
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
 from wakedeploy.physics.effects.chain import unplaced_constants
@@ -84,7 +84,8 @@ class RunRequest:
     `reference`, a file, or `plan` replaces the random plan of `seconds` and `seed`. `range_socket`
     beside a `port` reads range samples from a plant process instead of I²C. With `firmware` the
     virtual gantry's UNO is the compiled sketch on a simulated chip; its sufferer lies on a spacer
-    of `spacer_m`. A `log` that is a folder gets a file named by the flight's start. With an
+    of `spacer_m`. A `log` that is a folder, or has no suffix, gets a file named by the flight's
+    start. With an
     `arm_file` the run stands by until that file appears. `wake_off` leaves the source idle.
     `plant_seed` is the virtual gantry's chance, `seed` unless given; `notes` go into the log's
     metadata.
@@ -297,7 +298,7 @@ def _recorder(
         return None
     is_virtual = request.port is None
     started = datetime.datetime.now(datetime.UTC)
-    log = request.log
+    log = _folder_or_file(request.log)
     if log.is_dir():
         log = log / f"{started:%Y%m%dT%H%M%SZ}.mcap"
     told = metadata(
@@ -315,6 +316,16 @@ def _recorder(
     recorder = Recorder(log, told | dict(request.notes))
     opened.callback(recorder.close)
     return recorder
+
+
+def _folder_or_file(log: Path) -> Path:
+    """As given; a folder that is not there yet is made. Else every flight would be its one file."""
+    if not log.suffix and not log.exists():
+        try:
+            log.mkdir(parents=True)
+        except OSError as error:
+            raise UnusableInput(f"{log}: no folder can be made ({one_line(error)}).") from error
+    return log
 
 
 def truth_metadata(plant_rig: Rig, hooks: str | None) -> dict[str, str]:
@@ -397,10 +408,13 @@ def _recording_told(report: RecorderReport | None) -> str:
 
 @contextlib.contextmanager
 def _stopping_by_hand(loop: Loop) -> Iterator[None]:
-    """Ctrl-C, a polite kill, a closed terminal bring the sufferer down; a second stops at once."""
+    """Ctrl-C, a polite kill, a closed terminal bring the sufferer down; Ctrl-C again drops it.
+
+    Only that: of a closing terminal both the shell and the kernel tell, within a millisecond.
+    """
 
     def ask(number: int, frame: types.FrameType | None) -> None:
-        if loop.stop_asked:
+        if loop.stop_asked and number == signal.SIGINT:
             raise KeyboardInterrupt
         loop.stop_asked = True
 
@@ -419,7 +433,9 @@ def _judge(loop: Loop, link: Link, ranges: RangeSource, recording: str) -> None:
     cause = loop.failsafe_cause
     if recording and (not cause or cause[0] in ("recorder_failed", "operator_stop")):
         raise CheckFailed(recording)
-    if "operator_stop" in cause:
+    # What else was found in the same tick comes first: a unit bound to the port is also told to
+    # stop when the cable is pulled.
+    if cause[:1] == ("operator_stop",):
         raise KeyboardInterrupt
     if cause:
         # A port that is gone explains whatever else is, then a sensor that says why it stopped.

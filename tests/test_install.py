@@ -118,7 +118,7 @@ def test_training_says_what_to_install(base: Path, tmp_path: Path) -> None:
     )
     train = [base / "wakedeploy", "train", "--data", "set", "--arch", "gru", "--out", "runs"]
     told = run(*train, cwd=tmp_path, status=2)
-    assert "pip install 'wakedeploy[train]'" in told
+    assert "-m pip install --constraint constraints.txt '.[train]'" in told
     assert "Traceback" not in told
 
 

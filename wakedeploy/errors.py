@@ -1,5 +1,7 @@
 """The two kinds of failure a user meets: input that cannot be used, and a check that failed."""
 
+import sys
+
 
 class WakedeployError(Exception):
     """An error told to the user as one sentence: what is wrong, where, what to do."""
@@ -15,6 +17,16 @@ class UnusableInput(WakedeployError):
 
 class CheckFailed(WakedeployError):
     """A run or a check that was carried out and did not pass (exit status 1)."""
+
+
+def installs(what: str) -> str:
+    """The command that installs this project's extra `what` ("" for none) where it runs, as advice.
+
+    No index has wakedeploy, and a Pi's own pip is not that of the environment it runs in.
+    """
+    project = f"'.[{what}]'" if what else "--force-reinstall ."
+    pip = f"{sys.executable} -m pip"
+    return f"{pip} install --constraint constraints.txt {project} (in wakedeploy's checkout)"
 
 
 def one_line(error: BaseException) -> str:

@@ -102,7 +102,7 @@ def failing_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
         (CheckFailed("Parity\nwas missed."), 1, "Parity was missed."),
         (OSError(28, "No space left on device", "x.mcap"), 1, "x.mcap: No space left on device."),
         (PermissionError(13, "Permission denied", "/etc/x"), 2, "/etc/x: Permission denied."),
-        (ModuleNotFoundError("no torch", name="torch"), 2, "pip install 'wakedeploy[train]'"),
+        (ModuleNotFoundError("no torch", name="torch"), 2, "constraints.txt '.[train]'"),
         (ModuleNotFoundError("no mcap", name="mcap"), 2, "mcap is not installed"),
         (ZeroDivisionError("division by zero"), 1, "unexpected ZeroDivisionError"),
     ],

@@ -44,3 +44,13 @@ def test_pip_is_asked_for_the_pi_s_wheels_at_the_locked_versions(monkeypatch):
     assert found["numpy"][0].endswith("aarch64.whl")
     monkeypatch.setattr(wheels, "PLATFORMS", ("manylinux_2_5_aarch64",))  # nobody builds for it
     assert set(wheels.look(asked, "3.12", constraints)) == {"click"}
+
+
+@pytest.mark.slow
+@pytest.mark.install
+@pytest.mark.parametrize("python", wheels.PYTHONS)
+def test_all_that_the_loop_needs_has_a_wheel_for_the_pi(python):
+    found = wheels.search(python)
+    assert {"numpy", "onnxruntime", "click"} <= set(found.wheels) - found.rig_only
+    assert "adafruit-circuitpython-vl53l0x" in found.rig_only
+    assert found.missing() == []

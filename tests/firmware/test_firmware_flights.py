@@ -96,6 +96,7 @@ def test_the_command_flies_the_sketch_in_real_time(tmp_path, as_it_should_be) ->
     log = read_run_log(tmp_path / "flight.mcap")
     assert "unfinished" not in log.metadata
     assert len(log) == summary["ticks"]
+    assert log.metadata["board"] == "uno"
     # A busy computer is late, which costs some height and is no bug of the sketch.
     assert rmse_m(log) < 2.0 * rmse_m(as_it_should_be)
 
@@ -109,7 +110,6 @@ def with_pulses_too_long(sketch: str) -> str:
     return re.sub(r"(OCR1[AB]) = (mcu.+);", r"\1 = (\2) + ((\2) >> 3);", sketch)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "ends"),
     [(with_the_motors_swapped, "failsafe: thrust_lost"), (with_pulses_too_long, "whole")],

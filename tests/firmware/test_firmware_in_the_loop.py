@@ -5,6 +5,7 @@ from click.testing import CliRunner
 from simulated import needs_simulator, the_uno
 
 from runtime import protocol
+from runtime.calibration.session import Site, resting
 from runtime.link import Link
 from runtime.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
 from runtime.virtual.firmware_port import FirmwarePort
@@ -155,3 +156,13 @@ def test_a_real_board_has_its_own_firmware():
     told = CliRunner().invoke(main, ["run-gantry", "--baseline", "--port", "/x", "--firmware"])
     assert told.exit_code != 0
     assert "--firmware belongs to --virtual" in told.output
+
+
+@needs_simulator
+@pytest.mark.parametrize(("firmware", "board"), [(True, "uno"), (False, "virtual")])
+def test_a_run_that_asks_for_the_sketch_gets_it(firmware, board, tmp_path):
+    """At rest, since a busy computer may be too slow to fly it in real time."""
+    rig, plan = resting(default_rig(), 1.0)
+    log = Site(tmp_path, firmware=firmware).flown("rest", rig, plan)
+    assert log.metadata["board"] == board
+    assert len(log) >= 32

@@ -170,6 +170,8 @@ def test_without_interrupts_the_watchdog_bites_at_once():
     bench.run(0.2)
     bench.uno.mend()
     assert bench.send(Hello()).boot == boot + 1
+    # The chip's own register says so: the sketch had no time to leave its mark.
+    assert bench.send(Disarm()).faults == Fault.WATCHDOG
 
 
 def test_opening_the_port_reboots_the_board():

@@ -381,8 +381,30 @@ def attended():
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
     run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
-    until(lambda: has_flown(run, "f.mcap", 0))
-    run.send_signal(number)
+    until(lambda: has_flown(run, "f.mcap", 64))
+    for _ in range(5):  # a closing terminal is told by its shell and by the kernel
+        run.send_signal(number)
+        time.sleep(0.002)
     _, err = run.communicate(timeout=60)
     assert (run.returncode, err) == (130, "Interrupted.\n")
-    assert "unfinished" not in read_run_log("f.mcap").metadata
+    log = read_run_log("f.mcap")
+    assert "unfinished" not in log.metadata
+    landing = log["mode"] == "FAILSAFE"
+    down = log["z_est_m"][landing]
+    assert down[0] > 0.1
+    assert down[-1] < 0.05
+    assert landing.sum() / 32 > 0.5 * down[0] / 0.25  # not a fall
+    assert (log["sufferer_cmd_us"][landing][: landing.sum() // 2] > 1100.0).all()
+
+
+def test_ctrl_c_again_stops_the_motors_at_once(here):
+    run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
+    until(lambda: has_flown(run, "f.mcap", 64))
+    run.send_signal(signal.SIGINT)
+    until(lambda: "FAILSAFE" in read_run_log("f.mcap")["mode"])
+    run.send_signal(signal.SIGINT)
+    _, err = run.communicate(timeout=60)
+    assert (run.returncode, err) == (130, "Interrupted.\n")
+    log = read_run_log("f.mcap")
+    assert "unfinished" not in log.metadata
+    assert log["z_est_m"][-1] > 0.05  # it was in the air

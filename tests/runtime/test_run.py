@@ -169,11 +169,13 @@ def test_a_full_disk_ends_the_flight_and_keeps_what_was_written(tmp_path, monkey
         (("recorder_failed",), "^9 ticks were not recorded"),
         (("operator_stop",), "^9 ticks were not recorded"),
         (("battery_lost",), r"\(battery_lost\): the battery.* 9 ticks were not recorded"),
+        (("link_lost", "operator_stop"), r"\(link_lost\+operator_stop\): the USB cable is gone"),
     ],
 )
 def test_a_failsafe_and_a_log_with_holes_are_both_told(cause, said):
     loop = SimpleNamespace(failsafe_cause=cause, last_reset=Fault.NONE)
-    link = ranges = SimpleNamespace(failure=None)
+    ranges = SimpleNamespace(failure=None)
+    link = SimpleNamespace(failure="the USB cable is gone" if "link_lost" in cause else None)
     with pytest.raises(CheckFailed, match=said):
         _judge(loop, link, ranges, "9 ticks were not recorded")
 
@@ -314,3 +316,13 @@ def test_arguments_that_do_not_go_together_are_one_sentence(arguments, words):
     assert told.exit_code == 2
     assert words in told.stderr
     assert told.stderr.count("\n") == 1
+
+
+def test_a_folder_for_logs_that_is_not_there_yet_is_made(tmp_path):
+    folder = tmp_path / "all" / "flights"
+    tally = fly(RunRequest(RIG, 6.0, log=folder))
+    assert [tally.log] == list(folder.iterdir())
+    assert tally.log.suffix == ".mcap"
+    (tmp_path / "file").write_text("")
+    with pytest.raises(UnusableInput, match="file/flights: no folder can be made"):
+        fly(RunRequest(RIG, 6.0, log=tmp_path / "file" / "flights"))

@@ -21,7 +21,7 @@ from optuna.storages.journal._file import BaseJournalFileLock
 from optuna.trial import FrozenTrial
 from sqlalchemy.engine import URL, make_url
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput, installs, one_line
 from wakedeploy.locks import one_at_a_time
 
 JOURNAL = "study.journal"
@@ -32,7 +32,7 @@ _CONNECT_S = 10
 # After a minute the server lets go of the turn of a machine that lost its power or its network [s].
 _KEEPALIVE = {"tcp_keepalives_idle": 30, "tcp_keepalives_interval": 10, "tcp_keepalives_count": 3}
 _PORT = 5432  # where PostgreSQL listens, if nothing else is said
-_NO_DRIVER = "psycopg is not installed; --storage needs: pip install 'wakedeploy[cluster]'."
+_NO_DRIVER = f"psycopg is not installed; --storage needs: {installs('cluster')}."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
 
 

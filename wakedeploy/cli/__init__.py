@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 import wakedeploy
-from wakedeploy.errors import WakedeployError, one_line
+from wakedeploy.errors import WakedeployError, installs, one_line
 
 COMMANDS = (
     "demo",
@@ -89,9 +89,9 @@ def _sentence(error: Exception) -> str:
         return one_line(error)
     library = _missing_library(error)
     if library in TRAIN_LIBRARIES:
-        return f"{library} is not installed; this command needs: pip install 'wakedeploy[train]'."
+        return f"{library} is not installed; this command needs: {installs('train')}."
     if library:
-        return f"{library} is not installed; install wakedeploy again with pip."
+        return f"{library} is not installed; install wakedeploy again: {installs('')}."
     if isinstance(error, OSError) and error.strerror:
         return ": ".join(filter(None, (str(error.filename or ""), f"{error.strerror}.")))
     kind = type(error).__name__

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.errors import installs
 
 if TYPE_CHECKING:
     from wakedeploy.rig import Calibration, Rig
@@ -113,7 +114,7 @@ def onnxruntime_starts() -> list[Finding]:
     ended = _try("import onnxruntime; print(onnxruntime.__version__)")
     if ended.returncode == 0:
         return [Finding("onnxruntime starts", OK, "yes")]
-    fix = "pip install --force-reinstall onnxruntime; on a Raspberry Pi use the 64-bit system."
+    fix = f"{installs('')}; on a Raspberry Pi use the 64-bit system."
     return [Finding("onnxruntime starts", BROKEN, _why(ended), fix)]
 
 
@@ -231,7 +232,7 @@ def _version(library: str) -> str | None:
 def _library(name: str) -> Finding:
     version = _version(name)
     if version is None:
-        return Finding(name, BROKEN, "missing", "pip install --force-reinstall wakedeploy")
+        return Finding(name, BROKEN, "missing", installs(""))
     return Finding(name, OK, version)
 
 
@@ -247,7 +248,7 @@ def _extra(extra: str, use: str) -> list[Finding]:
     versions = {name: _version(name) for name in _required(extra)}
     missing = [name for name, version in versions.items() if version is None]
     if missing:
-        fix = f"for {use}: pip install 'wakedeploy[{extra}]'"
+        fix = f"for {use}: {installs(extra)}"
         return [Finding(f"[{extra}]", OPTIONAL, f"missing {', '.join(missing)}", fix)]
     unusable = _sensor_driver() if extra == "rig" else None
     if unusable is not None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     "--log",
     "log_path",
     type=click.Path(path_type=Path),
-    help="Record the run here (.mcap); in a folder, named by its start.",
+    help="Record the run here (FILE.mcap); a folder gets a file named by its start.",
 )
 @click.option("--arm-file", type=FILE, help="Stand by, motors off, until this file is made.")
 @click.option("--watch-gap", is_flag=True,

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.episodes import Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import UnusableInput, installs
 from wakedeploy.files import write_whole
 from wakedeploy.runlog import COLUMN, RunLog
 
@@ -179,7 +179,7 @@ def _pyarrow() -> tuple[Any, Any]:
         import pyarrow.parquet
     except ModuleNotFoundError as error:
         raise UnusableInput(
-            "pyarrow is not installed, which Parquet needs: pip install 'wakedeploy[tables]', or "
-            "give the output a name that ends in .mat."
+            f"pyarrow is not installed, which Parquet needs: {installs('tables')}; or give the"
+            " output a name that ends in .mat."
         ) from error
     return pyarrow, pyarrow.parquet

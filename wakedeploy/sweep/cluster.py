@@ -19,7 +19,7 @@ from typing import Any
 
 import wakedeploy
 from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.errors import CheckFailed, UnusableInput, installs, one_line
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure
 
 try:
@@ -27,7 +27,7 @@ try:
     from distributed.scheduler import KilledWorker
 except ModuleNotFoundError as missing:
     raise UnusableInput(
-        f"{missing.name} is not installed; --scheduler needs: pip install 'wakedeploy[cluster]'."
+        f"{missing.name} is not installed; --scheduler needs: {installs('cluster')}."
     ) from missing
 
 CONNECT_S = 5.0
@@ -253,8 +253,8 @@ def misfit(
         for library in _NEEDED:
             if found[library] is None:
                 return (
-                    f"The worker {name} has no {library}; install there:"
-                    " pip install 'wakedeploy[train,cluster]'."
+                    f"The worker {name} has no {library}; install there, in wakedeploy's checkout:"
+                    " pip install --constraint constraints.txt '.[train,cluster]'."
                 )
         if found["wakedeploy"] != wakedeploy.__version__:
             return (
