@@ -141,7 +141,20 @@ def test_the_papers_ships_and_fish_agree_or_not() -> None:
     assert "here gru and agile-mlp are on the test block, which agrees" in alike
     other = claims("fish", made("fish", agile_mlp=0.3, gru=0.5, tcn=0.2))
     assert other.count("does not agree") == 3
-    assert claims("gantry", made("gantry", agile_mlp=0.3, gru=0.5)) == ""
+    for domain in ("gantry", "downwash"):
+        assert "here 0 of 1 do, which does not" in claims(domain, made(domain, agile_mlp=1, gru=2))
+        assert "here 1 of 1 do, which agrees" in claims(domain, made(domain, agile_mlp=2, gru=1))
+    assert claims("crazyflie", made("crazyflie", agile_mlp=0.3, gru=0.5)) == ""
+
+
+def test_an_order_within_the_noise_is_no_verdict() -> None:
+    """Two that are hard on different episodes, the claimed one ahead by less than that noise."""
+    rng = np.random.default_rng(0)
+    hard = [np.exp(rng.normal(0, 0.5, UNITS)) for _ in range(2)]
+    own = {"agile-mlp": (0.9, hard[0]), "gru": (0.48, hard[0]), "history-mlp": (0.50, hard[1])}
+    for domain, ahead, behind in (("fish", "gru", "history-mlp"), ("ship", "history-mlp", "gru")):
+        lines = [line(n, v, domain=domain, hard=h) for n, (v, h) in own.items()]
+        assert f", but these episodes cannot tell {ahead} from {behind}" in claims(domain, lines)
 
 
 def test_figure_and_tables_stand_on_the_channel_that_is_told() -> None:

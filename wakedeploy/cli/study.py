@@ -71,7 +71,7 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
             bar.advance()
     lines = [line.as_json() for own in told.values() for line in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "lines": lines}
-    title = asked.titled("Eight architectures over the domains")
+    title = asked.titled("The architectures over the domains")
     path = write_study(asked.results("domains", names), title, parts(told), result)
     for name, own in told.items():
         print_table(f"{name}: {sentence(name, own)}", *summary(own))
@@ -122,7 +122,7 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
 @click.option(
     "--flights",
     type=click.IntRange(2, 1000),
-    default=8,
+    default=16,
     show_default=True,
     help="Flights of 20 s; 2 of 4 s with --quick.",
 )

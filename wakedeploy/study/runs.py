@@ -32,7 +32,7 @@ def choice(names: Collection[str]) -> str:
     if "esn" not in names:
         return ""
     return (
-        " Of the eight only the reservoir (esn) has its scales chosen for each set, one of "
+        " Only the reservoir (esn) has its scales chosen for each set, one of "
         f"{1 + len(RESERVOIRS)} on validation; all others are trained as they are."
     )
 
