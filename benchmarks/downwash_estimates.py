@@ -31,7 +31,7 @@ ESTIMATES = {  # field of World: symbol and unit, and why this value
         "a hovering source pushes a tenth of the sufferer's weight at 2.3 m",
     ),
     "width_m": ("σ [m]", "the jet's Gaussian as wide as the rotors of a 1 kg multicopter"),
-    "decay_per_s": ("λ [1/s]", "11 % lost on the way down, nothing left at the grid's edge"),
+    "decay_per_s": ("λ [1/s]", "11 % lost on the way down: most of the wake arrives"),
     "drag_area_m2": ("C_d·A [m²]", "a body of 0.25 m squared with C_d about 1"),
     "mass_kg": ("m [kg]", "a small multicopter; both alike"),
     "inertia_kgm2": ("I [kg·m²]", "1 kg whose mass sits at 0.14 m, half an arm"),
@@ -93,7 +93,8 @@ def _page(told: dict[str, dict[str, float]]) -> str:
     lines = [
         "# The constants of the 2D downwash simulator that the paper leaves open",
         "",
-        "Made by `python benchmarks/downwash_estimates.py`. The paper gives the speed, 6 m/s, its",
+        "Made by `python benchmarks/downwash_estimates.py --page docs/downwash-estimates.md`. The",
+        "paper gives the speed, 6 m/s, its",
         "diffusivity, 0.3 m²/s, the separation, 2.3 m, and the rate, 100 Hz. The others are",
         "estimates, chosen once. Each is made a quarter smaller and a third larger alone, and the",
         "grid finer and of other extents: force errors (over the standard deviation) of a model",
@@ -106,8 +107,9 @@ def _page(told: dict[str, dict[str, float]]) -> str:
     for name, (symbol, why) in ESTIMATES.items():
         lines.append(f"| {symbol}, `{name}` | {getattr(World(), name):g} | {why} |")
     lines.append(
-        "| the grid | 100 × 80 cells of 6 cm | a step sinks the wake by one cell; at the edges the "
-        "field has died out |"
+        "| u_hover [N] | m·g | follows from m: a hovering source has the strength S |\n"
+        "| the grid | 100 × 80 cells of 6 cm | a step sinks the wake by one cell; above and beside "
+        "the air is at rest at the edges, below it flows out |"
     )
     lines += [
         "",

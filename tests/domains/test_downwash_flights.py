@@ -15,7 +15,7 @@ from wakedeploy.domains.downwash import (
     shifted,
 )
 from wakedeploy.episodes import read_episode_set
-from wakedeploy.physics.field_grid import drag_force_n
+from wakedeploy.physics.field_grid import FieldGrid, drag_force_n
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 
@@ -47,6 +47,19 @@ def test_a_hovering_source_pushes_with_a_tenth_of_the_weight() -> None:
     edge = air.velocity_mps[0, 1]
     for border in (edge[0], edge[-1], edge[:, -1]):
         assert np.abs(border).max() < 1e-3 * np.abs(edge).max()
+
+
+def test_what_flows_out_below_the_grid_is_missed_by_no_sufferer() -> None:
+    """At the bottom the field has not died out, but nothing comes back from there."""
+    deeper = FieldGrid(bottom_m=-4.77, rows=100)
+    told = []
+    for world in (World(), World(grid=deeper)):
+        air = world.field(1)
+        for _ in range(200):
+            air.step(0.0, 0.0, 0.0, world.mass_kg * GRAVITY_MPS2)
+        told.append(np.array([air.velocity(0.0, z)[0] for z in (-2.3, -2.6, -2.9)]))
+    assert np.abs(told[0][:, 1]).min() > 1.0
+    assert told[0] == pytest.approx(told[1], abs=1e-3)
 
 
 def test_whoever_knows_the_force_follows_better() -> None:

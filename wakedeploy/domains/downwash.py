@@ -55,11 +55,12 @@ class World:
     The paper gives `speed_mps`, `diffusivity_m2ps` and `separation_m`. The others are estimates:
     a small multicopter of 1 kg; a jet whose Gaussian is as wide as its rotors; strength and drag
     area for a hovering source to push a tenth of the sufferer's weight 2.3 m below; a decay that
-    takes 11 % on the way there and leaves nothing at the grid's edge. Both wander sideways by
-    some `sway_m`, as wide as the wake is where it arrives, so that the sufferer is now in it and
-    now beside it; the source also up and down by `heave_m`, which moves its thrust by a
-    tenth; neither at more than `turning_rad_ps`. `spread` is how far speed and separation may be
-    from the paper's, as a share; see `shifted`.
+    takes 11 % on the way there. At the grid's top and sides the air is at rest; at its bottom it
+    flows out, 1.3 m below the sufferer. Both wander sideways by some `sway_m`, as wide as the
+    wake is where it arrives, so that the sufferer is now in it and now beside it; the source also
+    up and down by `heave_m`, which moves its thrust by a tenth; neither at more than
+    `turning_rad_ps`. `spread` is how far speed and separation may be from the paper's, as a
+    share; see `shifted`.
     """
 
     speed_mps: float | FloatArray = 6.0

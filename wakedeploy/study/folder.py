@@ -40,8 +40,8 @@ class Part:
 def write_study(folder: Path, title: str, parts: Sequence[Part], result: Mapping[str, Any]) -> Path:
     """Write everything and return the page's path. `result` goes into `study.json`.
 
-    `study.json` also lists the study's files; those that an earlier one lists and this one does not
-    write are removed, and nothing else is.
+    `study.json` also says what each part says, and lists the study's files; those that an earlier
+    one lists and this one does not write are removed, and nothing else is.
     """
     folder.mkdir(parents=True, exist_ok=True)
     names = {_RESULT, _PAGE}
@@ -61,7 +61,9 @@ def write_study(folder: Path, title: str, parts: Sequence[Part], result: Mapping
         write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
         columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
         body.append(table(list(columns), [list(row) for row in rows]))
-    write_text_whole(folder / _RESULT, json_text({**result, "files": sorted(names)}))
+    says = {part.name: part.sentence for part in parts}
+    told = {**result, "says": says, "files": sorted(names)}
+    write_text_whole(folder / _RESULT, json_text(told))
     path = folder / _PAGE
     write_text_whole(path, page(title, *body))
     return path
