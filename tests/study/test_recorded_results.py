@@ -1,0 +1,56 @@
+"""What the committed tables have to show: the aims that the domains were built for."""
+
+import csv
+import json
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+DOCS = Path(__file__).parents[2] / "docs"
+MEMORYLESS = "agile-mlp"
+ARCHITECTURES = {MEMORYLESS, "history-mlp", "delay-embedding", "gru", "tcn", "mamba", "esn"}
+ARCHITECTURES |= {"cross-attention"}
+
+
+def means(table: str, value: str, **only: str) -> dict[str, float]:
+    """The mean of a column over the rows of each predictor."""
+    with (DOCS / table).open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if only.items() <= row.items()]
+    found = defaultdict(list)
+    for row in rows:
+        found[row["predictor"]].append(float(row[value]))
+    return {name: float(np.mean(values)) for name, values in found.items()}
+
+
+def test_the_flags_memory_explains_what_the_paper_says() -> None:
+    r2 = means("study-domains.csv", "r2", domain="fish", channel="flag_tip_m")
+    assert r2.keys() >= ARCHITECTURES
+    assert r2[MEMORYLESS] == pytest.approx(0.57, abs=0.03)
+    assert max(r2[name] for name in ARCHITECTURES) >= 0.955
+
+
+def test_quadrotors_are_predicted_to_1_6_newtons_beside_an_observer() -> None:
+    with (DOCS / "study-quadrotor-kinds.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["channel"] == "force_z_n"]
+    assert len({row["kind"] for row in rows}) >= 3
+    newtons = means("study-quadrotor-kinds.csv", "rmse", channel="force_z_n")
+    assert newtons.keys() >= ARCHITECTURES | {"zero", "no-learning observer"}
+    assert any("source" in name for name in newtons)
+    assert min(newtons[name] for name in ARCHITECTURES - {MEMORYLESS}) <= 1.6
+
+
+def test_on_the_downwash_memory_predicts_and_flies_better() -> None:
+    errors = means("study-domains.csv", "rmse", domain="downwash", channel="force_z_n")
+    flown = means("study-closed-loop.csv", "tracking_rms_m")
+    memories = ARCHITECTURES - {MEMORYLESS}
+    for told in (errors, flown):
+        assert max(told[name] for name in memories) < told[MEMORYLESS]
+    nothing, oracle = flown["no compensation"], flown["oracle"]
+    gains = [(nothing - flown[name]) / (nothing - oracle) for name in memories]
+    assert max(gains) >= 0.7
+
+
+def test_the_compiled_field_is_eight_times_its_twin() -> None:
+    assert json.loads((DOCS / "field.json").read_text())["ratio_worst_turn"] >= 8.0
