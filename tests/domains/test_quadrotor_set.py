@@ -14,6 +14,7 @@ from wakedeploy.cli import main
 from wakedeploy.domains.flaredw import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
 from wakedeploy.episodes import read_episode_set
+from wakedeploy.study.domains import _by_group
 
 DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
 HOVER_RADPS = 379.0
@@ -107,6 +108,24 @@ def test_files_are_split_whole_within_each_manoeuvre(tmp_path: Path) -> None:
         assert len(by_file) == 4
         assert all(len(splits) == 1 for splits in by_file.values())
         assert {made.split[n] for n in names} == {"train", "validation", "test"}
+
+
+def test_samples_beyond_the_thrust_curve_are_marked_and_scored_apart(tmp_path: Path) -> None:
+    for number in range(4):
+        two = states(3.0, 20 + number)
+        two[:, 22:26] = np.repeat([339.0, 385.0, 431.0], 200)[:, None] * [1, 1, -1, -1]
+        saved(tmp_path / "1_flybelow", f"run{number}", uav_2_states=two)
+    made = import_set(tmp_path)
+    for episode in made.episodes:
+        valid = episode.extras["thrust_valid"] > 0.5
+        assert valid[200:400].all()
+        assert not valid[:200].any()
+        assert not valid[400:].any()
+    (test,) = made.part("test")
+    wrong = np.where(test.extras["thrust_valid"] > 0.5, 1.0, 9.0)[made.warm_up_steps :, None]
+    told = _by_group(made, np.repeat(wrong, 3, axis=1), np.zeros(len(wrong)))
+    assert told["where the thrust curve holds"] == (1.0, 1.0, 1.0)
+    assert told["1_flybelow"][0] > 1.0
 
 
 def plan(metres: float, samples: int = 600, lower_m: float = 0.0) -> np.ndarray:
