@@ -25,6 +25,7 @@ from wakedeploy.study.runs import Wanted, candidates, obtained, obtained_run
 from wakedeploy.study.window import (
     WHOLE,
     Seen,
+    architectures_of,
     measure,
     need,
     planned,
@@ -97,6 +98,32 @@ def test_every_past_is_scored_on_the_same_samples(measured) -> None:
     assert all(p.sd == pytest.approx(truth.std(), rel=1e-6) for p in points)
     assert longest == 24
     assert [reach(seen) for seen in windows(data)] == [1, 2, 4, 8, 12, 16, 24]
+
+
+def test_beside_the_models_stand_what_learned_nothing_and_those_kept_from_own_motion(
+    tmp_path,
+) -> None:
+    """Here the sufferer's motion is the force itself, and the source tells it six samples ago."""
+    data = delayed_set()
+    episodes = []
+    for i, e in enumerate(data.episodes):
+        cut = slice(i % 2, None)  # not all alike long
+        both = np.concatenate([e.observation, e.force], axis=1)[cut]
+        half = {"observer_n": 0.5 * e.force[cut]}
+        episodes.append(Episode(e.name, both, e.force[cut], half))
+    channels = (Channel("drive", "N"), Channel("own", "N"))
+    data = replace(data, episodes=tuple(episodes), observation=channels,
+                   provenance={"own_motion": ["own"]})  # fmt: skip
+    told = measure(data, "force", ["history-mlp"], 1, tmp_path, epochs=1)
+    assert len({p.scored for p in told}) == 1
+    share = {p.arch: p.share for p in told if p.memory == "none"}
+    assert share["zero"] == pytest.approx(1.0, abs=0.05)
+    assert share["no-learning observer"] == pytest.approx(0.5 * share["zero"], rel=1e-5)
+    blinded = "history-mlp, source's past only"
+    assert architectures_of(told) == ["history-mlp", blinded]
+    assert {w.present_only for _, w in planned(data, ["gru"], 1)} == {(), ("own",)}
+    axes = curves({"toy": told}, {}).axes[0]
+    assert {"zero", "no-learning observer", blinded} <= set(axes.get_legend_handles_labels()[1])
 
 
 def test_the_usual_window_is_the_set_itself_so_that_its_run_is_shared() -> None:
@@ -249,7 +276,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     }  # fmt: skip
     rows = list(csv.DictReader((folder / "window.csv").open()))
     points = json.loads((folder / "study.json").read_text())["points"]
-    assert len(rows) == len(points) == 1 + 7 + 8
+    assert len(rows) == len(points) == 1 + 1 + 7 + 8
     assert [row["past_s"] for row in rows].count("") == 1  # the whole past of the recurrent model
     assert float(rows[3]["rmse"]) == points[3]["rmse"]
     assert "On gantry, history-mlp" in (folder / "study.html").read_text()

@@ -111,8 +111,7 @@ def compare(
     lines = list(_unlearned(data))
     for asked in _asked(data, architectures, seeds, epochs, blinded):
         run, wanted = best_run(data, asked, runs)
-        name = asked.arch + (SOURCE_ONLY if asked.present_only else "")
-        line = _scored(data, name, asked.seed, *predicted(run.predictor, data))
+        line = _scored(data, label(asked), asked.seed, *predicted(run.predictor, data))
         lines.append(replace(line, validation=min(run.metrics.history), wanted=wanted))
     return lines
 
@@ -132,16 +131,10 @@ def planned(
 def _asked(
     data: EpisodeSet, architectures: Sequence[str], seeds: int, epochs: int | None, blinded: bool
 ) -> list[Wanted]:
-    """One for each line.
-
-    Where a set says which channels tell of the sufferer's own motion, each model with memory has a
-    second line that is kept from their past: it cannot differentiate its way to the force.
-    """
-    named = data.provenance.get("own_motion")
-    hidings = [(), tuple(map(str, named))] if blinded and isinstance(named, list) else [()]
+    """One for each line."""
     return [
         Wanted(arch, seed, epochs, present_only=hidden)
-        for hidden in hidings
+        for hidden in (hidings(data) if blinded else [()])
         for arch in architectures
         if not (hidden and arch == MEMORYLESS)
         for seed in range(seeds)
@@ -157,6 +150,21 @@ def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray,
     forces = predict(predictor, tape)[tape.scored].double().numpy()
     truth = tape.force[tape.scored].double().numpy()
     return truth, forces, tape.first[tape.scored].numpy()
+
+
+def hidings(data: EpisodeSet) -> list[tuple[str, ...]]:
+    """What is hidden from a model's past: nothing, and the channels of the sufferer's own motion.
+
+    The second only where a set names them. Without them nothing can differentiate its way to the
+    force.
+    """
+    named = data.provenance.get("own_motion")
+    return [(), tuple(map(str, named))] if isinstance(named, list) else [()]
+
+
+def label(wanted: Wanted) -> str:
+    """How a run's line is called."""
+    return wanted.arch + (SOURCE_ONLY if wanted.present_only else "")
 
 
 def _unlearned(data: EpisodeSet) -> Iterator[Line]:

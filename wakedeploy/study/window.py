@@ -14,6 +14,11 @@ that, so that what suffices here is an upper bound; one trained to start anew co
 the price of a training for each length. Its error with the state carried on from the
 episode's start stands beside it. On board it keeps its state, however long that past is; a window
 model keeps the samples of its window.
+
+Where a set says which channels tell of the sufferer's own motion, each model stands there once
+more, kept from their past: else the shortest past that suffices may be that for differentiating
+them. Beside the models: predicting nothing, and a set's observer of that motion, which learns
+nothing.
 """
 
 import math
@@ -27,7 +32,7 @@ import numpy.typing as npt
 
 from wakedeploy.episodes import EpisodeSet, window_shape
 from wakedeploy.errors import UnusableInput
-from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.domains import MEMORYLESS, OBSERVER, hidings, label
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
@@ -110,9 +115,14 @@ def _asked(
 ) -> list[tuple[EpisodeSet, Wanted]]:
     """One for each model that is scored."""
     jobs = [(data, Wanted(MEMORYLESS, seed, epochs)) for seed in range(seeds)]
-    for arch in with_memory(architectures):
-        sets = windows(data) if _kind(arch, data) == "window" else [data]
-        jobs += [(seen, Wanted(arch, seed, epochs)) for seen in sets for seed in range(seeds)]
+    for hidden in hidings(data):
+        for arch in with_memory(architectures):
+            sets = windows(data) if _kind(arch, data) == "window" else [data]
+            jobs += [
+                (seen, Wanted(arch, seed, epochs, present_only=hidden))
+                for seen in sets
+                for seed in range(seeds)
+            ]
     return jobs
 
 
@@ -146,7 +156,7 @@ def measure(
     Raises UnusableInput where no test episode is longer than the longest window.
     """
     scale = _Scale(data, main)
-    points = []
+    points = list(scale.unlearned())
     for made, asked in _asked(data, architectures, seeds, epochs):
         run, wanted = best_run(made, asked, runs)
         predictor = run.predictor
@@ -171,7 +181,12 @@ def need(points: Sequence[Seen], arch: str) -> Need:
 
 def architectures_of(points: Sequence[Seen]) -> list[str]:
     """Those with memory, in the order in which they came."""
-    return list(dict.fromkeys(p.arch for p in points if p.arch != MEMORYLESS))
+    return list(dict.fromkeys(p.arch for p in points if p.memory != "none"))
+
+
+def unlearned_of(points: Sequence[Seen]) -> list[Seen]:
+    """What has learned nothing: predicting nothing, and a set's observer."""
+    return [p for p in points if p.memory == "none" and p.arch != MEMORYLESS]
 
 
 def transport_delay_s(data: EpisodeSet) -> float | None:
@@ -284,26 +299,52 @@ class _Scale:
             past_or_all = reach(seen) if predictor.memory.kind == "window" else 0
         yield past_or_all, self._of(predict(predictor, self.tape)[self.chosen]) - self.truth
 
+    def unlearned(self) -> Iterator[Seen]:
+        """Predicting nothing, and the set's observer where it carries one."""
+        yield self._seen("zero", 0, 0.0, "none", 0, 0, -self.truth)
+        kept = self.data.part("test")
+        if all(OBSERVER in episode.extras for episode in kept):
+            told = np.concatenate([e.extras[OBSERVER][:, self.channel] for e in kept])
+            error = told[self.chosen] - self.truth
+            yield self._seen("no-learning observer", 0, 0.0, "none", 0, 0, error)
+
     def point(self, wanted: Wanted, memory: Any, past: int | None, error: FloatArray) -> Seen:
         """The errors (M,) of a predictor with this memory as one point."""
         samples = None if past is None else past + 1
         carried = sum(math.prod(shape) for shape in memory.states.values())
         history = (samples or 0) * len(self.data.observation)
+        past_s = WHOLE if past is None else past / self.data.rate_hz
+        kept = _FLOAT_BYTES * (carried if memory.kind == "state" else history)
+        return self._seen(
+            label(wanted), wanted.seed, past_s, memory.kind, samples, kept, error, wanted.hyper_text
+        )
+
+    def _seen(
+        self,
+        name: str,
+        seed: int,
+        past_s: float,
+        memory: str,
+        samples: int | None,
+        kept_bytes: int,
+        error: FloatArray,
+        hyper: str = "",
+    ) -> Seen:
         rmse, sd = float(np.sqrt(np.mean(error**2))), float(self.truth.std())
         r2 = r2_with_interval(self.truth, error, self.units)
         return Seen(
             self.data.domain,
-            wanted.arch,
-            wanted.seed,
-            WHOLE if past is None else past / self.data.rate_hz,
-            memory.kind,
+            name,
+            seed,
+            past_s,
+            memory,
             samples,
-            _FLOAT_BYTES * (carried if memory.kind == "state" else history),
+            kept_bytes,
             rmse,
             sd,
             *(r2.value, r2.low, r2.high),
             len(error),
-            wanted.hyper_text,
+            hyper,
         )
 
     def _of(self, forces: Any) -> FloatArray:

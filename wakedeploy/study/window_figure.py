@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY
 from wakedeploy.study.folder import Part
 from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
@@ -21,12 +21,14 @@ from wakedeploy.study.window import (
     architectures_of,
     need,
     sentence,
+    unlearned_of,
 )
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+_UNLEARNED = {"zero": "-.", "no-learning observer": (0, (5, 1, 1, 1))}
 COLUMNS = (
     "domain",
     "arch",
@@ -77,15 +79,23 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen], delay_s: float | N
     axes.axhline(plain, color=figures.LIMIT, linestyle="--", label=f"{MEMORYLESS} (no memory)")
     if delay_s is not None:
         axes.axvline(delay_s, color=figures.TRUE, linewidth=0.9, label="transport delay")
-    for arch, (colour, marker) in looks(architectures_of(points)).items():
+    for one in unlearned_of(points):
+        axes.axhline(one.share, color=figures.TRUE, linestyle=_UNLEARNED[one.arch], linewidth=0.9,
+                     label=one.arch)  # fmt: skip
+    names = architectures_of(points)
+    known = looks([name.removesuffix(SOURCE_ONLY) for name in names])
+    for arch in names:
+        colour, marker = known[arch.removesuffix(SOURCE_ONLY)]
         own = [p for p in points if p.arch == arch]
         pasts = sorted({p.past_s for p in own if p.past_s < WHOLE})
         values = [[p.share for p in own if p.past_s == past] for past in pasts]
         mean, deviation = [float(np.mean(v)) for v in values], [float(np.std(v)) for v in values]
+        blinded = arch.endswith(SOURCE_ONLY)
         axes.errorbar([0.0, *pasts], [plain, *mean], [0.0, *deviation], color=colour, marker=marker,
-                      markersize=4, elinewidth=0.8, label=arch)  # fmt: skip
+                      markersize=4, elinewidth=0.8, label=arch, alpha=0.5 if blinded else 1.0,
+                      linestyle="--" if blinded else "-")  # fmt: skip
         whole = [p.share for p in own if p.past_s == WHOLE]
-        if whole:
+        if whole and not blinded:
             axes.axhline(float(np.mean(whole)), color=colour, linestyle=":", linewidth=0.9,
                          label=f"{arch}, whole past")  # fmt: skip
         found = need(points, arch)
