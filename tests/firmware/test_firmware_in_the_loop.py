@@ -1,13 +1,17 @@
 """The plant behind the compiled sketch: it gets what the pins do."""
 
+from contextlib import ExitStack
+
 import pytest
 from click.testing import CliRunner
 from simulated import needs_simulator, the_uno
 
 from runtime import protocol
+from runtime.board import met_board
 from runtime.calibration.session import Site, resting
 from runtime.link import Link
 from runtime.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
+from runtime.run import RunRequest, _plant
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
@@ -160,9 +164,23 @@ def test_a_real_board_has_its_own_firmware():
 
 @needs_simulator
 @pytest.mark.parametrize(("firmware", "board"), [(True, "uno"), (False, "virtual")])
-def test_a_run_that_asks_for_the_sketch_gets_it(firmware, board, tmp_path):
-    """At rest, since a busy computer may be too slow to fly it in real time."""
-    rig, plan = resting(default_rig(), 1.0)
-    log = Site(tmp_path, firmware=firmware).flown("rest", rig, plan)
-    assert log.metadata["board"] == board
-    assert len(log) >= 32
+def test_a_run_that_asks_for_the_sketch_gets_it(firmware, board):
+    """The handshake alone: a busy computer may be too slow to fly a chip in real time."""
+    with ExitStack() as opened:
+        port, _ = _plant(RunRequest(default_rig(), 6.0, firmware=firmware), opened)
+        with Link(port) as link:
+            assert met_board(link, may_be_virtual=True).metadata["board"] == board
+
+
+def test_a_calibration_that_asks_for_the_sketch_asks_its_runs_for_it(monkeypatch, tmp_path):
+    asked = []
+
+    def flown(request, **_):
+        asked.append(request.firmware)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("runtime.calibration.session.fly", flown)
+    for firmware in (True, False):
+        with pytest.raises(KeyboardInterrupt):
+            Site(tmp_path, firmware=firmware).flown("rest", *resting(default_rig(), 1.0))
+    assert asked == [True, False]
