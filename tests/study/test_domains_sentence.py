@@ -157,6 +157,17 @@ def test_an_order_within_the_noise_is_no_verdict() -> None:
         assert f", but these episodes cannot tell {ahead} from {behind}" in claims(domain, lines)
 
 
+def test_the_headline_counts_the_domains_where_memory_helps() -> None:
+    told = {
+        "toy": [line(MEMORYLESS, 0.8, 0.5), line("gru", 0.4, 0.2), line("tcn", 0.2, 0.3)],
+        "other": [line(MEMORYLESS, 0.5, 0.1), line("gru", 0.6, 0.2)],
+        "third": [line("gru", 0.6, 0.2)],
+    }
+    first = parts(told)[0].sentence
+    assert first.startswith("In 1 of 2 domains the memory that is best on validation errs less")
+    assert "(-50 % on toy, +20 % on other)" in first
+
+
 def test_figure_and_tables_stand_on_the_channel_that_is_told() -> None:
     told = {"quadrotor": [line("zero", 1.2, seed=None, domain="quadrotor"),
                           line("no-learning observer", 0.6, seed=None, domain="quadrotor"),

@@ -34,7 +34,7 @@ from wakedeploy.study.lead import (
     track,
     tracking,
 )
-from wakedeploy.study.lead_figure import parts, summary
+from wakedeploy.study.lead_figure import headline, parts, summary
 from wakedeploy.study.runs import Wanted, obtained
 
 DELAY, KEEP, SAMPLES = 4, 0.8, 400
@@ -116,6 +116,10 @@ def test_the_best_lead_and_what_it_gains_over_paired_flights() -> None:
     assert (found.tracking_m, found.at_zero_m) == pytest.approx((rms_m, 1.2 * rms_m))
     # Every draw chooses the same lead, and the flights left out of it gain a fifth of their own.
     assert 0.2 * 0.01 < found.low_m < 0.2 * rms_m < found.high_m < 0.2 * 0.04
+    assert headline({"toy": own}) == (
+        f"What tracks best: on toy gru 100 ms ahead, {1e3 * rms_m:.1f} mm instead of "
+        f"{1.2e3 * rms_m:.1f}. "
+    )
     assert shares(own, "gru") == {0.0: [0.1], 0.1: [0.2], 0.25: [0.35]}
     limits = [Point("toy", NOTHING, None, None, (0.05,) * 12),
               Point("toy", TRUTH, 0.0, None, (0.004,) * 12),

@@ -17,7 +17,7 @@ from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.package import read_package
 from wakedeploy.study.pareto import Point, by_parameters, by_step, front, sentence
-from wakedeploy.study.pareto_figure import panels, parts, rows, summary
+from wakedeploy.study.pareto_figure import headline, panels, parts, rows, summary
 
 
 def point(arch: str, errors: tuple[float, ...], trainable: int, step_p99_ms: float) -> Point:
@@ -67,6 +67,17 @@ def test_the_sentence_names_the_fronts_and_what_a_tenfold_cheaper_step_costs() -
     alone = sentence("toy", [points[2], points[3]])
     assert "On toy, none beats gru in both" in alone
     assert "none has a cheaper step" in alone
+
+
+def test_the_headline_names_who_is_unbeaten_most_often() -> None:
+    fast = point("agile-mlp", (0.5,), 100, 0.1)
+    told = {
+        "one": [fast, point("gru", (0.2,), 900, 0.3)],
+        "two": [fast, point("tcn", (0.6,), 9, 1)],
+    }
+    assert headline(told) == (
+        "In 2 of 2 domains nothing beats agile-mlp in both error and step time. "
+    )
 
 
 def test_every_architecture_has_a_point_and_a_name_in_each_panel() -> None:

@@ -34,7 +34,7 @@ from wakedeploy.study.window import (
     transport_delay_s,
     windows,
 )
-from wakedeploy.study.window_figure import curves, needed
+from wakedeploy.study.window_figure import curves, headline, needed
 
 DELAY = 6  # samples
 KEEP = 0.7  # from one sample to the next
@@ -188,6 +188,17 @@ def test_seeds_are_averaged_and_five_per_cent_above_the_least_suffice() -> None:
     useless = [*points[:1], seen("gru", 0.1, 0.88)]
     assert need(useless, "gru").enough is points[0]
     assert "no more than 5 % by the past" in sentence("toy", useless, 100.0)
+
+
+def test_the_headline_is_of_the_predictor_that_errs_least() -> None:
+    good = [seen("agile-mlp", 0.0, 0.8), seen("history-mlp", 0.2, 0.4),
+            seen("history-mlp", 0.4, 0.3), seen("gru", 0.2, 0.25),
+            seen("gru", 0.4, 0.2)]  # fmt: skip
+    bad = [seen("agile-mlp", 0.0, 0.2), seen("gru", 0.2, 0.3)]
+    assert headline({"toy": good, "other": bad}) == (
+        "The past that suffices to err least: at most 0.4 s on toy (gru); none on other, where "
+        "nothing beats the present alone. "
+    )
 
 
 def test_a_model_that_loses_to_the_present_alone_is_told_so() -> None:

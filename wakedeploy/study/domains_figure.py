@@ -19,7 +19,7 @@ from wakedeploy.study.domains import (
     held_out,
     r2_over_seeds,
 )
-from wakedeploy.study.domains_sentence import sentence
+from wakedeploy.study.domains_sentence import headline, sentence
 from wakedeploy.study.folder import Part
 from wakedeploy.study.runs import choice
 
@@ -119,8 +119,8 @@ def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
     seen = {line.predictor for lines in told.values() for line in lines}
     first = Part(
         "domains",
-        "Error of each architecture, as a share of what predicting the mean would leave."
-        f"{choice(seen)}",
+        f"{headline(told)}The bars are each architecture's error, as a share of what predicting "
+        f"the mean would leave.{choice(seen)}",
         COLUMNS,
         rows([line for own in told.values() for line in own]),
         bars(told),

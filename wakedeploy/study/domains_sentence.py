@@ -4,7 +4,7 @@ In: lines of one domain. Out: a few sentences. Which model is the best is decide
 episodes; whether it is any good, on test episodes.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -40,6 +40,26 @@ def sentence(domain: str, lines: Sequence[Line]) -> str:
         name = min(kept, key=lambda one: validation[one])
         told += f" {_of_the_source(own[name][0], kept[name], mean[best], mean[MEMORYLESS])}"
     return " ".join(filter(None, (told, claims(domain, lines))))
+
+
+def headline(told: Mapping[str, Sequence[Line]]) -> str:
+    """Over all domains: where memory helps, and by how much it changes the error."""
+    changes = {}
+    for domain, lines in told.items():
+        mean, validation = errors(lines), held_out(lines)
+        models = [n for n in validation if not n.endswith(SOURCE_ONLY)]
+        memories = [n for n in models if n != MEMORYLESS]
+        if MEMORYLESS in mean and memories:
+            best = min(memories, key=lambda name: validation[name])
+            changes[domain] = mean[best] / mean[MEMORYLESS] - 1.0
+    if not changes:
+        return ""
+    told_changes = ", ".join(f"{100 * c:+.0f} % on {domain}" for domain, c in changes.items())
+    helps = sum(c < 0.0 for c in changes.values())
+    return (
+        f"In {helps} of {len(changes)} domains the memory that is best on validation errs less on "
+        f"test episodes than the model without ({told_changes}). "
+    )
 
 
 def _compared(domain: str, best: str, lines: Sequence[Line]) -> str:

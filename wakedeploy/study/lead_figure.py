@@ -121,14 +121,32 @@ def _r2(points: Sequence[Point]) -> str:
     return ", ".join(told) or "–"
 
 
+def headline(told: Mapping[str, Sequence[Point]]) -> str:
+    """Who tracks best on each domain, at which lead, and the same without one."""
+    said = []
+    for domain, points in told.items():
+        found = {name: best(points, name) for name in models(points)}
+        flown = {name: one for name, one in found.items() if one is not None}
+        if not flown:
+            continue
+        name = min(flown, key=lambda one: flown[one].tracking_m)
+        one = flown[name]
+        zero = "" if one.at_zero_m is None else f" instead of {1e3 * one.at_zero_m:.1f}"
+        said.append(
+            f"on {domain} {name} {1e3 * one.lead_s:.0f} ms ahead, {1e3 * one.tracking_m:.1f} mm"
+            f"{zero if one.lead_s else ''}"
+        )
+    return f"What tracks best: {'; '.join(said)}. " if said else ""
+
+
 def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     """The figure with each domain's sentence, each domain's table, and every flight."""
     said = {domain: sentence(domain, points) for domain, points in told.items()}
     every = [p for points in told.values() for p in points]
     first = Part(
         "lead",
-        "Force error and tracking error against how far ahead the force is predicted; rings mark "
-        f"each line's best lead.{choice({p.predictor for p in every})}",
+        f"{headline(told)}Force error and tracking error against how far ahead the force is "
+        f"predicted; rings mark each line's best lead.{choice({p.predictor for p in every})}",
         COLUMNS,
         rows(every),
         curves(told),

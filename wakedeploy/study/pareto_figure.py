@@ -148,8 +148,8 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
     named = {point.arch for points in told.values() for point in points}
     first = Part(
         "pareto",
-        "Error against trainable parameters and against the step's time in the loop; filled points"
-        f" on the line are beaten by none in both.{choice(named)}",
+        f"{headline(told)}Error against trainable parameters and against the step's time in the "
+        f"loop; filled points on the line are beaten by none in both.{choice(named)}",
         COLUMNS,
         [row for points in told.values() for row in rows(points)],
         panels(told),
@@ -159,6 +159,17 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
         Part(f"pareto-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
         for name, own in told.items()
     ]
+
+
+def headline(told: Mapping[str, Sequence[Point]]) -> str:
+    """Who is unbeaten in error and step time on the most domains."""
+    unbeaten = [p.arch for points in told.values() for p in front(points, by_step)]
+    if not unbeaten:
+        return ""
+    times = {arch: unbeaten.count(arch) for arch in dict.fromkeys(unbeaten)}
+    most = max(times.values())
+    names = " and ".join(arch for arch, count in times.items() if count == most)
+    return f"In {most} of {len(told)} domains nothing beats {names} in both error and step time. "
 
 
 def rows(points: Sequence[Point]) -> list[list[Any]]:

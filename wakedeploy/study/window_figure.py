@@ -124,9 +124,10 @@ def parts(
     seen = {point.arch for points in told.values() for point in points}
     first = Part(
         "window",
-        "Error against how much of the past is seen; a ring marks the shortest past with which the "
-        "error is within 5 % of the least. Of a model that carries a state that is at most what it "
-        "needs: its past was cut after a training that never scored so young a state. One that "
+        f"{headline(told)}Error against how much of the past is seen; a ring marks the shortest "
+        "with which it is within 5 % of the least. Of a model that carries a state that is at "
+        "most what it needs: its past was cut after a training that never scored so young a state. "
+        "One that "
         f"sees a window was trained for each length.{choice(seen)}",
         COLUMNS,
         rows([p for points in told.values() for p in points]),
@@ -138,6 +139,24 @@ def parts(
              shown=summary(points, mains[name]))
         for name, points in told.items()
     ]  # fmt: skip
+
+
+def headline(told: Mapping[str, Sequence[Seen]]) -> str:
+    """Each domain's shortest past that suffices, of the predictor that errs least."""
+    said = []
+    for domain, points in told.items():
+        found = [need(points, arch) for arch in architectures_of(points)]
+        if not found:
+            continue
+        one = min(found, key=lambda each: each.least)
+        if one.loses:
+            said.append(f"none on {domain}, where nothing beats the present alone")
+        elif one.enough is None:
+            said.append(f"no less than all on {domain} ({one.arch})")
+        else:
+            most = "at most " if one.enough.memory == "state" else ""
+            said.append(f"{most}{one.enough.past_s:.2g} s on {domain} ({one.arch})")
+    return f"The past that suffices to err least: {'; '.join(said)}. " if said else ""
 
 
 def rows(points: Sequence[Seen]) -> list[list[Any]]:
