@@ -2,8 +2,10 @@
 
 import csv
 import json
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from click.testing import CliRunner, Result
 from wakedeploy.cli import main
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.naming import Thresholds
+from wakedeploy.gap.steps import write_step
 from wakedeploy.gap.threshold import _cache_path
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import RunLog
@@ -118,6 +121,36 @@ def test_steps_out_of_order_say_which_one_comes_first(folder: Path) -> None:
     refused(gap(folder, "name", "flight.csv"), "run `wakedeploy gap find` first")
     refused(gap(folder, "add", "flight.csv"), "run `wakedeploy gap name` first")
     refused(gap(folder, "show", "flight.csv"), "run `wakedeploy gap name` first")
+
+
+def test_ctrl_c_in_training_leaves_the_result_and_the_report(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done: list[str] = []
+
+    def stands_in(step: str, told: dict[str, Any]) -> Callable[..., dict[str, Any]]:
+        def run(_: object, out: Path, *__: object) -> dict[str, Any]:
+            done.append(step)
+            return write_step(out, step, told)
+
+        return run
+
+    named = {"verdict": "named", "effects": [{"name": "spool-lag-source"}], "class": []}
+    monkeypatch.setattr("wakedeploy.gap.close.find", stands_in("find", {"maps": []}))
+    monkeypatch.setattr("wakedeploy.gap.close.name", stands_in("name", named))
+    for step, told in (("add", {"effects": named["effects"]}), ("show", {}), ("result", named)):
+        function = {"show": "show_gap", "result": "_concluded"}.get(step, step)
+        monkeypatch.setattr(f"wakedeploy.gap.close.{function}", stands_in(step, told | {"a": 1}))
+
+    def interrupted(*_: object) -> None:
+        done.append("training")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wakedeploy.gap.close.retrain_shown", interrupted)
+    told = gap(folder, "close", "flight.csv", more=("--retrain",))
+    assert told.exit_code == 130, told.output
+    assert done == ["find", "name", "add", "show", "result", "training"]
+    assert "the result stands; `wakedeploy gap show --retrain` trains" in told.stderr
 
 
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(

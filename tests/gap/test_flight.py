@@ -268,6 +268,36 @@ def test_a_constant_command_is_refused(log) -> None:
     assert "sufferer_cmd_us is constant" in refusal(still)
 
 
+@pytest.mark.parametrize(
+    ("column", "wrong", "says"),
+    [
+        ("sufferer_cmd_us", lambda v: (v - 1000.0) / 1000.0, "has to be in microseconds"),
+        ("source_cmd_us", lambda v: v + 1100.0, "source_cmd_us lies between 2"),
+        ("range_m", lambda v: 1000.0 * v, "range_m is 6?[0-9]+.* has to be in metres"),
+        ("range_m", lambda v: 100.0 * v, "has to be in metres"),
+        ("range_age_s", lambda v: -v - 0.01, "how long before t_s"),
+        ("range_age_s", lambda v: v + 1.0, "how long before t_s"),
+        ("range_age_s", lambda v: 1000.0 * v, "in seconds"),
+        ("steps", lambda v: v + 1e5 * (np.arange(len(v)) == len(v) // 2), "without jumps"),
+        ("steps", lambda v: v + 1e4, "has to be 0 at x = 0"),
+    ],
+)
+def test_a_column_in_another_unit_or_from_another_origin_is_refused(
+    log, column: str, wrong, says: str
+) -> None:
+    assert re.search(says, refusal(changed(log, **{column: wrong(log[column])})))
+
+
+def test_what_lies_a_little_beyond_or_is_cut_off_is_said(log) -> None:
+    beyond = log["source_cmd_us"].copy()
+    beyond[len(log) // 2 :][:40] = 2100.0
+    torn = RunLog({**log.columns, "source_cmd_us": beyond},
+                  {**log.metadata, "unfinished": "The log is unfinished."})  # fmt: skip
+    notes = flight_from_log(torn, RIG, "x").notes
+    assert "The log is unfinished." in notes
+    assert any("of source_cmd_us lie beyond limits.pulse_us" in note for note in notes)
+
+
 def test_a_clock_that_jumps_is_refused_and_a_short_gap_is_noted(log) -> None:
     middle = len(log) // 2
     jumped = log["t_s"] + np.where(np.arange(len(log)) >= middle, 3.0, 0.0)

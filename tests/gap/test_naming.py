@@ -20,6 +20,7 @@ from wakedeploy.gap.naming import (
     Answer,
     Round,
     Thresholds,
+    _claimed,
     _needed,
     _Search,
     _unsettled,
@@ -234,6 +235,16 @@ def test_what_was_taken_has_rivals_also_where_a_better_relative_was_passed_over(
     assert _unsettled([clear], current) == []  # type: ignore[arg-type]
     few = SimpleNamespace(hypothesis=("x", "b"), episodes=range(2))
     assert _unsettled([clear], few) == [clear]  # type: ignore[arg-type]
+
+
+def test_what_one_round_doubts_is_not_claimed_because_another_round_took_it() -> None:
+    first = Round((), candidates(a=11.0, b=10.0), "a")
+    second = Round(("a",), candidates(b=9.0, c=1.0), "b")
+    current = SimpleNamespace(hypothesis=("a", "b"), episodes=range(5))
+    assert _claimed("class", [first, second], current) == ()  # type: ignore[arg-type]
+    third = Round(("a", "b"), candidates(d=9.0, c=1.0), "d")
+    current.hypothesis = ("a", "b", "d")
+    assert _claimed("class", [first, second, third], current) == ("d",)  # type: ignore[arg-type]
 
 
 def test_an_expression_is_told_around_the_motion_that_it_explains() -> None:

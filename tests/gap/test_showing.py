@@ -81,6 +81,18 @@ def shown(answer: Answer, sealed: tuple, out: Path, scored: list) -> dict:
     return show_gap(case, out, retrain=retrain)
 
 
+def test_what_is_shown_stands_when_training_is_broken_off(answer, tmp_path) -> None:
+    class BrokenOff(list):
+        def extend(self, _) -> None:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        shown(answer, (flown(42, TRUTH),), tmp_path, BrokenOff())
+    told = json.loads((tmp_path / "show.json").read_text("utf-8"))
+    assert told["retrain"] is None
+    assert told["gap"]
+
+
 def test_a_sealed_flight_is_shown_and_scored_alone(answer, tmp_path) -> None:
     scored: list[Path] = []
     told = shown(answer, (flown(42, TRUTH),), tmp_path, scored)

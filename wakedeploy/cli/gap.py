@@ -121,7 +121,7 @@ def close_gap(
     from wakedeploy.gap.close import close
     from wakedeploy.gap.steps import read_steps
 
-    train = _trainer(minutes) if retrain else None
+    train = _trainer(minutes, workers) if retrain else None
     try:
         told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
     except KeyboardInterrupt:
@@ -238,7 +238,7 @@ def show_gap(
     from wakedeploy.gap.steps import read_steps
 
     case = _case(rig_path, measured, out, workers)
-    train = _trainer(minutes) if retrain else None
+    train = _trainer(minutes, workers) if retrain else None
     show(case, out, progress=_progress, retrain=train)
     for line in channel_lines(read_steps(out).summary):
         click.echo(line)
@@ -275,7 +275,9 @@ def _say_what_is_left(out: Path) -> None:
     from wakedeploy.gap.steps import read_steps
 
     steps = read_steps(out)
-    if steps.find and steps.missing is not None:
+    if steps.result and steps.missing is None:
+        click.echo(f"{out}: the result stands; `wakedeploy gap show --retrain` trains.", err=True)
+    elif steps.find and steps.missing is not None:
         click.echo(
             f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"
             f"{steps.option}`.",
@@ -283,12 +285,16 @@ def _say_what_is_left(out: Path) -> None:
         )
 
 
-def _trainer(minutes: float) -> Any:
+def _trainer(minutes: float, workers: int) -> Any:
     """What trains predictors on both rigs, and scores them on the flights that are shown."""
+    import trainers.training  # noqa: F401  what is not installed is told before minutes of fits
     from wakedeploy.gap.retrain import retrain
 
     def train(old: Any, corrected: Any, logs: Any, out: Path) -> Any:
-        return retrain(old, corrected, logs, out / "retrain", minutes=minutes)
+        into = out / "retrain"
+        return retrain(
+            old, corrected, logs, into, minutes=minutes, workers=workers, progress=_progress
+        )
 
     return train
 

@@ -207,7 +207,8 @@ def show_gap(
     """The gap on flights that nothing was fitted to; writes `show.json`.
 
     UnusableInput where `name` has not run.
-    `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown.
+    `retrain(old, corrected, logs, out)` gives the predictors' errors on the flights shown; it takes
+    minutes, and what was shown before it is written already.
     """
     require(out, "name", case.rig.sha256, case.recordings)
     progress("showing the gap on sealed flights")
@@ -227,13 +228,22 @@ def show_gap(
     )
     shown = corrected.hypothesis if corrected is not None else ()
     told["as_if"] = [n for n in shown if n in LIBRARY and n not in added]
-    if retrain is not None and not added:
+    shown_gap = write_step(out, "show", told)
+    return shown_gap if retrain is None else retrain_shown(case, out, retrain, progress)
+
+
+def retrain_shown(
+    case: Case, out: Path, retrain: Retrain, progress: Progress = lambda _: None
+) -> dict[str, Any]:
+    """Add the predictors of both rigs to what `show` told, where something was added."""
+    steps = read_steps(out)
+    if not steps.add.get("effects"):
         progress("nothing was added to the rig file: no predictor to train")
-    elif retrain is not None:
-        progress("training predictors on the old and the corrected rig")
-        scored = [Path(flight.name) for flight in sealed]
-        told["retrain"] = dict(retrain(case.rig, read_rig(out / "rig.toml"), scored, out))
-    return write_step(out, "show", told)
+        return dict(steps.show)
+    progress("training predictors on the old and the corrected rig")
+    scored = [Path(flight.name) for flight in case.sealed or case.flights]
+    trained = dict(retrain(case.rig, read_rig(out / "rig.toml"), scored, out))
+    return write_step(out, "show", {**steps.show, "retrain": trained})
 
 
 def result(case: Case, out: Path) -> dict[str, Any]:
@@ -286,6 +296,7 @@ def close(
     """All steps; returns `result.json`'s content. An interruption leaves finished steps usable.
 
     Where a class is left and `plan` is wanted, a search for the manoeuvre that splits it follows.
+    Retraining comes last: it takes the longest, and only adds to a result that stands by then.
     """
     prepare(out, rig_path)
     refuse_foreign_rig(out)  # minutes of fitting should not end at it
@@ -294,12 +305,20 @@ def close(
     named = name(case, out, progress)
     if named["effects"]:
         add(case, out)
-    show_gap(case, out, progress, retrain)
+    show_gap(case, out, progress)
     if plan and len(named["class"]) > 1:
         progress("looking for the manoeuvre that would split the class")
         sizes = stated_sizes(named, named["class"])
         made = make_plan(case.rig, named["class"], sizes=sizes)
         write_step(out, "plan", made.as_json())
+    told = _concluded(case, out, report, progress)
+    if retrain is None:
+        return told
+    retrain_shown(case, out, retrain, progress)
+    return _concluded(case, out, report, progress)
+
+
+def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> dict[str, Any]:
     told = result(case, out)
     if report:
         from wakedeploy.gap.report import write_report  # draws; slow to import

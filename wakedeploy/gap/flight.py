@@ -18,6 +18,7 @@ from runtime.simulated import COMPUTE_S
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.gap.frames import Frames, frames_of
+from wakedeploy.gap.plausible import require_plausible, told_of_columns
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import FLYING, RunLog, read_run_log
@@ -140,6 +141,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     for column in ("steps", "source_cmd_us", "sufferer_cmd_us"):
         if not np.isfinite(log[column][flying]).any():
             raise UnusableInput(f"{name}: {column} is empty; nothing can be simulated without it.")
+    require_plausible(log, rig, name, flying)
     begin_s, end_s = t_s[0], t_s[-1]
     grid_s = begin_s + DT_S * np.arange(int((end_s - begin_s) * GRID_HZ))
     sample_s, reading_m, fresh = _samples(log, name)
@@ -302,7 +304,7 @@ def _doubts(
     log: RunLog, rig: Rig, frames: Frames, x_m: FloatArray, flying: npt.NDArray[np.bool_]
 ) -> tuple[str, ...]:
     """What a flight cannot tell, or what had to be assumed of it, in words."""
-    doubts = []
+    doubts = told_of_columns(log, rig, flying)
     if frames.doubt:
         doubts.append(frames.doubt)
     if log.metadata.get("rig_sha256") is None:

@@ -427,7 +427,8 @@ def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[s
     """The effects that an answer commits itself to: of a class, none."""
     if verdict not in ("named", "class"):
         return ()
-    open_ones = {searched.found for searched in _unsettled(rounds, current)}
+    # One round's rival may be what another round took: it is in doubt all the same.
+    open_ones = {c.name for searched in _unsettled(rounds, current) for c in searched.rivals}
     return tuple(name for name in current.hypothesis if name not in open_ones)
 
 
