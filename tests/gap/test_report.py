@@ -236,13 +236,21 @@ def test_the_account_tells_the_retrained_predictors_by_either_force():
     by_old = {"old_rmse": 0.3, "new_rmse": 0.25}
     told = account({"verdict": "named", "retrain": scores | {"by_old_label": by_old}})
     assert "by the force that the old one measures, 0.250 N and 0.30 N" in told
+    assert "over flights" not in told
+    for ends, open_ in (([0.3, 1.6], True), ([0.3, 0.8], False)):
+        sure = scores | {"ratio": 0.5, "ratio_interval": ends}
+        told = account({"verdict": "named", "retrain": sure})
+        assert f"That is 0.50 of it, 0.30 to {ends[1]:.2f} over flights" in told
+        assert ("they cannot tell whether it helps" in told) is open_
 
 
 def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     result = {"verdict": "class", "class": NAMES[:3], "split_by": "a sensor"}
     assert "What would tell them apart: a sensor." in account(result)
-    planned = account(result | {"plan": {"sentence": "Fly steps."}})
+    planned = account(result | {"plan": {"sentence": "Fly steps.", "manoeuvre": "steps"}})
     assert "Fly steps." in planned
+    assert "writes it with --write-reference FILE" in planned
+    assert "looks for the manoeuvre" not in planned
     assert "a sensor" not in planned
 
 

@@ -75,6 +75,8 @@ def _print(title: str, document: dict[str, Any]) -> None:
     from wakedeploy.gap.domains.page import doubt_sentence
 
     found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
+    if document["class"]:
+        found = f"one of {' or '.join(document['class'])}"
     click.echo(f"{title}: {document['verdict']}: {found}")
     print_table(
         "parameters",

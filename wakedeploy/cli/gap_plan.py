@@ -56,9 +56,10 @@ def plan(
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:
         made = make_plan(rig, members, sizes=sizes, progress=bar.advance)
     _tell_plan(made)
-    for path in (json_path, out / "plan.json" if out else None):
-        if path is not None:
-            write_json(path, made.as_json())
+    if json_path is not None:
+        write_json(json_path, made.as_json())
+    if out is not None:
+        _keep(made, out)
     if reference is not None and made.best is None:
         raise CheckFailed(f"{reference}: not written, for no manoeuvre splits this class.")
     if reference is not None and made.best is not None:
@@ -137,6 +138,19 @@ def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
     )
     manoeuvre = option.manoeuvre
     return [manoeuvre.name, f"{option.seconds:.0f}", *nats, *needed, manoeuvre.description]
+
+
+def _keep(made: "Plan", out: Path) -> None:
+    """plan.json, and where they are of this class, a result and a report that tell of it."""
+    from wakedeploy.gap.close import planned
+    from wakedeploy.gap.report import write_report
+    from wakedeploy.gap.steps import read_steps, write_step
+
+    write_json(out / "plan.json", made.as_json())
+    told = read_steps(out).result
+    if told.get("class") == list(made.names):
+        write_step(out, "result", {**told, "plan": planned(told, out)})
+        write_report(out)
 
 
 def _class_in(out: Path | None) -> tuple[str, ...]:

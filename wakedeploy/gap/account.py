@@ -102,17 +102,15 @@ def _more_classes(result: Mapping[str, Any]) -> str:
 
 def _values(result: Mapping[str, Any]) -> list[str]:
     """One sentence per effect: its values, how sure the name is, and its physics."""
-    members = texts(result.get("class"))
     told = []
     for effect in entries(result.get("effects")):
         name = str(effect.get("name"))
         values = [f"{spoken(each)} {value}" for each, value in parameters_of(effect)]
         sure = number(effect.get("confidence"))
-        if name not in members and not math.isnan(sure):
+        if not math.isnan(sure):
             values.append(f"{confidence(sure)} sure")
-        start = f"If it is {name}" if name in members else name
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
-        told.append(f"{start}: {', '.join(values) or 'without parameters'}.{physics}")
+        told.append(f"{name}: {', '.join(values) or 'without parameters'}.{physics}")
         told += _at_bound(effect) + _may_be_nothing(effect)
     return told
 
@@ -144,13 +142,18 @@ def _at_bound(effect: Mapping[str, Any]) -> list[str]:
 def _splitting(result: Mapping[str, Any]) -> list[str]:
     if len(texts(result.get("class"))) == 1:
         return [f"A name takes {FEWEST_FLIGHTS} flights: fly more."]
-    planned = mapping(result.get("plan")).get("sentence")
-    split_by = str(planned or result.get("split_by") or "").rstrip(".")
-    plan = "`wakedeploy gap plan`, with the same --rig and --out, looks for the manoeuvre that"
-    told = [f"{plan} does it fastest."]
+    plan = mapping(result.get("plan"))
+    split_by = str(plan.get("sentence") or result.get("split_by") or "").rstrip(".")
+    asked = "`wakedeploy gap plan`, with the same --rig and --out,"
+    if plan.get("manoeuvre"):
+        flown = "writes it with --write-reference FILE, which `run-gantry --reference` flies"
+        return [f"What would tell them apart: {split_by}.", f"{asked} {flown}."]
     if not split_by:
-        return [f"{plan} would tell them apart."]
-    return [f"What would tell them apart: {split_by}.", *told]
+        return [f"{asked} looks for the manoeuvre that would tell them apart."]
+    return [
+        f"What would tell them apart: {split_by}.",
+        f"{asked} looks for the manoeuvre that does it fastest.",
+    ]
 
 
 def _part(result: Mapping[str, Any]) -> list[str]:
@@ -212,6 +215,16 @@ def _q(place: Mapping[str, Any]) -> str:
     return probability("q", place.get("q_value"))
 
 
+def _of_the_ratio(scores: Mapping[str, Any]) -> str:
+    """What the flights say of new over old; nothing of one flight alone."""
+    ends = scores.get("ratio_interval")
+    if not isinstance(ends, list) or len(ends) != 2:
+        return ""
+    low, high = ends
+    told = f" That is {number(scores.get('ratio')):.2f} of it, {low:.2f} to {high:.2f} over flights"
+    return f"{told}: they cannot tell whether it helps." if low < 1.0 < high else f"{told}."
+
+
 def _retraining(result: Mapping[str, Any]) -> list[str]:
     retrain = mapping(result.get("retrain"))
     if not retrain:
@@ -224,6 +237,7 @@ def _retraining(result: Mapping[str, Any]) -> list[str]:
     else:
         where = f"on {counted(scored, 'sealed flight')}" if scored else "on measured data"
     told = f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."
+    told += _of_the_ratio(retrain)
     by_old = mapping(retrain.get("by_old_label"))
     if by_old:
         old, new = (quantity(by_old.get(key), unit) for key in ("old_rmse", "new_rmse"))

@@ -265,7 +265,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         ],
         "gap": gap,
         "placebo": shown.get("placebo", {}),
-        "plan": _plan(named, out),
+        "plan": planned(named, out),
         "unknown": named.get("unknown"),
         "beside": named.get("beside", []),
         "rest": named.get("rest"),
@@ -328,13 +328,13 @@ def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> dict[
     return told
 
 
-def _plan(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
+def planned(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
     """What would split a class: the manoeuvre found for it, or what the library says."""
     if not named.get("class"):
         return {}
-    planned, keys = read_plan(out), ("sentence", "manoeuvre", "flights", "seconds", "split_by")
-    if planned.get("class") == named["class"]:
-        return {key: planned.get(key) for key in keys}
+    found, keys = read_plan(out), ("sentence", "manoeuvre", "flights", "seconds", "split_by")
+    if found.get("class") == named["class"]:
+        return {key: found.get(key) for key in keys}
     return {"sentence": named.get("split_by", "")}
 
 
