@@ -3,12 +3,15 @@
 import json
 from html.parser import HTMLParser
 from pathlib import Path
+from types import SimpleNamespace
 
 import matplotlib.image
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from fabricated_artefacts import NAMES, fabricate, fabricated_map
 
+from wakedeploy.cli.gap_plan import plan
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.account import account
 from wakedeploy.gap.report import PICTURES, write_report
@@ -252,6 +255,23 @@ def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     assert "writes it with --write-reference FILE" in planned
     assert "looks for the manoeuvre" not in planned
     assert "a sensor" not in planned
+
+
+def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
+    left = fabricate(tmp_path, "class")
+    names = tuple(left["result"]["class"])
+    told = {"class": list(names), "sentence": "Fly slow triangles.", "manoeuvre": "triangles",
+            "flights": 3, "seconds": 60.0, "split_by": ""}  # fmt: skip
+    made = SimpleNamespace(names=names, best=None, as_json=lambda: told)
+    monkeypatch.setattr("wakedeploy.gap.plan.make_plan", lambda *_, **__: made)
+    monkeypatch.setattr("wakedeploy.cli.gap_plan._tell_plan", lambda _: None)
+    monkeypatch.setattr("wakedeploy.cli.gap_plan._same_rig", lambda *_: None)
+    run = CliRunner().invoke(plan, ["--out", str(tmp_path)])
+    assert run.exit_code == 0, run.output
+    assert json.loads((tmp_path / "plan.json").read_text("utf-8")) == told
+    written = json.loads((tmp_path / "result.json").read_text("utf-8"))["plan"]
+    assert (written["manoeuvre"], written["flights"]) == ("triangles", 3)
+    assert "Fly slow triangles" in (tmp_path / "report.html").read_text("utf-8")
 
 
 def test_an_expression_is_shown_with_its_coefficients(tmp_path):
