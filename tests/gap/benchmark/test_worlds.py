@@ -149,5 +149,5 @@ def test_the_truths_fit_is_no_worse_than_the_bases_where_constants_were_bent_to_
     measured = Measured(rig, flights)
     strength = measured.strength(case.effects)
     assert strength.fit.per_episode.sum() > measured.base.per_episode.sum()
-    assert 10.0 < strength.nats < 150.0
+    assert 10.0 < strength.nats < 300.0  # 222: it takes two effects of some 100 each
     assert measured.floor(strength.fit, ["flight5", "flight6"]).rms_m < 0.01
