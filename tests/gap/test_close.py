@@ -15,6 +15,7 @@ from wakedeploy.gap.close import Case, add, close, name, open_case, show_gap
 from wakedeploy.gap.naming import Thresholds
 from wakedeploy.gap.steps import (
     PICTURES,
+    Steps,
     forget,
     prepare,
     read_plan,
@@ -230,3 +231,17 @@ def test_add_runs_again_after_it_was_killed_while_it_wrote(world, closed, tmp_pa
     assert not (out / "rig.toml").exists()
     add(case, out)
     assert read_rig(out / "rig.toml").sha256 == read_rig(closed[0] / "rig.toml").sha256
+
+
+def test_beside_a_sure_effect_the_class_is_still_to_be_settled() -> None:
+    named = {"verdict": "class", "effects": [{"name": "spool-lag"}], "class": ["a", "b"]}
+
+    def left(**ran) -> tuple[str | None, str]:
+        steps = Steps({"maps": []}, named, ran.get("add", {}), ran.get("show", {}), {})
+        return steps.missing, steps.option
+
+    sure, one = {"effects": [{"name": "spool-lag"}]}, {"effects": [{"name": "a"}]}
+    assert left() == ("add", "")
+    assert left(add=sure) == ("show", "")
+    assert left(add=sure, show={"gap": {"x": 1}}) == ("add", " --effect a")
+    assert left(add=one, show={"gap": {"x": 1}}) == (None, "")

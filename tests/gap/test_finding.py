@@ -58,7 +58,12 @@ def test_nothing_is_found_where_nothing_is_missing(base) -> None:
     assert "agree" in found["sentence"]
     assert found["white"]["passes"]
     assert {m["channel"] for m in found["maps"]} == set(CHANNELS)
-    assert set(found["noise_floor"]) == set(FLOOR)
+    assert set(found["least_residual"]) == set(FLOOR)
+    for channel, floor in found["noise_floor"].items():
+        means = [v for m in found["maps"] if m["channel"] == channel for v in m["mean"]]
+        # Nothing is missing: of the bins' means nine in ten lie within what noise alone puts there.
+        assert 0.75 < np.mean(np.abs(means) < floor["value"]) <= 1.0
+        assert floor["unit"] == CHANNELS[channel]
     for replay, horizon in zip(found["replay"], HORIZONS_S, strict=True):
         assert replay["horizon_s"] == horizon
         assert replay["rmse_m"] == pytest.approx(replay["expected_m"], rel=0.3)
@@ -274,7 +279,7 @@ def test_a_place_that_is_smaller_than_the_models_own_error_is_none(monkeypatch, 
     floor = dict.fromkeys(CHANNELS, 0.5)
     found = find_places(*base, LIMIT, floor)
     assert found["places"] == []
-    assert found["noise_floor"]["force"] == {"value": 0.5, "unit": "N"}
+    assert found["least_residual"]["force"] == {"value": 0.5, "unit": "N"}
 
 
 def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:

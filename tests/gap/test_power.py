@@ -29,7 +29,7 @@ from wakedeploy.gap.power_page import (
     sentences,
     write_page,
 )
-from wakedeploy.gap.rates import Draws, fitted_share
+from wakedeploy.gap.rates import SURE, Draws, fitted_share
 from wakedeploy.gap.sensors import SENSORS, with_sensor
 from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.tracking import RigForecast, tracking_rmse_m, with_effect
@@ -69,6 +69,11 @@ def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> N
     assert known["viscous-friction"].verdict == "class"
     assert known["viscous-friction"].rivals == ("axial-inflow-loss",)
     assert ("axial-inflow-loss", "viscous-friction") in told.classes
+    for group, name in zip(told.classes, told.as_json()["class_sensors"], strict=True):
+        rows = [told.names.index(member) for member in group]
+        able = {s.name: s.euros for k, s in enumerate(SENSORS)
+                if (told.named_with[rows, k + 1] >= SURE).all()}  # fmt: skip
+        assert name == min(able, key=able.__getitem__, default=None)
     for e in told.effects:
         assert e.detectable is not None
         assert e.nameable is None or e.nameable >= e.detectable

@@ -127,6 +127,11 @@ def test_every_map_is_shown_once_and_in_its_unit(answer, tmp_path) -> None:
     for place in told["places"]:
         before, after = np.array(place["before"]), np.array(place["after"])
         assert np.abs(after).max() < 0.7 * np.abs(before).max()
+        reach = np.array(place["before_reach"]), np.array(place["after_reach"])
+        assert (reach[0] > 0.0).all()
+        # What was hidden stands out of its interval somewhere, and with it in the model less.
+        assert (np.abs(before) > reach[0]).any()
+        assert np.median(np.abs(after) / reach[1]) < np.median(np.abs(before) / reach[0])
 
 
 def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_path) -> None:

@@ -35,7 +35,7 @@ FALSE_DISCOVERIES = 0.05
 FORBIDS_NONE = 0.02  # a place at this q or below; one in fifty sets of flights has it by chance
 HORIZONS_S = (0.25, 0.5, 1.0)
 # At least four times as long as the channel's own window correlates what it measures.
-_BLOCK_S = {
+BLOCK_S = {
     "force": 3.0,
     "control effort": 4.0,
     "height 0.25 s ahead": 3.0,
@@ -52,7 +52,7 @@ _MOST_OF_INNOVATIONS = 4
 def find_places(
     model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
 ) -> dict[str, Any]:
-    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay.
+    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
 
     A place counts from the size `least` of its channel on, in its unit: so much the model's own
     approximations leave on this rig when nothing is missing (see `threshold`). A channel without
@@ -77,8 +77,21 @@ def find_places(
         "maps": maps,
         "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
         "replay": [_replay(model, base, h) for h in HORIZONS_S],
-        "noise_floor": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
+        "noise_floor": _noise_floors(maps),
+        "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
         "sentence": _sentence(places),
+    }
+
+
+def _noise_floors(maps: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What noise alone puts into a bin of a channel's maps: the median reach of 90 % intervals."""
+    reaches: dict[str, list[float]] = {}
+    for m in maps:
+        own = 0.5 * (np.array(m["high"]) - np.array(m["low"]))
+        reaches.setdefault(m["channel"], []).extend(own.tolist())
+    return {
+        channel: {"value": float(np.median(own)), "unit": CHANNELS[channel]}
+        for channel, own in reaches.items()
     }
 
 
@@ -113,7 +126,7 @@ def q_values(p: Sequence[float]) -> list[float]:
 def _maps(series: Sequence[Residuals]) -> list[dict[str, Any]]:
     """A channel's maps over every coordinate that varies, and its mean over all places."""
     spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
-    length = max(round(_BLOCK_S[series[0].channel] / float(spacing_s)), 1)
+    length = max(round(BLOCK_S[series[0].channel] / float(spacing_s)), 1)
     rng = np.random.default_rng([len(s.value) for s in series])
     orders = _orders([len(s.value) for s in series], length, rng)
     each = (_map(series, name, length, orders) for name in COORDINATES)
@@ -140,7 +153,7 @@ def _map(
     # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
     shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
     p_value, clarity = _judged(strength, shuffled)
-    means, errors, counts = _bin_means(value, bins, _blocks(series, length), len(edges) - 1)
+    means, errors, counts = bin_means(value, bins, blocks_of(series, length), len(edges) - 1)
     return {
         "channel": series[0].channel,
         "coordinate": name,
@@ -176,7 +189,7 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
     counts here, where the maps leave it out.
     """
     value = np.concatenate([s.value for s in series])
-    sums = np.array([value[b].sum() for b in _blocks(series, length)])
+    sums = np.array([value[b].sum() for b in blocks_of(series, length)])
     rng = np.random.default_rng(len(value))
     flips = rng.choice([-1.0, 1.0], size=(_PERMUTATIONS, len(sums)))
     p_value, clarity = _judged(float(sums.sum()) ** 2, np.asarray((flips @ sums) ** 2))
@@ -198,7 +211,7 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
     }
 
 
-def _blocks(series: Sequence[Residuals], length: int) -> list[IntArray]:
+def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
     """Indices of blocks of so many samples, none across two flights."""
     blocks, offset = [], 0
     for s in series:
@@ -244,7 +257,7 @@ def _strength(values: FloatArray, inside: FloatArray) -> FloatArray:
     return np.asarray(((values @ inside) ** 2 / np.maximum(inside.sum(0), 1.0)).sum(1))
 
 
-def _bin_means(
+def bin_means(
     value: FloatArray,
     bins: IntArray,
     blocks: Sequence[IntArray],

@@ -140,8 +140,16 @@ class Power:
         groups = {tuple(sorted((e.name, *e.rivals))) for e in self.effects if e.rivals}
         return tuple(sorted(groups))
 
+    def splitter(self, group: Sequence[str]) -> Sensor | None:
+        """The cheapest sensor with which every effect of a class is surely named; None without."""
+        members = [self.names.index(name) for name in group]
+        least = self.named_with[members].min(axis=0)[1:]
+        able = [sensor for sensor, share in zip(SENSORS, least, strict=True) if share >= SURE]
+        return min(able, key=lambda sensor: sensor.euros, default=None)
+
     def as_json(self) -> dict[str, Any]:
         """For power.json."""
+        splitters = [self.splitter(group) for group in self.classes]
         return {
             "rig_sha256": self.rig_sha256,
             "flights": self.flights,
@@ -153,6 +161,7 @@ class Power:
             "naming_rate": self.naming_rate,
             "tracking_mm": self.tracking_mm,
             "classes": [list(group) for group in self.classes],
+            "class_sensors": [None if one is None else one.name for one in splitters],
             "effects": [asdict(e) | {"verdict": e.verdict} for e in self.effects],
             "loss_nats": self.loss_nats.tolist(),
             "sensors": [asdict(sensor) for sensor in SENSORS],

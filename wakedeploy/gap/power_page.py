@@ -268,7 +268,7 @@ def _body(power: Power, pictures: dict[str, Markup]) -> list[Markup]:
         pictures["sensors"],
         element("h2", "What looks like what"),
         pictures["confusion"],
-        table(["class", "what splits it"], _class_rows(power)),
+        table(["class", "cheapest sensor that names each", "what splits it"], _class_rows(power)),
         element("h2", "What ignoring an effect costs"),
         element("p", f"Flown by {CONTROLLER}; the rig file does not know the effect, the plant "
                 f"has it. Without any effect the error is {power.tracking_mm:.1f} mm."),
@@ -301,10 +301,13 @@ def _sensor_rows() -> list[list[str]]:
 
 def _class_rows(power: Power) -> list[list[str]]:
     known = {e.name: e for e in power.effects}
-    return [
-        [", ".join(group), "; ".join(dict.fromkeys(known[n].split_by for n in group))]
-        for group in power.classes
-    ]
+    told = []
+    for group in power.classes:
+        sensor = power.splitter(group)
+        price = "none of these" if sensor is None else f"{sensor.name}, {sensor.euros:g} €"
+        ways = "; ".join(dict.fromkeys(known[n].split_by for n in group))
+        told.append([", ".join(group), price, ways])
+    return told
 
 
 def _method(power: Power) -> Markup:

@@ -111,7 +111,8 @@ PICTURES = (
     ),
     Picture(
         "places",
-        "The mean residual at the places found, on the flights shown, before and after.",
+        "The mean residual at the places found, on the flights shown, before and after, with 90 % "
+        "intervals.",
         lambda steps: report_maps.draw_places(steps.show, steps.find),
     ),
     Picture(

@@ -120,6 +120,9 @@ def _place(axes: "Axes", place: Map, coordinate_unit: str) -> None:
     factor, unit = scale_of(np.concatenate([before, after]), str(place.get("unit", "")))
     for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
         axes.stairs(factor * values, edges, baseline=None, color=colour, linewidth=1.8, label=label)
+        reach = factor * _as_long(numbers(place.get(f"{label}_reach")), values)
+        axes.bar(edges[:-1], 2.0 * reach, np.diff(edges), factor * values - reach, align="edge",
+                 color=colour, alpha=0.25, linewidth=0)  # fmt: skip
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     axes.set_xlabel(labelled(place.get("coordinate"), coordinate_unit))
     axes.set_ylabel(_folded(labelled(place.get("channel", "error"), unit)))

@@ -15,14 +15,14 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.answered import bent
-from wakedeploy.gap.finding import HORIZONS_S
+from wakedeploy.gap.finding import BLOCK_S, HORIZONS_S, bin_means, blocks_of
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.found import Found, Tried
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, Slopes, applied, fit
 from wakedeploy.gap.naming import without_effects
 from wakedeploy.gap.refitting import refitted
-from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.residuals import AHEAD_S, CHANNELS, COORDINATES, Residuals, residuals
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 from wakedeploy.physics.effects import LIBRARY
 
@@ -191,7 +191,7 @@ def _expected(shown: Shown, horizon_s: float) -> float:
 
 
 def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dict[str, Any]:
-    """Mean residual in bins of one coordinate, before and after."""
+    """Mean residual in bins of one coordinate, before and after, each with its 90 % reach."""
     old, new = (
         [residuals(shown.model, each, channel, i) for i, each in enumerate(shown.by_flight)]
         for shown in (before, after)
@@ -203,8 +203,8 @@ def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dic
         "coordinate": coordinate,
         "coordinate_unit": COORDINATES[coordinate][0],
         "edges": edges.tolist(),
-        "before": _binned(old, coordinate, edges),
-        "after": _binned(new, coordinate, edges),
+        **_binned("before", old, coordinate, edges),
+        **_binned("after", new, coordinate, edges),
         "unit": CHANNELS[channel],
     }
 
@@ -227,14 +227,19 @@ def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     return list(dict.fromkeys((c, n if n in COORDINATES else "height") for c, n in maps))
 
 
-def _binned(series: Sequence[Any], name: str, edges: FloatArray) -> list[float]:
+def _binned(
+    when: str, series: Sequence[Residuals], name: str, edges: FloatArray
+) -> dict[str, list[float]]:
+    """Means per bin, and how far their 90 % intervals reach: neighbours in time err alike."""
     where = np.concatenate([s.coordinates[name] for s in series])
-    known = np.isfinite(where)
-    where, value = where[known], np.concatenate([s.value for s in series])[known]
+    value = np.concatenate([s.value for s in series])
+    known = np.isfinite(where) & np.isfinite(value)
     bins = np.clip(np.digitize(where, edges[1:-1]), 0, max(len(edges) - 2, 0))
-    count = np.bincount(bins, minlength=len(edges) - 1)
-    total = np.bincount(bins, value, len(edges) - 1)
-    return [float(v) for v in total / np.maximum(count, 1)]
+    bins = np.where(known, bins, -1)
+    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
+    length = max(round(BLOCK_S[series[0].channel] / float(spacing_s)), 1)
+    means, errors, _ = bin_means(value, bins, blocks_of(series, length), len(edges) - 1)
+    return {when: means.tolist(), f"{when}_reach": (1.645 * errors).tolist()}
 
 
 def _placebo(

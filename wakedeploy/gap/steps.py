@@ -27,7 +27,7 @@ PICTURES = (
 )
 
 # Keys of the steps' own artefacts that the account looks at, beside those of result.json.
-_OF_FIND = ("places", "logs", "split", "noise_floor")
+_OF_FIND = ("places", "logs", "split")
 _OF_NAME = (
     *("verdict", "effects", "class", "more_classes", "others", "split_by"),
     *("unknown", "rest", "beside"),
@@ -58,12 +58,14 @@ class Steps:
             return "name"
         if not self.add and self._can_add:
             return "add"
-        return None if self.show or not self.add else "show"
+        if self.add and not self.show:
+            return "show"
+        return "add" if self._class_is_open else None
 
     @property
     def option(self) -> str:
         """What the step that comes next needs beside its name, or ""."""
-        if self.missing != "add" or self.name.get("effects"):
+        if self.missing != "add" or (self.name.get("effects") and not self.add):
             return ""
         members = texts(self.name.get("class"))
         return f" --effect {members[0]}" if members else " --from-symbolic"
@@ -80,6 +82,13 @@ class Steps:
         ):
             told |= {key: artefact[key] for key in keys if artefact.get(key) is not None}
         return told
+
+    @property
+    def _class_is_open(self) -> bool:
+        """What was sure is in the rig file, and of a class beside it nothing."""
+        added = {str(effect.get("name")) for effect in entries(self.add.get("effects"))}
+        members = texts(self.name.get("class"))
+        return bool(self.add and members) and added.isdisjoint(members)
 
     @property
     def _can_add(self) -> bool:
