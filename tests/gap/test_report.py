@@ -11,6 +11,7 @@ import pytest
 from click.testing import CliRunner
 from fabricated_artefacts import NAMES, fabricate, fabricated_map
 
+from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan import plan
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.account import account
@@ -387,3 +388,26 @@ def test_what_noise_alone_leaves_is_not_told_while_something_is_missing(tmp_path
     shown = "".join(read_page(write_report(tmp_path)).text)
     assert "14.3 mm" in shown
     assert ("13.2 mm" in shown) is told
+
+
+@pytest.mark.parametrize("step", ["find", "name", "add", "show"])
+def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypatch, step):
+    """The commands around the steps, which are played by artefacts of the right shape."""
+    left = fabricate(tmp_path, "named")
+    for place in left["find"]["places"]:
+        place["words"] = "at a height"  # of real flights each has some
+    (tmp_path / "find.json").write_text(json.dumps(left["find"]), "utf-8")
+    case = SimpleNamespace(flights=("a", "b"), sealed=("c",))
+    monkeypatch.setattr("wakedeploy.cli.gap._case", lambda *_: case)
+    function = "show_gap" if step == "show" else step
+    monkeypatch.setattr(f"wakedeploy.gap.close.{function}", lambda *_, **__: left[step])
+    (tmp_path / "result.json").unlink()
+    given = ["--rig", "rig.toml", "--measured", "a.mcap", "--out", str(tmp_path)]
+    run = CliRunner().invoke(main, ["gap", step, *given, "--json", str(tmp_path / "told.json")])
+    assert run.exit_code == 0, run.output
+    assert f"Report: {tmp_path / 'report.html'}" in run.output
+    told = json.loads((tmp_path / "result.json").read_text("utf-8"))
+    assert json.loads((tmp_path / "told.json").read_text("utf-8")) == told
+    assert (told["verdict"], told["flights"]) == ("named", 3)
+    assert [e["name"] for e in told["effects"]] == [e["name"] for e in left["name"]["effects"]]
+    assert "Next:" not in run.output
