@@ -251,6 +251,9 @@ def test_the_account_tells_the_retrained_predictors_by_either_force():
 def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     result = {"verdict": "class", "class": NAMES[:3], "split_by": "a sensor"}
     assert "What would tell them apart: a sensor." in account(result)
+    size = {"value": 0.5, "low": 0.4, "high": 0.6, "unit": "N"}
+    told = account(result | {"members": [{"name": "b", "parameters": {"coulomb_n": size}}]})
+    assert "If it is b: coulomb 0.50 N (0.40 to 0.60)." in told
     planned = account(result | {"plan": {"sentence": "Fly steps.", "manoeuvre": "steps"}})
     assert "Fly steps." in planned
     assert "writes it with --write-reference FILE" in planned

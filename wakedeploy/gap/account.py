@@ -101,7 +101,7 @@ def _more_classes(result: Mapping[str, Any]) -> str:
 
 
 def _values(result: Mapping[str, Any]) -> list[str]:
-    """One sentence per effect: its values, how sure the name is, and its physics."""
+    """One sentence per effect: its values, how sure the name is, its physics; then of a class."""
     told = []
     for effect in entries(result.get("effects")):
         name = str(effect.get("name"))
@@ -112,6 +112,9 @@ def _values(result: Mapping[str, Any]) -> list[str]:
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{name}: {', '.join(values) or 'without parameters'}.{physics}")
         told += _at_bound(effect) + _may_be_nothing(effect)
+    for member in entries(result.get("members")):
+        values = [f"{spoken(each)} {value}" for each, value in parameters_of(member)]
+        told.append(f"If it is {member.get('name')}: {', '.join(values) or 'without parameters'}.")
     return told
 
 

@@ -258,6 +258,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "verdict": named.get("verdict"),
         "effects": named.get("effects", []),
         "class": named.get("class", []),
+        "members": _members(named),
         "more_classes": named.get("more_classes", []),
         "others": named.get("others", []),
         "where": [
@@ -326,6 +327,16 @@ def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> dict[
         progress("drawing the report")
         write_report(out)
     return told
+
+
+def _members(named: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """What each effect of the class would be, as the last round that ranked it fitted it."""
+    ranked = {
+        str(entry["name"]): {k: entry[k] for k in ("name", "confidence", "parameters")}
+        for searched in named.get("rounds", ())
+        for entry in searched["ranking"]
+    }
+    return [ranked[name] for name in texts(named.get("class")) if name in ranked]
 
 
 def planned(named: Mapping[str, Any], out: Path) -> dict[str, Any]:

@@ -173,8 +173,8 @@ def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     text = (
-        "Each effect that was named has a confidence; members of a class have none. A confidence "
-        "is honest where the last share agrees with the mean beside it."
+        "Each effect that was named has a confidence; members of classes are not counted here. A "
+        "confidence is honest where the last share agrees with the mean beside it."
     )
     head = ["confidence", "mean", "hidden indeed", "answers"]
     return f"## How sure, and how often rightly\n\n{text}\n\n{_table(head, cells)}"
