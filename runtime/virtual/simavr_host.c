@@ -208,9 +208,11 @@ int sim_run(uint64_t until) {
   return 0;
 }
 
-/* Opening the port resets an UNO; its bootloader then takes some time, and loses what comes. */
-void sim_open_port(uint64_t boot_cycles) {
+/* Opening the port resets an UNO; its bootloader then takes some time, and loses what comes. What the
+   chip's register of resets, at 0x54, says then is `reset_flags`: bootloaders differ in what they leave. */
+void sim_open_port(uint64_t boot_cycles, uint8_t reset_flags) {
   avr_reset(avr);
+  avr->data[0x54] = reset_flags;
   note_edge(9, 0), note_edge(10, 0), note_edge(2, 0), note_edge(3, 0);
   compare[0].waits = compare[1].waits = 0;
   to_head = to_tail = from_length = 0;

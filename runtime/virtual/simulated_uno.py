@@ -71,13 +71,17 @@ class SimulatedUno:
         if self._simulator.sim_run(round(t_s * CYCLES_PER_S)) != 0:
             raise RuntimeError(f"the sketch crashed at {self.t_s:.6f} s")
 
-    def open_port(self, boot_s: float = BOOT_S) -> None:
-        """What a host's opening does: a reset, then the bootloader for `boot_s`."""
-        self._simulator.sim_open_port(round(boot_s * CYCLES_PER_S))
+    def open_port(self, boot_s: float = BOOT_S, *, reset_flags: int = 0) -> None:
+        """What a host's opening does: a reset, then the bootloader for `boot_s`.
+
+        `reset_flags` is what the chip's register of resets then says (ATmega328P data sheet,
+        MCUSR); an UNO's own bootloader clears it.
+        """
+        self._simulator.sim_open_port(round(boot_s * CYCLES_PER_S), reset_flags)
 
     def switch_off(self) -> None:
         """Its supply is gone, until a host opens the port again; every pin falls."""
-        self._simulator.sim_open_port(_FOR_EVER)
+        self._simulator.sim_open_port(_FOR_EVER, 0)
 
     def send(self, data: bytes) -> None:
         """Put bytes on the wire; lost while the bootloader runs."""
@@ -131,7 +135,7 @@ def _loaded(path: str) -> ctypes.CDLL:
     library.sim_longest_tick.restype = ctypes.c_uint64
     library.sim_steps.restype = ctypes.c_int64
     library.sim_run.argtypes = [ctypes.c_uint64]
-    library.sim_open_port.argtypes = [ctypes.c_uint64]
+    library.sim_open_port.argtypes = [ctypes.c_uint64, ctypes.c_uint8]
     library.sim_open_port.restype = None
     library.sim_send.argtypes = [ctypes.c_char_p, ctypes.c_int]
     library.sim_receive.argtypes = [ctypes.c_char_p, ctypes.c_int]

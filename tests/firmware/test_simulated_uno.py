@@ -20,9 +20,9 @@ BOOT_S = 0.01  # a bootloader in a hurry
 class Bench:
     """A board freshly reset, and a host with its sequence numbers."""
 
-    def __init__(self, *, boot_s: float = BOOT_S) -> None:
+    def __init__(self, *, boot_s: float = BOOT_S, reset_flags: int = 0) -> None:
         self.uno = the_uno()
-        self.uno.open_port(boot_s)
+        self.uno.open_port(boot_s, reset_flags=reset_flags)
         self.run(boot_s + 0.01)
         self.uno.receive()
         self.uno.edges()
@@ -172,6 +172,29 @@ def test_without_interrupts_the_watchdog_bites_at_once():
     assert bench.send(Hello()).boot == boot + 1
     # The chip's own register says so: the sketch had no time to leave its mark.
     assert bench.send(Disarm()).faults == Fault.WATCHDOG
+
+
+POWER_ON, BY_HOST, BROWNOUT, WATCHDOG = 1, 2, 4, 8  # bits of the chip's MCUSR
+
+
+@pytest.mark.parametrize(
+    ("flags", "faults"),
+    [
+        (0, Fault.NONE),
+        (BY_HOST, Fault.NONE),
+        (POWER_ON, Fault.NONE),
+        (POWER_ON | BROWNOUT, Fault.NONE),  # switching on passes through low voltages, too
+        (BROWNOUT, Fault.BROWNOUT),
+        (BROWNOUT | BY_HOST, Fault.BROWNOUT),
+        (WATCHDOG, Fault.WATCHDOG),
+        (WATCHDOG | BROWNOUT, Fault.WATCHDOG | Fault.BROWNOUT),
+    ],
+)
+def test_the_chips_register_of_resets_is_told_as_faults(flags: int, faults: Fault) -> None:
+    Bench().run(0.05)  # nothing hung before
+    bench = Bench(reset_flags=flags)
+    bench.send(Hello())
+    assert bench.send(Disarm()).faults == faults
 
 
 def test_opening_the_port_reboots_the_board():
