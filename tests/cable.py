@@ -38,7 +38,7 @@ class Cable:
             os.close(self._slave)
             os.close(self._mine)
 
-    def ask(self, message, limit_s=5.0):
+    def ask(self, message, limit_s=20.0):
         """Say something to the board, past the run; the status that it answers."""
         self._sequence += 1
         before, end_s = len(self._statuses), time.monotonic() + limit_s
