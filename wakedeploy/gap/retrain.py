@@ -91,7 +91,6 @@ def retrain(
     jobs = [_Job(r.text, minutes, seed, arch, epochs, out, name) for name, r in rigs.items()]
     progress(f"training {arch} on {minutes:g} min of either simulation")
     packages = _in_processes(jobs, workers)
-    progress("scoring both predictors on them")
     predictors = {name: read_package(path) for name, path in packages.items()}
     return {
         "unit": "N",
