@@ -23,6 +23,8 @@ from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.range_sensor import NO_SAMPLE
 from wakedeploy.rig import parse_rig
 
+LATE_S = 0.1  # the deadman holds after 62 ms of silence and takes thrust away after 125 ms
+
 
 class PtyPort:
     """A pseudo-terminal seen from the board: bytes in and out, and when the host opens it."""
@@ -111,9 +113,15 @@ class VirtualGantry:
 
     def run(self) -> None:
         """Step until standard input is closed; a step that is late is made up for, time is time."""
-        self._origin_s = time.monotonic()
+        self._origin_s, latest_s = time.monotonic(), 0.0
         while self._serve_until(self._origin_s + self._plant.t_s):
+            latest_s = max(latest_s, time.monotonic() - self._origin_s - self._plant.t_s)
             self._step()
+        if latest_s > LATE_S:
+            sys.stderr.write(
+                f"The virtual gantry was up to {latest_s:.2f} s late: this computer is too slow or "
+                "too busy for it, and faults or errors of this run may come from that alone.\n"
+            )
 
     def _serve_until(self, deadline_s: float) -> bool:
         """Answer the host until the next step is due; False when the run has ended."""

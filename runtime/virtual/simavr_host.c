@@ -12,6 +12,7 @@
 #include <string.h>
 
 #include <simavr/avr_adc.h>
+#include <simavr/avr_extint.h>
 #include <simavr/avr_ioport.h>
 #include <simavr/avr_timer.h>
 #include <simavr/avr_uart.h>
@@ -130,6 +131,14 @@ static void tick_changed(avr_irq_t *irq, uint32_t is_running, void *param) {
     longest_tick = avr->cycle - tick_began;
 }
 
+/* The step and direction pins are those of two external interrupts, too, which the sketch does not use.
+   While one is low, simavr would wake the core in every cycle to see whether it is to interrupt: ten
+   times slower, too slow for real time on a slow computer. */
+static void ignore_external_interrupts(void) {
+  avr_extint_set_strict_lvl_trig(avr, 0, 0);
+  avr_extint_set_strict_lvl_trig(avr, 1, 0);
+}
+
 static void watch_pins(void) {
   avr_irq_register_notify(avr_get_interrupt_irq(avr, TIMER2_COMPA) + AVR_INT_IRQ_RUNNING,
                           tick_changed, NULL);
@@ -190,6 +199,7 @@ int sim_start(const char *elf) {
   avr->vcc = avr->avcc = avr->aref = 5000;
   avr->sleep = sleep_in_virtual_time;
   repair_timer1();
+  ignore_external_interrupts();
   watch_pins();
   connect_uart();
   return 0;
@@ -212,6 +222,7 @@ int sim_run(uint64_t until) {
    chip's register of resets, at 0x54, says then is `reset_flags`: bootloaders differ in what they leave. */
 void sim_open_port(uint64_t boot_cycles, uint8_t reset_flags) {
   avr_reset(avr);
+  ignore_external_interrupts(); /* a reset forgets it */
   avr->data[0x54] = reset_flags;
   note_edge(9, 0), note_edge(10, 0), note_edge(2, 0), note_edge(3, 0);
   compare[0].waits = compare[1].waits = 0;

@@ -1,6 +1,7 @@
 """The virtual gantry over a real pseudo-terminal and socket, in a process of its own."""
 
 import itertools
+import re
 import sys
 import tempfile
 import threading
@@ -290,3 +291,22 @@ def test_no_thread_is_left_behind(gantry):
     link.close()
     source.close()
     assert threading.active_count() == before
+
+
+def test_a_plant_that_falls_behind_says_that_the_computer_is_to_blame(tmp_path, monkeypatch, capfd):
+    (tmp_path / "stalls.py").write_text(
+        "import time\nat_s = [0.3]\n"
+        "def force(t_s, state):\n"
+        "    if at_s and t_s > at_s[0]:\n"
+        "        at_s.clear()\n"
+        "        time.sleep(0.25)\n"
+        "    return 0.0\n"
+        "def hooks():\n    return {'force_hook': force}\n"
+    )
+    monkeypatch.chdir(tmp_path)
+    with VirtualGantryProcess(default_rig(), seed=0, hooks="stalls:hooks"):
+        time.sleep(1.0)
+    said = capfd.readouterr().err
+    late = re.search(r"up to (\d+\.\d\d) s late: this computer is too slow or too busy", said)
+    assert late is not None
+    assert 0.2 < float(late[1]) < 5.0
