@@ -1,12 +1,13 @@
 """Changes the firmware's decisions one token at a time and asks the tests whether they notice.
 
-    python tests/firmware/mutants.py [--every N] [--start N] [--listed] [--workers N]
-        [--json docs/mutants.json]
+    python tests/firmware/mutants.py [--every N] [--start N] [--listed | --again]
+        [--workers N] [--json docs/mutants.json]
 
 Prints the mutants that survive. Those in `EQUIVALENT` behave as the original does: each has to
 survive and does not count. Exits 1 when fewer than nine in ten of the others are noticed or when a
 listed one is, 2 when nothing can be judged. `--listed` tries the list alone, as is due after a
-change of the sketch. The record of the last whole run is docs/mutants.json.
+change of the sketch; `--again` the survivors of the record, after a change of the tests. The record
+of the last whole run is docs/mutants.json.
 """
 
 import argparse
@@ -22,6 +23,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
@@ -65,6 +67,26 @@ STATEMENT = re.compile(rf"^\s+(?!{DECLARATION})[\w.\[\]]+(\(.*\)| [-+^]?= .*);$"
 # Changes that cannot be seen from outside, and why: file, line before, line after.
 Change = tuple[str, str, str]
 EQUIVALENT: dict[Change, str] = {
+    (
+        "session.h",
+        "uint16_t last_sequence_ = 0;",
+        "uint16_t last_sequence_ = 1;",
+    ): "a greeting sets it, and before one nothing is heard",
+    (
+        "session.h",
+        "bool may_arm_ = false;",
+        "bool may_arm_ = true;",
+    ): "a greeting sets it, and before one nothing is heard",
+    (
+        "tick_limits.cpp",
+        "const bool source_is_slower = arm.source_descent_ms > arm.sufferer_descent_ms;",
+        "const bool source_is_slower = arm.source_descent_ms >= arm.sufferer_descent_ms;",
+    ): "equal is equal",
+    (
+        "stepper.h",
+        "int32_t phase_ = 0;",
+        "int32_t phase_ = 1;",
+    ): "a part of a step in 655 million",
     (
         "deadman.cpp",
         "if (expected_in_quarters_ <= 0) {",
@@ -247,7 +269,7 @@ def unmatched(every: Sequence[Mutant]) -> list[Change]:
     return [change for change in EQUIVALENT if sum(m.change == change for m in every) != 1]
 
 
-def judged(fates: Sequence[tuple[Mutant, str]]) -> dict[str, object]:
+def judged(fates: Sequence[tuple[Mutant, str]]) -> dict[str, Any]:
     """The record of a run: how many were tried and noticed, and which of them say something."""
     programs = [(mutant, end) for mutant, end in fates if end != "no program"]
     real = [(mutant, end) for mutant, end in programs if mutant.change not in EQUIVALENT]
@@ -284,6 +306,30 @@ def tried(wanted: Sequence[Mutant], workers: int) -> list[tuple[Mutant, str]]:
     return fates
 
 
+def tried_again(record: dict[str, Any], every: Sequence[Mutant], workers: int) -> dict[str, Any]:
+    """The record of a whole run, with what tests added since notice of its survivors.
+
+    SystemExit (2) when it is of other decisions or of some mutants only.
+    """
+    judged_then = record["tried"] + record["no_program"]
+    judged_then += len(record["equivalent"]) + len(record["wrongly_listed"])
+    if record["decisions"] != digest_of_decisions() or judged_then != len(every):
+        print("The record is of other decisions, or of some mutants only.", file=sys.stderr)
+        sys.exit(2)
+    now = judged(tried([m for m in every if str(m) in record["survived"]], workers))
+    of = record["tried"] - len(now["equivalent"]) - len(now["wrongly_listed"])
+    noticed = of - len(now["survived"])
+    more = ("timed_out", "wrongly_listed")
+    return record | {
+        "tried": of,
+        "noticed": noticed,
+        "share": noticed / of,
+        "survived": now["survived"],
+        "equivalent": record["equivalent"] | now["equivalent"],
+        **{key: record[key] + now[key] for key in more},
+    }
+
+
 def digest_of_decisions() -> str:
     """Which code a record is of: the decisions', comments and all."""
     files = sorted(f"{name}{suffix}" for name in DECISIONS for suffix in (".cpp", ".h"))
@@ -296,6 +342,9 @@ def main() -> None:
     parser.add_argument("--every", type=int, default=1, help="try every Nth mutant only")
     parser.add_argument("--start", type=int, default=0, help="begin with this one")
     parser.add_argument("--listed", action="store_true", help="try those in EQUIVALENT only")
+    parser.add_argument(
+        "--again", action="store_true", help="try what survived in the record at --json, no more"
+    )
     parser.add_argument("--workers", type=int, default=os.cpu_count(), help="mutants at a time")
     parser.add_argument("--json", type=Path, help="write the record here")
     asked = parser.parse_args()
@@ -304,8 +353,11 @@ def main() -> None:
         print(f"in EQUIVALENT, and no such mutant or several: {change}", file=sys.stderr)
     if gone:
         sys.exit(2)
-    wanted = [m for m in every if m.change in EQUIVALENT] if asked.listed else every
-    record = judged(tried(wanted[asked.start :: asked.every], asked.workers))
+    if asked.again:
+        record = tried_again(json.loads(asked.json.read_text()), every, asked.workers)
+    else:
+        wanted = [m for m in every if m.change in EQUIVALENT] if asked.listed else every
+        record = judged(tried(wanted[asked.start :: asked.every], asked.workers))
     print(
         f"{record['noticed']} of {record['tried']} mutants noticed, {len(record['timed_out'])} of "
         f"them by running out of time; {len(record['equivalent'])} are equivalent."

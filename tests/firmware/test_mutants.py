@@ -15,6 +15,7 @@ from mutants import (
     digest_of_decisions,
     fate,
     judged,
+    tried_again,
     unmatched,
 )
 
@@ -47,6 +48,27 @@ def test_a_listed_change_that_is_noticed_is_an_error(end: str) -> None:
     record = judged([(LISTED, end)])
     assert record["wrongly_listed"] == [str(LISTED)]
     assert record["equivalent"] == {}
+
+
+def test_tests_that_were_added_are_asked_about_the_survivors_alone(monkeypatch) -> None:
+    one, other, *_ = OTHERS
+    ends = [(m, "killed") for m in ALL if m not in (one, other, LISTED)]
+    before = judged([*ends, *((m, "survived") for m in (one, other))])
+    before |= {"decisions": digest_of_decisions(), "equivalent": {"what was known then": ""}}
+    asked = []
+
+    def tried(wanted, workers):
+        asked.extend(wanted)
+        return [(m, "survived" if m == one else "killed") for m in wanted]
+
+    monkeypatch.setattr(mutants, "tried", tried)
+    after = tried_again(before, ALL, 1)
+    assert set(asked) == {one, other}
+    assert (after["noticed"], after["tried"]) == (before["noticed"] + 1, before["tried"])
+    assert after["survived"] == [str(one)]
+    for spoilt in ({"decisions": "others"}, {"tried": before["tried"] - 1}):
+        with pytest.raises(SystemExit):
+            tried_again(before | spoilt, ALL, 1)
 
 
 @pytest.fixture
