@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from trainers.model import Predictor
 from trainers.predict import predict
-from trainers.tape import lay_tape
+from trainers.tape import Tape, lay_tape
 from trainers.targets import shift_ahead
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.episodes import OBSERVER, EpisodeSet
 
 LABEL_SD = "force_sd_n"  # extra array of sets whose labels are estimates: their standard deviation
 
@@ -37,14 +38,42 @@ def score(
     """
     steps = data.warm_up_steps if warm_up is None else warm_up
     tape = lay_tape(data, split, lead_s, steps)
+    return _compared(predict(predictor, tape), tape, data, split, lead_s, steps)
+
+
+def unlearned(
+    data: EpisodeSet, split: str, lead_s: float, warm_up: int | None = None
+) -> dict[str, Score]:
+    """What has learned nothing, on the same samples: zero, and the observer that a set may carry.
+
+    A network that does not beat them has learned nothing of use. Raises as `score` does.
+    """
+    steps = data.warm_up_steps if warm_up is None else warm_up
+    tape = lay_tape(data, split, lead_s, steps)
+    told = {"zero": torch.zeros_like(tape.force)}
+    episodes = data.part(split)
+    if all(OBSERVER in e.extras for e in episodes):
+        counts = [len(shift_ahead(e.force, lead_s, data.rate_hz)) for e in episodes]
+        both = zip(episodes, counts, strict=True)
+        seen = [e.extras[OBSERVER][:count] for e, count in both if count > steps]
+        told["no-learning observer"] = torch.tensor(np.concatenate(seen)).reshape(tape.force.shape)
+    return {
+        name: _compared(forces, tape, data, split, lead_s, steps) for name, forces in told.items()
+    }
+
+
+def _compared(
+    forces: Tensor, tape: Tape, data: EpisodeSet, split: str, lead_s: float, warm_up: int
+) -> Score:
+    """Forces (N, o) of every sample of the tape against its own, after the warm-up."""
     truth = tape.force[tape.scored].double()  # (M, o)
-    error = predict(predictor, tape)[tape.scored].double() - truth  # (M, o)
+    error = forces[tape.scored].double() - truth  # (M, o)
     rmse, spread = error.square().mean(0).sqrt(), truth.std(0, unbiased=False)
     names = [channel.name for channel in data.force]
     return Score(
         rmse=dict(zip(names, rmse.tolist(), strict=True)),
         r2=dict(zip(names, _r2(rmse, spread), strict=True)),
-        ceiling=_ceiling(data, split, lead_s, steps, spread),
+        ceiling=_ceiling(data, split, lead_s, warm_up, spread),
         samples=len(truth),
     )
 

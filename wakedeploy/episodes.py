@@ -29,6 +29,7 @@ SCHEMA = 1
 DESCRIPTION = "dataset.json"
 SPLITS = ("train", "validation", "test")
 WINDOW_SNAPSHOTS = 30
+OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
 
 _EPISODE_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 _EXTRA_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}")

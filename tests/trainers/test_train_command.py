@@ -5,11 +5,12 @@ import json
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.episodes import OBSERVER, EpisodeSet
 
 ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
 ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256"}
@@ -55,6 +56,34 @@ def test_evaluating_the_test_split_repeats_what_training_found(folder: Path) -> 
     )
     for before, after in zip(trained, evaluated, strict=True):
         assert before | {"seconds": 0.0} == after | {"seconds": 0.0}
+
+
+def test_what_learned_nothing_stands_beside_what_did(folder: Path, echo: EpisodeSet) -> None:
+    """Zero errs by the force's own size; an observer by what it tells now of the force then."""
+    later, steps = round(0.05 * echo.rate_hz), echo.warm_up_steps
+
+    def observing(episode):
+        return dataclasses.replace(episode, extras={OBSERVER: 0.5 * episode.force})
+
+    observed = dataclasses.replace(
+        echo, provenance={"default_lead_s": 0.05}, episodes=tuple(map(observing, echo.episodes))
+    )
+    observed.write(folder / "observed")
+    told = json.loads((folder / "train.json").read_text())["unlearned"]
+    assert [row["predictor"] for row in told] == ["zero"]
+    done = wakedeploy(
+        "evaluate", folder / "runs", "--data", folder / "observed", "--json", folder / "both.json"
+    )
+    assert done.exit_code == 0, done.output
+    assert "no-learning observer" in done.output
+    zero, observer = json.loads((folder / "both.json").read_text())["unlearned"]
+    then = [e.force[steps + later :, 0] for e in echo.part("test")]
+    now = [0.5 * e.force[steps:-later, 0] for e in echo.part("test")]
+    truth, seen = np.concatenate(then).astype(float), np.concatenate(now).astype(float)
+    assert zero["rmse"]["f_n"] == pytest.approx(np.sqrt(np.mean(truth**2)), rel=1e-6)
+    assert told[0]["rmse"] == pytest.approx(zero["rmse"])
+    assert observer["rmse"]["f_n"] == pytest.approx(np.sqrt(np.mean((truth - seen) ** 2)), rel=1e-6)
+    assert zero["lead_s"] == observer["lead_s"] == 0.05
 
 
 def test_one_run_folder_and_every_split_can_be_evaluated(folder: Path) -> None:

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import progress, write_json
-from wakedeploy.cli.train import print_scores, score_row
+from wakedeploy.cli.train import print_scores, score_row, unlearned_rows
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from trainers.runs import RunConfig, TrainedRun
-    from trainers.score import Score
     from wakedeploy.episodes import EpisodeSet
 
 
@@ -31,7 +30,8 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     """Score the finished runs at or below RUNS on the episodes of a set.
 
     Every run is asked for the force at its own lead; all are scored on the same samples, after
-    one common warm-up. Seconds are those of the evaluation.
+    one common warm-up. Beside them: predicting nothing, and a set's observer of the sufferer's
+    motion, which learn nothing. Seconds are those of the evaluation.
 
     \b
     Example:
@@ -39,22 +39,28 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
         wakedeploy evaluate runs/gantry/gru/s0 --data sets/measured --split all
     """
     from trainers.runs import finished_runs, load_run
+    from trainers.score import unlearned
     from wakedeploy.episodes import read_episode_set
 
     episodes = read_episode_set(data)
     trained = [load_run(folder) for folder in _that_fit(finished_runs(runs), episodes, data)]
     trained.sort(key=_place_in_table)
     warm_up = max(episodes.warm_up_steps, *(run.config.warm_up_steps for run in trained))
-    rows, scores = [], []
+    rows = []
     with progress("Evaluating", len(trained)) as bar:
         for run in trained:
-            row, score = _evaluate(run, episodes, split, warm_up)
-            rows.append(row)
-            scores.append(score)
+            rows.append(_evaluate(run, episodes, split, warm_up))
             bar.advance()
-    _print(f"{data}: {split} episodes", trained, rows, scores)
+    nothing_learned = []
+    # One table for each lead, since forces at different times do not compare.
+    for lead_s in sorted({run.config.lead_s for run in trained}):
+        scored = unlearned(episodes, split, lead_s, warm_up)
+        nothing_learned += unlearned_rows(scored, lead_s)
+        at = [row for row in rows if row["lead_s"] == lead_s]
+        title = f"{data}: {split} episodes, force {lead_s:g} s ahead"
+        print_scores(title, at, trained[0].config, scored)
     if json_path:
-        write_json(json_path, {"rows": rows})
+        write_json(json_path, {"rows": rows, "unlearned": nothing_learned})
 
 
 def _that_fit(folders: list[Path], episodes: "EpisodeSet", data: Path) -> list[Path]:
@@ -99,27 +105,9 @@ def _listed(channels: list[tuple[str, str]]) -> str:
 
 def _evaluate(
     run: "TrainedRun", episodes: "EpisodeSet", split: str, warm_up: int
-) -> tuple[dict[str, Any], "Score"]:
+) -> dict[str, Any]:
     from trainers.score import score
 
     began = time.monotonic()
     result = score(run.predictor, episodes, split, run.config.lead_s, warm_up)
-    seconds = time.monotonic() - began
-    return score_row(run, split, result.rmse, result.r2, seconds), result
-
-
-def _print(
-    title: str,
-    trained: list["TrainedRun"],
-    rows: list[dict[str, Any]],
-    scores: list["Score"],
-) -> None:
-    """One table for each lead, since forces at different times do not compare."""
-    for lead_s in sorted({run.config.lead_s for run in trained}):
-        at = [i for i, run in enumerate(trained) if run.config.lead_s == lead_s]
-        print_scores(
-            f"{title}, force {lead_s:g} s ahead",
-            [rows[i] for i in at],
-            trained[at[0]].config,
-            scores[at[0]].ceiling,
-        )
+    return score_row(run, split, result.rmse, result.r2, time.monotonic() - began)

@@ -1,7 +1,7 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from trainers.fit import FitSettings
     from trainers.preset import Preset
     from trainers.runs import RunConfig, TrainedRun
+    from trainers.score import Score
     from wakedeploy.episodes import EpisodeSet
 
 
@@ -90,6 +91,7 @@ def command(
     import torch
 
     from trainers.preset import chosen_preset
+    from trainers.score import unlearned
     from trainers.training import configure, stated_lead_s, train
     from wakedeploy.episodes import read_episode_set
 
@@ -119,7 +121,14 @@ def command(
         with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
             run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
             runs.append(run)
-    _report(runs, data, out, lead_s, json_path, preset)
+    nothing_learned = unlearned(episodes, "test", lead_s)
+    title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
+    rows = [_row(run) for run in runs]
+    print_scores(title, rows, runs[0].config, nothing_learned)
+    if json_path:
+        how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
+        lines = {"rows": rows, "unlearned": unlearned_rows(nothing_learned, lead_s)}
+        write_json(json_path, how | lines)
 
 
 def _settings(
@@ -189,23 +198,6 @@ def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
     return overrides
 
 
-def _report(
-    runs: list["TrainedRun"],
-    data: Path,
-    out: Path,
-    lead_s: float,
-    json_path: Path | None,
-    preset: str,
-) -> None:
-    rows = [_row(run) for run in runs]
-    title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
-    print_scores(title, rows, runs[0].config, runs[0].metrics.test_r2_ceiling)
-    if json_path:
-        sha256 = runs[0].config.data_sha256
-        how = {"preset": preset, "lead_s": lead_s, "data_sha256": sha256}
-        write_json(json_path, how | {"rows": rows})
-
-
 def _row(run: "TrainedRun") -> dict[str, Any]:
     """One line of the machine-readable table; `seconds` is the time that training took."""
     return score_row(
@@ -247,17 +239,18 @@ def print_scores(
     title: str,
     rows: list[dict[str, Any]],
     config: "RunConfig",
-    ceiling: dict[str, float] | None,
+    unlearned: Mapping[str, "Score"],
 ) -> None:
-    """One line for each configuration, mean ± spread over its seeds."""
+    """What has learned nothing, then each configuration, mean ± spread over its seeds."""
     columns = ["architecture", "trainable", "frozen"]
+    ceiling = unlearned["zero"].ceiling
     for channel in config.force:
         limit = f" (ceiling {ceiling[channel.name]:.3f})" if ceiling else ""
         columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}{limit}"]
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
         groups.setdefault(json.dumps([row["arch"], _told_apart_by(row)]), []).append(row)
-    table = []
+    table = [_unlearned_line(name, scored, config) for name, scored in unlearned.items()]
     for own in groups.values():
         alike = [_told_apart_by(row) for row in rows if row["arch"] == own[0]["arch"]]
         differs = what_differs(_told_apart_by(own[0]), alike)
@@ -268,6 +261,22 @@ def print_scores(
             line.append(mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
         table.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
     print_table(title, [*columns, "seconds"], table)
+
+
+def _unlearned_line(name: str, scored: "Score", config: "RunConfig") -> list[str]:
+    line = [name, "", ""]
+    for channel in config.force:
+        line.append(mean_and_spread([scored.rmse[channel.name]], ".4g"))
+        line.append(mean_and_spread([scored.r2[channel.name]], ".4f"))
+    return [*line, ""]
+
+
+def unlearned_rows(unlearned: Mapping[str, "Score"], lead_s: float) -> list[dict[str, Any]]:
+    """The same for `--json`."""
+    return [
+        {"predictor": name, "lead_s": lead_s, "rmse": scored.rmse, "r2": scored.r2}
+        for name, scored in unlearned.items()
+    ]
 
 
 def _told_apart_by(row: dict[str, Any]) -> dict[str, Any]:

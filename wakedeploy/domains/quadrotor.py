@@ -26,7 +26,7 @@ from wakedeploy.domains.flaredw import (
     read_flights,
     thrust_n,
 )
-from wakedeploy.episodes import SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.episodes import OBSERVER, SPLITS, Channel, Episode, EpisodeSet
 from wakedeploy.files import sha256_of
 
 WINDOW_S = 0.5
@@ -153,7 +153,7 @@ def _episode(name: str, flight: Flight) -> Episode:
         features(flight.source, flight.sufferer).astype(np.float32),
         flight.label.astype(np.float32),
         {
-            "observer_n": observed_force(flight.sufferer).astype(np.float32),
+            OBSERVER: observed_force(flight.sufferer).astype(np.float32),
             "thrust_valid": valid.astype(np.float32),
         },
     )

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.episodes import OBSERVER, EpisodeSet
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import (
     R2,
@@ -28,7 +28,6 @@ MEMORYLESS = "agile-mlp"
 SOURCE_ONLY = ", source's past only"
 VALID = "thrust_valid"  # extra of sets whose label leans on a curve that does not hold everywhere
 VALID_ONLY = "where the thrust curve holds"
-OBSERVER = "observer_n"  # extra of sets whose sufferer's motion tells a force without learning
 # Domains of which one force channel is told: there the others are mostly noise of the label, or
 # there are none. Elsewhere all count alike.
 MAIN = {"quadrotor": "force_z_n", "crazyflie": "force_z_n", "fish": "flag_tip_m"}

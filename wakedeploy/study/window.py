@@ -30,9 +30,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.episodes import EpisodeSet, window_shape
+from wakedeploy.episodes import OBSERVER, EpisodeSet, window_shape
 from wakedeploy.errors import UnusableInput
-from wakedeploy.study.domains import MEMORYLESS, OBSERVER, hidings, label
+from wakedeploy.study.domains import MEMORYLESS, hidings, label
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
