@@ -28,7 +28,13 @@ from wakedeploy.study.delay import (
     learned,
     trend,
 )
-from wakedeploy.study.delay_figure import attention_sentence, delay_sentence, delay_summary, draw
+from wakedeploy.study.delay_figure import (
+    attention_sentence,
+    attention_summary,
+    delay_sentence,
+    delay_summary,
+    draw,
+)
 from wakedeploy.study.sets import Domain
 
 RATE_HZ, SPEED_MPS = 20.0, 5.0
@@ -228,6 +234,19 @@ def test_the_papers_peak_stands_beside_the_attention() -> None:
     assert other.count("which does not agree") == 2
     assert "2.5 times the uniform weight" in other
     assert "paper" not in told("gantry", 0.2, 0.6, 0.18, 0.01, 0.01)
+
+
+def test_how_far_the_seeds_peaks_lie_apart_is_told() -> None:
+    ages_s = np.array([0.4, 0.3, 0.2, 0.1, 0.0])
+    weights = np.array(
+        [[0.1, 0.5, 0.2, 0.1, 0.1], [0.5, 0.1, 0.1, 0.2, 0.1], [0.0, 0.4, 0.1, 0.1, 0.4]]
+    )
+    look = Attended("gantry", ages_s, weights, Transport(0.24, 0.2, 0.3), 0.0)
+    assert look.peaks_s == (0.3, 0.3, 0.4)  # the present is left out
+    assert look.as_json()["peaks_s"] == [0.3, 0.3, 0.4]
+    assert "0.300 s (0.300 to 0.400 s over 3 seeds) ago" in attention_sentence([look])
+    columns, rows = attention_summary([look])
+    assert rows[0][columns.index("over the seeds [s]")] == "0.300 to 0.400"
 
 
 @pytest.mark.usefixtures("one_process")

@@ -81,6 +81,11 @@ class Attended:
         return float(self.ages_s[np.argmax(self.mean_weights[:-1])])
 
     @property
+    def peaks_s(self) -> tuple[float, ...]:
+        """The same of each seed, ascending."""
+        return tuple(sorted(self.ages_s[self.weights[:, :-1].argmax(1)].tolist()))
+
+    @property
     def mean_age_s(self) -> float:
         """The mean age of what is looked at, the present included."""
         return float(self.mean_weights @ self.ages_s)
@@ -94,7 +99,8 @@ class Attended:
         """What is told of the weights; they themselves are in the study's CSV file."""
         told: dict[str, Any] = {"domain": self.domain, "transport": asdict(self.transport)}
         told |= {"source_lag_s": self.source_lag_s, "present": self.present}
-        return told | {"peak_s": self.peak_s, "mean_age_s": self.mean_age_s}
+        told |= {"peak_s": self.peak_s, "peaks_s": [*self.peaks_s]}
+        return told | {"mean_age_s": self.mean_age_s}
 
 
 @dataclass(frozen=True)

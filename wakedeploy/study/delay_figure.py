@@ -158,12 +158,20 @@ def attention_sentence(looks: Sequence[Attended]) -> str:
         told.append(
             f"On {look.domain} the wake takes {_interval(look.transport)}{lag}; Cross-Attention "
             f"gives the present {100 * look.present:.0f} % of its weight, beyond it most to the "
-            f"snapshot of {look.peak_s:.3f} s ago, and looks {look.mean_age_s:.3f} s back on "
+            f"snapshot of {_peak(look)} ago, and looks {look.mean_age_s:.3f} s back on "
             f"average ({uniform_s:.3f} s if all weights were equal)."
         )
         if look.domain == PAPER_DOMAIN:
             told.append(_attention_in_the_paper(look))
     return " ".join(told)
+
+
+def _peak(look: Attended) -> str:
+    """The peak of the mean over the seeds, and between which ages their own lie."""
+    low_s, high_s = look.peaks_s[0], look.peaks_s[-1]
+    seeds = len(look.peaks_s)
+    own = "" if seeds < 2 else f" ({low_s:.3f} to {high_s:.3f} s over {seeds} seeds)"
+    return f"{look.peak_s:.3f} s{own}"
 
 
 def _attention_in_the_paper(look: Attended) -> str:
@@ -255,7 +263,8 @@ def _delay_in_the_paper(lines: Sequence[Learned]) -> str:
 def attention_summary(looks: Sequence[Attended]) -> tuple[list[str], list[list[str]]]:
     """One line per domain."""
     columns = ["domain", "transport delay [s], 5 % to 95 %", "and source's lag [s]"]
-    columns += ["weight of the present", "peak beyond it [s]", "mean age [s]"]
+    columns += ["weight of the present", "peak beyond it [s]", "over the seeds [s]"]
+    columns += ["mean age [s]"]
     rows = [
         [
             look.domain,
@@ -263,6 +272,7 @@ def attention_summary(looks: Sequence[Attended]) -> tuple[list[str], list[list[s
             f"{look.transport.mean_s + look.source_lag_s:.3f}",
             f"{look.present:.3f}",
             f"{look.peak_s:.3f}",
+            f"{look.peaks_s[0]:.3f} to {look.peaks_s[-1]:.3f}",
             f"{look.mean_age_s:.3f}",
         ]
         for look in looks
