@@ -46,10 +46,17 @@ def started(*arguments):
     )
 
 
+def begun(log):
+    try:
+        return log.exists() and len(read_run_log(log)) > 0
+    except UnusableInput:  # its first bytes are still to come
+        return False
+
+
 def flying_for(log, seconds):
     """Wait until the log on the disk has grown for so long, then some more."""
     end_s = time.monotonic() + 30.0
-    while not (log.exists() and len(read_run_log(log)) > 0):
+    while not begun(log):
         assert time.monotonic() < end_s, "the run never began"
         time.sleep(0.05)
     time.sleep(seconds)

@@ -14,10 +14,11 @@ import pytest
 
 pytest.importorskip("distributed", reason="dask is not installed: pip install '.[cluster]'")
 
+import distributed
 from distributed.scheduler import KilledWorker
 
 import wakedeploy as package
-from trainers.runs import load_run
+from trainers.runs import TRAINING, load_run
 from trainers.training import configure, settings_for, train
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.errors import CheckFailed, installs
@@ -262,25 +263,64 @@ def test_an_unusable_cluster_is_told_before_anything_is_written(
 
 
 HERE = platform.python_version()
-FITS = {"wakedeploy": package.__version__, "torch": "there"}
+FITS = {"wakedeploy": package.__version__, "torch": "2.13.0", "training": TRAINING, "cuda": False}
 
 
 @pytest.mark.parametrize(
-    ("python", "libraries", "says"),
+    ("python", "there", "device", "says"),
     [
-        (f"{HERE}.final.0", FITS, None),
-        ("3.9.1.final.0", None, "The worker tcp://b runs Python 3.9, and this is 3."),
-        (HERE, FITS | {"wakedeploy": None}, "The worker tcp://b has no wakedeploy; install"),
-        (HERE, FITS | {"torch": None}, "The worker tcp://b has no torch; install"),
-        (HERE, FITS | {"wakedeploy": "9.9"}, "The worker tcp://b has wakedeploy 9.9, and this is"),
+        (f"{HERE}.final.0", FITS, "auto", None),
+        ("3.9.1.final.0", None, "auto", "The worker tcp://b runs Python 3.9, and this is 3."),
+        (HERE, FITS | {"wakedeploy": None}, "auto", "The worker tcp://b has no wakedeploy; inst"),
+        (HERE, FITS | {"torch": None}, "auto", "The worker tcp://b has no torch; install"),
+        (HERE, FITS | {"wakedeploy": "9.9"}, "auto", "The worker tcp://b has wakedeploy 9.9, and"),
+        (HERE, FITS | {"training": 0}, "auto", "The worker tcp://b trains by revision 0 of the"),
+        (HERE, FITS, "cuda", "The worker tcp://b has no CUDA; leave --device out"),
+        (HERE, FITS | {"cuda": True}, "cuda", None),
     ],
 )
-def test_workers_that_do_not_fit(python: str, libraries: dict | None, says: str | None) -> None:
-    told = misfit(
-        {"tcp://a": HERE, "tcp://b": python},
-        None if libraries is None else {"tcp://a": FITS, "tcp://b": libraries},
-    )
+def test_workers_that_do_not_fit(
+    python: str, there: dict | None, device: str, says: str | None
+) -> None:
+    told = misfit("tcp://b", python, there, device)
     assert (told is None) if says is None else (told or "").startswith(says)
+
+
+def test_all_workers_are_looked_at_and_those_that_do_not_fit_once(
+    machines: Machines, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside one that fits another is told of, not an error; each is looked at a single time."""
+    other, told, looks = tmp_path / "other.py", list[str](), list[set[str]]()
+    other.write_text("import wakedeploy\nwakedeploy.__version__ = '0.0.9'\n")
+    for options in ((), ("--preload", str(other))):
+        machines.worker(*options)
+    with distributed.Client(machines.address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    problems = cluster._problems
+
+    def looked(client: object, names: list[str], device: str) -> dict[str, str | None]:
+        looks.append(set(names))
+        return problems(client, names, device)
+
+    monkeypatch.setattr(cluster, "_problems", looked)
+    # A client of some releases tells of five workers by default; of one here.
+    whole = distributed.Client.scheduler_info
+
+    def few(self: object, n_workers: int = 1, **more: object) -> dict:
+        info = whole(self, n_workers=-1, **more)
+        kept = list(info["workers"].items())[: n_workers if n_workers >= 0 else None]
+        return info | {"workers": dict(kept)}
+
+    monkeypatch.setattr(distributed.Client, "scheduler_info", few)
+    executor = Cluster(machines.address, told.append)
+    try:
+        assert len(executor._admit()) == 0
+    finally:
+        executor.cancel()
+    assert len(looks) == 1
+    assert len(looks[0]) == 2
+    (sentence,) = told
+    assert "has wakedeploy 0.0.9" in sentence
 
 
 def test_a_job_that_takes_its_workers_along_is_given_up(small: Path) -> None:

@@ -88,8 +88,8 @@ def test_rows_of_another_commit_are_kept_and_told_of(
     told = sweep_with(3)
     assert "; 1 were run now" in told.output
     assert (
-        "Rows that were kept are of another commit than this one, def: 2 by abc-dirty; a new --out"
-        " does their jobs again.\n" in told.stderr
+        "Rows are of another commit than this one, def: 2 by abc-dirty; a new --out, on workers of"
+        " this commit, does their jobs again.\n" in told.stderr
     )
     monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "")
     assert "of another commit" not in sweep_with(1).stderr

@@ -184,7 +184,9 @@ def _executor(out: Path, workers: int | None, scheduler: str | None, device: str
         from wakedeploy.sweep.cluster import Cluster
 
         return Cluster(
-            scheduler, on_misfit=lambda told: click.echo(f"{told} It gets no job.", err=True)
+            scheduler,
+            on_misfit=lambda told: click.echo(f"{told} It gets no job.", err=True),
+            device=device,
         )
     from trainers.device import require_cuda
     from wakedeploy.sweep.executor import LocalProcesses
@@ -226,8 +228,8 @@ def _tell_of_other_commits(report: "Report") -> None:
     if others:
         made = ", ".join(f"{count} by {commit}" for commit, count in sorted(others.items()))
         click.echo(
-            f"Rows that were kept are of another commit than this one, {present_commit()}: {made};"
-            " a new --out does their jobs again.",
+            f"Rows are of another commit than this one, {present_commit()}: {made}; a new --out, on"
+            " workers of this commit, does their jobs again.",
             err=True,
         )
 

@@ -18,6 +18,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import wakedeploy
+from trainers.runs import TRAINING
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, installs, one_line
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure
@@ -31,10 +32,10 @@ except ModuleNotFoundError as missing:
     ) from missing
 
 CONNECT_S = 5.0
-Library = str | None
 _POLL_S = 0.05
 _LOOK_S = 2.0  # between two looks at who has joined
 _FETCH_S = 1.0  # for a result to arrive; doubled with each attempt
+_FETCH_MOST_S = 30.0  # meanwhile no other job's row is written
 _NEEDED = ("wakedeploy", "torch")
 _ADMITTED = f"wakedeploy-{wakedeploy.__version__}"
 _NO_LIMIT = 1e9  # of jobs side by side: the resource admits, it does not count
@@ -51,26 +52,32 @@ class Cluster:
     """
 
     def __init__(
-        self, address: str, on_misfit: Callable[[str], None] = lambda sentence: None
+        self,
+        address: str,
+        on_misfit: Callable[[str], None] = lambda sentence: None,
+        *,
+        device: str = "auto",
     ) -> None:
-        """Connect and look at the workers.
+        """Connect and look at the workers; with `device` "cuda" only those that have it fit.
 
         Raises UnusableInput for a scheduler that cannot be reached within CONNECT_S, has no
-        worker, or whose workers lack wakedeploy or have another version of it or of Python.
+        worker, or has none that fits.
         """
-        self._address, self._on_misfit = address, on_misfit
+        self._address, self._on_misfit, self._device = address, on_misfit, device
         self._jobs: dict[str, tuple[Job, Any]] = {}  # with their futures
         self._sets: dict[str, Any] = {}
         self._fetches: collections.Counter[str] = collections.Counter()
-        self._told: set[str] = set()  # of workers that do not fit
+        self._refused: set[str] = set()  # addresses of workers that do not fit
+        self._told: set[str] = set()  # what was said of them
         # Lost workers and connections are this module's to tell of.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         self._client = _connected(address)
         try:
             _require_workers(self._client, address)
             problems = self._admit()
-            if problems:
+            if problems and len(problems) == len(self._workers()):
                 raise UnusableInput(problems[0])
+            self._tell(problems)
         except BaseException:
             self._client.close()
             raise
@@ -122,20 +129,33 @@ class Cluster:
         if time.monotonic() - self._looked < _LOOK_S:
             return
         with contextlib.suppress(OSError):  # of a scheduler or a worker that is just lost
-            for problem in self._admit():
-                if problem not in self._told:
-                    self._told.add(problem)
-                    self._on_misfit(problem)
+            self._tell(self._admit())
         self._looked = time.monotonic()
 
+    def _tell(self, problems: Collection[str]) -> None:
+        for problem in problems:
+            if problem not in self._told:
+                self._told.add(problem)
+                self._on_misfit(problem)
+
+    def _workers(self) -> Mapping[str, Any]:
+        """What the scheduler says of each worker, by its address."""
+        # Releases of a year told of five workers only, unless asked for all (distributed #9045).
+        workers: Mapping[str, Any] = self._client.scheduler_info(n_workers=-1)["workers"]
+        return workers
+
     def _admit(self) -> list[str]:
-        """Let workers that fit have jobs; what is wrong with the others, a sentence for each."""
-        there = self._client.scheduler_info()["workers"]
-        strangers = [name for name, told in there.items() if _ADMITTED not in told["resources"]]
-        problems = _problems(self._client, strangers) if strangers else {}
+        """Let new workers that fit have jobs; what is wrong with each of the others."""
+        strangers = [
+            name
+            for name, told in self._workers().items()
+            if _ADMITTED not in told["resources"] and name not in self._refused
+        ]
+        problems = _problems(self._client, strangers, self._device) if strangers else {}
         fit = [name for name, problem in problems.items() if problem is None]
         if fit:
             self._client.run(_admission(), workers=fit, on_error="ignore")
+        self._refused |= problems.keys() - set(fit)
         return [problem for problem in problems.values() if problem is not None]
 
     def _shipped(self, job: TrainJob) -> Any:
@@ -165,7 +185,7 @@ class Cluster:
         """
         self._fetches[job.identity] += 1
         try:
-            limit_s = _FETCH_S * 2 ** self._fetches[job.identity]
+            limit_s = min(_FETCH_S * 2 ** self._fetches[job.identity], _FETCH_MOST_S)
             outcome: Outcome = future.result(timeout=limit_s)
         except KilledWorker as error:
             return failure(job, f"{error.allowed_failures + 1} workers were lost while at it")
@@ -221,58 +241,79 @@ def _admission() -> Callable[[Any], Awaitable[None]]:
     return admit
 
 
-def _problems(client: Any, names: Collection[str]) -> dict[str, str | None]:
+def _problems(client: Any, names: Collection[str], device: str) -> dict[str, str | None]:
     """What keeps each of these workers from doing jobs, None if nothing does.
 
     Workers that are lost meanwhile are left out.
     """
     told = client.get_versions()["workers"]
-    pythons = {n: str(told[n]["host"]["python"]) for n in names if n in told}
-    problems = {name: misfit({name: python}, None) for name, python in pythons.items()}
+    # One that is just starting or ending may say nothing of itself; it is looked at again.
+    hosts = {name: told[name]["host"] for name in names if "host" in (told.get(name) or {})}
+    problems = {name: misfit(name, str(host["python"]), None) for name, host in hosts.items()}
     # Code that travels is understood by the same Python only.
     alike = [name for name, problem in problems.items() if problem is None]
     found = client.run(_looker(), workers=alike, on_error="ignore") if alike else {}
     others = {name: problem for name, problem in problems.items() if problem is not None}
-    return others | {name: misfit({}, {name: library}) for name, library in found.items()}
+    return others | {name: misfit(name, None, there, device) for name, there in found.items()}
 
 
 def misfit(
-    pythons: Mapping[str, str], libraries: Mapping[str, Mapping[str, Library]] | None
+    name: str,
+    python: str | None,
+    there: Mapping[str, Any] | None,
+    device: str = "auto",
 ) -> str | None:
-    """What keeps the workers from doing this machine's jobs, in one sentence; None if nothing does.
+    """What keeps a worker from doing this machine's jobs, in one sentence; None if nothing does.
 
-    `pythons` has each worker's version, `libraries` its versions of wakedeploy and torch, None
-    where one is missing.
+    `python` is its version, `there` what `_looker` found: its versions of wakedeploy and torch,
+    None where one is missing, the revision of its training code and whether it has CUDA. What is
+    None was not asked for.
     """
     own = ".".join(platform.python_version_tuple()[:2])
-    for name, version in pythons.items():
-        theirs = ".".join(version.split(".")[:2])
-        if theirs != own:  # neither functions nor results would be understood
-            return f"The worker {name} runs Python {theirs}, and this is {own}; use one for both."
-    for name, found in (libraries or {}).items():
-        for library in _NEEDED:
-            if found[library] is None:
-                return (
-                    f"The worker {name} has no {library}; install there, in wakedeploy's checkout:"
-                    " pip install --constraint constraints.txt '.[train,cluster]'."
-                )
-        if found["wakedeploy"] != wakedeploy.__version__:
+    if python is not None and (theirs := ".".join(python.split(".")[:2])) != own:
+        # Neither functions nor results would be understood.
+        return f"The worker {name} runs Python {theirs}, and this is {own}; use one for both."
+    if there is None:
+        return None
+    for library in _NEEDED:
+        if there[library] is None:
             return (
-                f"The worker {name} has wakedeploy {found['wakedeploy']}, and this is"
-                f" {wakedeploy.__version__}; install the same there."
+                f"The worker {name} has no {library}; install there, in wakedeploy's checkout:"
+                " pip install --constraint constraints.txt '.[train,cluster]'."
             )
+    if there["wakedeploy"] != wakedeploy.__version__:
+        return (
+            f"The worker {name} has wakedeploy {there['wakedeploy']}, and this is"
+            f" {wakedeploy.__version__}; install the same there."
+        )
+    if there["training"] != TRAINING:
+        return (
+            f"The worker {name} trains by revision {there['training']} of the training code, and"
+            f" this is {TRAINING}; install the same commit there."
+        )
+    if device == "cuda" and not there["cuda"]:
+        return f"The worker {name} has no CUDA; leave --device out, or start workers that have it."
     return None
 
 
-def _looker() -> Callable[[], dict[str, Library]]:
-    def look() -> dict[str, Library]:  # a closure travels as code: wakedeploy may be missing there
-        import importlib.util
-
+def _looker() -> Callable[[], dict[str, Any]]:
+    def look() -> dict[str, Any]:  # a closure travels as code: wakedeploy may be missing there
+        found: dict[str, Any] = {"wakedeploy": None, "torch": None, "training": None, "cuda": False}
         try:
             import wakedeploy as there
         except Exception:  # whatever is there, it is not what is needed
-            return {"wakedeploy": None, "torch": None}
-        torch = importlib.util.find_spec("torch")
-        return {"wakedeploy": there.__version__, "torch": None if torch is None else "there"}
+            return found
+        found["wakedeploy"] = there.__version__
+        try:
+            import torch
+
+            from trainers.runs import TRAINING as revision
+        except Exception:
+            return found
+        return found | {
+            "torch": torch.__version__,
+            "training": revision,
+            "cuda": torch.cuda.is_available(),
+        }
 
     return look

@@ -43,14 +43,12 @@ OnProgress = Callable[[int, int], None]
 class Report:
     """How a sweep ended: the rows of the jobs that the plan asks for, in the plan's order.
 
-    `waiting` counts trainings whose set could not be generated, `begun` the jobs done this time;
-    `kept` are the rows of jobs that had been done before.
+    `waiting` counts trainings whose set could not be generated, `begun` the jobs done this time.
     """
 
     rows: list[Row] = field(default_factory=list)
     waiting: int = 0
     begun: int = 0
-    kept: list[Row] = field(default_factory=list)
 
     @property
     def failed(self) -> list[Row]:
@@ -58,8 +56,11 @@ class Report:
         return [row for row in self.rows if row["state"] == "failed"]
 
     def of_other_commits(self, present: str) -> collections.Counter[str]:
-        """How many of the rows that were kept each other commit has made; those unknown aside."""
-        made_by = [row.get("commit") for row in self.kept]
+        """How many of the rows each other commit has made; those unknown aside.
+
+        Earlier sweeps into this folder have, or workers of a cluster with another checkout.
+        """
+        made_by = [row.get("commit") for row in self.rows]
         known = [commit for commit in made_by if commit and present]
         return collections.Counter(commit for commit in known if commit != present)
 
@@ -89,7 +90,8 @@ def sweep(
             try:
                 work.carry_out()
             finally:
-                work.results.write_table()
+                # Of what is on the disk: an interruption may strike between a row and its keeping.
+                Results(out).write_table()
         return work.report()
     finally:
         executor.cancel()
@@ -148,7 +150,6 @@ class _Sweep:
         self.asked: dict[str, Job | UnfitJob] = {}
         self.total = plan.jobs
         self.settled, self.begun = 0, 0
-        self.kept: list[Row] = []
         self.results: Results  # read once the folder is ours alone
 
     def known_sets(self) -> list[TrainJob]:
@@ -182,7 +183,7 @@ class _Sweep:
     def report(self) -> Report:
         """The rows of what was asked for."""
         rows = [self.results.rows[identity] for identity in self.asked]
-        return Report(rows, waiting=self.total - len(rows), begun=self.begun, kept=self.kept)
+        return Report(rows, waiting=self.total - len(rows), begun=self.begun)
 
     def _begin_making(self, job: GenerateJob) -> None:
         """Generate a set, unless it lies there as it was made."""
@@ -191,17 +192,12 @@ class _Sweep:
         self.asked[job.identity] = job
         there = (folder / DESCRIPTION).is_file() and stated_sha256(folder)
         if self.results.done(job.identity) and there == row["data_sha256"]:
-            self._keep(job.identity)
+            self.settled += 1
             self._train_on(job.asked.name, folder, read_episode_set(folder))
         elif self.results.failed(job.identity) and not self.retry_failed:
-            self._keep(job.identity)
+            self.settled += 1
         else:
             self.executor.submit(job)
-
-    def _keep(self, identity: str) -> None:
-        """What was done by an earlier sweep is not done again."""
-        self.kept.append(self.results.rows[identity])
-        self.settled += 1
 
     def _ask_for(self, job: TrainJob | UnfitJob) -> None:
         """Hand out a training unless it is done, or failed and is not to be tried again."""
@@ -211,7 +207,7 @@ class _Sweep:
         self.asked[job.identity] = job
         failed = self.results.failed(job.identity)
         if self.results.done(job.identity) or (failed and not self.retry_failed):
-            self._keep(job.identity)
+            self.settled += 1
         elif isinstance(job, UnfitJob):
             self.results.add(failure(job, job.reason).row)
             self.settled += 1
