@@ -11,10 +11,12 @@ Writes docs/tuned.json, docs/tuned.md and two figures beside it.
 """
 
 import argparse
+import datetime
 import hashlib
 import json
 import math
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -26,6 +28,7 @@ from typing import TYPE_CHECKING, Any
 from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED
 from wakedeploy import figures
+from wakedeploy.commit import frozen_at
 from wakedeploy.files import write_text_whole
 from wakedeploy.study.domains import MAIN
 
@@ -76,6 +79,8 @@ def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
     row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
     row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
     row |= {"narrowed": list(NARROWED.get((domain, arch), ()))}
+    row |= {"commit": frozen_at(), "date": f"{datetime.date.today():%Y-%m-%d}"}
+    row |= {"machine": platform.machine()}
     # A study that went on may have found better, whose runs are others.
     found = f"tuned-{hashlib.sha256(best.read_bytes()).hexdigest()[:8]}"
     for name, preset, runs in (("reference", "reference", "reference"), ("tuned", best, found)):
@@ -106,6 +111,7 @@ def scored(domain: str, runs: Sequence[Mapping[str, Any]]) -> Row:
         "errors": [error(domain, run["r2"]) for run in runs],
         "rmse": [run["rmse"] for run in runs],
         "trainable": runs[0]["trainable"],
+        "device": runs[0]["device"],
     }
 
 
@@ -149,13 +155,17 @@ def page(rows: Sequence[Row]) -> str:
     """The tables, a domain each, under sentences made of their numbers."""
     better = sum(ratio(row)[2] < 1.0 for row in rows)
     worse = sum(ratio(row)[1] > 1.0 for row in rows)
+    devices = {row[name]["device"] for row in rows for name in ("reference", "tuned")}
+    commits = {row["commit"] for row in rows}
     parts = [
         "# What tuning gains",
         "Made by `python benchmarks/tuned.py SETS WORK`. Each study begins at the paper's shape "
         "and is judged on validation by a seed of its own; both are then trained with three "
         "others and scored on the test split. The error is the RMSE over the standard "
         "deviation, 1 for predicting the mean. Brackets: the least and the largest ratio of any "
-        "tuned seed to any of the reference.",
+        "tuned seed to any of the reference. The first ten trials of a study are drawn at random, "
+        "the others where those did well.",
+        f"Trained on: {', '.join(sorted(devices))}; at commits {', '.join(sorted(commits))}.",
         f"Of {len(rows)} pairs, every tuned seed is better than every reference seed in {better}, "
         f"and worse in {worse}.",
         "![Tuned error over the reference's](tuned-gain.png)",

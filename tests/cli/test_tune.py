@@ -96,6 +96,16 @@ def test_tuning_prints_the_best_and_writes_the_rows(done: Path) -> None:
                     "history.png", "history.pdf"}  # fmt: skip
 
 
+def test_the_shortest_command_makes_a_folder_of_its_own(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    asked = ("--arch", "agile-mlp", "--data", data, "--trials", 1, "--epochs", 1)
+    ended = wakedeploy("tune", *asked)
+    assert ended.exit_code == 0, ended.output
+    assert (tmp_path / "tuned" / "echo-agile-mlp" / "best.toml").exists()
+
+
 def test_the_best_trains_as_a_preset(done: Path, data: Path, tmp_path: Path) -> None:
     asked = ("--data", data, "--preset", done / "best.toml", "--json", tmp_path / "t.json")
     ended = wakedeploy("train", *asked, "--out", tmp_path / "runs")
@@ -178,6 +188,11 @@ def test_cuda_that_torch_does_not_see_is_one_sentence_and_leaves_no_trace(
         (["--objective", "speed"], "--objective speed: choose rmse or rmse,latency"),
         (["--epochs", "9"], "was made with epochs = 2, not 9; repeat its options"),
         (["--lead", "0.2"], "was made with lead_s = 0.0, not 0.2"),
+        (["--arch", "esn"], "--epochs: an esn is solved in one pass, not in epochs; leave it out"),
+        (
+            ["--objective", "rmse,latency", "--pruner", "hyperband"],
+            "--pruner: with two objectives no trial is ended early; leave it out",
+        ),
         (["--storage", "mysql://me:secret@host/x"], "--storage mysql://…: give a database"),
         (["--storage", "here.db"], "--storage …://…: give a database as postgresql://"),
         (["--data", "nowhere"], "nowhere/dataset.json: not found"),

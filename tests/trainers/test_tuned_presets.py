@@ -29,9 +29,13 @@ SHIPPED_FILES = sorted(SHIPPED.glob("*/*.toml"))
 
 def row(**changed: Any) -> dict[str, Any]:
     told = {"domain": "fish", "arch": "gru", "trials": {"finished": 40, "behind": 60}}
-    told |= {"importances": {"hidden": 0.3, "learning_rate": 0.7}, "narrowed": []}
-    told |= {"reference": {"errors": [0.20, 0.22, 0.21], "trainable": 30_000}}
-    return told | {"tuned": {"errors": [0.15, 0.16, 0.17], "trainable": 9_000}} | changed
+    told |= {"importances": {"hidden": 0.3, "learning_rate": 0.7}, "narrowed": [], "commit": "abc"}
+    told |= {"reference": {"errors": [0.20, 0.22, 0.21], "trainable": 30_000, "device": "cpu"}}
+    return (
+        told
+        | {"tuned": {"errors": [0.15, 0.16, 0.17], "trainable": 9_000, "device": "cpu"}}
+        | changed
+    )
 
 
 def test_an_error_is_that_of_the_channels_that_are_told_of() -> None:
@@ -39,19 +43,23 @@ def test_an_error_is_that_of_the_channels_that_are_told_of() -> None:
     assert error("ship", {"sway_n": 0.5, "yaw_nm": 0.86}) == pytest.approx(0.32**0.5)
     assert error("ship", {"sway_n": 0.64, "yaw_nm": None}) == pytest.approx(0.6)  # never changes
     assert error("quadrotor", {"force_x_n": 0.0, "force_z_n": 0.75}) == pytest.approx(0.5)
-    runs = [{"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 7} for r2 in (0.96, 0.99)]
+    runs = [
+        {"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 7, "device": "cpu"}
+        for r2 in (0.96, 0.99)
+    ]
     assert scored("gantry", runs)["errors"] == pytest.approx([0.2, 0.1])
 
 
 def test_a_gain_counts_where_no_seed_contradicts_it() -> None:
     assert ratio(row()) == pytest.approx((0.16 / 0.21, 0.15 / 0.22, 0.17 / 0.20))
     assert "overlap" not in gain_text(row())
-    overlapping = row(tuned={"errors": [0.15, 0.16, 0.21], "trainable": 9_000})
+    overlapping = row(tuned={"errors": [0.15, 0.16, 0.21], "trainable": 9_000, "device": "cpu"})
     assert "overlap" in gain_text(overlapping)
-    worse = row(arch="tcn", tuned={"errors": [0.3, 0.3, 0.3], "trainable": 9_000})
+    worse = row(arch="tcn", tuned={"errors": [0.3, 0.3, 0.3], "trainable": 9_000, "device": "cpu"})
     told = page([row(), overlapping, worse])
     words = "Of 3 pairs, every tuned seed is better than every reference seed in 1, and worse in 1."
     assert words in told
+    assert "Trained on: cpu; at commits abc." in told
     assert "| gru | 100, 40 to the end | 0.210 ± 0.010 | 0.160 ± 0.010 |" in told
     assert "| 30,000 → 9,000 | learning_rate 70 %, hidden 30 % |" in told
 
@@ -75,7 +83,10 @@ def test_a_pair_is_shipped_once_it_is_scored_and_goes_on_from_a_better_study(
         if fails:
             sys.exit("no")
         r2 = 0.84 if given["--preset"] == "reference" else 0.91
-        rows = [{"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 5} for _ in range(SEEDS)]
+        rows = [
+            {"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 5, "device": "cpu"}
+            for _ in range(SEEDS)
+        ]
         Path(given["--json"]).write_text(json.dumps({"rows": rows}))
 
     monkeypatch.setattr(tuned, "wakedeploy", command)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import optuna
 import pytest
+import torch
 from optuna.trial import TrialState
 from small_study import cheap_when_small, plan_of, tuned, work_of
 
@@ -21,6 +22,7 @@ from trainers.tuning.conclude import conclude
 from trainers.tuning.report import rows_of
 from trainers.tuning.storage import JOURNAL
 from trainers.tuning.study import finished, give_back_of_the_dead, this_worker
+from trainers.tuning.trial import Objective
 from trainers.tuning.workers import run_trials
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -389,6 +391,30 @@ def test_with_everything_fixed_one_point_is_judged(echo: EpisodeSet, tmp_path: P
     assert found.run.config.settings["batch"] == 128
 
 
+@pytest.mark.parametrize(
+    ("error", "reason"),
+    [(MemoryError(), "MemoryError"), (torch.OutOfMemoryError("2 GB asked for"), "2 GB asked for")],
+)
+def test_a_trial_without_enough_memory_fails_alone(
+    error: Exception, reason: str, echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained, failed = Objective._trained, list[int]()
+
+    def once_too_large(self: Objective, trial: optuna.Trial, *others: object) -> float:
+        if trial.number == 1:
+            failed.append(trial.number)
+            raise error
+        return trained(self, trial, *others)
+
+    monkeypatch.setattr(Objective, "_trained", once_too_large)
+    study = tuned(echo, tmp_path / "out", trials=3)
+    states = [trial.state for trial in study.trials]
+    assert failed == [1]
+    assert states.count(TrialState.FAIL) == 1
+    assert study.trials[1].user_attrs["reason"] == reason
+    assert len(states) == 3
+
+
 def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:
     (tmp_path / "out").mkdir()
     (tmp_path / "out" / JOURNAL).write_text("a shopping list\nwith two lines\n")
@@ -397,12 +423,19 @@ def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:
     assert (tmp_path / "out" / JOURNAL).read_text().startswith("a shopping list")
 
 
-def test_a_study_that_tune_did_not_make_is_refused(
-    echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(studies, "_IDENTITY_WAIT_S", 0.1)
+def test_a_study_that_was_made_and_not_yet_marked_goes_on(echo: EpisodeSet, tmp_path: Path) -> None:
+    """Its maker was killed between the two."""
     work = work_of(echo, tmp_path / "out")
     optuna.create_study(storage=work.place.open(studies.give_back), study_name="echo-agile-mlp")
+    work.begin()
+    assert work.open().user_attrs[studies._IDENTITY] == work.plan.identity
+
+
+def test_a_study_that_tune_did_not_make_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out")
+    storage = work.place.open(studies.give_back)
+    foreign = optuna.create_study(storage=storage, study_name="echo-agile-mlp")
+    foreign.add_trial(optuna.trial.create_trial(value=1.0))
     with pytest.raises(UnusableInput, match="was not made by `wakedeploy tune`"):
         work.begin()
 

@@ -45,7 +45,7 @@ EACH = [(arch, d.name) for arch, known in ARCHITECTURES.items() for d in known.d
 
 def space_of(arch: str) -> dict[str, Span | Choice]:
     asked = SMALL_RESERVOIR if arch == "esn" else ()
-    return {dimension.name: dimension for dimension in search_space(arch, 0.5, asked)}
+    return {dimension.name: dimension for dimension in search_space(arch, 0.5, 20.0, asked)}
 
 
 def ends(dimension: Span | Choice) -> tuple[float, float]:
@@ -147,14 +147,16 @@ def test_weights_are_counted_as_they_are_built(arch: str) -> None:
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
 def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
-    space = search_space(arch, 0.5)
+    space = search_space(arch, 0.5, 62.5)
     point = reference_point(arch, space, 0.5, 62.5, FitSettings())
     assert point is not None
     assert set(point) == {dimension.name for dimension in space}
     study = optuna.create_study()
     study.enqueue_trial(point)
     assert suggest(study.ask(), space) == pytest.approx(point)
-    fixed = search_space(arch, 0.5, (f"{space[0].name}={ends(space_of(arch)[space[0].name])[0]}",))
+    fixed = search_space(
+        arch, 0.5, 62.5, (f"{space[0].name}={ends(space_of(arch)[space[0].name])[0]}",)
+    )
     assert reference_point(arch, fixed, 0.5, 62.5, FitSettings()) is None
 
 
@@ -163,7 +165,7 @@ def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
 def test_the_papers_shape_is_what_training_without_a_preset_builds(
     arch: str, window_s: float, rate_hz: float
 ) -> None:
-    space = search_space(arch, window_s)
+    space = search_space(arch, window_s, rate_hz)
     point = reference_point(arch, space, window_s, rate_hz, FitSettings())
     assert point is not None
     hyper, _ = split(arch, point)
@@ -172,6 +174,23 @@ def test_the_papers_shape_is_what_training_without_a_preset_builds(
     assert asked.memory == plain.memory
     for name, weights in plain.state_dict().items():
         torch.testing.assert_close(asked.state_dict()[name], weights)
+
+
+@pytest.mark.parametrize(
+    ("window_s", "rate_hz", "most"), [(0.5, 30.0, 31), (0.5, 20.0, 21), (0.75, 100.0, 48)]
+)
+def test_no_more_snapshots_are_searched_than_the_longest_history_has(
+    window_s: float, rate_hz: float, most: int
+) -> None:
+    (snapshots,) = [
+        d for d in search_space("history-mlp", window_s, rate_hz) if d.name == "snapshots"
+    ]
+    assert isinstance(snapshots, Span)
+    assert (snapshots.low, snapshots.high, snapshots.whole) == (4, most, True)
+    sizes = {"inputs": 5, "outputs": 1, "window_s": window_s, "rate_hz": rate_hz}
+    hyper = {"history_s": 2 * window_s, "snapshots": most}
+    k = build("history-mlp", **sizes, hyper=hyper).memory.k
+    assert k == most if most < 48 else k <= most
 
 
 @pytest.mark.parametrize(
@@ -184,7 +203,7 @@ def test_the_papers_shape_is_what_training_without_a_preset_builds(
     ],
 )
 def test_dimensions_can_be_narrowed_and_fixed(asked: str, drawn: set[float]) -> None:
-    space = search_space("gru", 0.5, (asked,))
+    space = search_space("gru", 0.5, 20.0, (asked,))
     study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=1))
     name = asked.split("=")[0]
     points = [suggest(study.ask(), space) for _ in range(20)]
@@ -210,12 +229,13 @@ def test_dimensions_can_be_narrowed_and_fixed(asked: str, drawn: set[float]) -> 
         ("gru", "learning_rate=0:1", "learning_rate = 0 has to be a number from 1e-07 to 1"),
         ("gru", "lanes=true", "lanes = True has to be a whole number"),
         ("gru", "dropout=NaN:0.5", "dropout = nan has to be"),
+        ("cross-attention", "embed=9:40", "embed goes up in steps of 8; begin at a multiple of it"),
         ("mlp", "hidden=3", "There is no architecture 'mlp'; choose agile-mlp, history-mlp"),
     ],
 )
 def test_what_cannot_be_searched_is_told(arch: str, asked: str, says: str) -> None:
     with pytest.raises(UnusableInput, match=says) as told:
-        search_space(arch, 0.5, (asked,))
+        search_space(arch, 0.5, 20.0, (asked,))
     assert "\n" not in str(told.value)
 
 

@@ -83,7 +83,7 @@ def make_plan(
     if objective not in OBJECTIVES:
         known = " or ".join(",".join(names) for names in OBJECTIVES)
         raise UnusableInput(f"--objective {','.join(objective)}: choose {known}.")
-    dimensions = search_space(arch, data.window_s, asked)
+    dimensions = search_space(arch, data.window_s, data.rate_hz, asked)
     _check_large_enough(data, lead_s)
     return Plan(
         arch=arch,

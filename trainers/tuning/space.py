@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -9,7 +10,7 @@ from optuna.trial import Trial
 
 from trainers.bounds import check_settings, check_value
 from trainers.build import ARCHITECTURES
-from trainers.dimensions import Choice, Dimension, Span
+from trainers.dimensions import HISTORY, Choice, Dimension, Span
 from trainers.fit import FitSettings
 from wakedeploy.episodes import window_shape
 from wakedeploy.errors import UnusableInput
@@ -19,8 +20,10 @@ Point = dict[str, float]
 _SHARES = {"initial_delay_s": 0.5, "initial_spread_s": 0.125}  # None stands for, of the window
 
 
-def search_space(arch: str, window_s: float, asked: Sequence[str] = ()) -> tuple[Dimension, ...]:
-    """The dimensions of an architecture on a set whose window is `window_s` seconds.
+def search_space(
+    arch: str, window_s: float, rate_hz: float, asked: Sequence[str] = ()
+) -> tuple[Dimension, ...]:
+    """The dimensions of an architecture on a set with this window [s] and rate.
 
     `asked` narrows or fixes some: NAME=LOW:HIGH, or NAME=VALUE[,VALUE…]. Raises UnusableInput for
     an unknown architecture or dimension, and for values that it cannot have.
@@ -28,7 +31,7 @@ def search_space(arch: str, window_s: float, asked: Sequence[str] = ()) -> tuple
     if arch not in ARCHITECTURES:
         known = ", ".join(ARCHITECTURES)
         raise UnusableInput(f"There is no architecture '{arch}'; choose {known}.")
-    space = {d.name: _resolved(d, window_s) for d in ARCHITECTURES[arch].dimensions}
+    space = {d.name: _resolved(d, window_s, rate_hz) for d in ARCHITECTURES[arch].dimensions}
     for text in asked:
         name, equals, values = text.partition("=")
         if name not in space:
@@ -87,8 +90,14 @@ def _hyper_names(arch: str) -> set[str]:
     return {field.name for field in dataclasses.fields(ARCHITECTURES[arch].hyper)}
 
 
-def _resolved(dimension: Dimension, window_s: float) -> Dimension:
-    """Shares of the window become seconds, to three digits, so that people can read them."""
+def _resolved(dimension: Dimension, window_s: float, rate_hz: float) -> Dimension:
+    """Shares of the window become seconds, to three digits, so that people can read them.
+
+    No history has more snapshots than samples: beyond them another number would change nothing.
+    """
+    if isinstance(dimension, Span) and dimension.name == "snapshots":
+        samples = math.floor(HISTORY.high * window_s * rate_hz + 1e-6) + 1
+        return dataclasses.replace(dimension, high=max(dimension.low, min(dimension.high, samples)))
     if isinstance(dimension, Choice) or not dimension.of_window:
         return dimension
     low, high = (float(f"{bound * window_s:.3g}") for bound in (dimension.low, dimension.high))
@@ -105,6 +114,11 @@ def _narrowed(arch: str, dimension: Dimension, values: str, text: str) -> Dimens
         raise UnusableInput(f"--dimension {text}: the lower bound has to be below the upper one.")
     if isinstance(dimension, Choice):
         return Span(dimension.name, numbers[0], numbers[1])
+    if dimension.whole and (numbers[0] - dimension.low) % dimension.step:
+        raise UnusableInput(
+            f"--dimension {text}: {dimension.name} goes up in steps of {dimension.step}; begin at a"
+            f" multiple of it, as {dimension.low:g} is."
+        )
     log = dimension.log and numbers[0] > 0
     return dataclasses.replace(dimension, low=numbers[0], high=numbers[1], log=log)
 

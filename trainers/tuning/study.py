@@ -7,7 +7,6 @@ queue.
 import contextlib
 import os
 import platform
-import time
 import warnings
 from collections.abc import Sequence
 from datetime import datetime, timedelta
@@ -29,13 +28,12 @@ DEVICE = "device"
 INTERRUPTED, LOST_BEFORE, REFERENCE = "interrupted", "lost before", "reference"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"
-_IDENTITY_WAIT_S = 5.0
 _UNSIGNED_S = 60.0  # a trial that has not said who runs it by then never will
 BUDGET, SHAPE = "budget", "shape"  # the limits that keep a trial from being trained
 
 
 def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optuna.Study:
-    """The study of this plan in that place, made if it is not there.
+    """The study of this plan in that place, made if it is not there; one process at a time.
 
     Raises UnusableInput for a study of another plan, with nothing changed, and as `Place.open`.
     """
@@ -147,18 +145,20 @@ def _point(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
-    try:
-        study = optuna.create_study(
-            storage=storage, study_name=name, directions=["minimize"] * len(plan.objective)
-        )
-    except optuna.exceptions.DuplicatedStudyError:  # another machine was faster
-        return _load(storage, name)
+    study = optuna.create_study(
+        storage=storage, study_name=name, directions=["minimize"] * len(plan.objective)
+    )
+    _mark(study, plan)
+    return study
+
+
+def _mark(study: optuna.Study, plan: Plan) -> None:
+    """Say what it is a study of."""
     study.set_user_attr(_IDENTITY, plan.identity)
     metric_names = {"rmse": "validation error", "latency": "step p99 [µs]"}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         study.set_metric_names([metric_names[name] for name in plan.objective])
-    return study
 
 
 def _load(storage: BaseStorage, name: str) -> optuna.Study:
@@ -166,11 +166,10 @@ def _load(storage: BaseStorage, name: str) -> optuna.Study:
 
 
 def _require_same(place: Place, study: optuna.Study, plan: Plan) -> None:
-    until = time.monotonic() + _IDENTITY_WAIT_S
-    while _IDENTITY not in study.user_attrs:  # another machine may be making it right now
-        if time.monotonic() > until:
+    if _IDENTITY not in study.user_attrs:
+        if all_trials(study) or len(study.directions) != len(plan.objective):
             _refuse(place, study.study_name, "was not made by `wakedeploy tune`")
-        time.sleep(0.2)
+        _mark(study, plan)  # who made it was killed before it could say so
     there: dict[str, Any] = study.user_attrs[_IDENTITY]
     for name, value in plan.identity.items():
         if there.get(name) != value:

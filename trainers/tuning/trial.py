@@ -40,7 +40,12 @@ from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 # What a step of the exported predictor costs, in µs, over observations (T, d).
 StepCost = Callable[[Predictor, RunConfig, NDArray[np.float32]], float]
 # What a single trial may fail with; the study goes on.
-FAILURES = (CheckFailed, torch.linalg.LinAlgError)  # type: ignore[attr-defined]
+FAILURES = (
+    CheckFailed,
+    torch.linalg.LinAlgError,  # type: ignore[attr-defined]
+    torch.OutOfMemoryError,  # another point may fit
+    MemoryError,
+)
 _TIMED_SAMPLES = 512
 
 
@@ -80,7 +85,7 @@ class Objective:
         except optuna.TrialPruned:
             raise
         except Exception as error:
-            trial.set_user_attr(REASON, one_line(error))
+            trial.set_user_attr(REASON, one_line(error) or type(error).__name__)
             raise
 
     def _judged(self, trial: optuna.Trial) -> float | tuple[float, float]:

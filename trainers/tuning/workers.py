@@ -10,13 +10,11 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
-import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import optuna
@@ -41,6 +39,7 @@ from trainers.tuning.study import (
 from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
+from wakedeploy.interruption import interruptible
 from wakedeploy.processes import end_with_parent
 
 OnTrials = Callable[[optuna.Study], None]
@@ -164,24 +163,6 @@ def run_trials(
             _run_here(work, study, data, on_trials)
         else:
             _Crew(work, study, on_trials).run(min(workers, left))
-
-
-@contextlib.contextmanager
-def interruptible() -> Iterator[None]:
-    """SIGTERM, with which clusters end a job, is an interruption like Ctrl-C."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGTERM, _interrupt_once)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-def _interrupt_once(number: int, frame: FrameType | None) -> None:
-    signal.signal(number, signal.SIG_IGN)  # nothing may disturb the recording of the trial
-    raise KeyboardInterrupt
 
 
 def _left(study: optuna.Study, wanted: int) -> int:

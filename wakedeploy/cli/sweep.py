@@ -17,6 +17,7 @@ from wakedeploy.cli.output import (
 )
 from wakedeploy.cli.training_options import device_option
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.interruption import interruptible
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.executor import Executor
@@ -117,14 +118,15 @@ def command(
 def _swept(
     wanted: "Plan", out: Path, executor: "Executor", device: str, retry_failed: bool
 ) -> "Report":
-    """The sweep with a bar that counts; Ctrl-C says how to go on."""
+    """The sweep with a bar that counts; Ctrl-C, or a batch system's end, says how to go on."""
     from wakedeploy.sweep.run import sweep
 
     stopped = (
         f"Stopped; the rows of finished jobs are in {out / 'results.jsonl'}, and the same command"
         " goes on with the rest."
     )
-    with told_when_stopped(stopped), progress("Jobs", wanted.jobs, counted=True) as bar:
+    ended = told_when_stopped(stopped)
+    with ended, interruptible(), progress("Jobs", wanted.jobs, counted=True) as bar:
         return sweep(
             wanted,
             out,

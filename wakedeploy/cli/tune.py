@@ -4,9 +4,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
 from wakedeploy.cli.output import Bar, print_table, progress, told_when_stopped, write_json
 from wakedeploy.cli.training_options import device_option, lead_option
+from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
@@ -32,7 +34,9 @@ _STOPPED = (
     help="Finished in all: pruned and failed ones count, interrupted ones do not.",
 )
 @click.option(
-    "--out", type=click.Path(file_okay=False, path_type=Path), required=True, help="A folder."
+    "--out",
+    type=click.Path(file_okay=False, path_type=Path),
+    help="A folder. Default: tuned/DOMAIN-ARCH.",
 )
 @click.option("--seed", type=click.IntRange(0, 2**31), default=100, show_default=True,
               help="Of every trial; not one that `train --seeds` then scores.")  # fmt: skip
@@ -63,7 +67,7 @@ _STOPPED = (
     type=click.Choice(["median", "hyperband", "none"]),
     default="median",
     show_default=True,
-    help="What ends a trial that is behind; with several objectives none does.",
+    help="What ends a trial that is behind; not with two objectives.",
 )
 @click.option(
     "--workers",
@@ -90,7 +94,7 @@ def command(
     data: Path,
     arch: str,
     trials: int,
-    out: Path,
+    out: Path | None,
     seed: int,
     epochs: int,
     lead_s: float | None,
@@ -120,9 +124,11 @@ def command(
     """
     from trainers.training import stated_lead_s
     from trainers.tuning.plan import make_plan
+    from trainers.tuning.study import default_name
     from trainers.tuning.workers import Work
     from wakedeploy.episodes import read_episode_set
 
+    _require_of_use(arch, objective)
     episodes = read_episode_set(data)
     plan = make_plan(
         episodes,
@@ -135,6 +141,7 @@ def command(
         asked=dimensions,
     )
     cost = _step_cost(plan)
+    out = out or Path("tuned") / default_name(plan)
     work = Work(
         plan, data, out, storage, study_name, trials, pruner, cost, device, give_up_elsewhere
     )
@@ -143,6 +150,20 @@ def command(
     _tell(found, work)
     if json_path:
         write_json(json_path, _as_json(found, work, study))
+
+
+def _require_of_use(arch: str, objective: str) -> None:
+    """Refuse options that would change nothing."""
+    told = click.get_current_context().get_parameter_source
+    given = [name for name in ("pruner", "epochs") if told(name) == ParameterSource.COMMANDLINE]
+    if arch == "esn" and given:
+        raise UnusableInput(
+            f"--{given[0]}: an esn is solved in one pass, not in epochs; leave it out."
+        )
+    if "pruner" in given and "," in objective:
+        raise UnusableInput(
+            "--pruner: with two objectives no trial is ended early; leave it out, or judge by rmse."
+        )
 
 
 def _step_cost(plan: "Plan") -> Any:

@@ -305,15 +305,14 @@ def _looker() -> Callable[[], dict[str, Any]]:
             return found
         found["wakedeploy"] = there.__version__
         try:
-            import torch
-
+            from trainers.device import require_cuda
             from trainers.runs import TRAINING as revision
-        except Exception:
+        except Exception:  # they need torch
             return found
-        return found | {
-            "torch": torch.__version__,
-            "training": revision,
-            "cuda": torch.cuda.is_available(),
-        }
+        found |= {"torch": "there", "training": revision}
+        with contextlib.suppress(there.errors.UnusableInput):
+            require_cuda()
+            found["cuda"] = True
+        return found
 
     return look
