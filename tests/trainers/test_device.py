@@ -41,6 +41,19 @@ def test_large_work_goes_to_the_gpu(echo: EpisodeSet) -> None:
         assert choose_device("cpu", predictor, LARGE) == "cpu"
 
 
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch sees no CUDA device here")
+@pytest.mark.parametrize("arch", ARCHITECTURES)
+def test_on_a_gpu_training_comes_to_what_it_comes_to_on_the_cpu(
+    arch: str, echo: EpisodeSet, tmp_path: Path
+) -> None:
+    config = configure(echo, arch, seed=0, lead_s=0.0, settings=FitSettings(epochs=3))
+    here, there = (
+        train(config, echo, tmp_path / device, device=device) for device in ("cpu", "cuda")
+    )
+    assert (here.metrics.device, there.metrics.device) == ("cpu", "cuda")
+    assert there.metrics.test.rmse["f_n"] == pytest.approx(here.metrics.test.rmse["f_n"], rel=0.05)
+
+
 def test_without_a_gpu_everything_is_done_on_the_cpu_and_says_so(
     echo: EpisodeSet, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -176,6 +176,15 @@ def test_the_papers_shape_is_what_training_without_a_preset_builds(
         torch.testing.assert_close(asked.state_dict()[name], weights)
 
 
+def test_a_delay_begins_within_the_history_that_was_drawn_with_it() -> None:
+    point = {"initial_delay_s": 0.4, "history_s": 0.15, "batch": 64}
+    assert split("delay-embedding", point) == (
+        {"initial_delay_s": 0.15, "history_s": 0.15}, {"batch": 64}
+    )  # fmt: skip
+    assert split("delay-embedding", point | {"history_s": 0.6})[0]["initial_delay_s"] == 0.4
+    assert split("delay-embedding", {"initial_delay_s": 0.4})[0] == {"initial_delay_s": 0.4}
+
+
 @pytest.mark.parametrize(
     ("window_s", "rate_hz", "most"), [(0.5, 30.0, 31), (0.5, 20.0, 21), (0.75, 100.0, 48)]
 )

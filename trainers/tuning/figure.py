@@ -66,8 +66,12 @@ def importance(title: str, shares: Mapping[str, float], rows: Sequence[Row]) -> 
         names = list(shares)
         drawn, axes = figures.figure(size=(6.4, 0.8 + 0.32 * len(names)))
         axes.barh(names[::-1], [shares[name] for name in names][::-1], color=figures.MEASURED)
-        ended = sum(row.state == FINISHED for row in rows)
-        axes.set(xlabel=f"importance (PED-ANOVA over {ended} finished trials)", title=title)
+        ended = [row for row in rows if row.state == FINISHED]
+        aim = (
+            "coming to the front" if any(row.step_us is not None for row in ended) else "the error"
+        )
+        over = f"PED-ANOVA over {len(ended)} finished trials"
+        axes.set(xlabel=f"importance for {aim} ({over})", title=title)
         axes.set_xlim(left=0)
     return drawn
 

@@ -17,7 +17,8 @@ from wakedeploy.errors import UnusableInput
 
 Point = dict[str, float]
 
-_SHARES = {"initial_delay_s": 0.5, "initial_spread_s": 0.125}  # None stands for, of the window
+_DELAY = "initial_delay_s"
+_SHARES = {_DELAY: 0.5, "initial_spread_s": 0.125}  # None stands for, of the window
 
 
 def search_space(
@@ -52,9 +53,15 @@ def suggest(trial: Trial, space: Sequence[Dimension]) -> Point:
 
 
 def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict[str, float]]:
-    """A point's hyper-parameters, and its fit settings."""
+    """A point's hyper-parameters, and its fit settings.
+
+    Both are drawn by themselves: a delay that begins beyond the point's own history begins at its
+    end, since from outside hardly any gradient would lead it back.
+    """
     own = _hyper_names(arch)
     hyper = {name: value for name, value in point.items() if name in own}
+    if _DELAY in hyper and HISTORY.name in hyper:
+        hyper[_DELAY] = min(hyper[_DELAY], hyper[HISTORY.name])
     return hyper, {name: value for name, value in point.items() if name not in own}
 
 
