@@ -50,16 +50,27 @@ def unlearned(
     """
     steps = data.warm_up_steps if warm_up is None else warm_up
     tape = lay_tape(data, split, lead_s, steps)
+    return {
+        name: _compared(forces, tape, data, split, lead_s, steps)
+        for name, forces in unlearned_forces(tape, data, split, lead_s, steps).items()
+    }
+
+
+def unlearned_forces(
+    tape: Tape, data: EpisodeSet, split: str, lead_s: float, warm_up: int
+) -> dict[str, Tensor]:
+    """Forces (N, o) that need no learning, for every sample of a tape laid with the same arguments.
+
+    By name: nothing at all, and what a set's observer told at that sample, where it carries one.
+    """
     told = {"zero": torch.zeros_like(tape.force)}
     episodes = data.part(split)
     if all(OBSERVER in e.extras for e in episodes):
         counts = [len(shift_ahead(e.force, lead_s, data.rate_hz)) for e in episodes]
         both = zip(episodes, counts, strict=True)
-        seen = [e.extras[OBSERVER][:count] for e, count in both if count > steps]
+        seen = [e.extras[OBSERVER][:count] for e, count in both if count > warm_up]
         told["no-learning observer"] = torch.tensor(np.concatenate(seen)).reshape(tape.force.shape)
-    return {
-        name: _compared(forces, tape, data, split, lead_s, steps) for name, forces in told.items()
-    }
+    return told
 
 
 def _compared(

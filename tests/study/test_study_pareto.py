@@ -84,20 +84,32 @@ def test_every_architecture_has_a_point_and_a_name_in_each_panel() -> None:
     rng = np.random.default_rng(0)
     points = [point(a, tuple(rng.uniform(0.1, 0.9, 3)), int(rng.integers(2e3, 9e4)),
                     float(rng.uniform(0.1, 0.9))) for a in ARCHITECTURES]  # fmt: skip
-    drawn = panels({"toy": points, "other": points, "third": points})
+    beside = {"zero": 1.2, "no-learning observer": 0.7}
+    told = {"toy": points, "other": points, "third": points}
+    drawn = panels(told, {"toy": beside, "other": {"zero": 1.1}, "third": {"zero": 1.1}})
     shown = [axes for axes in drawn.axes if axes.axison]
     assert len(shown) == 6
     for axes in shown:
         names = {text.get_text().removesuffix(" (no memory)") for text in axes.texts}
-        assert names == set(ARCHITECTURES)
+        across = [line.get_ydata()[0] for line in axes.lines if line.get_linestyle() == ":"]
+        assert across == ([0.7] if axes in shown[:2] else [])
+        assert names - {"no-learning observer"} == set(ARCHITECTURES)
+        assert ("no-learning observer" in names) == (axes in shown[:2])
         assert axes.get_xscale() == axes.get_yscale() == "log"
-    assert [part.name for part in parts({"toy": points})] == ["pareto", "pareto-toy"]
-    _, lines = summary(points)
-    assert [float(line[1].split()[0]) for line in lines] == sorted(
+    assert [part.name for part in parts({"toy": points}, {"toy": beside})] == [
+        "pareto",
+        "pareto-toy",
+    ]
+    _, lines = summary(points, beside)
+    assert [line[:2] for line in lines[:2]] == [["zero", "1.2"], ["no-learning observer", "0.7"]]
+    assert [float(line[1].split()[0]) for line in lines[2:]] == sorted(
         float(f"{p.error:.3g}") for p in points
     )
     fronts = [{p.arch for p in front(points, cost)} for cost in (by_parameters, by_step)]
-    for row in rows(points):
+    first, second, *table = rows(points, beside)
+    assert (first[1], first[4], second[1], second[4]) == ("zero", 1.2, "no-learning observer", 0.7)
+    for row in table:
+        assert len(row) == len(first)
         assert row[-2:] == [int(row[1] in best) for best in fronts]
 
 
@@ -140,11 +152,13 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
         "pareto.png", "pareto.pdf", "pareto.csv", "pareto-gantry.csv", "study.json", "study.html",
     }  # fmt: skip
     table = list(csv.DictReader((folder / "pareto.csv").open()))
-    points = json.loads((folder / "study.json").read_text())["points"]
+    written = json.loads((folder / "study.json").read_text())
+    points = written["points"]
     lines = json.loads((tmp_path / "domains-gantry-quick" / "study.json").read_text())["lines"]
     shares = {line["predictor"]: line["normalised"] for line in lines}
-    assert [row["predictor"] for row in table] == ["agile-mlp", "history-mlp"]
-    for row, told_point in zip(table, points, strict=True):
+    assert [row["predictor"] for row in table] == ["zero", "agile-mlp", "history-mlp"]
+    assert float(table[0]["error"]) == written["unlearned"]["gantry"]["zero"] == shares["zero"]
+    for row, told_point in zip(table[1:], points, strict=True):
         assert float(row["error"]) == told_point["error"] == shares[row["predictor"]]
         assert int(row["trainable"]) == told_point["trainable"] > 0
     assert [p["step_p99_ms"] for p in points] == [0.05, 0.06]

@@ -107,7 +107,7 @@ def test_beside_the_models_stand_what_learned_nothing_and_those_kept_from_own_mo
     data = delayed_set()
     episodes = []
     for i, e in enumerate(data.episodes):
-        cut = slice(i % 2, None)  # not all alike long
+        cut = slice(i % 2, 22 if i == 9 else None)  # not all alike long, one too short to score
         both = np.concatenate([e.observation, e.force], axis=1)[cut]
         half = {"observer_n": 0.5 * e.force[cut]}
         episodes.append(Episode(e.name, both, e.force[cut], half))

@@ -46,9 +46,9 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
         wakedeploy study pareto --domains gantry --arch agile-mlp,gru --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.domains import planned
+    from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.folder import write_study
-    from wakedeploy.study.pareto import learned, measure, sentence
+    from wakedeploy.study.pareto import measure, sentence, unlearned
     from wakedeploy.study.pareto_figure import parts, summary
 
     architectures = _architectures(arch)
@@ -63,14 +63,19 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
         asked.runs,
     )
     told: dict[str, list[Point]] = {}
+    beside: dict[str, dict[str, float]] = {}
     for name, made in sets.items():
-        lines = learned(made, architectures, asked.seeds, asked.runs, epochs=asked.epochs)
-        with progress(f"{name}: flying at 32 Hz", len(lines) * ticks) as bar:
+        lines = compare(
+            made, architectures, asked.seeds, asked.runs, epochs=asked.epochs, blinded=False
+        )
+        beside[name] = unlearned(lines)
+        with progress(f"{name}: flying at 32 Hz", len(architectures) * ticks) as bar:
             told[name] = measure(made, lines, asked.runs, ticks=ticks, on_tick=bar.update)
     points = [point.as_json() for own in told.values() for point in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
+    result |= {"unlearned": beside}
     title = asked.titled("What accuracy costs")
-    path = write_study(asked.results("pareto", names), title, parts(told), result)
+    path = write_study(asked.results("pareto", names), title, parts(told, beside), result)
     for name, own in told.items():
-        print_table(sentence(name, own), *summary(own))
+        print_table(sentence(name, own), *summary(own, beside[name]))
     click.echo(f"Figures, tables and the page: {path}")

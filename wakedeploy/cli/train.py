@@ -90,7 +90,6 @@ def command(
     """
     import torch
 
-    from trainers.preset import chosen_preset
     from trainers.score import unlearned
     from trainers.training import configure, stated_lead_s, train
     from wakedeploy.episodes import read_episode_set
@@ -99,21 +98,13 @@ def command(
     overrides = _hyper(hyper, names)
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
-    presets = {name: chosen_preset(preset, name, episodes.domain) for name in names}
     lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
-    for chosen in presets.values():
-        _tell_of_another_lead(chosen, lead_s)
-        _tell_of_another_set(chosen, episodes)
+    presets = {name: _preset(preset, name, episodes, lead_s) for name in names}
+    fits = {name: _settings(name, found, epochs, learning_rate) for name, found in presets.items()}
+    shapes = {name: {**(p.hyper if p else {}), **overrides[name]} for name, p in presets.items()}
     configs = [
-        configure(
-            episodes,
-            name,
-            seed=seed,
-            lead_s=lead_s,
-            hyper={**(chosen.hyper if chosen else {}), **overrides[name]},
-            settings=_settings(name, chosen, epochs, learning_rate),
-        )
-        for name, chosen in presets.items()
+        configure(episodes, name, seed=seed, lead_s=lead_s, hyper=shapes[name], settings=fits[name])
+        for name in names
         for seed in range(seeds)
     ]
     runs = []
@@ -141,25 +132,30 @@ def _settings(
     return settings_for(name, epochs=epochs, learning_rate=learning_rate, others=others)
 
 
-def _tell_of_another_lead(preset: "Preset | None", lead_s: float) -> None:
-    found_s = lead_s if preset is None else preset.study.get("lead_s", lead_s)
-    if preset is not None and found_s != lead_s:
+def _preset(asked: str, arch: str, episodes: "EpisodeSet", lead_s: float) -> "Preset | None":
+    """The preset asked for; tells where it was found for another lead or on another set.
+
+    Two sets of a domain need not be alike: simulated and measured flights are both "gantry".
+    """
+    from trainers.preset import chosen_preset
+
+    found = chosen_preset(asked, arch, episodes.domain)
+    if found is None:
+        return None
+    found_s = found.study.get("lead_s", lead_s)
+    if found_s != lead_s:
         click.echo(
-            f"The preset of {preset.arch} was found for a lead of {found_s:g} s; this trains for"
+            f"The preset of {arch} was found for a lead of {found_s:g} s; this trains for"
             f" {lead_s:g} s (--lead {found_s:g} repeats it).",
             err=True,
         )
-
-
-def _tell_of_another_set(preset: "Preset | None", episodes: "EpisodeSet") -> None:
-    """Two sets of a domain need not be alike: simulated and measured flights are both "gantry"."""
-    study = {} if preset is None else preset.study
-    if preset is not None and study.get("data_sha256") not in (None, episodes.sha256):
+    if found.study.get("data_sha256") not in (None, episodes.sha256):
         click.echo(
-            f"The preset of {preset.arch} was found on another set ({study.get('data')}, "
-            f"{study.get('trials')} trials, {study.get('date')}).",
+            f"The preset of {arch} was found on another set ({found.study.get('data')}, "
+            f"{found.study.get('trials')} trials, {found.study.get('date')}).",
             err=True,
         )
+    return found
 
 
 def _arch_of(preset: str) -> str:

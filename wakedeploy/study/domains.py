@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.episodes import OBSERVER, EpisodeSet
+from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import (
     R2,
@@ -25,6 +25,7 @@ from wakedeploy.study.uncertainty import (
 )
 
 MEMORYLESS = "agile-mlp"
+ZERO = "zero"  # the line of predicting nothing
 SOURCE_ONLY = ", source's past only"
 VALID = "thrust_valid"  # extra of sets whose label leans on a curve that does not hold everywhere
 VALID_ONLY = "where the thrust curve holds"
@@ -146,9 +147,13 @@ def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray,
     from trainers.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
-    forces = predict(predictor, tape)[tape.scored].double().numpy()
-    truth = tape.force[tape.scored].double().numpy()
-    return truth, forces, tape.first[tape.scored].numpy()
+    return _where_scored(tape, predict(predictor, tape))
+
+
+def _where_scored(tape: Any, forces: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Truth, forces and episode's number where a tape is scored; from `forces` (N, o) of it all."""
+    truth, told = (x[tape.scored].double().numpy() for x in (tape.force, forces))
+    return truth, told, tape.first[tape.scored].numpy()
 
 
 def hidings(data: EpisodeSet) -> list[tuple[str, ...]]:
@@ -168,14 +173,12 @@ def label(wanted: Wanted) -> str:
 
 def _unlearned(data: EpisodeSet) -> Iterator[Line]:
     """Predicting nothing; and, where a set carries it, an observer of the sufferer's motion."""
-    kept = [e for e in data.part("test") if len(e.force) > data.warm_up_steps]
-    warm = data.warm_up_steps
-    truth = np.concatenate([e.force[warm:] for e in kept]).astype(float)
-    episode = np.concatenate([np.full(len(e.force) - warm, i) for i, e in enumerate(kept)])
-    yield _scored(data, "zero", None, truth, np.zeros_like(truth), episode)
-    if all(OBSERVER in e.extras for e in kept):
-        told = np.concatenate([e.extras[OBSERVER][warm:] for e in kept]).astype(float)
-        yield _scored(data, "no-learning observer", None, truth, told, episode)
+    from trainers.score import unlearned_forces
+    from trainers.tape import lay_tape
+
+    tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
+    for name, forces in unlearned_forces(tape, data, "test", 0.0, data.warm_up_steps).items():
+        yield _scored(data, name, None, *_where_scored(tape, forces))
 
 
 def _scored(

@@ -13,6 +13,7 @@ from wakedeploy.study.domains import (
     MAIN,
     MEMORYLESS,
     SOURCE_ONLY,
+    ZERO,
     Line,
     by_predictor,
     change,
@@ -33,7 +34,7 @@ def sentence(domain: str, lines: Sequence[Line]) -> str:
         return f"On {domain}, {len(mean)} architectures were trained."
     best = min(mean, key=lambda name: validation[name])
     told = f"On {domain}, {best} is the best on validation. {_compared(domain, best, lines)}"
-    zero = min((x.error for x in lines if x.predictor == "zero"), default=1.0)
+    zero = min((x.error for x in lines if x.predictor == ZERO), default=1.0)
     if mean[best] >= min(zero, 1.0):
         told += " It predicts no better than a constant would: nothing was learned that holds."
     if kept:

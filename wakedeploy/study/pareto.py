@@ -2,10 +2,11 @@
 
 In: episode sets and the runs of study 1. Out: for each domain and architecture the test error over
 the seeds, trainable weights, and the paced p99 of the exported step; who is on the front of each.
+Beside them the errors of what learns nothing, which has neither weights nor a step.
 """
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.study.domains import Line, by_predictor, compare
+from wakedeploy.study.domains import Line, by_predictor
 from wakedeploy.study.runs import obtained_run
 
 Cost = Callable[["Point"], float]
@@ -79,22 +80,14 @@ def front(points: Sequence[Point], cost: Cost) -> list[Point]:
     return kept
 
 
-def learned(
-    data: EpisodeSet,
-    architectures: Sequence[str],
-    seeds: int,
-    runs: Path,
-    *,
-    epochs: int | None = None,
-) -> dict[str, list[Line]]:
-    """Study 1's lines by architecture, those with the whole past; trains what is not there."""
-    lines = compare(data, architectures, seeds, runs, epochs=epochs, blinded=False)
-    return by_predictor([line for line in lines if line.seed is not None])
+def unlearned(lines: Sequence[Line]) -> dict[str, float]:
+    """Error of what learns nothing: predicting zero, and the observer that a set may carry."""
+    return {line.predictor: line.error for line in lines if line.seed is None}
 
 
 def measure(
     data: EpisodeSet,
-    lines: Mapping[str, Sequence[Line]],
+    lines: Sequence[Line],
     runs: Path,
     *,
     ticks: int,
@@ -102,11 +95,13 @@ def measure(
 ) -> list[Point]:
     """The points of one domain, each architecture flown `ticks` ticks as `bench latency` flies.
 
-    Raises CheckFailed where this machine is too busy to pace the loop.
+    `lines` are study 1's, those with the whole past. Raises CheckFailed where this machine is too
+    busy to pace the loop.
     """
     from runtime.bench import bench_latency
 
-    trained = {arch: obtained_run(data, _first(own), runs) for arch, own in lines.items()}
+    learned = by_predictor([line for line in lines if line.seed is not None])
+    trained = {arch: obtained_run(data, _first(own), runs) for arch, own in learned.items()}
     with tempfile.TemporaryDirectory() as folder:
         paths = [_packaged(run, Path(folder) / f"{arch}.onnx") for arch, run in trained.items()]
         rows = bench_latency(paths, ticks=ticks, progress=on_tick)
@@ -120,7 +115,7 @@ def measure(
             step_p99_ms=row.stages_ms[_PREDICT]["p99"],
             hyper=tuple(line.hyper_text for line in own),
         )
-        for (arch, own), row in zip(lines.items(), rows, strict=True)
+        for (arch, own), row in zip(learned.items(), rows, strict=True)
     ]
 
 

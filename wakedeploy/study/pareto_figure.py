@@ -1,14 +1,15 @@
 """The figure and the tables of the study of costs.
 
-In: points of all domains. Out: two panels per domain, error against parameters and against the
-step's time, the fronts as steps.
+In: points of all domains, and by domain and name the errors of what learns nothing. Out: two panels
+per domain, error against parameters and against the step's time, the fronts as steps, an observer
+as a line across.
 """
 
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS
+from wakedeploy.study.domains import MEMORYLESS, ZERO
 from wakedeploy.study.folder import Part
 from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence
 from wakedeploy.study.runs import choice
@@ -21,6 +22,7 @@ COSTS: tuple[tuple[str, Cost], ...] = (
     ("trainable parameters", by_parameters),
     ("p99 of a step, paced at 32 Hz [ms]", by_step),
 )
+Unlearned = Mapping[str, float]  # error of what learns nothing, by its name
 Box = tuple[float, float, float, float]  # left, bottom, right, top, in points
 _LETTER = 3.7  # a letter's width at the names' size, in points
 COLUMNS = (
@@ -38,7 +40,7 @@ COLUMNS = (
 )
 
 
-def panels(told: Mapping[str, Sequence[Point]]) -> "Figure":
+def panels(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> "Figure":
     """Error against both costs, a row of two panels per domain; two domains side by side."""
     across = min(len(told), 2)
     down = -(-len(told) // across)
@@ -48,7 +50,7 @@ def panels(told: Mapping[str, Sequence[Point]]) -> "Figure":
         pairs = grid.reshape(-1, 2)
         for pair, (domain, points) in zip(pairs, told.items(), strict=False):
             for axes, (label, cost) in zip(pair, COSTS, strict=True):
-                _panel(axes, points, cost)
+                _panel(axes, points, cost, beside[domain])
                 axes.set_xlabel(label)
             pair[0].set_title(domain)
             pair[0].set_ylabel("RMSE / standard deviation")
@@ -61,8 +63,9 @@ def panels(told: Mapping[str, Sequence[Point]]) -> "Figure":
     return drawn
 
 
-def _panel(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
+def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned) -> None:
     best = front(points, cost)
+    across = {name: error for name, error in beside.items() if name != ZERO}
     axes.set_xscale("log")
     axes.set_yscale("log")
     for point in points:
@@ -85,8 +88,13 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
         linewidth=0.9,
         zorder=1,
     )
+    for name, error in across.items():
+        axes.axhline(error, color=figures.MEASURED, linestyle=":", linewidth=1.0, zorder=1)
+        axes.annotate(name, (1.0, error), xycoords=axes.get_yaxis_transform(), xytext=(-3, 2),
+                      textcoords="offset points", ha="right", va="bottom", fontsize=6.5,
+                      color=figures.MEASURED)  # fmt: skip
     axes.margins(x=0.22, y=0.15)
-    _plain_ticks(axes, [cost(p) for p in points], [p.error for p in points])
+    _plain_ticks(axes, [cost(p) for p in points], [*(p.error for p in points), *across.values()])
 
 
 def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
@@ -143,7 +151,7 @@ def _overlap(one: Box, other: Box) -> bool:
     return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
 
 
-def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
+def parts(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
     named = {point.arch for points in told.values() for point in points}
     first = Part(
@@ -151,12 +159,18 @@ def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
         f"{headline(told)}Error against trainable parameters and against the step's time in the "
         f"loop; filled points on the line are beaten by none in both.{choice(named)}",
         COLUMNS,
-        [row for points in told.values() for row in rows(points)],
-        panels(told),
+        [row for name, points in told.items() for row in rows(points, beside[name])],
+        panels(told, beside),
         (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
     )
     return [first] + [
-        Part(f"pareto-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
+        Part(
+            f"pareto-{name}",
+            sentence(name, own),
+            COLUMNS,
+            rows(own, beside[name]),
+            shown=summary(own, beside[name]),
+        )
         for name, own in told.items()
     ]
 
@@ -172,10 +186,13 @@ def headline(told: Mapping[str, Sequence[Point]]) -> str:
     return f"In {most} of {len(told)} domains nothing beats {names} in both error and step time. "
 
 
-def rows(points: Sequence[Point]) -> list[list[Any]]:
-    """Every point under `COLUMNS`."""
+def rows(points: Sequence[Point], beside: Unlearned) -> list[list[Any]]:
+    """What learns nothing and every point under `COLUMNS`."""
     fronts = [front(points, cost) for _, cost in COSTS]
-    return [
+    nothing = [""] * (len(COLUMNS) - 5)
+    domain = points[0].domain
+    unlearned = [[domain, name, "", "", error, *nothing] for name, error in beside.items()]
+    return unlearned + [
         [
             point.domain,
             point.arch,
@@ -192,11 +209,11 @@ def rows(points: Sequence[Point]) -> list[list[Any]]:
     ]
 
 
-def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
-    """One domain's table, the smallest error first; ● marks who is on a front."""
+def summary(points: Sequence[Point], beside: Unlearned) -> tuple[list[str], list[list[str]]]:
+    """One domain's table: what learns nothing, then the smallest error first; ● marks a front."""
     columns = ["predictor", "error", "parameters", "front", "step p99 [ms]", "front"]
     weights, steps = (front(points, cost) for _, cost in COSTS)
-    told = []
+    told = [[name, f"{error:.3g}", "", "", "", ""] for name, error in beside.items()]
     for point in sorted(points, key=lambda p: p.error):
         name = f"{point.arch} (no memory)" if point.arch == MEMORYLESS else point.arch
         spread = "" if point.spread is None else f" ± {point.spread:.1g}"

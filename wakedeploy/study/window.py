@@ -30,7 +30,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.episodes import OBSERVER, EpisodeSet, window_shape
+from wakedeploy.episodes import EpisodeSet, window_shape
 from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import MEMORYLESS, hidings, label
 from wakedeploy.study.runs import Wanted, best_run, candidates
@@ -275,13 +275,13 @@ class _Scale:
         from trainers.tape import lay_tape
 
         self.data, self.lengths = data, [reach(seen) for seen in windows(data)]
-        warm_up = max(data.warm_up_steps, *(seen.warm_up_steps for seen in windows(data)))
-        self.tape = lay_tape(data, "test", 0.0, warm_up)
+        self.warm_up = max(data.warm_up_steps, *(seen.warm_up_steps for seen in windows(data)))
+        self.tape = lay_tape(data, "test", 0.0, self.warm_up)
         scored = np.flatnonzero(self.tape.scored.numpy())
         every = -(-len(scored) // _MOST_SCORED)
         self.chosen: npt.NDArray[np.int64] = scored[::every]
         episode = self.tape.first[scored].numpy()
-        self.units = units_of(data, episode, warm_up=warm_up)[::every]
+        self.units = units_of(data, episode, warm_up=self.warm_up)[::every]
         self.channel = [channel.name for channel in data.force].index(main)
         self.truth = self._of(self.tape.force[self.chosen])
 
@@ -301,12 +301,12 @@ class _Scale:
 
     def unlearned(self) -> Iterator[Seen]:
         """Predicting nothing, and the set's observer where it carries one."""
-        yield self._seen("zero", 0, 0.0, "none", 0, 0, -self.truth)
-        kept = self.data.part("test")
-        if all(OBSERVER in episode.extras for episode in kept):
-            told = np.concatenate([e.extras[OBSERVER][:, self.channel] for e in kept])
-            error = told[self.chosen] - self.truth
-            yield self._seen("no-learning observer", 0, 0.0, "none", 0, 0, error)
+        from trainers.score import unlearned_forces
+
+        told = unlearned_forces(self.tape, self.data, "test", 0.0, self.warm_up)
+        for name, forces in told.items():
+            error = self._of(forces[self.chosen]) - self.truth
+            yield self._seen(name, 0, 0.0, "none", 0, 0, error)
 
     def point(self, wanted: Wanted, memory: Any, past: int | None, error: FloatArray) -> Seen:
         """The errors (M,) of a predictor with this memory as one point."""
