@@ -1,15 +1,17 @@
 """TCN: residual blocks of causal dilated convolutions (Bai, Kolter & Koltun 2018).
 
-As a stream each convolution keeps a ring of its last (kernel − 1)·dilation input frames. The same
-code runs whole sequences and single samples: the ring is the left context, so nothing is padded
-twice and a sequence may be cut anywhere.
+As a stream each convolution keeps a ring of its last (kernel − 1)·dilation input frames. It is the
+left context of whole sequences, so nothing is padded twice and a sequence may be cut anywhere. For
+a single sample the kernel's frames are picked from it and one matrix product is all there is to a
+convolution.
 """
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, cast
 
 import torch
 from torch import Tensor, nn
+from torch.nn import functional
 
 from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
@@ -62,6 +64,28 @@ class Tcn(StateModel):
             frames = torch.relu(outer + shortcut)  # (B, C, T)
             shortcut = frames
         return self.readout(frames.transpose(1, 2)), rings  # (B, T, o)
+
+    def step(self, observation: Tensor, state: State) -> tuple[Tensor, State]:
+        """(B, d), state -> (B, o), next state."""
+        rings: State = {}
+        frame = observation  # (B, d)
+        shortcut = self.shortcut(frame.unsqueeze(2)).squeeze(2)  # (B, C)
+        for first in range(0, len(self.convolutions), 2):
+            inner = self._convolve_newest(first, frame, state, rings)  # (B, C)
+            outer = self._convolve_newest(first + 1, inner, state, rings)  # (B, C)
+            frame = torch.relu(outer + shortcut)  # (B, C)
+            shortcut = frame
+        return self.readout(frame), rings  # (B, o)
+
+    def _convolve_newest(self, index: int, frame: Tensor, held: State, rings: State) -> Tensor:
+        """What `_convolve` gives for the newest frame alone, (B, C) -> (B, C)."""
+        name, kernel = f"ring_{index}", cast(nn.Conv1d, self.convolutions[index])
+        context = torch.cat([held[name], frame.unsqueeze(2)], 2)  # (B, C, R + 1)
+        rings[name] = context[:, :, 1:]  # (B, C, R)
+        taps = context[:, :, :: kernel.dilation[0]]  # (B, C, kernel)
+        summed = functional.linear(taps.flatten(1), kernel.weight.flatten(1), kernel.bias)  # (B, C)
+        convolved: Tensor = self.dropout(torch.relu(summed))  # (B, C)
+        return convolved
 
     def _convolve(self, index: int, frames: Tensor, held: State, rings: State) -> Tensor:
         """One causal convolution with ReLU and dropout; leaves its next ring in `rings`."""
