@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 # How many trials are affordable: sets of more samples at higher rates take longer for each.
-TRIALS = {"fish": 100, "ship": 100, "quadrotor": 60, "gantry": 40, "crazyflie": 30, "downwash": 20}
+TRIALS = {"fish": 100, "quadrotor": 40, "gantry": 30, "ship": 30, "crazyflie": 25, "downwash": 15}
 # What would take most of the time in 100 Hz sets, kept to smaller shapes.
 NARROWED = {
     ("downwash", "cross-attention"): ("embed=8:48",),

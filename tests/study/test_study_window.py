@@ -123,7 +123,7 @@ def test_beside_the_models_stand_what_learned_nothing_and_those_kept_from_own_mo
     assert architectures_of(told) == ["history-mlp", blinded]
     assert {w.present_only for _, w in planned(data, ["gru"], 1)} == {(), ("own",)}
     axes = curves({"toy": told}, {}).axes[0]
-    assert {"zero", "no-learning observer", blinded} <= set(axes.get_legend_handles_labels()[1])
+    assert {"no-learning observer", blinded} <= set(axes.get_legend_handles_labels()[1])
 
 
 def test_the_usual_window_is_the_set_itself_so_that_its_run_is_shared() -> None:
@@ -237,6 +237,17 @@ def test_every_architecture_looks_like_itself_and_unlike_the_limits() -> None:
     points = [seen("agile-mlp", 0.0, 0.9), *(seen(name, 0.1, 0.5) for name in names[1:8])]
     labels = curves({"toy": points}, {"toy": 0.1}).axes[0].get_legend_handles_labels()[1]
     assert {*names[1:8], "transport delay"} <= set(labels)
+
+
+def test_what_learned_nothing_is_a_line_unless_it_lies_far_off() -> None:
+    points = [seen("agile-mlp", 0.0, 0.5), seen("gru", 0.1, 0.3)]
+    near = replace(seen("no-learning observer", 0.0, 0.55), memory="none")
+    far = replace(seen("zero", 0.0, 2.0), memory="none")
+    axes = curves({"toy": [far, near, *points]}, {"toy": None}).axes[0]
+    labels = axes.get_legend_handles_labels()[1]
+    assert ("no-learning observer" in labels, "zero" in labels) == (True, False)
+    assert "zero: 2.00 ↑" in [text.get_text() for text in axes.texts]
+    assert axes.get_ylim()[1] < 1.0
 
 
 def test_the_transport_delay_comes_from_the_set() -> None:

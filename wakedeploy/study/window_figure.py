@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from wakedeploy import figures
-from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY
+from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY, ZERO
 from wakedeploy.study.folder import Part
 from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_UNLEARNED = {"zero": "-.", "no-learning observer": (0, (5, 1, 1, 1))}
+_FARTHEST = 1.15  # of the panel's largest other error: what is farther off is told, not drawn
 COLUMNS = (
     "domain",
     "arch",
@@ -54,7 +54,7 @@ def curves(told: Mapping[str, Sequence[Seen]], delays_s: Mapping[str, float | No
     """
     across = min(len(told), 3)
     down = -(-len(told) // across)
-    size = (3.1 * across, 0.4 + 2.4 * down)
+    size = (3.1 * across, 0.7 + 2.4 * down)
     with figures.style():
         drawn, grid = figures.figure(down, across, size=size, squeeze=False)
         for axes, (domain, points) in zip(grid.flat, told.items(), strict=False):
@@ -68,7 +68,7 @@ def curves(told: Mapping[str, Sequence[Seen]], delays_s: Mapping[str, float | No
             for axes in grid.flat
             for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
-        columns = 6 if across == 3 else 2
+        columns = 4 if across == 3 else 2
         drawn.legend(list(handles.values()), list(handles), loc="outside upper center",
                      ncols=columns)  # fmt: skip
     return drawn
@@ -79,9 +79,7 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen], delay_s: float | N
     axes.axhline(plain, color=figures.LIMIT, linestyle="--", label=f"{MEMORYLESS} (no memory)")
     if delay_s is not None:
         axes.axvline(delay_s, color=figures.TRUE, linewidth=0.9, label="transport delay")
-    for one in unlearned_of(points):
-        axes.axhline(one.share, color=figures.TRUE, linestyle=_UNLEARNED[one.arch], linewidth=0.9,
-                     label=one.arch)  # fmt: skip
+    _unlearned(axes, points)
     names = architectures_of(points)
     known = looks([name.removesuffix(SOURCE_ONLY) for name in names])
     for arch in names:
@@ -108,6 +106,20 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen], delay_s: float | N
     axes.set_ylim(bottom=0.0)
     axes.set_xlim(left=0.0)
     axes.set_xlabel("past that is seen [s]")
+
+
+def _unlearned(axes: "Axes", points: Sequence[Seen]) -> None:
+    """What learned nothing: a line across, or in words where that would squeeze the others."""
+    beside = unlearned_of(points)
+    highest = max(p.share for p in points if p not in beside)
+    far = [one for one in beside if one.share > _FARTHEST * highest]
+    for one in beside:
+        if one not in far:
+            colour = figures.LIMIT if one.arch == ZERO else figures.REFERENCE
+            axes.axhline(one.share, color=colour, linestyle="-.", linewidth=0.9, label=one.arch)
+    if far:
+        told = ", ".join(f"{one.arch}: {one.share:.2f} ↑" for one in far)
+        axes.text(0.98, 0.97, told, fontsize=6.5, ha="right", va="top", transform=axes.transAxes)
 
 
 def parts(
