@@ -54,3 +54,17 @@ def test_on_the_downwash_memory_predicts_and_flies_better() -> None:
 
 def test_the_compiled_field_is_eight_times_its_twin() -> None:
     assert json.loads((DOCS / "field.json").read_text())["ratio_worst_turn"] >= 8.0
+
+
+def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_takes() -> None:
+    with (DOCS / "study-window.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["domain"] == "gantry"]
+    errors = defaultdict(list)
+    for row in rows:
+        if row["arch"] == "history-mlp":
+            errors[float(row["past_s"])].append(float(row["rmse"]))
+    mean = {past_s: float(np.mean(own)) for past_s, own in errors.items()}
+    enough_s = min(past_s for past_s, error in mean.items() if error <= 1.05 * min(mean.values()))
+    assert 0.343 <= enough_s <= 0.5  # transport and the source's lag, from docs/study-delay.csv
+    memoryless = np.mean([float(row["rmse"]) for row in rows if row["arch"] == MEMORYLESS])
+    assert mean[enough_s] < 0.2 * memoryless
