@@ -37,6 +37,10 @@ if TYPE_CHECKING:
 
 # How many trials are affordable: sets of more samples at higher rates take longer for each.
 TRIALS = {"fish": 60, "quadrotor": 30, "gantry": 30, "ship": 20, "crazyflie": 20, "downwash": 12}
+# Small updates take most of the time and gain little: the fit's dimensions begin near the reference.
+COARSE = {"gru": ("lanes=16:64", "chunk_steps=64:256"), "esn": ()}
+COARSE |= {"tcn": COARSE["gru"], "mamba": COARSE["gru"]}
+WINDOWS = ("batch=128:1024",)
 # What would take most of the time in 100 Hz sets, kept to smaller shapes.
 NARROWED = {
     ("downwash", "cross-attention"): ("embed=8:48",),
@@ -71,7 +75,8 @@ def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
     """One pair's row: tuned, scored with and without what was found, and shipped."""
     data, folder = sets / domain, work / domain / arch
     told = folder / "tune.json"
-    asked = [f"--dimension={text}" for text in NARROWED.get((domain, arch), ())]
+    narrowed = [*COARSE.get(arch, WINDOWS), *NARROWED.get((domain, arch), ())]
+    asked = [f"--dimension={text}" for text in narrowed]
     asked += ["--arch", arch, "--data", data, "--trials", TRIALS[domain]]
     asked += [] if arch == "esn" else ["--pruner", "hyperband"]  # a reservoir has no epochs
     wakedeploy("tune", *asked, "--out", folder / "study", "--json", told)
@@ -79,7 +84,7 @@ def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
     study = json.loads(told.read_text())
     row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
     row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
-    row |= {"narrowed": list(NARROWED.get((domain, arch), ()))}
+    row |= {"narrowed": narrowed}
     row |= {"commit": frozen_at(), "date": f"{datetime.date.today():%Y-%m-%d}"}
     row |= {"machine": platform.machine()}
     # A study that went on may have found better, whose runs are others.
