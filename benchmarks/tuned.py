@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 # How many trials are affordable: sets of more samples at higher rates take longer for each.
 TRIALS = {"fish": 60, "quadrotor": 30, "gantry": 30, "ship": 20, "crazyflie": 20, "downwash": 12}
-# Small updates take most of the time and gain little: the fit's dimensions begin near the reference.
+# Small updates take most of the time and gain little: what they are begins near the reference.
 COARSE = {"gru": ("lanes=16:64", "chunk_steps=64:256"), "esn": ()}
 COARSE |= {"tcn": COARSE["gru"], "mamba": COARSE["gru"]}
 WINDOWS = ("batch=128:1024",)
