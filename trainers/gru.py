@@ -52,8 +52,11 @@ class Gru(StateModel):
             hidden, last = self.gru(inputs, held["hidden"].unsqueeze(0))  # (B, T, H), (1, B, H)
             return self.head(hidden), {"hidden": last.squeeze(0)}  # (B, T, o)
         unit: Any = self.gru  # torch does not declare the types of its weights
-        from_input = functional.linear(inputs.transpose(0, 1), unit.weight_ih_l0, unit.bias_ih_l0)
-        history = gru_sequence(from_input, held["hidden"], unit.weight_hh_l0, unit.bias_hh_l0)
+        width = unit.hidden_size
+        gates, new_h = unit.bias_hh_l0.split((2 * width, width))  # the gates' only adds to theirs
+        bias = unit.bias_ih_l0 + functional.pad(gates, (0, width))
+        from_input = functional.linear(inputs.transpose(0, 1), unit.weight_ih_l0, bias)
+        history = gru_sequence(from_input, held["hidden"], unit.weight_hh_l0, new_h)
         return self.head(history.transpose(0, 1)), {"hidden": history[-1]}  # (B, T, o)
 
     def step(self, observation: Tensor, state: State) -> tuple[Tensor, State]:
