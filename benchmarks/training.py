@@ -372,11 +372,18 @@ class MultiplyAdds:
             each = sum(p.numel() for p in core.gru.parameters() if p.dim() > 1)
         elif isinstance(core, Mamba):
             each = 3 * core.a_log.numel()  # decay ∘ h + drive, dt·x ∘ B, C·h
-        elif isinstance(core, CrossAttention):
-            each = 2 * core.heads * core.width  # query·key, weights·value
         elif isinstance(core, DelayEmbedding):
             each = inputs[0].shape[2]  # weights·observation
+        elif isinstance(core, CrossAttention):
+            self._attention(core, *inputs[0].shape)
         self.count += 3 * samples * each
+
+    def _attention(self, core: CrossAttention, batch: int, k: int, d: int) -> None:
+        """Queries and means through the keys', values' and embedding's weights; the window's."""
+        embed = core.heads * core.width
+        weights = 2 * embed * embed + core.heads * embed * d
+        given = 2 * core.heads * k * (embed + d)  # positions and window, which need no gradient
+        self.count += batch * (3 * weights + 2 * given)
 
 
 def shares(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
@@ -426,12 +433,9 @@ def table(rows: Sequence[dict[str, Any]]) -> str:
         cells += [f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f})"]
         cells += [_mean(row["errors"][name]) for name in ("ours", "plain")]
         cells += [f"{100 * row['ours_share_of_core']:.0f} %"]
-        beside = row.get("at_once")
-        cells += (
-            [f"{beside['per_s']:,.0f}", f"{100 * beside['share_of_cores']:.0f} %"]
-            if beside
-            else ["–", "–"]
-        )
+        if beside := row.get("at_once"):
+            cells += [f"{beside['per_s']:,.0f}", f"{100 * beside['share_of_cores']:.0f} %"]
+        cells += ["–"] * (9 - len(cells))
         cells += [f"{100 * row['shares'][name]:.0f} %" for name in SHARES]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)

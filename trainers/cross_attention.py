@@ -62,24 +62,41 @@ class CrossAttention(WakeModel):
             nn.Linear(embed, hyper.head), nn.ReLU(), nn.Linear(hyper.head, sizes.outputs)
         )
 
-    def attend(self, window: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """Asking token (B, E), values (B, K, H, E/H), weights (B, K, H) that sum to 1 over K."""
+    def attend(self, window: Tensor) -> tuple[Tensor, Tensor]:
+        """Asking token (B, E) and the weights (B, H, K) of the snapshots, which sum to 1 over K.
+
+        A key is linear in its snapshot, so that the query is taken through the key's and the
+        embedding's weights once instead of every snapshot through both. Their biases add the same
+        to all snapshots and fall out of the softmax.
+        """
         asking = self.embed_query(window[:, -1]) + self.positions[-1]  # (B, E)
-        past = self.embed_past(window) + self.positions  # (B, K, E)
-        query = self.query(asking).unflatten(1, (1, self.heads, self.width))  # (B, 1, H, E/H)
-        key = self.key(past).unflatten(2, (self.heads, self.width))  # (B, K, H, E/H)
-        value = self.value(past).unflatten(2, (self.heads, self.width))  # (B, K, H, E/H)
-        likeness = (query * key).sum(3) / math.sqrt(self.width)  # (B, K, H)
-        return asking, value, torch.softmax(likeness, dim=1)
+        query = self.query(asking).unflatten(1, (self.heads, self.width))  # (B, H, E/H)
+        asked = _each_by_its_own(query, self._by_head(self.key))  # (B, H, E)
+        of_positions = asked @ self.positions.t()  # (B, H, K)
+        of_observations = asked @ self.embed_past.weight @ window.transpose(1, 2)  # (B, H, K)
+        likeness = (of_positions + of_observations) / math.sqrt(self.width)  # (B, H, K)
+        return asking, torch.softmax(likeness, dim=2)
 
     def forward(self, window: Tensor) -> Tensor:
         """(B, K, d), oldest first -> (B, o)."""
-        asking, value, weights = self.attend(window)
-        attended = (weights.unsqueeze(3) * value).sum(1).flatten(1)  # (B, E)
+        asking, weights = self.attend(window)
+        # Values are linear too: the mean snapshot's value instead of the mean of all values.
+        past = self.embed_past(weights @ window) + weights @ self.positions  # (B, H, E)
+        value = _each_by_its_own(past, self._by_head(self.value).transpose(1, 2))  # (B, H, E/H)
+        attended = value.flatten(1) + self.value.bias  # (B, E)
         x = self.norm_attended(asking + self.mix(attended))  # (B, E)
         x = self.norm_fed(x + self.feed_forward(x))  # (B, E)
         force: Tensor = self.head(x)  # (B, o)
         return force
+
+    def _by_head(self, linear: nn.Linear) -> Tensor:
+        """Its weights as (H, E/H, E)."""
+        return linear.weight.view(self.heads, self.width, -1)
+
+
+def _each_by_its_own(vectors: Tensor, matrices: Tensor) -> Tensor:
+    """Each head's vectors times its own matrix: (B, H, m), (H, m, n) -> (B, H, n)."""
+    return (vectors.transpose(0, 1) @ matrices).transpose(0, 1)
 
 
 def sinusoids(length: int, width: int) -> Tensor:

@@ -91,10 +91,15 @@ class Fit:
         self.observation = predictor.normalise(self.train.observation)  # (N, d)
         self.target = _normalised_force(predictor, self.train)  # (N, o)
         self.loss = WeightedMse(loss_weights, predictor.force_sd)
-        self.optimiser = torch.optim.AdamW(
-            _weight_groups(predictor, settings.weight_decay), lr=settings.learning_rate, fused=True
-        )
+        self.weights, self.decaying = _joined(predictor)
+        self.optimiser = torch.optim.Adam([self.weights], lr=settings.learning_rate, fused=True)
         self.standing = Standing()
+
+    @property
+    def gradient(self) -> Tensor:
+        """That of all weights, in their order."""
+        assert self.weights.grad is not None
+        return self.weights.grad
 
     @property
     def finished(self) -> bool:
@@ -186,13 +191,14 @@ class Fit:
         return {name: value.detach() for name, value in state.items()}
 
     def _descend(self, loss: Tensor, progress: float) -> None:
-        """One update, `progress` of the way through the present epoch."""
-        rate = learning_rate(self.settings, self.standing.epoch + progress)
-        for group in self.optimiser.param_groups:
-            group["lr"] = rate
-        self.optimiser.zero_grad()
+        """One update of AdamW, `progress` of the way through the present epoch."""
+        s, weights, gradient = self.settings, self.weights.detach(), self.gradient
+        rate = learning_rate(s, self.standing.epoch + progress)
+        self.optimiser.param_groups[0]["lr"] = rate
+        gradient.zero_()  # not None: the parameters' gradients are parts of it
         loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.predictor.parameters(), self.settings.gradient_clip)
+        gradient.mul_((s.gradient_clip / (gradient.norm() + 1e-6)).clamp(max=1.0))
+        weights[: self.decaying].mul_(1.0 - rate * s.weight_decay)
         self.optimiser.step()
 
 
@@ -218,10 +224,19 @@ def _normalised_force(predictor: Predictor, tape: Tape) -> Tensor:
     return (tape.force - predictor.force_mean) / predictor.force_sd
 
 
-def _weight_groups(predictor: Predictor, decay: float) -> list[dict[str, object]]:
-    """Matrices decay; biases, gains and the delay's own parameters do not."""
+def _joined(predictor: Predictor) -> tuple[nn.Parameter, int]:
+    """One parameter of all that is trained, and how many of its weights decay: they come first.
+
+    The predictor's own become parts of it, their gradients too: models are so small that clipping
+    and updating each by itself takes as long as their gradients. Matrices decay; biases, gains and
+    the delay's own parameters do not.
+    """
     trainable = [p for p in predictor.parameters() if p.requires_grad]
-    return [
-        {"params": [p for p in trainable if p.dim() > 1], "weight_decay": decay},
-        {"params": [p for p in trainable if p.dim() <= 1], "weight_decay": 0.0},
-    ]
+    trainable.sort(key=lambda p: p.dim() <= 1)  # stable
+    whole = nn.Parameter(torch.cat([p.detach().flatten() for p in trainable]))
+    whole.grad = torch.zeros_like(whole)
+    sizes = [p.numel() for p in trainable]
+    weights, gradients = torch.split(whole.detach(), sizes), torch.split(whole.grad, sizes)
+    for p, data, gradient in zip(trainable, weights, gradients, strict=True):
+        p.data, p.grad = data.view_as(p), gradient.view_as(p)
+    return whole, sum(p.numel() for p in trainable if p.dim() > 1)

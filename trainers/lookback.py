@@ -60,8 +60,8 @@ def attention(predictor: Predictor, tape: Tape) -> FloatArray:
         raise TypeError(f"{predictor.arch} attends to nothing")
     total = torch.zeros(predictor.memory.k, core.heads, dtype=torch.float64)
     for window in _windows(predictor, tape):
-        _, _, weights = core.attend(window)  # (B, K, H)
-        total += weights.double().sum(0)
+        _, weights = core.attend(window)  # (B, H, K)
+        total += weights.double().sum(0).t()
     return np.asarray((total / tape.scored.sum()).numpy())
 
 
