@@ -29,7 +29,7 @@ _QUICK_TICKS = 128
     type=click.IntRange(64),
     default=1024,
     show_default=True,
-    help="Of the loop with each model, at 32 a second; 128 with --quick.",
+    help="Of the loop with each model, at 32 a second, in four rounds; 128 with --quick.",
 )
 @recordings_option("quadrotor", "fish", "crazyflie")
 @study_options
@@ -37,7 +37,8 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     """Set each architecture's error against its parameters and against its step's time.
 
     The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: half a minute for
-    each model and domain, on a machine that should do nothing else meanwhile. Trains what
+    each model and domain, in four rounds of which the quietest counts, on a machine that should do
+    nothing else meanwhile. Trains what
     `study domains` has not trained into the same folder yet.
 
     \b

@@ -90,9 +90,7 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
     )
     for name, error in across.items():
         axes.axhline(error, color=figures.MEASURED, linestyle=":", linewidth=1.0, zorder=1)
-        axes.annotate(name, (1.0, error), xycoords=axes.get_yaxis_transform(), xytext=(-3, 2),
-                      textcoords="offset points", ha="right", va="bottom", fontsize=6.5,
-                      color=figures.MEASURED)  # fmt: skip
+        axes.set_title(f"····· {name}", loc="right", fontsize=6.5, color=figures.MEASURED)
     axes.margins(x=0.22, y=0.15)
     _plain_ticks(axes, [cost(p) for p in points], [*(p.error for p in points), *across.values()])
 
@@ -103,7 +101,9 @@ def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) 
 
     for axis, values in ((axes.xaxis, costs), (axes.yaxis, errors)):
         decades = max(values) / min(values)
-        subs: tuple[float, ...] = (1.0, 2.0, 5.0) if decades < 50 else (1.0,)
+        subs: tuple[float, ...] = (1.0, 2.0, 5.0) if decades < 10 else (1.0, 3.0)
+        if decades > 50:
+            subs = (1.0,)
         if decades < 3:
             subs = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
         axis.set_major_locator(LogLocator(subs=subs))
