@@ -72,7 +72,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--arch", default="all", help="all, or NAME[,NAME…]")
     parser.add_argument("--data", type=Path, help="an episode set; default: simulated gantry")
     parser.add_argument("--minutes", type=float, default=10.0, help="of gantry that are simulated")
-    parser.add_argument("--epochs", type=int, default=30, help="as many turns")
+    parser.add_argument("--epochs", type=int, default=20, help="as many turns")
     parser.add_argument("--seeds", type=int, default=3, help="trainings of each architecture")
     parser.add_argument("--quick", action="store_true", help="little data, two turns, one seed")
     parser.add_argument("--json", type=Path)
