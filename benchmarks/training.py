@@ -6,7 +6,7 @@ The plain loop is what most papers use: every target's window is stored whole, a
 shuffled batches, and a recurrent model runs over each window from a zero state for one target.
 Two trainings in a process each then say what two cores reach, as a sweep uses them.
 
-    OMP_NUM_THREADS=1 python benchmarks/training.py --json docs/training-speed.json
+    OMP_NUM_THREADS=1 python -m benchmarks.training --json docs/training-speed.json
 """
 
 import argparse
@@ -26,15 +26,12 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 from torch.utils.data import DataLoader, TensorDataset
-from torch.utils.hooks import RemovableHandle
 
+from benchmarks.multiply_adds import MultiplyAdds
 from trainers.build import ARCHITECTURES
-from trainers.cross_attention import CrossAttention
-from trainers.delay_embedding import DelayEmbedding
 from trainers.fit import Fit, learning_rate
 from trainers.gru import Gru
 from trainers.loss import WeightedMse
-from trainers.mamba import Mamba
 from trainers.memory import Memory
 from trainers.model import Predictor, WakeModel, window_indices
 from trainers.runs import RunConfig, new_predictor
@@ -50,6 +47,7 @@ TOGETHER_S = 600.0  # for which one waits for the others
 MATRIX = ("addmm", "aten::mm", "bmm", "baddbmm", "convolution", "mkldnn_linear", "thnn_conv")
 INDEXING = ("aten::index", "aten::gather", "aten::where", "aten::minimum", "aten::maximum")
 RECURRENCE = ("_LinearRecurrence", "_GruSequence")  # but for the matrix products in it
+ERRORS = ("ours", "ours, twice as long", "plain")
 SHARES = ("matrix products", "recurrence", "optimiser", "indexing", "other operations", "Python")
 
 
@@ -226,6 +224,8 @@ def compared(configs: Sequence[RunConfig], data: EpisodeSet) -> dict[str, Any]:
     for name in ("targets", "updates", "errors", "initial_sha256"):
         row[name] = {who: [run[name][who] for run in runs] for who in ("ours", "plain")}
     row["plain_error_carried"] = [run["plain_error_carried"] for run in runs]
+    if new_predictor(configs[0]).memory.kind == "state":
+        row["errors"]["ours, twice as long"] = [twice_as_long(config, data) for config in configs]
     row["core_gflops"] = core_gflops
     for name, flops in flops_per_target(configs[0], data).items():
         gflops = 1e-9 * flops * row[f"{name}_per_s"]["median"]
@@ -262,6 +262,21 @@ def turns_of(config: RunConfig, data: EpisodeSet) -> dict[str, Any]:
     told["errors"] = {name: math.sqrt(loss) for name, loss in losses.items()}
     ours.predictor.load_state_dict(plain.predictor.state_dict())
     return told | {"plain_error_carried": math.sqrt(ours.validate())}  # as it would be flown
+
+
+def twice_as_long(config: RunConfig, data: EpisodeSet) -> float:
+    """The error of our training alone with twice the epochs.
+
+    Neighbouring samples of a lane tell less than as many drawn at random: ours learns less from as
+    many targets, and has time for more.
+    """
+    epochs = 2 * int(config.settings["epochs"])
+    longer = config.model_copy(update={"settings": {**config.settings, "epochs": epochs}})
+    fit = counted_fit(longer, data)
+    for _ in range(epochs):
+        fit.train_epoch()
+        fit.end_epoch()
+    return math.sqrt(fit.standing.history[-1])
 
 
 def at_once(config: RunConfig, data: EpisodeSet, cores: int) -> dict[str, float]:
@@ -336,56 +351,6 @@ def flops_per_target(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
     return told
 
 
-class MultiplyAdds:
-    """Counts multiply-adds of a core's training from the shapes that its layers see.
-
-    A matrix of W weights takes W for each row that goes through; the backward pass takes W a row
-    for the weights' gradient and, unless the layer stands first, W for its input's. What has no
-    weights is added by architecture: Mamba's recurrence, the weighing of a window.
-    """
-
-    def __init__(self, core: WakeModel) -> None:
-        self.core, self.count = core, 0
-        self._hooks: list[RemovableHandle] = []
-
-    def __enter__(self) -> "MultiplyAdds":
-        for module in self.core.modules():
-            if isinstance(module, nn.Linear | nn.Conv1d | nn.GRU):
-                self._hooks.append(module.register_forward_hook(self._layer))
-        self._hooks.append(self.core.register_forward_hook(self._no_layer))
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        for hook in self._hooks:
-            hook.remove()
-
-    def _layer(self, module: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
-        given = output[0] if isinstance(module, nn.GRU) else output
-        rows = given.numel() // given.shape[1 if isinstance(module, nn.Conv1d) else -1]
-        weights = sum(p.numel() for p in module.parameters() if p.dim() > 1)
-        self.count += rows * weights * (3 if inputs[0].requires_grad else 2)
-
-    def _no_layer(self, core: nn.Module, inputs: tuple[Tensor, ...], output: Any) -> None:
-        samples = inputs[0].shape[0] * (inputs[0].shape[1] if inputs[0].dim() > 2 else 1)
-        each = 0
-        if isinstance(core, Gru):  # its own way through a sequence, past the module that it keeps
-            each = sum(p.numel() for p in core.gru.parameters() if p.dim() > 1)
-        elif isinstance(core, Mamba):
-            each = 3 * core.a_log.numel()  # decay ∘ h + drive, dt·x ∘ B, C·h
-        elif isinstance(core, DelayEmbedding):
-            each = inputs[0].shape[2]  # weights·observation
-        elif isinstance(core, CrossAttention):
-            self._attention(core, *inputs[0].shape)
-        self.count += 3 * samples * each
-
-    def _attention(self, core: CrossAttention, batch: int, k: int, d: int) -> None:
-        """Queries and means through the keys', values' and embedding's weights; the window's."""
-        embed = core.heads * core.width
-        weights = 2 * embed * embed + core.heads * embed * d
-        given = 2 * core.heads * k * (embed + d)  # positions and window, which need no gradient
-        self.count += batch * (3 * weights + 2 * given)
-
-
 def shares(config: RunConfig, data: EpisodeSet) -> dict[str, float]:
     """Where an epoch of ours spends its time, by torch's profiler; they sum to 1.
 
@@ -423,25 +388,27 @@ def _kind(event: Any) -> str:
 
 def table(rows: Sequence[dict[str, Any]]) -> str:
     """A Markdown table: median over turns, 10th to 90th percentile, errors of each seed's mean."""
-    head = ["", "targets/s", "plain loop", "ratio", "error", "plain", "of the core"]
-    head += ["two cores", "of them", *SHARES]
+    head = ["", "targets/s", "plain loop", "ratio", "error", "twice as long", "plain"]
+    head += ["of the core", "two cores", "of them", *SHARES]
     lines = ["| " + " | ".join(head) + " |", "|---|" + "---:|" * (len(head) - 1)]
     for row in rows:
         cells = [row["arch"]]
         cells += [f"{row[f'{name}_per_s']['median']:,.0f}" for name in ("ours", "plain")]
         ratio = row["ratio"]
         cells += [f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f})"]
-        cells += [_mean(row["errors"][name]) for name in ("ours", "plain")]
+        cells += [_mean(row["errors"].get(name, [])) for name in ERRORS]
         cells += [f"{100 * row['ours_share_of_core']:.0f} %"]
         if beside := row.get("at_once"):
             cells += [f"{beside['per_s']:,.0f}", f"{100 * beside['share_of_cores']:.0f} %"]
-        cells += ["–"] * (9 - len(cells))
+        cells += ["–"] * (10 - len(cells))
         cells += [f"{100 * row['shares'][name]:.0f} %" for name in SHARES]
         lines.append("| " + " | ".join(cells) + " |")
     return "\n".join(lines)
 
 
 def _mean(values: Sequence[float]) -> str:
+    if not values:
+        return "–"
     mean = f"{np.mean(values):.4f}"
     return mean if len(values) < 2 else f"{mean} ± {np.std(values, ddof=1):.4f}"
 

@@ -8,10 +8,10 @@ import pytest
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
+from benchmarks.multiply_adds import MultiplyAdds
 from benchmarks.training import (
     DESCENDING,
     SHARES,
-    MultiplyAdds,
     PlainLoop,
     at_once,
     counted_fit,
