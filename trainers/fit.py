@@ -139,25 +139,21 @@ class Fit:
 
     def tensors(self) -> dict[str, Tensor]:
         """Weights and optimiser state, to be restored by `restore`."""
+        moments = self.optimiser.state[self.weights]
         saved = {f"model.{name}": value for name, value in self.predictor.state_dict().items()}
-        for index, state in self.optimiser.state_dict()["state"].items():
-            saved |= {f"optimiser.{index}.{name}": value for name, value in state.items()}
-        return saved
+        return saved | {f"optimiser.{name}": value for name, value in moments.items()}
 
     def restore(self, tensors: dict[str, Tensor], standing: Standing) -> None:
         """Continue where `tensors` and `standing` were saved. KeyError, ValueError: not ours."""
-        weights: dict[str, Tensor] = {}
-        moments: dict[int, dict[str, Tensor]] = {}
+        saved: dict[str, dict[str, Tensor]] = {"model": {}, "optimiser": {}}
         for key, value in tensors.items():
             kind, _, name = key.partition(".")
-            if kind == "model":
-                weights[name] = value
-            else:
-                index, _, moment = name.partition(".")
-                moments.setdefault(int(index), {})[moment] = value
-        self.predictor.load_state_dict(weights)
+            saved[kind][name] = value
+        if saved["optimiser"]["exp_avg"].shape != self.weights.shape:
+            raise ValueError("the optimiser's state is not that of these weights")
+        self.predictor.load_state_dict(saved["model"])
         groups = copy.deepcopy(self.optimiser.state_dict()["param_groups"])
-        self.optimiser.load_state_dict({"state": moments, "param_groups": groups})
+        self.optimiser.load_state_dict({"state": {0: saved["optimiser"]}, "param_groups": groups})
         self.standing = standing
 
     def _play_minibatches(self, generator: torch.Generator) -> None:

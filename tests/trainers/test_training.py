@@ -22,6 +22,8 @@ from trainers.runs import (
     finished_runs,
     load_run,
     newest_run,
+    read_tensors,
+    write_tensors,
 )
 from trainers.score import score
 from trainers.training import configure, settings_for, train
@@ -198,6 +200,10 @@ def test_a_damaged_checkpoint_to_resume_from_is_told(echo: EpisodeSet, tmp_path:
     with pytest.raises(KeyboardInterrupt):
         trained(echo, tmp_path, "gru", on_epoch=interrupt_after(2))
     path = tmp_path / "echo" / "gru" / "s0" / "last.safetensors"
+    tensors, facts = read_tensors(path)
+    write_tensors(path, tensors | {"optimiser.exp_avg": tensors["optimiser.exp_avg"][:-1]}, facts)
+    with pytest.raises(UnusableInput, match="not a checkpoint of this run"):
+        trained(echo, tmp_path, "gru")
     path.write_bytes(path.read_bytes()[:1000])
     with pytest.raises(UnusableInput, match=r"last\.safetensors is damaged"):
         trained(echo, tmp_path, "gru")
