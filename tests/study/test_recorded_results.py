@@ -86,3 +86,10 @@ def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_
     for row in rows:
         assert row["targets"]["ours"] == row["targets"]["plain"]
         assert row["initial_sha256"]["ours"] == row["initial_sha256"]["plain"]
+
+
+def test_flights_in_lockstep_are_forty_times_as_fast_as_real_time_with_any_model() -> None:
+    told = json.loads((DOCS / "downwash-speed.json").read_text())["times_real_time"]
+    flown = {name: row["worst"] for name, row in told.items() if name.startswith("closed loop")}
+    assert len(flown) == len(ARCHITECTURES)
+    assert min(flown.values()) >= 40.0
