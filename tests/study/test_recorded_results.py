@@ -93,3 +93,8 @@ def test_flights_in_lockstep_are_forty_times_as_fast_as_real_time_with_any_model
     flown = {name: row["worst"] for name, row in told.items() if name.startswith("closed loop")}
     assert len(flown) == len(ARCHITECTURES)
     assert min(flown.values()) >= 40.0
+
+
+def test_forces_are_recorded_a_hundred_times_as_fast_as_real_time() -> None:
+    told = json.loads((DOCS / "downwash-speed.json").read_text())["times_real_time"]
+    assert told["recording"]["worst"] >= 100.0

@@ -25,6 +25,7 @@ from wakedeploy.physics.field_grid import (
 
 __all__ = ["FieldGrid", "FieldPhysics", "WakeField"]
 
+_THIRD, _SIXTH, _TWELFTH = 1.0 / 3.0, 1.0 / 6.0, 1.0 / 12.0  # factors, for divisions are slow
 _SIDE = 4  # columns of air at rest that the cubic of the horizontal advection may reach into
 
 
@@ -187,10 +188,11 @@ def _advect_sideways(
     """Trace each cell back to x_src = i − v_x·Δt/Δx; between cells the cubic through four."""
     columns, rows = velocity.shape[1] - 2 * side, velocity.shape[2]
     for i in range(columns):
-        farthest = 0.0
+        along = velocity[0, side + i]
+        far = 0  # counted, for a maximum would not be vectorised
         for j in range(rows):
-            farthest = max(farthest, abs(velocity[0, side + i, j]))
-        if farthest * cells_per_mps < 1.0:
+            far += abs(along[j]) * cells_per_mps >= 1.0
+        if far == 0:
             _advect_near(velocity, moved, side + i, cells_per_mps)
             continue
         for j in range(rows):
@@ -214,28 +216,25 @@ def _advect_sideways(
 
 @_compiled
 def _advect_near(velocity: FloatArray, moved: FloatArray, at: int, cells_per_mps: float) -> None:
-    """A column whose air has gone less than a cell: its four neighbours are known beforehand."""
-    for j in range(velocity.shape[2]):
-        gone = velocity[0, at, j] * cells_per_mps
-        right = gone >= 0.0  # it came from the left
-        f = 1.0 - gone if right else -gone
-        before = -f * (f - 1.0) * (f - 2.0) / 6.0
-        here = (f + 1.0) * (f - 1.0) * (f - 2.0) / 2.0
-        after = -(f + 1.0) * f * (f - 2.0) / 2.0
-        beyond = (f + 1.0) * f * (f - 1.0) / 6.0
-        for c in range(2):
-            a, b, m, d, e = (
-                velocity[c, at - 2, j],
-                velocity[c, at - 1, j],
-                velocity[c, at, j],
-                velocity[c, at + 1, j],
-                velocity[c, at + 2, j],
-            )
-            moved[c, at, j] = (
-                before * (a if right else b)
-                + here * (b if right else m)
-                + after * (m if right else d)
-                + beyond * (d if right else e)
+    """A column whose air has gone less than a cell: the same cubic, without a choice of cells.
+
+    For g cells gone, with q = 1 − g², Lagrange's weights of the cubic through two cells upstream,
+    the own and one downstream are sums of a part even in g and a part odd in it.
+    """
+    along = velocity[0, at]
+    for c in range(2):
+        left2, left, own = velocity[c, at - 2], velocity[c, at - 1], velocity[c, at]
+        right, right2, result = velocity[c, at + 1], velocity[c, at + 2], moved[c, at]
+        for j in range(len(result)):
+            gone = along[j] * cells_per_mps
+            q = 1.0 - gone * gone
+            even, odd = abs(gone) * q, gone * q
+            result[j] = (
+                (q - 0.5 * even) * own[j]
+                + (0.5 * gone * gone + _THIRD * even) * (left[j] + right[j])
+                + (0.5 * gone + _SIXTH * odd) * (left[j] - right[j])
+                - _TWELFTH * even * (left2[j] + right2[j])
+                - _TWELFTH * odd * (left2[j] - right2[j])
             )
 
 
