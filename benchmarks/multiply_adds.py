@@ -55,8 +55,9 @@ class MultiplyAdds:
         self.count += 3 * samples * each
 
     def _attention(self, core: CrossAttention, batch: int, k: int, d: int) -> None:
-        """Queries and means through the keys', values' and embedding's weights; the window's."""
+        """Keys and values: their weights once, queries and means through those, then the window."""
         embed = core.heads * core.width
-        weights = 2 * embed * embed + core.heads * embed * d
-        given = 2 * core.heads * k * (embed + d)  # positions and window, which need no gradient
-        self.count += batch * (3 * weights + 2 * given)
+        seen = d + k  # an observation, and which of the window's positions
+        self.count += 2 * 3 * embed * embed * seen
+        given = 2 * core.heads * k * d  # of the window, which needs no gradient
+        self.count += batch * (3 * 2 * embed * seen + 2 * given)

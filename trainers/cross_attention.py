@@ -65,33 +65,35 @@ class CrossAttention(WakeModel):
     def attend(self, window: Tensor) -> tuple[Tensor, Tensor]:
         """Asking token (B, E) and the weights (B, H, K) of the snapshots, which sum to 1 over K.
 
-        A key is linear in its snapshot, so that the query is taken through the key's and the
-        embedding's weights once instead of every snapshot through both. Their biases add the same
-        to all snapshots and fall out of the softmax.
+        Keys are linear in their snapshots and positions, so that the query is taken through the
+        weights once instead of every snapshot. Biases of keys and of the embedding add the same to
+        all snapshots and fall out of the softmax.
         """
+        _, past, inputs = window.shape
         asking = self.embed_query(window[:, -1]) + self.positions[-1]  # (B, E)
-        query = self.query(asking).unflatten(1, (self.heads, self.width))  # (B, H, E/H)
-        asked = _each_by_its_own(query, self._by_head(self.key))  # (B, H, E)
-        of_positions = asked @ self.positions.t()  # (B, H, K)
-        of_observations = asked @ self.embed_past.weight @ window.transpose(1, 2)  # (B, H, K)
-        likeness = (of_positions + of_observations) / math.sqrt(self.width)  # (B, H, K)
+        query = self.query(asking) / math.sqrt(self.width)  # (B, E)
+        query = query.unflatten(1, (self.heads, self.width))  # (B, H, E/H)
+        asked = _each_by_its_own(query, self._of_past(self.key))  # (B, H, d + K)
+        of_observations, of_positions = torch.split(asked, [inputs, past], 2)
+        likeness = of_observations @ window.transpose(1, 2) + of_positions  # (B, H, K)
         return asking, torch.softmax(likeness, dim=2)
 
     def forward(self, window: Tensor) -> Tensor:
         """(B, K, d), oldest first -> (B, o)."""
         asking, weights = self.attend(window)
-        # Values are linear too: the mean snapshot's value instead of the mean of all values.
-        past = self.embed_past(weights @ window) + weights @ self.positions  # (B, H, E)
-        value = _each_by_its_own(past, self._by_head(self.value).transpose(1, 2))  # (B, H, E/H)
-        attended = value.flatten(1) + self.value.bias  # (B, E)
-        x = self.norm_attended(asking + self.mix(attended))  # (B, E)
+        # Values are linear too: the value of the mean snapshot instead of the mean of all values.
+        past = torch.cat([weights @ window, weights], 2)  # (B, H, d + K)
+        value = _each_by_its_own(past, self._of_past(self.value).transpose(1, 2))  # (B, H, E/H)
+        bias = self.value(self.embed_past.bias)  # (E,)
+        x = self.norm_attended(asking + self.mix(value.flatten(1) + bias))  # (B, E)
         x = self.norm_fed(x + self.feed_forward(x))  # (B, E)
         force: Tensor = self.head(x)  # (B, o)
         return force
 
-    def _by_head(self, linear: nn.Linear) -> Tensor:
-        """Its weights as (H, E/H, E)."""
-        return linear.weight.view(self.heads, self.width, -1)
+    def _of_past(self, linear: nn.Linear) -> Tensor:
+        """Its weights by head, taken back to an observation and a position: (H, E/H, d + K)."""
+        embedded = torch.cat([self.embed_past.weight, self.positions.t()], 1)  # (E, d + K)
+        return (linear.weight @ embedded).view(self.heads, self.width, -1)
 
 
 def _each_by_its_own(vectors: Tensor, matrices: Tensor) -> Tensor:

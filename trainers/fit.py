@@ -6,17 +6,17 @@ a function of how far the fit has come and of nothing else, so it needs no memor
 at the first plateau. Everything random in an epoch is drawn from (seed, epoch).
 """
 
-import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import torch
-from torch import Tensor, nn
+from torch import Tensor
 
+from trainers.adamw import AdamW
 from trainers.loss import WeightedMse
 from trainers.model import Predictor, State
-from trainers.predict import gather, predict
+from trainers.predict import Seen, predict
 from trainers.tape import Chunk, Tape, lanes, minibatches
 
 _RISE = 0.05  # share of all epochs over which the learning rate rises
@@ -89,17 +89,11 @@ class Fit:
         predictor.to(device)
         predictor.set_normalisation(self.train.observation, self.train.force)
         self.observation = predictor.normalise(self.train.observation)  # (N, d)
+        self.seen = Seen(self.observation, self.train.first, predictor.memory)
         self.target = _normalised_force(predictor, self.train)  # (N, o)
         self.loss = WeightedMse(loss_weights, predictor.force_sd)
-        self.weights, self.decaying = _joined(predictor)
-        self.optimiser = torch.optim.Adam([self.weights], lr=settings.learning_rate, fused=True)
+        self.optimiser = AdamW(predictor, decay=settings.weight_decay, clip=settings.gradient_clip)
         self.standing = Standing()
-
-    @property
-    def gradient(self) -> Tensor:
-        """That of all weights, in their order."""
-        assert self.weights.grad is not None
-        return self.weights.grad
 
     @property
     def finished(self) -> bool:
@@ -139,9 +133,9 @@ class Fit:
 
     def tensors(self) -> dict[str, Tensor]:
         """Weights and optimiser state, to be restored by `restore`."""
-        moments = self.optimiser.state[self.weights]
+        own = self.optimiser.tensors()
         saved = {f"model.{name}": value for name, value in self.predictor.state_dict().items()}
-        return saved | {f"optimiser.{name}": value for name, value in moments.items()}
+        return saved | {f"optimiser.{name}": value for name, value in own.items()}
 
     def restore(self, tensors: dict[str, Tensor], standing: Standing) -> None:
         """Continue where `tensors` and `standing` were saved. KeyError, ValueError: not ours."""
@@ -149,18 +143,14 @@ class Fit:
         for key, value in tensors.items():
             kind, _, name = key.partition(".")
             saved[kind][name] = value
-        if saved["optimiser"]["exp_avg"].shape != self.weights.shape:
-            raise ValueError("the optimiser's state is not that of these weights")
+        self.optimiser.restore(saved["optimiser"])
         self.predictor.load_state_dict(saved["model"])
-        groups = copy.deepcopy(self.optimiser.state_dict()["param_groups"])
-        self.optimiser.load_state_dict({"state": {0: saved["optimiser"]}, "param_groups": groups})
         self.standing = standing
 
     def _play_minibatches(self, generator: torch.Generator) -> None:
         batches = list(minibatches(self.train, self.settings.batch, generator))
         for at, newest in enumerate(batches):
-            seen = gather(self.predictor, self.observation, newest, self.train.first)
-            loss = self.loss(self.predictor.core(seen), self.target[newest])
+            loss = self.loss(self.predictor.core(self.seen.at(newest)), self.target[newest])
             self._descend(loss, at / len(batches))
 
     def _play_lanes(self, generator: torch.Generator) -> None:
@@ -187,15 +177,9 @@ class Fit:
         return {name: value.detach() for name, value in state.items()}
 
     def _descend(self, loss: Tensor, progress: float) -> None:
-        """One update of AdamW, `progress` of the way through the present epoch."""
-        s, weights, gradient = self.settings, self.weights.detach(), self.gradient
-        rate = learning_rate(s, self.standing.epoch + progress)
-        self.optimiser.param_groups[0]["lr"] = rate
-        gradient.zero_()  # not None: the parameters' gradients are parts of it
-        loss.backward()  # type: ignore[no-untyped-call]
-        gradient.mul_((s.gradient_clip / (gradient.norm() + 1e-6)).clamp(max=1.0))
-        weights[: self.decaying].mul_(1.0 - rate * s.weight_decay)
-        self.optimiser.step()
+        """One update, `progress` of the way through the present epoch."""
+        rate = learning_rate(self.settings, self.standing.epoch + progress)
+        self.optimiser.descend(loss, rate)
 
 
 def learning_rate(settings: FitSettings, epoch: float) -> float:
@@ -218,21 +202,3 @@ def _renew(state: Tensor, fresh: Tensor) -> Tensor:
 
 def _normalised_force(predictor: Predictor, tape: Tape) -> Tensor:
     return (tape.force - predictor.force_mean) / predictor.force_sd
-
-
-def _joined(predictor: Predictor) -> tuple[nn.Parameter, int]:
-    """One parameter of all that is trained, and how many of its weights decay: they come first.
-
-    The predictor's own become parts of it, their gradients too: models are so small that clipping
-    and updating each by itself takes as long as their gradients. Matrices decay; biases, gains and
-    the delay's own parameters do not.
-    """
-    trainable = [p for p in predictor.parameters() if p.requires_grad]
-    trainable.sort(key=lambda p: p.dim() <= 1)  # stable
-    whole = nn.Parameter(torch.cat([p.detach().flatten() for p in trainable]))
-    whole.grad = torch.zeros_like(whole)
-    sizes = [p.numel() for p in trainable]
-    weights, gradients = torch.split(whole.detach(), sizes), torch.split(whole.grad, sizes)
-    for p, data, gradient in zip(trainable, weights, gradients, strict=True):
-        p.data, p.grad = data.view_as(p), gradient.view_as(p)
-    return whole, sum(p.numel() for p in trainable if p.dim() > 1)

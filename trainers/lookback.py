@@ -13,7 +13,7 @@ import torch
 from trainers.cross_attention import CrossAttention
 from trainers.delay_embedding import DelayEmbedding
 from trainers.model import Predictor
-from trainers.predict import gather
+from trainers.predict import Seen
 from trainers.tape import Tape
 
 FloatArray = npt.NDArray[np.float64]
@@ -68,8 +68,6 @@ def attention(predictor: Predictor, tape: Tape) -> FloatArray:
 def _windows(predictor: Predictor, tape: Tape) -> list[torch.Tensor]:
     """The normalised windows of the scored samples, in batches of (B, K, d)."""
     scored = torch.nonzero(tape.scored).squeeze(1)
+    seen = Seen(tape.observation, tape.first, predictor.memory)
     batches = torch.split(scored, _SAMPLES_AT_ONCE)
-    return [
-        predictor.normalise(gather(predictor, tape.observation, index, tape.first))
-        for index in batches
-    ]
+    return [predictor.normalise(seen.at(index)) for index in batches]

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import torch
 from torch import Tensor
+from torch.nn.functional import mse_loss
 
 
 class WeightedMse:
@@ -16,10 +17,12 @@ class WeightedMse:
     def __init__(self, weights: Sequence[float], force_sd: Tensor) -> None:
         shares = force_sd.new_tensor(weights) * force_sd.square()
         self.shares = shares / shares.sum()  # (o,)
+        self._roots = self.shares.sqrt()
 
     def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:
         """Mean over the scored samples: (…, o), (…, o), (…) -> ()."""
-        per_sample = ((predicted - target).square() * self.shares).sum(-1)  # (…)
+        predicted, target = predicted * self._roots, target * self._roots  # (…, o)
         if scored is None:
-            return per_sample.mean()
+            return mse_loss(predicted, target, reduction="sum") / target[..., 0].numel()
+        per_sample = (predicted - target).square().sum(-1)  # (…)
         return torch.where(scored, per_sample, 0.0).sum() / scored.sum().clamp(min=1)

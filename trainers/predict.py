@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator
 import torch
 from torch import Tensor
 
-from trainers.model import Predictor, State, window_indices
+from trainers.memory import Memory
+from trainers.model import Predictor, State
 from trainers.tape import Tape
 
 # Sizes that bound memory; they do not change what is computed.
@@ -26,18 +27,37 @@ def predict(predictor: Predictor, tape: Tape) -> Tensor:
         for index, force in play(tape, predictor.initial_state, predictor.advance):
             forces[index] = force
     else:
+        seen = Seen(tape.observation, tape.first, predictor.memory)
         everywhere = torch.arange(len(forces), device=forces.device)
         for index in everywhere.split(_SAMPLES_AT_ONCE):  # type: ignore[no-untyped-call]
-            forces[index] = predictor.step(gather(predictor, tape.observation, index, tape.first))
+            forces[index] = predictor.step(seen.at(index))
     predictor.train(was_training)
     return forces
 
 
-def gather(predictor: Predictor, observation: Tensor, newest: Tensor, first: Tensor) -> Tensor:
-    """What a predictor without carried state sees at samples (B,): (B, d) or (B, K, d)."""
-    if predictor.memory.kind == "none":
-        return observation[newest]
-    return observation[window_indices(newest, predictor.memory, first[newest])]
+class Seen:
+    """What a predictor without carried state sees at each sample of a tape.
+
+    Windows are parts of the observations (N, d), in which each episode is led by its first one,
+    repeated, so that the windows at its beginning are whole: they cost no index per snapshot.
+    """
+
+    def __init__(self, observation: Tensor, first: Tensor, memory: Memory) -> None:
+        self._memory = memory
+        reach = (memory.k - 1) * memory.stride  # samples behind the newest
+        begins = first == torch.arange(len(first), device=first.device)  # (N,)
+        self._oldest = torch.arange(len(first), device=first.device)
+        self._oldest += reach * (begins.cumsum(0) - 1)  # (N,)
+        led = observation.repeat_interleave(1 + reach * begins, 0)  # (N + episodes · reach, d)
+        width = observation.shape[1]
+        self._every = led.as_strided(
+            (len(led) - reach, memory.k, width), (width, memory.stride * width, 1)
+        )  # (N', K, d)
+
+    def at(self, newest: Tensor) -> Tensor:
+        """At samples (B,): (B, d), or windows (B, K, d), oldest first."""
+        seen = self._every.index_select(0, self._oldest[newest])  # (B, K, d)
+        return seen.squeeze(1) if self._memory.kind == "none" else seen
 
 
 def play(

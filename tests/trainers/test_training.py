@@ -201,7 +201,7 @@ def test_a_damaged_checkpoint_to_resume_from_is_told(echo: EpisodeSet, tmp_path:
         trained(echo, tmp_path, "gru", on_epoch=interrupt_after(2))
     path = tmp_path / "echo" / "gru" / "s0" / "last.safetensors"
     tensors, facts = read_tensors(path)
-    write_tensors(path, tensors | {"optimiser.exp_avg": tensors["optimiser.exp_avg"][:-1]}, facts)
+    write_tensors(path, tensors | {"optimiser.first": tensors["optimiser.first"][:-1]}, facts)
     with pytest.raises(UnusableInput, match="not a checkpoint of this run"):
         trained(echo, tmp_path, "gru")
     path.write_bytes(path.read_bytes()[:1000])
