@@ -17,7 +17,7 @@ from trainers.adamw import AdamW
 from trainers.loss import WeightedMse
 from trainers.model import Predictor, State
 from trainers.predict import Seen, predict
-from trainers.tape import Chunk, Tape, lanes, minibatches
+from trainers.tape import Chunk, Tape, lanes, shuffled
 
 _RISE = 0.05  # share of all epochs over which the learning rate rises
 _FLOOR = 0.01  # where the cosine ends, as a share of the peak
@@ -148,10 +148,13 @@ class Fit:
         self.standing = standing
 
     def _play_minibatches(self, generator: torch.Generator) -> None:
-        batches = list(minibatches(self.train, self.settings.batch, generator))
-        for at, newest in enumerate(batches):
-            loss = self.loss(self.predictor.core(self.seen.at(newest)), self.target[newest])
-            self._descend(loss, at / len(batches))
+        order, batch = shuffled(self.train, generator), self.settings.batch
+        # Looked up for the whole epoch: for each update alone it would take as long as a layer.
+        places = torch.split(self.seen.places(order), batch)
+        targets = torch.split(self.target[order], batch)
+        for at, (where, target) in enumerate(zip(places, targets, strict=True)):
+            loss = self.loss(self.predictor.core(self.seen.lying_at(where)), target)
+            self._descend(loss, at / len(places))
 
     def _play_lanes(self, generator: torch.Generator) -> None:
         """Truncated backpropagation: the state runs on over the cuts, the gradient stops there."""

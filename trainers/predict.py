@@ -56,7 +56,15 @@ class Seen:
 
     def at(self, newest: Tensor) -> Tensor:
         """At samples (B,): (B, d), or windows (B, K, d), oldest first."""
-        seen = self._every.index_select(0, self._oldest[newest])  # (B, K, d)
+        return self.lying_at(self.places(newest))
+
+    def places(self, newest: Tensor) -> Tensor:
+        """Where that lies: (B,) -> (B,)."""
+        return self._oldest[newest]
+
+    def lying_at(self, places: Tensor) -> Tensor:
+        """What lies there: (B,) -> (B, d), or windows (B, K, d), oldest first."""
+        seen = self._every.index_select(0, places)  # (B, K, d)
         return seen.squeeze(1) if self._memory.kind == "none" else seen
 
 

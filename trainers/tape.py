@@ -83,11 +83,11 @@ def _with_target(episode: Episode, lead_s: float, rate_hz: float) -> tuple[np.nd
     return episode.observation[: len(force)], force
 
 
-def minibatches(tape: Tape, batch: int, generator: torch.Generator) -> Iterator[Tensor]:
-    """Scored samples in random order, `batch` indices at a time: (B,) each."""
+def shuffled(tape: Tape, generator: torch.Generator) -> Tensor:
+    """The scored samples in random order: (M,)."""
     scored = torch.nonzero(tape.scored).squeeze(1)
     order = torch.randperm(len(scored), generator=generator)
-    yield from torch.split(scored[order.to(scored.device)], batch)
+    return scored[order.to(scored.device)]
 
 
 def lanes(

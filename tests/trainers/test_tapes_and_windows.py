@@ -10,7 +10,7 @@ from trainers.build import build
 from trainers.memory import Memory
 from trainers.model import Predictor, window_indices
 from trainers.predict import Seen, predict
-from trainers.tape import lanes, lay_tape, minibatches
+from trainers.tape import lanes, lay_tape, shuffled
 from trainers.targets import shift_ahead
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -127,8 +127,8 @@ def test_lanes_play_episodes_in_order_and_score_each_sample_once(
         assert seen.sum() > len(seen) - (count + len(tape.lengths)) * (warm_up + steps) - 1
 
 
-def test_minibatches_hold_every_scored_sample_once(echo: EpisodeSet) -> None:
+def test_every_scored_sample_is_drawn_once(echo: EpisodeSet) -> None:
     tape = lay_tape(echo, "train", 0.0, 10)
-    drawn = torch.cat(list(minibatches(tape, 32, torch.Generator().manual_seed(0))))
+    drawn = shuffled(tape, torch.Generator().manual_seed(0))
     assert torch.equal(drawn.sort().values, torch.nonzero(tape.scored).squeeze(1))
     assert not torch.equal(drawn, drawn.sort().values)
