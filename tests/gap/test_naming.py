@@ -33,6 +33,7 @@ from wakedeploy.gap.ranking import Candidate
 from wakedeploy.gap.refitting import expressed_by_own_motion, without_idle
 from wakedeploy.gap.symbolic import search
 from wakedeploy.physics.constants import constants_of
+from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter
@@ -93,6 +94,12 @@ def test_a_strong_effect_is_named_with_its_size(late) -> None:
     assert late.verdict == "named"
     assert late.effects == ("command-latency",)
     holds_truth(late, "command-latency")
+
+
+def test_unless_told_otherwise_the_whole_library_is_tried() -> None:
+    short = [flown(seed, seconds=6.5) for seed in SEEDS[:2]]
+    answer = name_effects(RIG, GantryModel(RIG, short), LIMITS)
+    assert {c.name for c in answer.rounds[0].ranking} == set(LIBRARY)
 
 
 @pytest.mark.slow

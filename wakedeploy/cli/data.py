@@ -211,9 +211,10 @@ def import_flaredw(path: Path, out: Path, json_path: Path | None) -> None:
 def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
     """Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
 
-    PATH is any folder with swap_ss_*, swap_sl_* or swap_ll_* (small, large; in sl, a is large), a flight
-    each, which becomes two episodes, one for either sufferer. Keys: t [s]; a_ and b_ each with pos
-    [m], vel [m/s], acc [m/s², gravity included], quat_xyzw, motor_thrust [N], pwm [0…1], vbat [V].
+    PATH is any folder with swap_ss_*, swap_sl_* or swap_ll_* (small, large; in sl a is the
+    large one), a flight each, which becomes two episodes, one for either sufferer. Keys: t [s]; a_
+    and b_ each with pos [m], vel [m/s], acc [m/s², gravity included], quat_xyzw, motor_thrust [N],
+    pwm [0…1], vbat [V].
 
     \b
     Example:
