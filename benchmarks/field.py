@@ -130,15 +130,15 @@ def _copies(grid: FieldGrid) -> Callable[[], object]:
 def _work(grid: FieldGrid, us: dict[str, float]) -> dict[str, int | float]:
     """Floating-point operations and bytes of one compiled step, counted from its source.
 
-    Per cell: injecting 4; how far its air has gone 3, the cubic's weights 17 and sums 13 of each of
-    two components; each of the two blurs of both 1 + 3 R. Bytes: at least both components are read
-    and written once; this code's three operations each do so. `times_least` is how much longer a
-    step takes than its arithmetic at the fastest measured rate or its least traffic at that of
-    copies, whichever is more.
+    Per cell: injecting 4; how far its air has gone 3, the cubic's weights 17 (though the code
+    computes them for either component), its sums 2 × 13; each of the two blurs of two components
+    1 + 3 R. Bytes: at least both components are read and written once; this code's three operations
+    each do so. `times_least` is how much longer a step takes than its arithmetic at the fastest
+    measured rate or its least traffic at that of copies, whichever is more.
     """
     cells = grid.columns * grid.rows
     reach = blur_weights(np.array([2 * 0.3 * DT_S / grid.cell_x_m**2])).shape[1] - 1
-    flops = cells * (4 + 3 + 2 * (17 + 13) + 2 * 2 * (1 + 3 * reach))
+    flops = cells * (4 + 3 + 17 + 2 * 13 + 2 * 2 * (1 + 3 * reach))
     least_bytes = cells * 2 * 8 * 2
     fma_per_us = 2 * FMA_NUMBERS * FMA_ROUNDS / us["multiply-adds"]
     product_per_us = 2 * 2 * cells * (grid.columns + grid.rows) / us["dense blur"]

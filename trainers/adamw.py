@@ -2,8 +2,9 @@
 
 In: a predictor, and after each backward pass a learning rate. Out: its weights, changed in place.
 
-Models are so small that the updates of their matrices one by one, or one by torch's own optimisers,
-take as long as their gradients: what those do around their arithmetic is 0.1 to 0.2 ms each time.
+Models are so small that what torch's own optimisers do around their arithmetic counts: in a training
+whose gradients take 0.5 ms, they add 0.2 ms to each update (though alone they take 0.05), these
+operations 0.1 ms.
 """
 
 import math
@@ -19,8 +20,9 @@ _BETA_1, _BETA_2, _EPS = 0.9, 0.999, 1e-8
 class AdamW:
     """Adam with decoupled weight decay (Loshchilov & Hutter 2019) and a clipped gradient norm.
 
-    The predictor's parameters become parts of one tensor, their gradients too. Matrices decay;
-    biases, gains and the delay's own parameters do not.
+    The predictor's parameters become parts of one tensor, their gradients too: whoever replaces one
+    (`predictor.to`, `zero_grad`) takes it out of the training. Matrices decay; biases, gains and
+    the delay's own parameters do not.
     """
 
     def __init__(self, predictor: Predictor, *, decay: float, clip: float) -> None:

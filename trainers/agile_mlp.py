@@ -30,10 +30,8 @@ def mlp(inputs: int, hidden: int, layers: int, outputs: int) -> nn.Sequential:
     widths = [inputs] + [hidden] * layers
     stack: list[nn.Module] = []
     for width, next_width in pairwise(widths):
-        stack += [
-            nn.Linear(width, next_width),
-            nn.ReLU(inplace=True),
-        ]  # one array less to pass over
+        # In place: one array less to write.
+        stack += [nn.Linear(width, next_width), nn.ReLU(inplace=True)]
     return nn.Sequential(*stack, nn.Linear(widths[-1], outputs))
 
 

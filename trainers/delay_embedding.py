@@ -18,6 +18,7 @@ from trainers.memory import Sizes
 from trainers.model import WakeModel
 
 _NARROWEST = 0.1  # of the time between snapshots
+_WIDEST = 100.0  # windows
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,8 @@ class DelayEmbedding(WakeModel):
         ages_s = sizes.ages_s
         gap_s = min(hyper.gap_s if hyper.gap_s is not None else 1e-9, ages_s[0])
         self.past = sum(age_s >= gap_s for age_s in ages_s)  # how many snapshots may be chosen
-        self.apart_s = sizes.stride / sizes.rate_hz
+        apart_s = sizes.stride / sizes.rate_hz
+        self.spreads_s = _NARROWEST * apart_s, _WIDEST * max(ages_s[0], apart_s)  # the bounds of σ
         self.register_buffer("ages_s", torch.tensor(ages_s[: self.past]), persistent=False)
         self.delay_s = nn.Parameter(torch.tensor(_or(hyper.initial_delay_s, ages_s[0] / 2)))
         spread_s = max(_or(hyper.initial_spread_s, ages_s[0] / 8), 1 / sizes.rate_hz)
@@ -72,10 +74,12 @@ class DelayEmbedding(WakeModel):
         """The delay μ and the width σ chosen for each window, in seconds: (B, K, d) -> (B, 1)."""
         shift = self.selector(window.flatten(1))  # (B, 2)
         delay_s = self.delay_s + shift[:, :1]  # (B, 1)
-        # Far narrower than the snapshots stand apart, every weight would be 0 over 0.
-        narrowest = math.log(_NARROWEST * self.apart_s)
         log_spread = self.log_spread + shift[:, 1:]  # (B, 1)
-        return delay_s, torch.where(log_spread > narrowest, log_spread, narrowest).exp()  # (B, 1)
+        # Far narrower than the snapshots stand apart, every weight would be 0 over 0; far wider
+        # than the window all are alike, and e to the 89 is no float32 any more.
+        narrowest, widest = (math.log(s) for s in self.spreads_s)
+        log_spread = torch.where(log_spread > narrowest, log_spread, narrowest)
+        return delay_s, torch.where(log_spread > widest, widest, log_spread).exp()  # (B, 1)
 
     def weigh(self, delay_s: Tensor, spread_s: Tensor) -> Tensor:
         """Kernels as weights of the past snapshots, which sum to 1: (B, 1), (B, 1) -> (B, P)."""

@@ -149,7 +149,7 @@ class Fit:
 
     def _play_minibatches(self, generator: torch.Generator) -> None:
         order, batch = shuffled(self.train, generator), self.settings.batch
-        # Looked up for the whole epoch: for each update alone it would take as long as a layer.
+        # Looked up once for the whole epoch.
         places = torch.split(self.seen.places(order), batch)
         targets = torch.split(self.target[order], batch)
         for at, (where, target) in enumerate(zip(places, targets, strict=True)):

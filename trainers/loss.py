@@ -21,8 +21,8 @@ class WeightedMse:
 
     def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:
         """Mean over the scored samples: (…, o), (…, o), (…) -> ()."""
-        predicted, target = predicted * self._roots, target * self._roots  # (…, o)
         if scored is None:
-            return mse_loss(predicted, target, reduction="sum") / target[..., 0].numel()
-        per_sample = (predicted - target).square().sum(-1)  # (…)
+            of_all = mse_loss(predicted * self._roots, target * self._roots, reduction="sum")
+            return of_all / target[..., 0].numel()
+        per_sample = ((predicted - target) * self._roots).square().sum(-1)  # (…)
         return torch.where(scored, per_sample, 0.0).sum() / scored.sum().clamp(min=1)

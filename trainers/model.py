@@ -158,14 +158,13 @@ class Predictor(nn.Module):
         )
 
 
-def window_indices(newest: Tensor, memory: Memory, first: Tensor | int = 0) -> Tensor:
+def window_indices(newest: Tensor, memory: Memory) -> Tensor:
     """Where each window's snapshots lie: (B,) newest samples -> (B, K), oldest first.
 
-    Samples before `first`, the start of the episode, are replaced by it.
+    Samples before the first one are replaced by it.
     """
     ages = torch.arange(memory.k - 1, -1, -1, device=newest.device) * memory.stride  # (K,)
-    start = first.unsqueeze(1) if isinstance(first, Tensor) else torch.tensor(first)
-    return torch.maximum(newest.unsqueeze(1) - ages, start)
+    return (newest.unsqueeze(1) - ages).clamp(min=0)
 
 
 def _usable_spread(samples: Tensor) -> Tensor:

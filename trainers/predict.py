@@ -38,8 +38,9 @@ def predict(predictor: Predictor, tape: Tape) -> Tensor:
 class Seen:
     """What a predictor without carried state sees at each sample of a tape.
 
-    Windows are parts of the observations (N, d), in which each episode is led by its first one,
-    repeated, so that the windows at its beginning are whole: they cost no index per snapshot.
+    Of observations (N, d), and where each one's episode begins (N,). Windows are parts of those
+    observations, in which each episode is led by its first one, repeated, so that the windows at
+    its beginning are whole: they cost no index per snapshot.
     """
 
     def __init__(self, observation: Tensor, first: Tensor, memory: Memory) -> None:

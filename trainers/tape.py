@@ -1,4 +1,4 @@
-"""Episodes laid end to end on one tape, so that windows and lanes are indices, not copies."""
+"""Episodes laid end to end on one tape: windows are views and lanes indices, not copies."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass

@@ -263,6 +263,23 @@ def test_the_delay_starts_at_half_the_window_by_default() -> None:
     assert core("delay-embedding").delay_s.item() == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("towards", [-1.0, 1.0])
+def test_a_kernel_however_narrow_or_wide_has_forces_and_gradients(towards: float) -> None:
+    made = core("delay-embedding")
+    window = torch.randn(3, 31, 8)
+    with torch.no_grad():
+        made.log_spread.copy_(torch.tensor(1000.0 * towards))
+    made(window).sum().backward()
+    assert all(p.grad.isfinite().all() for p in made.parameters())
+    with torch.no_grad():
+        weights = made.weigh(*made.kernel(window))
+        alike = torch.full_like(weights, 1 / weights.shape[1])
+        if towards > 0:
+            torch.testing.assert_close(weights, alike, rtol=1e-3, atol=0.0)
+        else:
+            torch.testing.assert_close(weights.amax(1), torch.ones(3), rtol=0.0, atol=0.1)
+
+
 @pytest.mark.parametrize("arch", TABLE_I)
 def test_windows_of_every_domain_are_taken(arch: str) -> None:
     for window_s, rate_hz in ((0.5, 30.0), (0.02, 32.0), (1.0, 200.0)):

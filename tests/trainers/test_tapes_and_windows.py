@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from trainers.build import build
 from trainers.memory import Memory
-from trainers.model import Predictor, window_indices
+from trainers.model import Predictor
 from trainers.predict import Seen, predict
 from trainers.tape import lanes, lay_tape, shuffled
 from trainers.targets import shift_ahead
@@ -50,7 +50,7 @@ def test_a_set_too_short_for_its_lead_is_refused(echo: EpisodeSet) -> None:
     stride=st.integers(1, 5),
     lengths=st.lists(st.integers(1, 30), min_size=1, max_size=4),
 )
-def test_windows_by_index_are_the_windows_a_runner_would_keep(
+def test_windows_of_a_tape_are_those_a_runner_would_keep(
     k: int, stride: int, lengths: list[int]
 ) -> None:
     newest, first, expected = [], [], []
@@ -63,27 +63,12 @@ def test_windows_by_index_are_the_windows_a_runner_would_keep(
             first.append(start)
             expected.append(ring[::stride])
         start += length
-    got = window_indices(torch.tensor(newest), Memory("window", k, stride), torch.tensor(first))
-    assert got.tolist() == expected
-
-
-@settings(deadline=None, max_examples=60)
-@given(
-    lengths=st.lists(st.integers(1, 9), min_size=1, max_size=5),
-    k=st.integers(1, 6),
-    stride=st.integers(1, 4),
-)
-def test_what_a_tape_shows_is_what_its_indices_say(lengths: list[int], k: int, stride: int) -> None:
-    samples = sum(lengths)
-    observation = torch.arange(samples * 2.0).view(samples, 2)
-    starts = torch.tensor(lengths).cumsum(0) - torch.tensor(lengths)
-    first = starts.repeat_interleave(torch.tensor(lengths))
-    newest = torch.randperm(samples)
-    memory = Memory("window", k=k, stride=stride)
-    shown = Seen(observation, first, memory).at(newest)
-    assert torch.equal(shown, observation[window_indices(newest, memory, first[newest])])
-    alone = Seen(observation, first, Memory("none")).at(newest)
-    assert torch.equal(alone, observation[newest])
+    observation = torch.arange(2.0 * len(newest)).view(-1, 2)  # (N, d)
+    order = torch.randperm(len(newest), generator=torch.Generator().manual_seed(0))
+    seen = Seen(observation, torch.tensor(first), Memory("window", k, stride))
+    assert torch.equal(seen.at(order), observation[torch.tensor(expected)[order]])
+    alone = Seen(observation, torch.tensor(first), Memory("none"))
+    assert torch.equal(alone.at(order), observation[order])
 
 
 @pytest.mark.parametrize("arch", ["agile-mlp", "cross-attention", "gru", "tcn"])
