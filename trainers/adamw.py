@@ -2,9 +2,9 @@
 
 In: a predictor, and after each backward pass a learning rate. Out: its weights, changed in place.
 
-Models are so small that what torch's own optimisers do around their arithmetic counts: in a training
-whose gradients take 0.5 ms, they add 0.2 ms to each update (though alone they take 0.05), these
-operations 0.1 ms.
+Models are so small that what torch's own optimisers do around their arithmetic counts: in a
+training whose gradients take 0.5 ms, they add 0.2 ms to each update (though alone they take 0.05),
+these operations 0.1 ms.
 """
 
 import math
