@@ -194,7 +194,7 @@ def table(rows: Sequence[Row]) -> str:
         cells += [gain_text(row).removeprefix("error ")]
         cells += [f"{row['reference']['trainable']:,} → {row['tuned']['trainable']:,}"]
         first = sorted(row["importances"].items(), key=lambda item: -item[1])[:2]
-        lines.append([*cells, ", ".join(f"{n} {100 * share:.0f} %" for n, share in first)])
+        lines.append([*cells, ", ".join(f"{n} {100 * share:.0f} %" for n, share in first) or "–"])
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
@@ -237,7 +237,7 @@ def importances(rows: Sequence[Row]) -> "Figure":
         for panel, arch in zip(axes.ravel(), ARCHITECTURES, strict=True):
             own = [row for row in rows if row["arch"] == arch]
             names = sorted({name for row in own for name in row["importances"]})
-            shares = [[row["importances"].get(name, 0.0) for name in names] for row in own]
+            shares = [[row["importances"].get(name, math.nan) for name in names] for row in own]
             panel.grid(visible=False)
             panel.set(title=arch)
             if names:
@@ -247,9 +247,11 @@ def importances(rows: Sequence[Row]) -> "Figure":
             for y, line in enumerate(shares):
                 for x, share in enumerate(line):
                     shade = "white" if share > 0.6 else "black"
-                    panel.text(x, y, f"{100 * share:.0f}", ha="center", va="center", fontsize=6,
-                               color=shade)  # fmt: skip
-        drawn.suptitle("Importance of each dimension [%], PED-ANOVA", fontsize=10)
+                    told = "–" if math.isnan(share) else f"{100 * share:.0f}"
+                    panel.text(x, y, told, ha="center", va="center", fontsize=6, color=shade)
+        drawn.suptitle(
+            "Importance of each dimension [%], PED-ANOVA; –: too few trials to the end", fontsize=10
+        )
     return drawn
 
 

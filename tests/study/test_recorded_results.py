@@ -70,6 +70,9 @@ def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_ta
     assert mean[enough_s] < 0.2 * memoryless
 
 
+OWN_PASSES = ("delay-embedding", "cross-attention")  # take most of their time, in any loop
+
+
 def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_worse() -> None:
     rows = json.loads((DOCS / "training-speed.json").read_text())["rows"]
     told = {row["arch"]: row for row in rows}
@@ -81,7 +84,7 @@ def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_
         assert told[arch]["ratio"]["median"] >= 10.0
         assert error[arch]["ours, twice as long"] < error[arch]["plain"]
     for arch in (MEMORYLESS, "history-mlp", "delay-embedding", "cross-attention"):
-        assert told[arch]["ratio"]["low"] > 1.0
+        assert told[arch]["ratio"]["median"] >= (1.9 if arch in OWN_PASSES else 3.0)
         assert error[arch]["ours"] == pytest.approx(error[arch]["plain"], rel=0.05)
     for row in rows:
         assert row["targets"]["ours"] == row["targets"]["plain"]
