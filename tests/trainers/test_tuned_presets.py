@@ -13,6 +13,7 @@ from benchmarks.tuned import (
     DOCS,
     SEEDS,
     TRIALS,
+    confirmed,
     error,
     gain_text,
     obtained,
@@ -20,6 +21,7 @@ from benchmarks.tuned import (
     ratio,
     read_rows,
     scored,
+    ship,
 )
 from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED, read_preset
@@ -30,6 +32,7 @@ SHIPPED_FILES = sorted(SHIPPED.glob("*/*.toml"))
 def row(**changed: Any) -> dict[str, Any]:
     told = {"domain": "fish", "arch": "gru", "trials": {"finished": 40, "behind": 60}}
     told |= {"importances": {"hidden": 0.3, "learning_rate": 0.7}, "narrowed": [], "commit": "abc"}
+    told |= {"ships": "tuned"}
     told |= {"reference": {"errors": [0.20, 0.22, 0.21], "trainable": 30_000, "device": "cpu"}}
     return (
         told
@@ -38,16 +41,26 @@ def row(**changed: Any) -> dict[str, Any]:
     )
 
 
+def run_of(folder: Path, r2: float, least: float) -> dict[str, Any]:
+    """What `train --json` says of a run, and its folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "metrics.json").write_text(json.dumps({"history": [1.0, least, 2 * least]}))
+    told = {"run": str(folder), "r2": {"f": r2}, "rmse": {"f": 1.0}}
+    return told | {"trainable": 5, "device": "cpu"}
+
+
 def test_an_error_is_that_of_the_channels_that_are_told_of() -> None:
     assert error("gantry", {"force_z_n": 0.96}) == pytest.approx(0.2)
     assert error("ship", {"sway_n": 0.5, "yaw_nm": 0.86}) == pytest.approx(0.32**0.5)
     assert error("ship", {"sway_n": 0.64, "yaw_nm": None}) == pytest.approx(0.6)  # never changes
     assert error("quadrotor", {"force_x_n": 0.0, "force_z_n": 0.75}) == pytest.approx(0.5)
-    runs = [
-        {"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 7, "device": "cpu"}
-        for r2 in (0.96, 0.99)
-    ]
-    assert scored("gantry", runs)["errors"] == pytest.approx([0.2, 0.1])
+
+
+def test_a_run_is_scored_on_test_and_on_validation(tmp_path: Path) -> None:
+    runs = [run_of(tmp_path / f"s{i}", r2, 0.09) for i, r2 in enumerate((0.96, 0.99))]
+    told = scored("gantry", runs)
+    assert told["errors"] == pytest.approx([0.2, 0.1])
+    assert told["validation"] == pytest.approx([0.3, 0.3])
 
 
 def test_a_gain_counts_where_no_seed_contradicts_it() -> None:
@@ -56,9 +69,12 @@ def test_a_gain_counts_where_no_seed_contradicts_it() -> None:
     overlapping = row(tuned={"errors": [0.15, 0.16, 0.21], "trainable": 9_000, "device": "cpu"})
     assert "overlap" in gain_text(overlapping)
     worse = row(arch="tcn", tuned={"errors": [0.3, 0.3, 0.3], "trainable": 9_000, "device": "cpu"})
-    told = page([row(), overlapping, worse])
-    words = "Of 3 pairs, every tuned seed is better than every reference seed in 1, and worse in 1."
+    left = row(arch="esn", ships="reference")
+    told = page([row(), overlapping, worse, left])
+    assert "Of 4 pairs, what was found ships in 3: " in told
+    words = "every tuned seed is better on test than every reference seed in 1, and worse in 1."
     assert words in told
+    assert told.count("; the paper's shape ships |") == 1
     assert "Trained on: cpu; at commits abc." in told
     assert "| gru | 100, 40 to the end | 0.210 ± 0.010 | 0.160 ± 0.010 |" in told
     assert "| 30,000 → 9,000 | learning_rate 70 %, hidden 30 % |" in told
@@ -82,10 +98,12 @@ def test_a_pair_is_shipped_once_it_is_scored_and_goes_on_from_a_better_study(
             return
         if fails:
             sys.exit("no")
-        r2 = 0.84 if given["--preset"] == "reference" else 0.91
+        paper = given["--preset"] == "reference"
         rows = [
-            {"r2": {"f": r2}, "rmse": {"f": 1.0}, "trainable": 5, "device": "cpu"}
-            for _ in range(SEEDS)
+            run_of(
+                Path(given["--out"]) / f"s{seed}", 0.84 if paper else 0.91, 0.1 if paper else 0.05
+            )
+            for seed in range(SEEDS)
         ]
         Path(given["--json"]).write_text(json.dumps({"rows": rows}))
 
@@ -107,6 +125,21 @@ def test_a_pair_is_shipped_once_it_is_scored_and_goes_on_from_a_better_study(
     assert all(str(TRIALS["gantry"]) in words for words in asked if words[0] == "tune")
 
 
+def test_what_is_no_better_on_validation_with_other_seeds_leaves_the_papers_shape(
+    tmp_path: Path,
+) -> None:
+    for tuned_loss, expected in (([0.2, 0.3, 0.3], "tuned"), ([0.2, 0.4, 0.3], "reference")):
+        told = {"tuned": {"validation": tuned_loss}, "reference": {"validation": [0.3, 0.3, 0.3]}}
+        assert confirmed(told) == expected
+    best, shipped = SHIPPED / "gantry" / "agile-mlp.toml", tmp_path / "gantry" / "agile-mlp.toml"
+    ship("tuned", best, shipped)
+    assert shipped.read_bytes() == best.read_bytes()
+    ship("reference", best, shipped)
+    kept = read_preset(shipped)
+    assert (kept.hyper, kept.settings) == ({}, {})
+    assert kept.study == read_preset(best).study | {"ships": "reference"}
+
+
 @pytest.mark.parametrize("path", SHIPPED_FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
 def test_a_preset_that_ships_is_that_of_the_record(path: Path) -> None:
     preset, rows = read_preset(path), read_rows(DOCS / "tuned.json")
@@ -117,15 +150,17 @@ def test_a_preset_that_ships_is_that_of_the_record(path: Path) -> None:
     assert preset.study["trials"] == sum(told["trials"].values()) >= TRIALS[domain]
     assert preset.study["trainable"] == told["tuned"]["trainable"] < 100_000
     assert preset.study["validation_error"] <= preset.study.get("reference_error", 1.0)
+    assert preset.study.get("ships", "tuned") == told["ships"] == confirmed(told)
+    assert bool(preset.settings) == (told["ships"] == "tuned")
 
 
-def test_no_row_of_the_record_is_without_its_preset_and_the_page_is_of_it() -> None:
-    if not (DOCS / "tuned.json").exists():
-        pytest.skip("nothing has been tuned yet")
+def test_every_architecture_on_every_domain_has_a_preset_and_a_row_and_the_page_is_of_them() -> (
+    None
+):
     rows = read_rows(DOCS / "tuned.json")
-    assert set(rows) == {(path.parent.name, path.stem) for path in SHIPPED_FILES}
+    assert set(rows) <= set(itertools.product(TRIALS, ARCHITECTURES))
+    assert {(path.parent.name, path.stem) for path in SHIPPED_FILES} == set(rows)
     assert (DOCS / "tuned.md").read_text() == page(list(rows.values()))
     assert all(len(one[preset]["errors"]) == 3 for one in rows.values()
                for preset in ("reference", "tuned"))  # fmt: skip
-    assert {arch for _, arch in rows} <= set(ARCHITECTURES)
     json.dumps(list(rows.values()), allow_nan=False)
