@@ -1,11 +1,12 @@
 """Tunes each architecture on each domain, ships what was found, and scores it on the test split.
 
 SETS has one set per domain, made as in the README's session; WORK gets the studies and runs. For
-each pair: `wakedeploy tune`, its `best.toml` to `trainers/presets/`, and `wakedeploy train` with
-that preset and with the reference, three seeds each, none of which the study has seen. What is no
-better on validation with those seeds does not ship: a study judges each trial by one seed, so that
-its best is in part the luckiest. Goes on where it was stopped; what is named neither by `--domain`
-nor by `--arch` keeps its row.
+each pair: `wakedeploy tune`, begun at the paper's shape and at what ships so far, its `best.toml`
+to `trainers/presets/`, and `wakedeploy train` with that preset and with the reference, three seeds
+each, none of which the study has seen, both by the same commit. What is no better on validation
+with those seeds does not ship: a study judges each trial by one seed, so that its best is in part
+the luckiest. Goes on where it was stopped; what is named neither by `--domain` nor by `--arch`
+keeps its row.
 
     OMP_NUM_THREADS=1 python benchmarks/tuned.py sets work --jobs 2
 
@@ -38,7 +39,7 @@ from wakedeploy.study.domains import MAIN
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-# How many trials are affordable: sets of more samples at higher rates take longer for each.
+# How many trials each has at least: sets of more samples at higher rates take longer for one.
 TRIALS = {"fish": 60, "quadrotor": 30, "gantry": 30, "ship": 20, "crazyflie": 20, "downwash": 12}
 # Small updates take most of the time and gain little: what they are begins near the reference.
 COARSE = {"gru": ("lanes=16:64", "chunk_steps=64:256"), "esn": ()}
@@ -58,11 +59,10 @@ def main() -> None:
     """Tune, ship, score, write; each finished pair at once."""
     options = _options()
     rows = read_rows(DOCS / "tuned.json")
+    commit = frozen_at()  # now: what is written below changes the checkout
     pairs = [(domain, arch) for domain in options.domain for arch in options.arch]
     with ThreadPoolExecutor(options.jobs) as pool:
-        under_way = {
-            pool.submit(obtained, *pair, options.sets, options.work): pair for pair in pairs
-        }
+        under_way = {pool.submit(obtained, *pair, options, commit): pair for pair in pairs}
         try:
             for done in as_completed(under_way):
                 pair = under_way[done]
@@ -74,38 +74,51 @@ def main() -> None:
             raise
 
 
-def obtained(domain: str, arch: str, sets: Path, work: Path) -> Row:
+def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -> Row:
     """One pair's row: tuned, scored with and without what was found, and shipped."""
-    data, folder = sets / domain, work / domain / arch
+    data, folder = options.sets / domain, options.work / domain / arch
     told = folder / "tune.json"
     narrowed = [*COARSE.get(arch, WINDOWS), *NARROWED.get((domain, arch), ())]
     asked = [f"--dimension={text}" for text in narrowed]
-    asked += ["--arch", arch, "--data", data, "--trials", TRIALS[domain]]
+    ships = SHIPPED / domain / f"{arch}.toml"
+    asked += [f"--start={ships}"] if ships.exists() else []
+    asked += ["--arch", arch, "--data", data, "--trials", options.trials or TRIALS[domain]]
     asked += [] if arch == "esn" else ["--pruner", "hyperband"]  # a reservoir has no epochs
     wakedeploy("tune", *asked, "--out", folder / "study", "--json", told)
     best = folder / "study" / "best.toml"
     study = json.loads(told.read_text())
     row: Row = {"domain": domain, "arch": arch, "trials": study["trials"]}
     row |= {key: study[key] for key in ("data_sha256", "lead_s", "importances")}
-    row |= {"narrowed": narrowed}
-    row |= {"commit": frozen_at(), "date": f"{datetime.date.today():%Y-%m-%d}"}
+    row |= {"narrowed": narrowed, "found_reference": study["best"]["reference"]}
+    row |= {"commit": commit, "date": f"{datetime.date.today():%Y-%m-%d}"}
     row |= {"machine": platform.machine()}
-    # A study that went on may have found better, whose runs are others.
+    # A study that went on may have found better, and other code may train otherwise.
     found = f"tuned-{hashlib.sha256(best.read_bytes()).hexdigest()[:8]}"
-    for name, preset, runs in (("reference", "reference", "reference"), ("tuned", best, found)):
-        scores = folder / f"{runs}.json"
-        wakedeploy(
-            "train", "--arch", arch, "--data", data, "--preset", preset, "--seeds", SEEDS,
-            "--out", folder / runs, "--json", scores,
-        )  # fmt: skip
-        row[name] = scored(domain, json.loads(scores.read_text())["rows"])
+    runs = folder / commit
+    row["reference"] = trained(domain, arch, data, runs / "reference")
+    row["tuned"] = trained(domain, arch, data, runs / found, "--preset", best)
+    row["starts"] = []
+    for number, changes in enumerate(ARCHITECTURES[arch].starts):
+        told_apart = [f"--hyper={arch}.{name}={value}" for name, value in changes.items()]
+        own = trained(domain, arch, data, runs / f"start-{number}", *told_apart)
+        row["starts"].append({"hyper": dict(changes), **own})
     row["ships"] = confirmed(row)
-    ship(row["ships"], best, SHIPPED / domain / f"{arch}.toml")
+    ship(row["ships"], best, ships)
     return row
 
 
+def trained(domain: str, arch: str, data: Path, out: Path, *how: object) -> Row:
+    """The scores of three seeds, trained as `how` says, else as the paper's shape."""
+    scores = out.with_suffix(".json")
+    asked = ("--arch", arch, "--data", data, "--seeds", SEEDS, "--out", out, "--json", scores)
+    wakedeploy("train", *asked, *how)
+    return scored(domain, json.loads(scores.read_text())["rows"])
+
+
 def confirmed(row: Row) -> str:
-    """Which of the two errs less on validation, mean over the seeds."""
+    """Which of the two errs less on validation, mean over the seeds; of equals the paper's."""
+    if row["found_reference"]:  # what differs between the two is rounding
+        return "reference"
     ours, paper = (math.fsum(row[name]["validation"]) for name in ("tuned", "reference"))
     return "tuned" if ours < paper else "reference"
 
@@ -117,7 +130,9 @@ def ship(which: str, best: Path, path: Path) -> None:
         shutil.copyfile(best, path)
         return
     found = read_preset(best)
-    preset = Preset(arch=found.arch, hyper={}, settings={}, study=found.study | {"ships": which})
+    of_the_found = {"trial", "validation_error", "trainable"}
+    told = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
+    preset = Preset(arch=found.arch, hyper={}, settings={}, study=told | {"ships": which})
     heading = (
         "The paper's shape: with three seeds, what the study found was no better on validation."
     )
@@ -190,23 +205,25 @@ def write(rows: Mapping[tuple[str, str], Row]) -> None:
 def page(rows: Sequence[Row]) -> str:
     """The tables, a domain each, under sentences made of their numbers."""
     shipped = [row for row in rows if row["ships"] == "tuned"]
-    better = sum(ratio(row)[2] < 1.0 for row in shipped)
-    worse = sum(ratio(row)[1] > 1.0 for row in shipped)
+    surely = sum(ratio(row)[2] < 1.0 for row in shipped)
+    worse = [row for row in shipped if ratio(row)[0] > 1.0]
     devices = {row[name]["device"] for row in rows for name in ("reference", "tuned")}
     commits = {row["commit"] for row in rows}
     parts = [
         "# What tuning gains",
-        "Made by `python benchmarks/tuned.py SETS WORK`. Each study begins at the paper's shape "
-        "and is judged on validation by a seed of its own; both are then trained with three "
-        "others and scored on the test split. The error is the RMSE over the standard "
-        "deviation, 1 for predicting the mean. Brackets: the least and the largest ratio of any "
-        "tuned seed to any of the reference. The first ten trials of a study are drawn at random, "
-        "the others where those did well; Hyperband ends those early that fall behind.",
+        "Made by `python benchmarks/tuned.py SETS WORK`. Each study begins at the paper's shape, "
+        "at what shipped before and, for a reservoir, at the two scales that the studies over "
+        "domains try as well; it is judged on validation by a seed of its own. Both are then "
+        "trained with three others and scored on the test split. The error is the RMSE over the "
+        "standard deviation, 1 for predicting the mean. Brackets: the least and the largest ratio "
+        "of any tuned seed to any of the reference. The first ten trials of a study are those and "
+        "random ones, the others are drawn where these did well; Hyperband ends those early that "
+        "fall behind.",
         f"Trained on: {', '.join(sorted(devices))}; at commits {', '.join(sorted(commits))}.",
         f"Of {len(rows)} pairs, what was found ships in {len(shipped)}: there it was better on "
         "validation with those three seeds, too. In the others the paper's shape does. Of the "
         f"{len(shipped)}, every tuned seed is better on test than every reference seed in "
-        f"{better}, and worse in {worse}.",
+        f"{surely}; the mean is worse in {len(worse)}{_named(worse)}.",
         "![Tuned error over the reference's; hollow: the paper's shape ships](tuned-gain.png)",
         "![Which dimensions matter](tuned-importances.png)",
     ]
@@ -217,13 +234,19 @@ def page(rows: Sequence[Row]) -> str:
     return "\n\n".join(parts) + "\n"
 
 
+def _named(rows: Sequence[Row]) -> str:
+    names = [f"{row['arch']} on {row['domain']} × {ratio(row)[0]:.3f}" for row in rows]
+    return f" ({', '.join(names)})" if names else ""
+
+
 def table(rows: Sequence[Row]) -> str:
     """One line for each architecture of a domain."""
     head = ["architecture", "trials", "reference", "tuned", "tuned / reference", "weights", "by"]
     lines = [head, ["---"] * len(head)]
     for row in rows:
         cells = [row["arch"], _trials(row)]
-        cells += [_errors(row[preset]["errors"]) for preset in ("reference", "tuned")]
+        cells += [_errors(row["reference"]["errors"]) + _scale(row)]
+        cells += [_errors(row["tuned"]["errors"])]
         cells += [gain_text(row).removeprefix("error ")]
         cells += [f"{row['reference']['trainable']:,} → {row['tuned']['trainable']:,}"]
         first = sorted(row["importances"].items(), key=lambda item: -item[1])[:2]
@@ -235,6 +258,15 @@ def _trials(row: Row) -> str:
     counts = row["trials"]
     kept = f"{sum(counts.values())}, {counts.get('finished', 0)} to the end"
     return kept + (f" ({', '.join(row['narrowed'])})" if row["narrowed"] else "")
+
+
+def _scale(row: Row) -> str:
+    """What is tried beside the paper's shape anyway, where it is better on validation."""
+    tried = min(row["starts"], key=lambda one: math.fsum(one["validation"]), default=None)
+    if tried is None or confirmed({**row, "tuned": tried, "found_reference": False}) != "tuned":
+        return ""
+    told = ", ".join(f"{name}={value:g}" for name, value in tried["hyper"].items())
+    return f"; {_errors(tried['errors'])} at {told}"
 
 
 def _errors(errors: Sequence[float]) -> str:
@@ -285,7 +317,8 @@ def importances(rows: Sequence[Row]) -> "Figure":
                     told = "–" if math.isnan(share) else f"{100 * share:.0f}"
                     panel.text(x, y, told, ha="center", va="center", fontsize=6, color=shade)
         drawn.suptitle(
-            "Importance of each dimension [%], PED-ANOVA; –: too few trials to the end", fontsize=10
+            "Importance of each dimension [%], PED-ANOVA; –: not searched, or fewer than 15 trials",
+            fontsize=10,
         )
     return drawn
 
@@ -296,6 +329,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("work", type=Path, help="studies and runs go here")
     parser.add_argument("--domain", nargs="+", default=list(TRIALS), choices=list(TRIALS))
     parser.add_argument("--arch", nargs="+", default=[*ARCHITECTURES], choices=[*ARCHITECTURES])
+    parser.add_argument("--trials", type=int, help="of each study; default: by domain")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="pairs at a time")
     return parser.parse_args()
 

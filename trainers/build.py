@@ -38,6 +38,11 @@ class Architecture:
         """What a search may change, as the architecture's own file says it."""
         return tuple(self.hyper.dimensions)
 
+    @property
+    def starts(self) -> tuple[Mapping[str, float], ...]:
+        """Changes of the usual shape that are worth a try on any set; its own file says them."""
+        return tuple(getattr(self.hyper, "starts", ()))
+
 
 ARCHITECTURES: dict[str, Architecture] = {
     "agile-mlp": Architecture(AgileMlp, AgileMlpHyper),

@@ -50,7 +50,8 @@ class Sizes:
             return dataclasses.replace(self, k=shape[0], stride=shape[1])
         steps = (self.k - 1) * self.stride
         if history_s is not None:
-            steps = math.floor(history_s * self.rate_hz + 1e-9)
+            # Presets tell microseconds: a thousandth of a sample is no sample less.
+            steps = math.floor(history_s * self.rate_hz + 1e-3)
         stride = max(1, math.ceil(steps / (snapshots - 1)))
         return dataclasses.replace(self, k=steps // stride + 1, stride=stride)
 

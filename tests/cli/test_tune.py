@@ -109,6 +109,50 @@ def test_as_many_trials_as_there_are_add_nothing(done: Path, data: Path) -> None
     assert (done / "study.journal").read_bytes() == before
 
 
+def test_a_study_begins_where_it_is_told_to_and_a_preset_can_be_added(
+    data: Path, tmp_path: Path
+) -> None:
+    preset = tmp_path / "p.toml"
+    preset.write_text(PRESET + "learning_rate = 0.0123\n")
+    wide = (
+        "--epochs",
+        1,
+        "--dimension",
+        "hidden=4:128",
+        "--seed",
+        0,
+        "--json",
+        tmp_path / "t.json",
+    )
+    asked = (*wide, "--start", preset)
+    ended = tune(data, tmp_path / "out", "--trials", 2, *asked)
+    assert ended.exit_code == 0, ended.output
+    paper, begun = json.loads((tmp_path / "t.json").read_text())["rows"]
+    assert (paper["reference"], paper["point"]["hidden"]) == (True, 128)
+    assert (begun["point"]["hidden"], begun["point"]["learning_rate"]) == (8, 0.0123)
+    assert begun["point"]["lanes"] == paper["point"]["lanes"]  # what it does not say
+    assert tune(data, tmp_path / "out", "--trials", 2, *asked).exit_code == 0  # it is there
+    preset.write_text(PRESET.replace("hidden = 8", "hidden = 9"))
+    full = tune(data, tmp_path / "out", "--trials", 2, *asked)
+    assert full.exit_code == 2
+    assert "--start: the study has its 2 trials; ask for more --trials" in one_line(full)
+    assert tune(data, tmp_path / "out", "--trials", 3, *asked).exit_code == 0
+    rows = json.loads((tmp_path / "t.json").read_text())["rows"]
+    assert [row["point"]["hidden"] for row in rows] == [128, 8, 9]
+
+
+def test_a_reservoirs_study_begins_at_the_scales_that_are_tried_anyway(
+    data: Path, tmp_path: Path
+) -> None:
+    asked = ("--arch", "esn", "--data", data, "--out", tmp_path / "out", "--trials", 3)
+    small = ("--dimension", "neurons=20:1000", "--json", tmp_path / "t.json")
+    ended = wakedeploy("tune", *asked, *small)
+    assert ended.exit_code == 0, ended.output
+    points = [row["point"] for row in json.loads((tmp_path / "t.json").read_text())["rows"]]
+    told = [(point["input_scale"], point["leak"]) for point in points]
+    assert told == [(0.25, 0.5), (0.03, 0.5), (0.001, 0.3)]
+
+
 @pytest.mark.parametrize("device", ["auto", "cpu"])
 def test_where_it_trained_is_told(device: str, data: Path, tmp_path: Path) -> None:
     asked = ("--trials", 1, "--epochs", 1, *FAST, "--device", device, "--json", tmp_path / "t.json")
@@ -146,11 +190,16 @@ def test_cuda_that_torch_does_not_see_is_one_sentence_and_leaves_no_trace(
         (["--storage", "mysql://me:secret@host/x"], "--storage mysql://…: give a database"),
         (["--storage", "here.db"], "--storage …://…: give a database as postgresql://"),
         (["--data", "nowhere"], "nowhere/dataset.json: not found"),
+        (["--start", "nowhere.toml"], "nowhere.toml does not exist; give a preset's file"),
+        (["--start", "wide.toml"], "--start wide.toml: hidden = 128 is not within hidden=4:9"),
+        (["--start", "tuned"], "No tuned preset of gru ships for echo sets"),
     ],
 )
 def test_what_cannot_be_tuned_is_one_sentence_and_status_2(
-    done: Path, data: Path, arguments: list[str], says: str
+    done: Path, data: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.chdir(data.parent)
+    (data.parent / "wide.toml").write_text(PRESET.replace("hidden = 8", "hidden = 128"))
     before = {path: path.read_bytes() for path in done.rglob("*") if path.is_file()}
     ended = tune(data, done, "--trials", 9, "--epochs", 2, *FAST, *arguments)
     assert ended.exit_code == 2, ended.output

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trainers.esn import EsnHyper
 from wakedeploy.cli.study_delay import fish_scatter
 from wakedeploy.domains.fish import import_set
 from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import Line, compare, held_out
 from wakedeploy.study.fish_scatter import Shown, best_memory, shown
 from wakedeploy.study.fish_scatter_figure import draw, sentence
-from wakedeploy.study.runs import RESERVOIRS, Wanted, obtained_run
+from wakedeploy.study.runs import Wanted, obtained_run
 from wakedeploy.study.uncertainty import R2
 
 
@@ -79,7 +80,7 @@ def test_what_is_shown_has_the_r2_that_is_told(tmp_path: Path, recordings: Path)
     assert np.array_equal(plain.true_m, true_m)
     losses = held_out(lines)
     assert 0.0 < losses["esn"] < 0.15 < losses["agile-mlp"]
-    gentle = [Wanted("esn", 0, 2), *(Wanted("esn", 0, 2, hyper=hyper) for hyper in RESERVOIRS)]
+    gentle = [Wanted("esn", 0, 2), *(Wanted("esn", 0, 2, hyper=hyper) for hyper in EsnHyper.starts)]
     tried = [min(obtained_run(data, one, tmp_path).metrics.history) for one in gentle]
     assert losses["esn"] == min(tried)  # the best of the scales that are tried
 

@@ -9,6 +9,7 @@ import pytest
 from click.testing import CliRunner
 from scipy.signal import lfilter
 
+from trainers.esn import EsnHyper
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -16,7 +17,7 @@ from wakedeploy.files import sha256_of
 from wakedeploy.study.domains import SOURCE_ONLY, compare, planned
 from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.domains_sentence import sentence
-from wakedeploy.study.runs import RESERVOIRS, Wanted, train_all, work
+from wakedeploy.study.runs import Wanted, train_all, work
 from wakedeploy.study.sets import DOMAINS, Domain, chosen, obtain
 
 
@@ -55,7 +56,7 @@ def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_pat
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == trained
     named = {line.predictor: line for line in lines}
     assert named["esn"].normalised < 0.5 * named["agile-mlp"].normalised
-    assert len(calls) == len(jobs) == 2 + len(RESERVOIRS)
+    assert len(calls) == len(jobs) == 2 + len(EsnHyper.starts)
     assert sorted(calls) == sorted(work(*job) for job in jobs)
     before = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
     again = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)

@@ -4,13 +4,18 @@ import csv
 import tomllib
 from pathlib import Path
 
+import numpy as np
+import optuna
 import pytest
+from optuna.distributions import FloatDistribution, IntDistribution
+from optuna.trial import TrialState
 from small_study import TINY, cheap_when_small, work_of
 
+from trainers.fit import FitSettings
 from trainers.preset import read_preset
 from trainers.training import configure, settings_for, train
 from trainers.tuning.conclude import conclude
-from trainers.tuning.report import best_of, front_of, rows_of
+from trainers.tuning.report import best_of, front_of, importances, rows_of
 from trainers.tuning.storage import JOURNAL
 from trainers.tuning.workers import run_trials
 from wakedeploy.episodes import EpisodeSet
@@ -43,13 +48,13 @@ def test_the_best_is_kept_as_a_preset_that_trains_to_the_same_error(
 
 
 def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_path: Path) -> None:
-    work = work_of(echo, tmp_path / "out", trials=9, asked=("hidden=4:16", "layers=1"))
+    work = work_of(echo, tmp_path / "out", trials=18, asked=("hidden=4:16", "layers=1"))
     study = work.begin()
     run_trials(work, study, echo)
     found = conclude(work, study, echo)
     with (work.out / "trials.csv").open() as file:
         lines = list(csv.DictReader(file))
-    assert [int(line["number"]) for line in lines] == list(range(9))
+    assert [int(line["number"]) for line in lines] == list(range(18))
     assert {line["layers"] for line in lines} == {"1"}
     assert all(line["error"] for line in lines if line["state"] == "finished")
     for name in ("history", "importances"):
@@ -57,6 +62,45 @@ def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_
         assert (work.out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     assert sum(found.importances.values()) == pytest.approx(1)
     assert set(found.importances) == set(study.trials[0].params)
+
+
+def test_what_was_ended_early_counts_in_the_importances_behind_the_others() -> None:
+    """Of 20 trials the three small ones came to their end; those that grew were ended early."""
+    spans = {"size": IntDistribution(1, 100), "idle": FloatDistribution(0.0, 1.0)}
+    draw = np.random.default_rng(0)
+    study = optuna.create_study()
+    for number in range(20):
+        params = {"size": 1 + number if number < 5 else 30 + number, "idle": draw.uniform()}
+        told = {"value": 0.5} if number < 5 else {"state": TrialState.PRUNED}
+        early = {1: 0.4} if number >= 5 else {}  # less than those that came to their end
+        study.add_trial(
+            optuna.trial.create_trial(
+                params=params, distributions=spans, intermediate_values=early, **told
+            )
+        )
+    shares = importances(study)
+    assert shares["size"] > 0.9
+    fewer = optuna.create_study()
+    fewer.add_trials(study.trials[:14])
+    assert importances(fewer) == {}
+
+
+def test_a_preset_says_what_was_searched_and_only_what_is_of_use(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    for arch, idle in (
+        ("agile-mlp", {"lanes", "chunk_steps"}),
+        ("gru", {"batch"}),
+        ("esn", set(FitSettings.__dataclass_fields__)),
+    ):
+        work = work_of(echo, tmp_path / arch, arch, trials=1)
+        study = work.begin()
+        run_trials(work, study, echo)
+        conclude(work, study, echo)
+        preset = read_preset(work.out / "best.toml")
+        assert set(preset.settings) == set(FitSettings.__dataclass_fields__) - idle
+        assert preset.study["pruner"] == "median"
+        assert preset.study["dimensions"] == [str(d) for d in work.plan.dimensions]
 
 
 def test_the_best_says_what_the_papers_shape_reached(echo: EpisodeSet, tmp_path: Path) -> None:

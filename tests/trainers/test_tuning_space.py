@@ -16,7 +16,7 @@ from trainers.fit import FitSettings
 from trainers.memory import Sizes
 from trainers.runs import new_predictor
 from trainers.training import new_fit, tapes
-from trainers.tuning.space import reference_point, search_space, split, suggest
+from trainers.tuning.space import point_of, search_space, split, suggest
 from trainers.tuning.trial import Objective
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -148,8 +148,8 @@ def test_weights_are_counted_as_they_are_built(arch: str) -> None:
 @pytest.mark.parametrize("arch", ARCHITECTURES)
 def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
     space = search_space(arch, 0.5, 62.5)
-    point = reference_point(arch, space, 0.5, 62.5, FitSettings())
-    assert point is not None
+    usual = dataclasses.asdict(FitSettings())
+    point = point_of(arch, space, 0.5, 62.5, usual)
     assert set(point) == {dimension.name for dimension in space}
     study = optuna.create_study()
     study.enqueue_trial(point)
@@ -157,7 +157,8 @@ def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
     fixed = search_space(
         arch, 0.5, 62.5, (f"{space[0].name}={ends(space_of(arch)[space[0].name])[0]}",)
     )
-    assert reference_point(arch, fixed, 0.5, 62.5, FitSettings()) is None
+    with pytest.raises(UnusableInput, match=f"{space[0].name} = .* is not within"):
+        point_of(arch, fixed, 0.5, 62.5, usual)
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
@@ -166,8 +167,7 @@ def test_the_papers_shape_is_what_training_without_a_preset_builds(
     arch: str, window_s: float, rate_hz: float
 ) -> None:
     space = search_space(arch, window_s, rate_hz)
-    point = reference_point(arch, space, window_s, rate_hz, FitSettings())
-    assert point is not None
+    point = point_of(arch, space, window_s, rate_hz, dataclasses.asdict(FitSettings()))
     hyper, _ = split(arch, point)
     sizes = {"inputs": 5, "outputs": 1, "window_s": window_s, "rate_hz": rate_hz}
     asked, plain = build(arch, **sizes, hyper=hyper), build(arch, **sizes)
@@ -183,6 +183,24 @@ def test_a_delay_begins_within_the_history_that_was_drawn_with_it() -> None:
     )  # fmt: skip
     assert split("delay-embedding", point | {"history_s": 0.6})[0]["initial_delay_s"] == 0.4
     assert split("delay-embedding", {"initial_delay_s": 0.4})[0] == {"initial_delay_s": 0.4}
+
+
+def test_a_point_is_trained_with_as_many_digits_as_people_read() -> None:
+    point = {"hidden": 139, "dropout": 0.13139608028498448, "learning_rate": 0.013421971441895499}
+    assert split("gru", point) == (
+        {"hidden": 139, "dropout": 0.1314}, {"learning_rate": 0.01342}
+    )  # fmt: skip
+    drawn = {"history_s": 0.42139485761, "initial_delay_s": 0.0}
+    assert split("delay-embedding", drawn)[0] == {"history_s": 0.421395, "initial_delay_s": 0.0}
+
+
+@given(samples=st.integers(1, 400), rate_hz=st.sampled_from([30.0, 32.0, 62.5, 100.0, 200.0]))
+def test_seconds_to_a_microsecond_are_as_many_samples_as_they_were(
+    samples: int, rate_hz: float
+) -> None:
+    hyper, _ = split("history-mlp", {"history_s": samples / rate_hz})
+    shape = Sizes(3, 2, 17, 1, rate_hz).looking_back(hyper["history_s"], samples + 1)
+    assert (shape.k, shape.stride) == (samples + 1, 1)
 
 
 @pytest.mark.parametrize(
@@ -259,7 +277,7 @@ def test_snapshots_are_as_many_as_asked_at_most_and_span_the_history(
     sizes = Sizes(3, 2, 17, 1, rate_hz).looking_back(history_s, snapshots)
     assert 1 <= sizes.k <= snapshots
     reach = (sizes.k - 1) * sizes.stride
-    assert reach <= history_s * rate_hz + 1e-6 < reach + sizes.stride + 1
+    assert reach <= history_s * rate_hz + 1e-3 < reach + sizes.stride + 1
 
 
 def test_without_a_word_the_window_stays_the_domains() -> None:

@@ -103,6 +103,7 @@ def _preset(
     ended = [t.datetime_complete for t in all_trials(study) if t.datetime_complete is not None]
     told: dict[str, Any] = {
         **described(work.plan, work.data),
+        "pruner": work.pruner,
         "name": study.study_name,
         "kept_in": work.place.told,
         "date": max(ended).date().isoformat(),

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trainers.tuning.report import FAILED, FINISHED, OVER_BUDGET, Row, best_of, front_of
+from trainers.tuning.report import BEHIND, FAILED, FINISHED, OVER_BUDGET, Row, best_of, front_of
 from wakedeploy import figures
 
 if TYPE_CHECKING:
@@ -66,11 +66,11 @@ def importance(title: str, shares: Mapping[str, float], rows: Sequence[Row]) -> 
         names = list(shares)
         drawn, axes = figures.figure(size=(6.4, 0.8 + 0.32 * len(names)))
         axes.barh(names[::-1], [shares[name] for name in names][::-1], color=figures.MEASURED)
-        ended = [row for row in rows if row.state == FINISHED]
+        ended = [row for row in rows if row.state in (FINISHED, BEHIND)]
         aim = (
             "coming to the front" if any(row.step_us is not None for row in ended) else "the error"
         )
-        over = f"PED-ANOVA over {len(ended)} finished trials"
+        over = f"PED-ANOVA over {len(ended)} trials"
         axes.set(xlabel=f"importance for {aim} ({over})", title=title)
         axes.set_xlim(left=0)
     return drawn

@@ -129,4 +129,5 @@ def described(plan: Plan, data_folder: Path) -> dict[str, object]:
         "objective": ",".join(plan.objective),
         "epochs": plan.epochs,
         "seed": plan.seed,
+        "dimensions": [str(dimension) for dimension in plan.dimensions],
     }

@@ -15,6 +15,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import Choice
+from trainers.fit import FitSettings
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split
@@ -33,7 +34,7 @@ from wakedeploy.files import write_text_whole
 FINISHED, BEHIND, OVER_BUDGET, IMPOSSIBLE = "finished", "pruned", "over budget", "impossible"
 FAILED, LOST, RUNNING, WAITING = "failed", "lost", "running", "waiting"
 _FIRST = b"number,state,reason,"
-_FEWEST_FOR_IMPORTANCE = 6
+_FEWEST_FOR_IMPORTANCE = 15
 _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its authors advise
 
 
@@ -88,16 +89,19 @@ def front_of(rows: Sequence[Row]) -> list[Row]:
 def importances(study: optuna.Study) -> dict[str, float]:
     """How much each dimension decided whether a trial came among the best; they sum to 1.
 
-    By PED-ANOVA (Watanabe et al. 2023), which needs no regression forest. Empty for too few trials.
+    By PED-ANOVA (Watanabe et al. 2023), which needs no regression forest and asks for an order
+    alone: what was ended early counts, behind all that came to their end. Empty for too few trials.
     """
-    ended = _ended(all_trials(study))
-    if len(ended) < _FEWEST_FOR_IMPORTANCE:
+    ranked = _ranked(all_trials(study))
+    if len(ranked) < _FEWEST_FOR_IMPORTANCE:
         return {}
-    share = min(0.5, max(0.1, _ENOUGH_AT_THE_TOP / len(ended)))
+    share = min(0.5, max(0.1, _ENOUGH_AT_THE_TOP / len(ranked)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        told = optuna.create_study(directions=study.directions)
+        told.add_trials(ranked)
         found = get_param_importances(
-            study, evaluator=PedAnovaImportanceEvaluator(target_quantile=share)
+            told, evaluator=PedAnovaImportanceEvaluator(target_quantile=share)
         )
     return dict(found)
 
@@ -106,7 +110,17 @@ def whole_point(plan: Plan, point: Point) -> tuple[dict[str, Any], dict[str, Any
     """Every hyper-parameter and fit setting of a trial, those that were not searched included."""
     hyper, changed = split(plan.arch, {**fixed(plan), **point})
     usual = dataclasses.asdict(ARCHITECTURES[plan.arch].hyper())
-    return {**usual, **hyper}, dataclasses.asdict(plan.settings(changed))
+    settings = dataclasses.asdict(plan.settings(changed))
+    idle = _idle_settings(plan.arch)
+    return {**usual, **hyper}, {n: value for n, value in settings.items() if n not in idle}
+
+
+def _idle_settings(arch: str) -> set[str]:
+    """The fit settings that change nothing for an architecture, as its dimensions tell."""
+    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
+    if "learning_rate" not in searched:  # solved, not descended
+        return {field.name for field in dataclasses.fields(FitSettings)}
+    return {"batch", "lanes", "chunk_steps"} - searched
 
 
 def fixed(plan: Plan) -> Point:
@@ -183,6 +197,22 @@ def _front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
         if not front or trial.values[-1] < front[-1].values[-1]:
             front.append(trial)
     return front
+
+
+def _ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
+    """All that were trained, each with what it came to: what was ended early behind the others."""
+    values = {trial.number: trial.values for trial in _ended(trials)}
+    worst = max((own[0] for own in values.values()), default=0.0)
+    for trial in trials:
+        if trial.state == TrialState.PRUNED and trial.last_step is not None:
+            values[trial.number] = [worst + trial.intermediate_values[trial.last_step]]
+    return [
+        optuna.trial.create_trial(
+            params=trial.params, distributions=trial.distributions, values=values[trial.number]
+        )
+        for trial in trials
+        if trial.number in values
+    ]
 
 
 def _ended(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:

@@ -56,27 +56,29 @@ def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict
     """A point's hyper-parameters, and its fit settings.
 
     Both are drawn by themselves: a delay that begins beyond the point's own history begins at its
-    end, since from outside hardly any gradient would lead it back.
+    end, since from outside hardly any gradient would lead it back. A microsecond of seconds
+    and four digits of all else remain: a trial trains with what its preset will say.
     """
     own = _hyper_names(arch)
-    hyper = {name: value for name, value in point.items() if name in own}
+    legible = {name: _legible(name, value) for name, value in point.items()}
+    hyper = {name: value for name, value in legible.items() if name in own}
     if _DELAY in hyper and HISTORY.name in hyper:
         hyper[_DELAY] = min(hyper[_DELAY], hyper[HISTORY.name])
-    return hyper, {name: value for name, value in point.items() if name not in own}
+    return hyper, {name: value for name, value in legible.items() if name not in own}
 
 
-def reference_point(
+def point_of(
     arch: str,
     space: Sequence[Dimension],
     window_s: float,
     rate_hz: float,
-    settings: FitSettings,
-) -> Point | None:
-    """The paper's shape as a point of the space; None where the space does not hold it.
+    values: Mapping[str, float],
+) -> Point:
+    """A shape as a point of the space; what `values` does not say is as without a preset.
 
-    On a set with this window [s] and rate it is what training without a preset builds.
+    On a set with this window [s] and rate. Raises UnusableInput for what the space does not hold.
     """
-    usual = dataclasses.asdict(ARCHITECTURES[arch].hyper()) | dataclasses.asdict(settings)
+    usual = dataclasses.asdict(ARCHITECTURES[arch].hyper()) | dict(values)
     count, stride = window_shape(window_s, rate_hz)
     lasts_s = (count - 1) * stride / rate_hz  # a whole number of strides, hardly the window itself
     unstated = {name: share * lasts_s for name, share in _SHARES.items()}
@@ -87,7 +89,7 @@ def reference_point(
         if value is None:
             value = unstated[dimension.name]
         if not _holds(dimension, value):
-            return None
+            raise UnusableInput(f"{dimension.name} = {value:g} is not within {dimension}.")
         if isinstance(dimension, Span) or len(dimension.values) > 1:
             point[dimension.name] = value
     return point
@@ -95,6 +97,13 @@ def reference_point(
 
 def _hyper_names(arch: str) -> set[str]:
     return {field.name for field in dataclasses.fields(ARCHITECTURES[arch].hyper)}
+
+
+def _legible(name: str, value: float) -> float:
+    """With as many digits as matter: it is trained with what its preset says."""
+    if not isinstance(value, float):
+        return value
+    return round(value, 6) if name.endswith("_s") else float(f"{value:.4g}")
 
 
 def _resolved(dimension: Dimension, window_s: float, rate_hz: float) -> Dimension:

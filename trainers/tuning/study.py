@@ -19,6 +19,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
+from trainers.tuning.space import Point, split
 from trainers.tuning.storage import Place
 from wakedeploy.errors import UnusableInput
 
@@ -56,10 +57,10 @@ def default_name(plan: Plan) -> str:
     return f"{plan.domain}-{plan.arch}"
 
 
-def enqueue_first(study: optuna.Study, point: dict[str, float] | None) -> None:
-    """Let a study that has no trial yet begin at a point."""
-    if point is not None and not study.get_trials(deepcopy=False):
-        study.enqueue_trial(point, user_attrs={REFERENCE: True})
+def is_new(study: optuna.Study, arch: str, point: Point) -> bool:
+    """Whether the study neither tried a point nor has it in the queue, as it would be trained."""
+    asked = split(arch, point)
+    return all(split(arch, _point(trial)) != asked for trial in all_trials(study))
 
 
 def give_back(study: optuna.Study, trial: FrozenTrial) -> None:

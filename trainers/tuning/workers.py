@@ -10,7 +10,7 @@ import multiprocessing
 import multiprocessing.connection
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -24,14 +24,16 @@ from trainers.device import require_cuda
 from trainers.preset import read_preset
 from trainers.tuning.plan import Plan
 from trainers.tuning.report import are_trials
-from trainers.tuning.space import reference_point
+from trainers.tuning.space import Point
+from trainers.tuning.starts import reference_point, usual_starts
 from trainers.tuning.storage import JOURNAL, Place
 from trainers.tuning.study import (
+    REFERENCE,
     all_trials,
     default_name,
-    enqueue_first,
     finished,
     give_back_of_the_dead,
+    is_new,
     open_study,
     running,
     taken_from_us,
@@ -87,8 +89,8 @@ class Work:
         with self.turn():
             return open_study(self.place, self.plan, self.study_name, self.pruner)
 
-    def begin(self) -> optuna.Study:
-        """The same for the first process: the study begins at the paper's shape.
+    def begin(self, starts: Sequence[Point] = ()) -> optuna.Study:
+        """The same for the first process: the study begins at the paper's shape and at `starts`.
 
         Raises UnusableInput where CUDA is asked for in vain, with nothing made.
         """
@@ -97,15 +99,18 @@ class Work:
         _check_folder(self)
         study = self.open()
         with self.turn(), self.place.reachable():
-            settings = self.plan.settings()
-            point = reference_point(
-                self.plan.arch,
-                self.plan.dimensions,
-                self.plan.window_s,
-                self.plan.rate_hz,
-                settings,
-            )
-            enqueue_first(study, point)
+            if not all_trials(study):
+                paper = reference_point(self.plan)
+                if paper is not None:
+                    study.enqueue_trial(paper, user_attrs={REFERENCE: True})
+                starts = [*usual_starts(self.plan), *starts]
+            new = [point for point in starts if is_new(study, self.plan.arch, point)]
+            if new and _left(study, self.trials) <= 0:
+                raise UnusableInput(
+                    f"--start: the study has its {self.trials} trials; ask for more --trials."
+                )
+            for point in new:
+                study.enqueue_trial(point)
         return study
 
 

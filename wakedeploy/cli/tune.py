@@ -13,6 +13,7 @@ from wakedeploy.errors import UnusableInput
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
     from trainers.tuning.plan import Plan
+    from trainers.tuning.space import Point
     from trainers.tuning.study import Study
     from trainers.tuning.workers import OnTrials, Work
     from wakedeploy.episodes import EpisodeSet
@@ -63,6 +64,14 @@ _STOPPED = (
     help="Narrow or fix one of the architecture's dimensions; may be repeated.",
 )
 @click.option(
+    "--start",
+    "starts",
+    multiple=True,
+    metavar="PRESET",
+    help="A preset's file, or tuned: one of the first trials; may be repeated. The paper's shape"
+    " always is.",
+)
+@click.option(
     "--pruner",
     type=click.Choice(["median", "hyperband", "none"]),
     default="median",
@@ -101,6 +110,7 @@ def command(
     budget: int,
     objective: str,
     dimensions: tuple[str, ...],
+    starts: tuple[str, ...],
     pruner: str,
     workers: int,
     storage: str | None,
@@ -146,7 +156,7 @@ def command(
         plan, data, out, storage, study_name, trials, pruner, cost, device, give_up_elsewhere
     )
     with told_when_stopped(_STOPPED.format(work.place.name)):
-        found, study = _tuned(work, episodes, workers)
+        found, study = _tuned(work, episodes, workers, _starts(plan, starts))
     _tell(found, work)
     if json_path:
         write_json(json_path, _as_json(found, work, study))
@@ -175,12 +185,23 @@ def _step_cost(plan: "Plan") -> Any:
     return step_p99_us
 
 
-def _tuned(work: "Work", data: "EpisodeSet", workers: int) -> "tuple[Found, Study]":
+def _starts(plan: "Plan", asked: tuple[str, ...]) -> "list[Point]":
+    """The presets to begin at, as points of the study."""
+    from trainers.preset import chosen_preset
+    from trainers.tuning.starts import preset_start
+
+    presets = {name: chosen_preset(name, plan.arch, plan.domain) for name in asked}
+    return [preset_start(plan, name, one) for name, one in presets.items() if one is not None]
+
+
+def _tuned(
+    work: "Work", data: "EpisodeSet", workers: int, starts: "list[Point]"
+) -> "tuple[Found, Study]":
     from trainers.tuning.conclude import conclude
     from trainers.tuning.study import all_trials, finished
     from trainers.tuning.workers import run_trials
 
-    study = work.begin()
+    study = work.begin(starts)
     done = len(finished(all_trials(study)))
     with progress("Trials", work.trials, done=min(done, work.trials)) as bar:
         run_trials(work, study, data, workers, _shown_on(bar, work))

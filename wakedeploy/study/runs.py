@@ -18,22 +18,15 @@ if TYPE_CHECKING:
     from trainers.runs import RunConfig, TrainedRun
 
 
-# What is tried of a reservoir beside the usual. It is solved in seconds and its scale cannot be
-# learned: driven gently it is nearly linear and remembers the fine differences between samples,
-# driven hard it mixes them.
-RESERVOIRS: tuple[Mapping[str, float], ...] = (
-    {"input_scale": 0.03},
-    {"input_scale": 0.001, "leak": 0.3},
-)
-
-
 def choice(names: Collection[str]) -> str:
     """What was chosen for the models of a figure, with a space before it; "" where nothing was."""
+    from trainers.build import ARCHITECTURES
+
     if "esn" not in names:
         return ""
     return (
         " Only the reservoir (esn) has its scales chosen for each set, one of "
-        f"{1 + len(RESERVOIRS)} on validation; all others are trained as they are."
+        f"{1 + len(ARCHITECTURES['esn'].starts)} on validation; all others are trained as they are."
     )
 
 
@@ -79,7 +72,9 @@ class Wanted:
 
 def candidates(wanted: Wanted) -> list[Wanted]:
     """What is trained for one line of any study; the best on validation is taken."""
-    tried = RESERVOIRS if wanted.arch == "esn" else ()
+    from trainers.build import ARCHITECTURES
+
+    tried = ARCHITECTURES[wanted.arch].starts
     return [wanted, *(replace(wanted, hyper={**wanted.hyper, **hyper}) for hyper in tried)]
 
 
