@@ -37,6 +37,7 @@ from trainers.model import Predictor, WakeModel, window_indices
 from trainers.runs import RunConfig, new_predictor
 from trainers.tape import Tape
 from trainers.training import configure, new_fit, settings_for, stated_lead_s, tapes
+from wakedeploy.commit import frozen_at
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 
 DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reservoir is solved
@@ -61,6 +62,7 @@ def main() -> None:
     epochs, seeds = (2, 1) if options.quick else (options.epochs, options.seeds)
     result = measured(data, archs, epochs, seeds, told=print, cores=2)
     result |= {"quick": options.quick, "minutes": data.provenance.get("minutes")}
+    result |= {"commit": frozen_at()}
     print("\n" + table(result["rows"]))
     if options.json:
         options.json.write_text(json.dumps(result, indent=1) + "\n")
