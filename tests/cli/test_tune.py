@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from small_tune import FAST, LIMIT_S, one_line, small_set, tune, wakedeploy
 
+from trainers.build import ARCHITECTURES
+
 
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
@@ -261,6 +263,21 @@ def test_tuned_presets_are_looked_up_by_the_sets_domain(
     assert config["hyper"]["hidden"] == 8
 
 
+def test_a_tuned_preset_of_the_papers_shape_says_so_and_nothing_else(
+    data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "echo").mkdir()
+    study = '[study]\nships = "reference"\ntrials = 20\nlead_s = 0.3\ndata_sha256 = "of another"\n'
+    text = 'format = 1\narch = "agile-mlp"\n[hyper]\n[settings]\n' + study
+    (tmp_path / "echo/agile-mlp.toml").write_text(text)
+    monkeypatch.setattr("trainers.preset.shipped_preset.__defaults__", (tmp_path,))
+    asked = ("--data", data, "--arch", "agile-mlp", "--epochs", 1, "--preset", "tuned")
+    told = wakedeploy("train", *asked, "--out", tmp_path / "runs")
+    assert told.exit_code == 0, told.output
+    assert "of agile-mlp on echo sets is the paper's shape: of 20 trials none" in one_line(told)
+    assert "was found" not in one_line(told)
+
+
 def test_presets_are_packed_into_the_wheel(tmp_path: Path) -> None:
     root = Path(__file__).parents[2]
     for name in ("pyproject.toml", "README.md", "trainers/__init__.py"):
@@ -294,6 +311,15 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
     assert (out / "pareto.pdf").exists()
 
 
+def test_help_names_every_architecture_with_its_dimensions() -> None:
+    told = wakedeploy("tune", "--help").output
+    lines = {line.split()[0]: line.split()[1:] for line in told.splitlines() if line.split()}
+    kinds = {"learning_rate", "weight_decay", "lanes", "chunk_steps", "batch", "history_s"}
+    assert all(name in told for name in kinds)
+    for arch, known in ARCHITECTURES.items():
+        assert set(lines[arch]) == {d.name for d in known.dimensions} - kinds
+
+
 def test_help_loads_no_heavy_library() -> None:
     code = (
         "import sys\nfrom wakedeploy.cli import main\n"
@@ -305,6 +331,16 @@ def test_help_loads_no_heavy_library() -> None:
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=LIMIT_S
     )
     assert ended.stdout.splitlines()[-1] == "[]"
+
+
+def test_a_folder_with_a_study_in_a_journal_is_none_for_one_in_a_database(
+    done: Path, data: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "study.journal").write_bytes((done / "study.journal").read_bytes())
+    told = tune(data, tmp_path, "--storage", "postgresql://me@127.0.0.1:1/none")
+    assert told.exit_code == 2
+    assert "holds a study of its own, study.journal; choose another --out" in one_line(told)
+    assert [path.name for path in tmp_path.iterdir()] == ["study.journal"]
 
 
 def test_a_folder_with_other_things_is_left_alone(data: Path, tmp_path: Path) -> None:

@@ -89,7 +89,7 @@ def test_options_come_before_the_file_and_their_folders_are_where_we_are(
     [
         (('"tcn"]', '"cnn"]'), 2, "'cnn' is no architecture; choose all or agile-mlp"),
         (("seeds = 3", "seeds = 0"), 3, "greater than or equal to 1"),
-        (("seeds = 3", "sseeds = 3"), 3, "sseeds is not known"),
+        (("seeds = 3", "sseeds = 3"), 3, "sseeds is not known; known are data, arch, seeds"),
         (("[0.0, 0.1]", "[0.0, -0.1]"), 4, "greater than or equal to 0"),
         (("epochs = [", "epoch = ["), 7, "There is no fit setting 'epoch'; there are epochs"),
         (("[2, 4]", "[2, 0]"), 7, "epochs = 0 has to be a whole number from 1"),
@@ -168,6 +168,11 @@ def test_a_rig_file_is_part_of_the_plan(tmp_path: Path) -> None:
     changed = dataclasses.replace(made, rig=default_rig_text() + "\n")
     assert generate_job(changed).identity != job.identity
     assert job.told["settings"] == {"rig": "rig.toml"}
+
+
+def test_a_plan_that_is_not_there_is_named_with_the_systems_word(tmp_path: Path) -> None:
+    with pytest.raises(UnusableInput, match=r"nope\.toml: cannot be read as a plan \(No such file"):
+        read_plan(tmp_path / "nope.toml")
 
 
 def test_an_option_is_named_as_such() -> None:

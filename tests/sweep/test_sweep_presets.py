@@ -51,6 +51,18 @@ def test_the_tuned_are_trained_beside_the_reference(
             assert f"preset {preset}, head {head}" in " ".join(told.output.split())
 
 
+def test_a_tuned_preset_of_the_papers_shape_is_trained_once_and_named_beside_it(
+    small: Path, tmp_path: Path, shipped: None, wakedeploy: Callable, lines: Callable
+) -> None:
+    (tmp_path / "presets/toy/gru.toml").write_text(
+        TUNED.split("[hyper]")[0] + "[hyper]\n[settings]"
+    )
+    asked = ("--data", small, "--arch", "gru", "--epochs", 1, "--preset", "reference,tuned")
+    told = wakedeploy("sweep", *asked, "--workers", 1, "--out", tmp_path / "out")
+    assert told.exit_code == 0, told.output
+    assert [row["preset"] for row in lines(tmp_path / "out")] == ["reference, tuned"]
+
+
 def test_a_preset_that_does_not_ship_is_refused_before_anything_is_trained(
     small: Path, tmp_path: Path, shipped: None, wakedeploy: Callable
 ) -> None:

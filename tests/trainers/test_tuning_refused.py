@@ -25,7 +25,10 @@ from wakedeploy.errors import UnusableInput
         ({"objective": ("rmse", "latency")}, "objective = rmse, not rmse,latency"),
         ({"epochs": 4}, "epochs = 3, not 4"),
         ({"seed": 1}, "seed = 0, not 1"),
-        ({"asked": ("hidden=4:9",)}, "dimensions = layers=1:2 hidden=4:16 .*, not layers=1:4"),
+        (
+            {"asked": ("hidden=4:9", "layers=1:2", "batch=128:512")},
+            "dimensions = hidden=4:16, not hidden=4:9;",
+        ),
         ({"study_name": "mine"}, "the study echo-agile-mlp is named so, not mine"),
     ],
 )

@@ -16,8 +16,7 @@ from urllib.parse import quote
 import optuna
 import sqlalchemy.exc
 from optuna.storages import BaseStorage, JournalStorage, RDBStorage
-from optuna.storages.journal import JournalFileBackend
-from optuna.storages.journal._file import BaseJournalFileLock
+from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from optuna.trial import FrozenTrial
 from sqlalchemy.engine import URL, make_url
 
@@ -154,14 +153,15 @@ class Place:
         return said[:200]
 
 
-class KernelLock(BaseJournalFileLock):
+class KernelLock(JournalFileOpenLock):
     """One writer of the journal at a time; the kernel lets go of the lock of a killed process.
 
-    Optuna's own locks are files that outlive their owner: everyone then waits for half a minute.
+    Optuna's own lock is a file that outlives its owner: everyone then waits for half a minute.
     A line that a killed writer left unfinished is taken out by the next one.
     """
 
     def __init__(self, journal: Path) -> None:
+        super().__init__(str(journal))
         self._journal = journal
         self._path = journal.with_name(f".{journal.name}.lock")
         self._held: int | None = None

@@ -180,6 +180,12 @@ def _require_same(place: Place, study: optuna.Study, plan: Plan) -> None:
 def _difference(name: str, there: Any, asked: Any) -> str:
     if name == "data_sha256":
         return f"was made for another data set (sha256 {str(there)[:12]}…, not {asked[:12]}…)"
+    if name == "dimensions":
+        before, now = str(there).split(), str(asked).split()
+        there, asked = (
+            ", ".join(one for one in own if one not in other) or "without it"
+            for own, other in ((before, now), (now, before))
+        )
     return f"was made with {name} = {there}, not {asked}"
 
 

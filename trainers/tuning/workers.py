@@ -139,6 +139,11 @@ def _check_no_strangers(work: Work) -> None:
     if not work.out.is_dir():
         return
     shown = sorted(path for path in work.out.iterdir() if not path.name.startswith("."))
+    if JOURNAL in [path.name for path in shown] and not work.place.is_journal:
+        raise UnusableInput(
+            f"{work.out} holds a study of its own, {JOURNAL}; choose another --out, or leave out"
+            " --storage to go on with it."
+        )
     # A journal is there from a study's first moment on.
     ours = [path for path in shown if path.name == JOURNAL and work.place.is_journal]
     if not work.place.is_journal and [path.name for path in shown] == [TRIALS]:

@@ -26,7 +26,7 @@ _STOPPED = (
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
-@click.option("--arch", required=True, help="One architecture.")
+@click.option("--arch", required=True, help="One architecture, of those below.")
 @click.option(
     "--trials",
     type=click.IntRange(1, 1_000_000),
@@ -61,7 +61,7 @@ _STOPPED = (
     "dimensions",
     multiple=True,
     metavar="NAME=LOW:HIGH|NAME=A,B,…",
-    help="Narrow or fix one of the architecture's dimensions; may be repeated.",
+    help="Narrow or fix one of the architecture's dimensions (below); may be repeated.",
 )
 @click.option(
     "--start",
@@ -124,6 +124,20 @@ def command(
     A trial over the parameter budget is not trained. The same command goes on where it was stopped,
     more --trials add to it, and several may run at once. --out then holds best.toml, the best
     trial's run, trials.csv and figures; test episodes are looked at once, for the best.
+
+    \b
+    Dimensions:
+        agile-mlp        layers hidden
+        history-mlp      snapshots hidden
+        delay-embedding  initial_delay_s initial_spread_s selector
+        gru              hidden dropout
+        tcn              blocks kernel dropout
+        mamba            d_model d_state d_conv
+        esn              neurons spectral_radius leak input_scale
+        cross-attention  embed heads
+        all but esn      learning_rate weight_decay
+        gru, tcn, mamba  lanes chunk_steps
+        the other four   batch, and but for agile-mlp history_s
 
     \b
     Example:

@@ -178,8 +178,10 @@ def train_jobs(
             jobs.setdefault(unfit.identity, unfit)
             continue
         identity = identity_of("train", config.model_dump(mode="json"))
-        job = TrainJob(identity, name, folder.absolute(), config, device, choice.preset)
-        jobs.setdefault(identity, job)
+        same = jobs.get(identity)
+        presets = [same.preset, choice.preset] if isinstance(same, TrainJob) else [choice.preset]
+        told = ", ".join(dict.fromkeys(presets))  # where a preset changes nothing
+        jobs[identity] = TrainJob(identity, name, folder.absolute(), config, device, told)
     return list(jobs.values())
 
 

@@ -129,7 +129,11 @@ def _checked_plan(
         document = _Document.model_validate(dict(raw))
     except pydantic.ValidationError as error:
         place = error.errors()[0]["loc"]
-        raise UnusableInput(f"{where(place)}{first_problem(error)}.") from error
+        told = f"{where(place)}{first_problem(error)}"
+        if error.errors()[0]["type"] == "extra_forbidden":
+            known = _Generate if place[0] == "generate" else _Document
+            told += f"; known are {', '.join(known.model_fields)}"
+        raise UnusableInput(f"{told}.") from error
     generate = [
         checked(Generate(**entry.model_dump()), base, lambda *at, i=i: where(("generate", i, *at)))
         for i, entry in enumerate(document.generate)
@@ -153,7 +157,8 @@ def _file(path: Path) -> tuple[str, dict[str, Any]]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise UnusableInput(f"{path}: cannot be read as a plan ({one_line(error)}).") from error
+        why = getattr(error, "strerror", None) or one_line(error)
+        raise UnusableInput(f"{path}: cannot be read as a plan ({why}).") from error
     try:
         return text, tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
