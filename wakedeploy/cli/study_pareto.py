@@ -37,9 +37,9 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     """Set each architecture's error against its parameters and against its step's time.
 
     The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: half a minute for
-    each model and domain, in four rounds of which the quietest counts, on a machine that should do
-    nothing else meanwhile. Trains what
-    `study domains` has not trained into the same folder yet.
+    each model and domain, in four rounds of which the quietest counts (the p99 is of a round's
+    ticks), on a machine that should do nothing else meanwhile. Trains what `study domains` has not
+    trained into the same folder yet.
 
     \b
     Example:
