@@ -3,10 +3,10 @@
 SETS has one set per domain, made as in the README's session; WORK gets the studies and runs. For
 each pair: `wakedeploy tune`, begun at the paper's shape and at what ships so far, its `best.toml`
 to `trainers/presets/`, and `wakedeploy train` with that preset and with the reference, three seeds
-each, none of which the study has seen, both by the same commit. What is no better on validation
-with those seeds does not ship: a study judges each trial by one seed, so that its best is in part
-the luckiest. Goes on where it was stopped; what is named neither by `--domain` nor by `--arch`
-keeps its row.
+each, none of which the study has seen, both by the same commit; with a reservoir's other scales,
+too. What ships is the best of these on validation with those seeds: a study judges each trial by
+one seed, so that its best is in part the luckiest. Goes on where it was stopped; what is named
+neither by `--domain` nor by `--arch` keeps its row.
 
     OMP_NUM_THREADS=1 python benchmarks/tuned.py sets work --jobs 2
 
@@ -51,15 +51,17 @@ NARROWED = {
     ("downwash", "mamba"): ("d_state=2:16",),
 }
 SEEDS = 3
+WRITTEN = ("docs", "trainers/presets")
 DOCS = Path(__file__).parents[1] / "docs"
 Row = dict[str, Any]
+KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the other scale ships"}
 
 
 def main() -> None:
     """Tune, ship, score, write; each finished pair at once."""
     options = _options()
     rows = read_rows(DOCS / "tuned.json")
-    commit = frozen_at()  # now: what is written below changes the checkout
+    commit = frozen_at(WRITTEN)
     pairs = [(domain, arch) for domain in options.domain for arch in options.arch]
     with ThreadPoolExecutor(options.jobs) as pool:
         under_way = {pool.submit(obtained, *pair, options, commit): pair for pair in pairs}
@@ -103,7 +105,7 @@ def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -
         own = trained(domain, arch, data, runs / f"start-{number}", *told_apart)
         row["starts"].append({"hyper": dict(changes), **own})
     row["ships"] = confirmed(row)
-    ship(row["ships"], best, ships)
+    ship(row, best, ships)
     return row
 
 
@@ -116,27 +118,35 @@ def trained(domain: str, arch: str, data: Path, out: Path, *how: object) -> Row:
 
 
 def confirmed(row: Row) -> str:
-    """Which of the two errs less on validation, mean over the seeds; of equals the paper's."""
+    """What errs least on validation, mean over the seeds: reference, tuned, or start (`_start`)."""
+    rivals = {"reference": row["reference"], "tuned": row["tuned"]}
     if row["found_reference"]:  # what differs between the two is rounding
-        return "reference"
-    ours, paper = (math.fsum(row[name]["validation"]) for name in ("tuned", "reference"))
-    return "tuned" if ours < paper else "reference"
+        del rivals["tuned"]
+    if row["starts"]:
+        rivals["start"] = _start(row)
+    return min(rivals, key=lambda name: math.fsum(rivals[name]["validation"]))
 
 
-def ship(which: str, best: Path, path: Path) -> None:
-    """Write what ships: what a study found, or the paper's shape, a preset that changes nothing."""
+def _start(row: Row) -> Row:
+    """The best on validation of what every study tries beside the paper's shape."""
+    best: Row = min(row["starts"], key=lambda one: math.fsum(one["validation"]))
+    return best
+
+
+def ship(row: Row, best: Path, path: Path) -> None:
+    """Write what ships: what the study found, another scale, or the paper's shape as it is."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    if which == "tuned":
+    if row["ships"] == "tuned":
         shutil.copyfile(best, path)
         return
     found = read_preset(best)
     of_the_found = {"trial", "validation_error", "trainable"}
     told = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
-    preset = Preset(arch=found.arch, hyper={}, settings={}, study=told | {"ships": which})
-    heading = (
-        "The paper's shape: with three seeds, what the study found was no better on validation."
-    )
-    write_preset(path, preset, heading)
+    hyper = _start(row)["hyper"] if row["ships"] == "start" else {}
+    study = told | {"ships": row["ships"]}
+    shape = "The paper's shape at another scale" if hyper else "The paper's shape"
+    heading = f"{shape}: with three seeds, what the study found was no better on validation."
+    write_preset(path, Preset(arch=found.arch, hyper=hyper, settings={}, study=study), heading)
 
 
 def wakedeploy(*arguments: object) -> None:
@@ -182,7 +192,7 @@ def gain_text(row: Row) -> str:
     """A row in words, with what the seeds' scatter leaves open."""
     middle, low, high = ratio(row)
     sure = "" if low > 1.0 or high < 1.0 else " (seeds overlap)"
-    kept = "" if row["ships"] == "tuned" else "; the paper's shape ships"
+    kept = KEPT[row["ships"]]
     return f"error × {middle:.2f} [{low:.2f}, {high:.2f}]{sure}{kept}"
 
 
@@ -221,7 +231,8 @@ def page(rows: Sequence[Row]) -> str:
         "fall behind.",
         f"Trained on: {', '.join(sorted(devices))}; at commits {', '.join(sorted(commits))}.",
         f"Of {len(rows)} pairs, what was found ships in {len(shipped)}: there it was better on "
-        "validation with those three seeds, too. In the others the paper's shape does. Of the "
+        "validation with those three seeds, too. In the others the paper's shape does, of a "
+        "reservoir the best of its three scales. Of the "
         f"{len(shipped)}, every tuned seed is better on test than every reference seed in "
         f"{surely}; the mean is worse in {len(worse)}{_named(worse)}.",
         "![Tuned error over the reference's; hollow: the paper's shape ships](tuned-gain.png)",
@@ -261,10 +272,10 @@ def _trials(row: Row) -> str:
 
 
 def _scale(row: Row) -> str:
-    """What is tried beside the paper's shape anyway, where it is better on validation."""
-    tried = min(row["starts"], key=lambda one: math.fsum(one["validation"]), default=None)
-    if tried is None or confirmed({**row, "tuned": tried, "found_reference": False}) != "tuned":
+    """What every study tries beside the paper's shape, where it is better on validation."""
+    if not row["starts"] or confirmed({**row, "found_reference": True}) == "reference":
         return ""
+    tried = _start(row)
     told = ", ".join(f"{name}={value:g}" for name, value in tried["hyper"].items())
     return f"; {_errors(tried['errors'])} at {told}"
 

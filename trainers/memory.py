@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from wakedeploy.episodes import window_shape
+from wakedeploy.episodes import whole_steps, window_shape
 
 
 @dataclass(frozen=True)
@@ -50,8 +50,7 @@ class Sizes:
             return dataclasses.replace(self, k=shape[0], stride=shape[1])
         steps = (self.k - 1) * self.stride
         if history_s is not None:
-            # Presets tell microseconds: a thousandth of a sample is no sample less.
-            steps = math.floor(history_s * self.rate_hz + 1e-3)
+            steps = whole_steps(history_s * self.rate_hz)
         stride = max(1, math.ceil(steps / (snapshots - 1)))
         return dataclasses.replace(self, k=steps // stride + 1, stride=stride)
 

@@ -131,7 +131,7 @@ class EpisodeSet:
     @property
     def warm_up_steps(self) -> int:
         """How many samples at the start of each episode no architecture is scored on."""
-        return max(1, _whole(self.window_s * self.rate_hz))
+        return max(1, whole_steps(self.window_s * self.rate_hz))
 
     def write(self, folder: Path) -> None:
         """Write the set; a killed process leaves the set that was in `folder` before, or none."""
@@ -147,7 +147,7 @@ class EpisodeSet:
 def window_shape(window_s: float, rate_hz: float) -> tuple[int, int]:
     """How a window of `window_s` seconds is sampled: (K snapshots, stride in samples)."""
     stride = max(1, round(window_s * rate_hz / WINDOW_SNAPSHOTS))
-    return _whole(window_s * rate_hz / stride) + 1, stride
+    return whole_steps(window_s * rate_hz / stride) + 1, stride
 
 
 def read_episode_set(folder: Path) -> EpisodeSet:
@@ -266,9 +266,12 @@ class _Document(_Record):
     checksum: str
 
 
-def _whole(steps: float) -> int:
-    """The floor, forgiving the last bits: 0.29 s at 100 Hz is 29 steps, not 28."""
-    return math.floor(steps + 1e-9)
+def whole_steps(steps: float) -> int:
+    """The floor, forgiving a thousandth of a step: 0.29 s at 100 Hz is 29 steps, not 28.
+
+    Seconds that files tell to the microsecond are as many steps as they were.
+    """
+    return math.floor(steps + 1e-3)
 
 
 def _canonical(value: Any) -> str:

@@ -137,10 +137,34 @@ def test_a_study_begins_where_it_is_told_to_and_a_preset_can_be_added(
     preset.write_text(PRESET.replace("hidden = 8", "hidden = 9"))
     full = tune(data, tmp_path / "out", "--trials", 2, *asked)
     assert full.exit_code == 2
-    assert "--start: the study has its 2 trials; ask for more --trials" in one_line(full)
+    says = (
+        "--start: there is no trial left for 1 of 1 points to begin at; ask for --trials 3 or more."
+    )
+    assert says in one_line(full)
     assert tune(data, tmp_path / "out", "--trials", 3, *asked).exit_code == 0
     rows = json.loads((tmp_path / "t.json").read_text())["rows"]
     assert [row["point"]["hidden"] for row in rows] == [128, 8, 9]
+
+
+def test_a_start_that_no_trial_is_left_for_is_refused_and_equal_ones_are_one(
+    data: Path, tmp_path: Path
+) -> None:
+    for name in ("a", "b"):
+        (tmp_path / f"{name}.toml").write_text(
+            'format = 1\narch = "esn"\n[hyper]\nneurons = 30\ninput_scale = 0.03\n[settings]\n'
+        )
+    asked = ("--arch", "esn", "--data", data, "--dimension", "neurons=20:1000")
+    starts = ("--start", tmp_path / "a.toml", "--start", tmp_path / "b.toml")
+    few = wakedeploy("tune", *asked, *starts, "--trials", 1, "--out", tmp_path / "few")
+    assert few.exit_code == 2
+    assert "no trial left for 2 of 3 points to begin at; ask for --trials 3" in one_line(few)
+    told = ("--trials", 3, "--out", tmp_path / "out", "--json", tmp_path / "t.json")
+    ended = wakedeploy("tune", *asked, *starts, *told)
+    assert ended.exit_code == 0, ended.output
+    rows = json.loads((tmp_path / "t.json").read_text())["rows"]
+    assert [row["point"]["neurons"] for row in rows[:2]] == [1000, 30]
+    assert [row["state"] for row in rows] == ["finished"] * 3
+    assert len({json.dumps(row["point"]) for row in rows}) == 3
 
 
 def test_a_reservoirs_study_begins_at_the_scales_that_are_tried_anyway(
@@ -192,16 +216,25 @@ def test_cuda_that_torch_does_not_see_is_one_sentence_and_leaves_no_trace(
         (["--storage", "mysql://me:secret@host/x"], "--storage mysql://…: give a database"),
         (["--storage", "here.db"], "--storage …://…: give a database as postgresql://"),
         (["--data", "nowhere"], "nowhere/dataset.json: not found"),
-        (["--start", "nowhere.toml"], "nowhere.toml does not exist; give a preset's file"),
+        (["--start", "nowhere.toml"], "--start nowhere.toml: nowhere.toml does not exist; give a"),
         (["--start", "wide.toml"], "--start wide.toml: hidden = 128 is not within hidden=4:9"),
-        (["--start", "tuned"], "No tuned preset of gru ships for echo sets"),
+        (["--start", "long.toml"], "epochs = 9 is not searched, and this study trains with 2."),
+        (["--start", "tcn.toml"], "tcn.toml is a preset of tcn, not of gru; give a preset of gru"),
+        (["--start", "tuned"], "--start tuned: No tuned preset of gru ships for echo sets; give a"),
+        (["--start", "reference"], "--start reference: every study begins there"),
     ],
 )
 def test_what_cannot_be_tuned_is_one_sentence_and_status_2(
     done: Path, data: Path, arguments: list[str], says: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(data.parent)
-    (data.parent / "wide.toml").write_text(PRESET.replace("hidden = 8", "hidden = 128"))
+    texts = {
+        "wide": PRESET.replace("hidden = 8", "hidden = 128").replace("epochs = 1\n", ""),
+        "long": PRESET.replace("epochs = 1", "epochs = 9"),
+        "tcn": PRESET.replace("gru", "tcn").replace("hidden", "blocks"),
+    }
+    for name, text in texts.items():
+        (data.parent / f"{name}.toml").write_text(text)
     before = {path: path.read_bytes() for path in done.rglob("*") if path.is_file()}
     ended = tune(data, done, "--trials", 9, "--epochs", 2, *FAST, *arguments)
     assert ended.exit_code == 2, ended.output
@@ -274,7 +307,8 @@ def test_a_tuned_preset_of_the_papers_shape_says_so_and_nothing_else(
     asked = ("--data", data, "--arch", "agile-mlp", "--epochs", 1, "--preset", "tuned")
     told = wakedeploy("train", *asked, "--out", tmp_path / "runs")
     assert told.exit_code == 0, told.output
-    assert "of agile-mlp on echo sets is the paper's shape: of 20 trials none" in one_line(told)
+    says = "of agile-mlp on echo sets is the paper's shape: what 20 trials found was no better"
+    assert says in one_line(told)
     assert "was found" not in one_line(told)
 
 
@@ -314,10 +348,18 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
 def test_help_names_every_architecture_with_its_dimensions() -> None:
     told = wakedeploy("tune", "--help").output
     lines = {line.split()[0]: line.split()[1:] for line in told.splitlines() if line.split()}
-    kinds = {"learning_rate", "weight_decay", "lanes", "chunk_steps", "batch", "history_s"}
-    assert all(name in told for name in kinds)
+    (sequence,) = [line for line in told.splitlines() if "gru, tcn, mamba" in line]
+    assert sequence.split()[3:] == ["lanes", "chunk_steps"]
     for arch, known in ARCHITECTURES.items():
-        assert set(lines[arch]) == {d.name for d in known.dimensions} - kinds
+        descent = {"learning_rate", "weight_decay"} if arch != "esn" else set()
+        carried = {"lanes", "chunk_steps"} if arch in ("gru", "tcn", "mamba") else {"batch"}
+        window = {"history_s"} if arch != "agile-mlp" else set()
+        of_fit = descent | (
+            carried | (window if carried == {"batch"} else set()) if descent else set()
+        )
+        assert set(lines[arch]) == {d.name for d in known.dimensions} - of_fit
+        assert of_fit <= {d.name for d in known.dimensions}
+    assert "the other four batch, and but for agile-mlp history_s" in " ".join(told.split())
 
 
 def test_help_loads_no_heavy_library() -> None:

@@ -63,6 +63,24 @@ def test_a_tuned_preset_of_the_papers_shape_is_trained_once_and_named_beside_it(
     assert [row["preset"] for row in lines(tmp_path / "out")] == ["reference, tuned"]
 
 
+def test_seeds_that_were_added_with_another_preset_of_the_same_shape_are_one_line(
+    small: Path, tmp_path: Path, shipped: None, wakedeploy: Callable, lines: Callable
+) -> None:
+    (tmp_path / "presets/toy/gru.toml").write_text(
+        TUNED.split("[hyper]")[0] + "[hyper]\n[settings]"
+    )
+    asked = ("--data", small, "--arch", "gru", "--epochs", 1, "--workers", 1)
+    into = ("--out", tmp_path / "out", "--json", tmp_path / "t.json")
+    assert wakedeploy("sweep", *asked, *into, "--hyper", "gru.hidden=4,4,5").exit_code == 0
+    both = ("--preset", "reference,tuned", "--hyper", "gru.hidden=4,5", "--seeds", 2)
+    told = wakedeploy("sweep", *asked, *both, *into)
+    assert told.exit_code == 0, told.output
+    presets = [row["preset"] for row in lines(tmp_path / "out")]
+    assert presets == ["reference"] * 2 + ["reference, tuned"] * 2
+    table = [line for line in told.output.splitlines() if " gru " in f" {line} "]
+    assert len(table) == 2  # one line for each width
+
+
 def test_a_preset_that_does_not_ship_is_refused_before_anything_is_trained(
     small: Path, tmp_path: Path, shipped: None, wakedeploy: Callable
 ) -> None:

@@ -16,7 +16,14 @@ from trainers.fit import FitSettings
 from trainers.memory import Sizes
 from trainers.runs import new_predictor
 from trainers.training import new_fit, tapes
-from trainers.tuning.space import point_of, search_space, split, suggest
+from trainers.tuning.space import (
+    legible,
+    point_of,
+    search_space,
+    split,
+    suggest,
+    trained_point,
+)
 from trainers.tuning.trial import Objective
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -162,7 +169,9 @@ def test_the_papers_shape_is_a_point_of_the_space(arch: str) -> None:
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
-@pytest.mark.parametrize(("window_s", "rate_hz"), [(0.75, 100.0), (0.5, 200.0), (30.0, 2.0)])
+@pytest.mark.parametrize(
+    ("window_s", "rate_hz"), [(0.75, 100.0), (0.5, 200.0), (30.0, 2.0), (1 / 3, 30.0)]
+)
 def test_the_papers_shape_is_what_training_without_a_preset_builds(
     arch: str, window_s: float, rate_hz: float
 ) -> None:
@@ -185,22 +194,46 @@ def test_a_delay_begins_within_the_history_that_was_drawn_with_it() -> None:
     assert split("delay-embedding", {"initial_delay_s": 0.4})[0] == {"initial_delay_s": 0.4}
 
 
-def test_a_point_is_trained_with_as_many_digits_as_people_read() -> None:
-    point = {"hidden": 139, "dropout": 0.13139608028498448, "learning_rate": 0.013421971441895499}
-    assert split("gru", point) == (
-        {"hidden": 139, "dropout": 0.1314}, {"learning_rate": 0.01342}
-    )  # fmt: skip
-    drawn = {"history_s": 0.42139485761, "initial_delay_s": 0.0}
-    assert split("delay-embedding", drawn)[0] == {"history_s": 0.421395, "initial_delay_s": 0.0}
+def test_what_is_drawn_has_as_many_digits_as_people_read_and_what_is_fixed_stays() -> None:
+    space = search_space("delay-embedding", 0.5, 20.0, ("learning_rate=0.0123456",))
+    study = optuna.create_study(sampler=optuna.samplers.RandomSampler(seed=3))
+    point = suggest(study.ask(), space)
+    assert point["learning_rate"] == 0.0123456
+    assert point["history_s"] == round(point["history_s"], 6)
+    assert point["weight_decay"] == float(f"{point['weight_decay']:.4g}")
+    assert point["weight_decay"] != study.trials[0].params["weight_decay"]
+    study.tell(0, 1.0)
+    hyper, settings = split(
+        "delay-embedding", {k: v for k, v in point.items() if k in study.trials[0].params}
+    )
+    assert trained_point("delay-embedding", study.trials[0]) == {**hyper, **settings}
 
 
-@given(samples=st.integers(1, 400), rate_hz=st.sampled_from([30.0, 32.0, 62.5, 100.0, 200.0]))
+@pytest.mark.parametrize("arch", ["history-mlp", "delay-embedding", "cross-attention"])
+@given(samples=st.integers(2, 60), rate_hz=st.sampled_from([30.0, 32.0, 62.5, 100.0, 200.0]))
 def test_seconds_to_a_microsecond_are_as_many_samples_as_they_were(
-    samples: int, rate_hz: float
+    arch: str, samples: int, rate_hz: float
 ) -> None:
-    hyper, _ = split("history-mlp", {"history_s": samples / rate_hz})
-    shape = Sizes(3, 2, 17, 1, rate_hz).looking_back(hyper["history_s"], samples + 1)
-    assert (shape.k, shape.stride) == (samples + 1, 1)
+    sizes = Sizes(3, 2, 17, 1, rate_hz)
+    exact, told = samples / rate_hz, legible("history_s", samples / rate_hz)
+    snapshots = samples + 1 if arch == "history-mlp" else None
+    assert sizes.looking_back(told, snapshots) == sizes.looking_back(exact, snapshots)
+    assert sizes.looking_back(told, samples + 1).k == samples + 1
+
+
+@pytest.mark.parametrize("arch", ["history-mlp", "delay-embedding", "cross-attention"])
+@pytest.mark.parametrize("history_s", [0.3, 1.0])
+def test_a_shape_that_says_only_its_history_is_what_is_built_of_it(
+    arch: str, history_s: float
+) -> None:
+    sizes = {"inputs": 5, "outputs": 1, "window_s": 0.5, "rate_hz": 20.0}
+    usual = dataclasses.asdict(FitSettings()) | {"history_s": history_s}
+    hyper, _ = split(arch, point_of(arch, search_space(arch, 0.5, 20.0), 0.5, 20.0, usual))
+    asked = build(arch, **sizes, hyper=hyper)
+    plain = build(arch, **sizes, hyper={"history_s": history_s})
+    assert asked.memory == plain.memory
+    for name, weights in plain.state_dict().items():
+        torch.testing.assert_close(asked.state_dict()[name], weights)
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from trainers.tuning.report import (
     whole_point,
     write_trials,
 )
-from trainers.tuning.study import all_trials, finished, running
+from trainers.tuning.study import all_trials, finished, pruner_of, running
 from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed
@@ -103,7 +103,7 @@ def _preset(
     ended = [t.datetime_complete for t in all_trials(study) if t.datetime_complete is not None]
     told: dict[str, Any] = {
         **described(work.plan, work.data),
-        "pruner": work.pruner,
+        "pruner": pruner_of(work.pruner, work.plan),
         "name": study.study_name,
         "kept_in": work.place.told,
         "date": max(ended).date().isoformat(),

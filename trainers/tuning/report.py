@@ -15,10 +15,9 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import Choice
-from trainers.fit import FitSettings
-from trainers.tuning.plan import Plan
+from trainers.tuning.plan import Plan, idle_settings
 from trainers.tuning.sampler import AGAIN
-from trainers.tuning.space import Point, split
+from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.study import (
     BUDGET,
     DEVICE,
@@ -28,6 +27,7 @@ from trainers.tuning.study import (
     REASON,
     REFERENCE,
     all_trials,
+    arch_of,
 )
 from wakedeploy.files import write_text_whole
 
@@ -42,8 +42,8 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 class Row:
     """One trial. `error` is 1 for predicting the mean, `step_us` the step's p99; None: unknown.
 
-    `point` holds the dimensions that were searched, `front` says whether no other trial beats it,
-    `device` is where it was trained, "" if it was not.
+    `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
+    beats it, `device` is where it was trained, "" if it was not.
     """
 
     number: int
@@ -66,7 +66,8 @@ def rows_of(study: optuna.Study) -> list[Row]:
     trials = all_trials(study)
     repeated = {trial.user_attrs.get(AGAIN) for trial in trials}
     front = {row.number for row in _front(trials)}
-    return [_row(trial, trial.number in repeated, trial.number in front) for trial in trials]
+    arch = arch_of(study)
+    return [_row(arch, trial, trial.number in repeated, trial.number in front) for trial in trials]
 
 
 def best_of(rows: Sequence[Row]) -> Row | None:
@@ -111,16 +112,8 @@ def whole_point(plan: Plan, point: Point) -> tuple[dict[str, Any], dict[str, Any
     hyper, changed = split(plan.arch, {**fixed(plan), **point})
     usual = dataclasses.asdict(ARCHITECTURES[plan.arch].hyper())
     settings = dataclasses.asdict(plan.settings(changed))
-    idle = _idle_settings(plan.arch)
+    idle = idle_settings(plan.arch)
     return {**usual, **hyper}, {n: value for n, value in settings.items() if n not in idle}
-
-
-def _idle_settings(arch: str) -> set[str]:
-    """The fit settings that change nothing for an architecture, as its dimensions tell."""
-    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
-    if "learning_rate" not in searched:  # solved, not descended
-        return {field.name for field in dataclasses.fields(FitSettings)}
-    return {"batch", "lanes", "chunk_steps"} - searched
 
 
 def fixed(plan: Plan) -> Point:
@@ -150,7 +143,7 @@ def are_trials(path: Path) -> bool:
         return file.read(len(_FIRST)) == _FIRST
 
 
-def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:
+def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
     values = trial.values if trial.state == TrialState.COMPLETE else None
     seconds = trial.duration.total_seconds() if trial.duration is not None else None
     return Row(
@@ -166,7 +159,7 @@ def _row(trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         started=trial.datetime_start.isoformat(" ", "seconds") if trial.datetime_start else "",
         front=front,
         reference=REFERENCE in trial.user_attrs,
-        point=dict(trial.params),
+        point=trained_point(arch, trial),
     )
 
 
@@ -200,12 +193,19 @@ def _front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
 
 
 def _ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
-    """All that were trained, each with what it came to: what was ended early behind the others."""
+    """All that were trained, in an order: what was ended early stands behind all others.
+
+    Of two that were ended early the one that came farther is before, then the one with less error.
+    """
     values = {trial.number: trial.values for trial in _ended(trials)}
     worst = max((own[0] for own in values.values()), default=0.0)
-    for trial in trials:
-        if trial.state == TrialState.PRUNED and trial.last_step is not None:
-            values[trial.number] = [worst + trial.intermediate_values[trial.last_step]]
+    early = [
+        (-trial.last_step, trial.intermediate_values[trial.last_step], trial.number)
+        for trial in trials
+        if trial.state == TrialState.PRUNED and trial.last_step is not None
+    ]
+    for place, (*_, number) in enumerate(sorted(early), start=1):
+        values[number] = [worst + place]
     return [
         optuna.trial.create_trial(
             params=trial.params, distributions=trial.distributions, values=values[trial.number]

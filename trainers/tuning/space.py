@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from optuna.trial import Trial
+from optuna.distributions import FloatDistribution
+from optuna.trial import FrozenTrial, Trial
 
 from trainers.bounds import check_settings, check_value
 from trainers.build import ARCHITECTURES
@@ -56,15 +57,30 @@ def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict
     """A point's hyper-parameters, and its fit settings.
 
     Both are drawn by themselves: a delay that begins beyond the point's own history begins at its
-    end, since from outside hardly any gradient would lead it back. A microsecond of seconds
-    and four digits of all else remain: a trial trains with what its preset will say.
+    end, since from outside hardly any gradient would lead it back.
     """
     own = _hyper_names(arch)
-    legible = {name: _legible(name, value) for name, value in point.items()}
-    hyper = {name: value for name, value in legible.items() if name in own}
+    hyper = {name: value for name, value in point.items() if name in own}
     if _DELAY in hyper and HISTORY.name in hyper:
         hyper[_DELAY] = min(hyper[_DELAY], hyper[HISTORY.name])
-    return hyper, {name: value for name, value in legible.items() if name not in own}
+    return hyper, {name: value for name, value in point.items() if name not in own}
+
+
+def legible(name: str, drawn: float) -> float:
+    """To a microsecond, or to four digits: what is drawn is trained with as its preset says it."""
+    return round(drawn, 6) if name.endswith("_s") else float(f"{drawn:.4g}")
+
+
+def trained_point(arch: str, trial: FrozenTrial) -> Point:
+    """What a trial that was drawn was trained with, as far as it was drawn."""
+    point = {
+        name: legible(name, value)
+        if isinstance(trial.distributions[name], FloatDistribution)
+        else value
+        for name, value in trial.params.items()
+    }
+    hyper, settings = split(arch, point)
+    return {name: {**hyper, **settings}[name] for name in point}
 
 
 def point_of(
@@ -79,10 +95,13 @@ def point_of(
     On a set with this window [s] and rate. Raises UnusableInput for what the space does not hold.
     """
     usual = dataclasses.asdict(ARCHITECTURES[arch].hyper()) | dict(values)
+    window_s = usual.get(HISTORY.name) or window_s
     count, stride = window_shape(window_s, rate_hz)
     lasts_s = (count - 1) * stride / rate_hz  # a whole number of strides, hardly the window itself
     unstated = {name: share * lasts_s for name, share in _SHARES.items()}
-    unstated |= {"snapshots": count, "history_s": lasts_s if "snapshots" in usual else window_s}
+    unstated |= {"snapshots": count, HISTORY.name: window_s}
+    if "snapshots" in usual and usual["snapshots"] is None:
+        usual[HISTORY.name] = lasts_s  # as many snapshots fill it evenly
     point = {}
     for dimension in space:
         value = usual[dimension.name]
@@ -97,13 +116,6 @@ def point_of(
 
 def _hyper_names(arch: str) -> set[str]:
     return {field.name for field in dataclasses.fields(ARCHITECTURES[arch].hyper)}
-
-
-def _legible(name: str, value: float) -> float:
-    """With as many digits as matter: it is trained with what its preset says."""
-    if not isinstance(value, float):
-        return value
-    return round(value, 6) if name.endswith("_s") else float(f"{value:.4g}")
 
 
 def _resolved(dimension: Dimension, window_s: float, rate_hz: float) -> Dimension:
@@ -168,7 +180,7 @@ def _suggested(trial: Trial, dimension: Dimension) -> float:
     name, low, high, log = dimension.name, dimension.low, dimension.high, dimension.log
     if dimension.whole:
         return trial.suggest_int(name, int(low), int(high), step=dimension.step, log=log)
-    return trial.suggest_float(name, low, high, log=log)
+    return legible(name, trial.suggest_float(name, low, high, log=log))
 
 
 def _holds(dimension: Dimension, value: float) -> bool:

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 
 from trainers.build import ARCHITECTURES
 from trainers.preset import Preset
-from trainers.tuning.plan import Plan
+from trainers.tuning.plan import Plan, idle_settings
 from trainers.tuning.space import Point, point_of
 from wakedeploy.errors import UnusableInput
 
@@ -35,8 +35,19 @@ def preset_start(plan: Plan, asked: str, preset: Preset) -> Point:
 
     Raises UnusableInput for a preset that the study does not hold.
     """
+    values = {**preset.settings, **preset.hyper}
+    searched = {dimension.name for dimension in plan.dimensions}
+    kept = dataclasses.asdict(plan.settings()) | dataclasses.asdict(
+        ARCHITECTURES[plan.arch].hyper()
+    )
+    for name in sorted(set(values) - searched - idle_settings(plan.arch)):
+        if values[name] != kept[name]:
+            raise UnusableInput(
+                f"--start {asked}: {name} = {values[name]:g} is not searched, and this study trains"
+                f" with {kept[name]:g}."
+            )
     try:
-        return _point(plan, {**preset.settings, **preset.hyper})
+        return _point(plan, values)
     except UnusableInput as error:
         raise UnusableInput(f"--start {asked}: {error}") from error
 

@@ -19,7 +19,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
-from trainers.tuning.space import Point, split
+from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.storage import Place
 from wakedeploy.errors import UnusableInput
 
@@ -57,10 +57,23 @@ def default_name(plan: Plan) -> str:
     return f"{plan.domain}-{plan.arch}"
 
 
-def is_new(study: optuna.Study, arch: str, point: Point) -> bool:
+def is_new(study: optuna.Study, point: Point) -> bool:
     """Whether the study neither tried a point nor has it in the queue, as it would be trained."""
+    arch = arch_of(study)
     asked = split(arch, point)
-    return all(split(arch, _point(trial)) != asked for trial in all_trials(study))
+    tried = ({**_told(trial), **trained_point(arch, trial)} for trial in all_trials(study))
+    return all(split(arch, known) != asked for known in tried)
+
+
+def waiting(study: optuna.Study) -> int:
+    """How many points are in the queue."""
+    return sum(trial.state == TrialState.WAITING for trial in all_trials(study))
+
+
+def arch_of(study: optuna.Study) -> str:
+    """Whose hyper-parameters it searches."""
+    arch: str = study.user_attrs[_IDENTITY]["arch"]
+    return arch
 
 
 def give_back(study: optuna.Study, trial: FrozenTrial) -> None:
@@ -141,8 +154,12 @@ def _enqueue_again(study: optuna.Study, trial: FrozenTrial, marks: dict[str, Any
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
     """What was drawn of a trial's point, or what it had been told."""
+    return {**_told(trial), **trial.params}
+
+
+def _told(trial: FrozenTrial) -> dict[str, Any]:
     told: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
-    return {**told, **trial.params}
+    return told
 
 
 def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
@@ -196,9 +213,14 @@ def _refuse(place: Place, name: str, why: str) -> None:
     )
 
 
+def pruner_of(asked: str, plan: Plan) -> str:
+    """What ends trials early: none where there are no epochs, or several objectives."""
+    return "none" if plan.timed or plan.arch == "esn" else asked
+
+
 def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
-    """What ends trials early; several objectives know no pruning."""
-    if name == "none" or plan.timed:
+    name = pruner_of(name, plan)
+    if name == "none":
         return optuna.pruners.NopPruner()
     if name == "hyperband":
         return optuna.pruners.HyperbandPruner(min_resource=1, max_resource=plan.epochs)

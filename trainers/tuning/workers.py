@@ -37,6 +37,7 @@ from trainers.tuning.study import (
     open_study,
     running,
     taken_from_us,
+    waiting,
 )
 from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
@@ -92,25 +93,30 @@ class Work:
     def begin(self, starts: Sequence[Point] = ()) -> optuna.Study:
         """The same for the first process: the study begins at the paper's shape and at `starts`.
 
-        Raises UnusableInput where CUDA is asked for in vain, with nothing made.
+        Raises UnusableInput where CUDA is asked for in vain, with nothing made, and for more starts
+        than trials are left.
         """
         if self.device == "cuda":
             require_cuda()
         _check_folder(self)
         study = self.open()
         with self.turn(), self.place.reachable():
-            if not all_trials(study):
-                paper = reference_point(self.plan)
-                if paper is not None:
-                    study.enqueue_trial(paper, user_attrs={REFERENCE: True})
-                starts = [*usual_starts(self.plan), *starts]
-            new = [point for point in starts if is_new(study, self.plan.arch, point)]
-            if new and _left(study, self.trials) <= 0:
+            begun = bool(all_trials(study))
+            paper = None if begun else reference_point(self.plan)
+            new = [point for point in starts if is_new(study, point) and point != paper]
+            queued = len(new) + waiting(study) + (paper is not None)
+            free = _left(study, self.trials) - queued
+            if new and free < 0:
                 raise UnusableInput(
-                    f"--start: the study has its {self.trials} trials; ask for more --trials."
+                    f"--start: there is no trial left for {-free} of {queued} points to begin at;"
+                    f" ask for --trials {self.trials - free} or more."
                 )
-            for point in new:
-                study.enqueue_trial(point)
+            if paper is not None:
+                study.enqueue_trial(paper, user_attrs={REFERENCE: True})
+            usual = [] if begun else usual_starts(self.plan)[:free]
+            for point in [*new, *usual]:
+                if is_new(study, point):
+                    study.enqueue_trial(point)
         return study
 
 

@@ -240,8 +240,10 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """One line for each architecture with its settings, mean ± spread over the seeds."""
     groups: dict[str, list[dict[str, Any]]] = {}
     for row in rows:
-        key = json.dumps([row[name] for name in ("arch", "preset", "lead_s", "settings", "hyper")])
+        key = json.dumps([row[name] for name in ("arch", "lead_s", "settings", "hyper")])
         groups.setdefault(key, []).append(row)
+    groups = {key: [row | {"preset": _presets(own)} for row in own] for key, own in groups.items()}
+    rows = [row for own in groups.values() for row in own]
     channels = list(rows[0]["test"]["rmse"])
     columns = ["architecture", "settings", "seeds", "trainable"]
     columns += [f"{kind} {name}" for name in channels for kind in ("RMSE", "R²")]
@@ -253,6 +255,11 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
             line.append(mean_and_spread([row["test"]["r2"][name] for row in own], ".4f"))
         lines.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
     return [*columns, "seconds"], lines
+
+
+def _presets(rows: Sequence[dict[str, Any]]) -> str:
+    """By which presets rows of one configuration came; seeds may have been added with others."""
+    return ", ".join(dict.fromkeys(name for row in rows for name in row["preset"].split(", ")))
 
 
 def _varied(row: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:

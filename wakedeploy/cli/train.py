@@ -144,8 +144,8 @@ def _preset(asked: str, arch: str, episodes: "EpisodeSet", lead_s: float) -> "Pr
         return None
     if found.study.get("ships") == REFERENCE:
         click.echo(
-            f"The tuned preset of {arch} on {episodes.domain} sets is the paper's shape: of"
-            f" {found.study.get('trials')} trials none was better with other seeds, too.",
+            f"The tuned preset of {arch} on {episodes.domain} sets is the paper's shape: what"
+            f" {found.study.get('trials')} trials found was no better with other seeds.",
             err=True,
         )
         return found

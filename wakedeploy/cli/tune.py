@@ -68,8 +68,8 @@ _STOPPED = (
     "starts",
     multiple=True,
     metavar="PRESET",
-    help="A preset's file, or tuned: one of the first trials; may be repeated. The paper's shape"
-    " always is.",
+    help="A preset's file, or tuned (what ships): one of the first trials; may be repeated. The"
+    " paper's shape is one where the dimensions hold it.",
 )
 @click.option(
     "--pruner",
@@ -204,8 +204,22 @@ def _starts(plan: "Plan", asked: tuple[str, ...]) -> "list[Point]":
     from trainers.preset import chosen_preset
     from trainers.tuning.starts import preset_start
 
-    presets = {name: chosen_preset(name, plan.arch, plan.domain) for name in asked}
-    return [preset_start(plan, name, one) for name, one in presets.items() if one is not None]
+    points = []
+    for name in asked:
+        try:
+            preset = chosen_preset(name, plan.arch, plan.domain)
+        except UnusableInput as error:
+            reason = str(error).partition(";")[0].rstrip(".")  # the advice is for `train`
+            raise UnusableInput(
+                f"--start {name}: {reason}; give a preset of {plan.arch}, or leave it out."
+            ) from error
+        if preset is None:
+            raise UnusableInput(
+                f"--start {name}: every study begins there where its dimensions hold it; leave it"
+                " out."
+            )
+        points.append(preset_start(plan, name, preset))
+    return points
 
 
 def _tuned(

@@ -77,7 +77,7 @@ class TrainJob:
     folder: Path
     config: RunConfig
     device: str
-    preset: str = REFERENCE
+    presets: tuple[str, ...] = (REFERENCE,)  # several where one changes nothing of another
     fresh: bool = False
 
     @property
@@ -98,7 +98,7 @@ class TrainJob:
             "arch": config.arch,
             "seed": config.seed,
             "lead_s": config.lead_s,
-            "preset": self.preset,
+            "preset": ", ".join(self.presets),
             "settings": dict(config.settings),
             "hyper": dict(config.hyper),
         }
@@ -179,9 +179,9 @@ def train_jobs(
             continue
         identity = identity_of("train", config.model_dump(mode="json"))
         same = jobs.get(identity)
-        presets = [same.preset, choice.preset] if isinstance(same, TrainJob) else [choice.preset]
-        told = ", ".join(dict.fromkeys(presets))  # where a preset changes nothing
-        jobs[identity] = TrainJob(identity, name, folder.absolute(), config, device, told)
+        before = same.presets if isinstance(same, TrainJob) else ()
+        presets = tuple(dict.fromkeys((*before, choice.preset)))
+        jobs[identity] = TrainJob(identity, name, folder.absolute(), config, device, presets)
     return list(jobs.values())
 
 
