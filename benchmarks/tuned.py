@@ -54,7 +54,7 @@ SEEDS = 3
 WRITTEN = ("docs", "trainers/presets")
 DOCS = Path(__file__).parents[1] / "docs"
 Row = dict[str, Any]
-KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the other scale ships"}
+KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the other start ships"}
 
 
 def main() -> None:
@@ -103,10 +103,25 @@ def obtained(domain: str, arch: str, options: argparse.Namespace, commit: str) -
     for number, changes in enumerate(ARCHITECTURES[arch].starts):
         told_apart = [f"--hyper={arch}.{name}={value}" for name, value in changes.items()]
         own = trained(domain, arch, data, runs / f"start-{number}", *told_apart)
-        row["starts"].append({"hyper": dict(changes), **own})
+        label = ", ".join(f"{name}={value:g}" for name, value in changes.items())
+        row["starts"].append({"label": f"at {label}", "hyper": dict(changes), "settings": {}} | own)
+    if confirmed(row) == "reference" and ships.exists():
+        row["starts"] += shipped_before(domain, arch, data, ships, runs)
     row["ships"] = confirmed(row)
     ship(row, best, ships)
     return row
+
+
+def shipped_before(domain: str, arch: str, data: Path, ships: Path, runs: Path) -> list[Row]:
+    """What an earlier study found and seeds confirmed, which one lucky trial should not replace."""
+    before = read_preset(ships)
+    if not before.hyper:
+        return []
+    kept = runs / f"before-{hashlib.sha256(ships.read_bytes()).hexdigest()[:8]}"
+    own = trained(domain, arch, data, kept, "--preset", ships)
+    return [
+        {"label": "as shipped before", "hyper": before.hyper, "settings": before.settings} | own
+    ]
 
 
 def trained(domain: str, arch: str, data: Path, out: Path, *how: object) -> Row:
@@ -128,7 +143,7 @@ def confirmed(row: Row) -> str:
 
 
 def _start(row: Row) -> Row:
-    """The best on validation of what every study tries beside the paper's shape."""
+    """The best on validation of what was tried beside the paper's shape."""
     best: Row = min(row["starts"], key=lambda one: math.fsum(one["validation"]))
     return best
 
@@ -142,11 +157,12 @@ def ship(row: Row, best: Path, path: Path) -> None:
     found = read_preset(best)
     of_the_found = {"trial", "validation_error", "trainable"}
     told = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
-    hyper = _start(row)["hyper"] if row["ships"] == "start" else {}
+    kept = _start(row) if row["ships"] == "start" else {"hyper": {}, "settings": {}}
     study = told | {"ships": row["ships"]}
-    shape = "The paper's shape at another scale" if hyper else "The paper's shape"
+    shape = kept["label"].capitalize() if kept["hyper"] else "The paper's shape"
     heading = f"{shape}: with three seeds, what the study found was no better on validation."
-    write_preset(path, Preset(arch=found.arch, hyper=hyper, settings={}, study=study), heading)
+    changed = {name: kept[name] for name in ("hyper", "settings")}
+    write_preset(path, Preset(arch=found.arch, study=study, **changed), heading)
 
 
 def wakedeploy(*arguments: object) -> None:
@@ -232,7 +248,7 @@ def page(rows: Sequence[Row]) -> str:
         f"Trained on: {', '.join(sorted(devices))}; at commits {', '.join(sorted(commits))}.",
         f"Of {len(rows)} pairs, what was found ships in {len(shipped)}: there it was better on "
         "validation with those three seeds, too. In the others the paper's shape does, of a "
-        "reservoir the best of its three scales. Of the "
+        "reservoir the best of its three scales, or what shipped before. Of the "
         f"{len(shipped)}, every tuned seed is better on test than every reference seed in "
         f"{surely}; the mean is worse in {len(worse)}{_named(worse)}.",
         "![Tuned error over the reference's; hollow: the paper's shape ships](tuned-gain.png)",
@@ -272,12 +288,11 @@ def _trials(row: Row) -> str:
 
 
 def _scale(row: Row) -> str:
-    """What every study tries beside the paper's shape, where it is better on validation."""
+    """What was tried beside the paper's shape, where it is better on validation."""
     if not row["starts"] or confirmed({**row, "found_reference": True}) == "reference":
         return ""
     tried = _start(row)
-    told = ", ".join(f"{name}={value:g}" for name, value in tried["hyper"].items())
-    return f"; {_errors(tried['errors'])} at {told}"
+    return f"; {_errors(tried['errors'])} {tried['label']}"
 
 
 def _errors(errors: Sequence[float]) -> str:

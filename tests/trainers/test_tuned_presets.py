@@ -158,7 +158,7 @@ def test_what_is_no_better_on_validation_with_other_seeds_leaves_the_papers_shap
 def test_of_a_reservoir_the_best_of_all_that_was_trained_with_three_seeds_ships(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    losses = {"reference": 0.4, "tuned": 0.3, "0.03": 0.2, "0.001": 0.25}
+    losses = {"reference": 0.4, "tuned": 0.3, "0.03": 0.2, "0.001": 0.25, "before": 0.35}
     asked: list[list[str]] = []
 
     def command(*arguments: object) -> None:
@@ -175,7 +175,8 @@ def test_of_a_reservoir_the_best_of_all_that_was_trained_with_three_seeds_ships(
             return
         asked.append([word for word in words if word.startswith("--hyper")])
         scale = next((w.split("=")[2] for w in words if "input_scale" in w), "reference")
-        loss = losses["tuned" if "--preset" in words else scale]
+        preset = {None: scale, "best.toml": "tuned", "esn.toml": "before"}
+        loss = losses[preset[Path(given["--preset"]).name if "--preset" in given else None]]
         rows = [run_of(Path(given["--out"]) / f"s{i}", 1.0 - loss, loss) for i in range(SEEDS)]
         Path(given["--json"]).write_text(json.dumps({"rows": rows}))
 
@@ -188,7 +189,18 @@ def test_of_a_reservoir_the_best_of_all_that_was_trained_with_three_seeds_ships(
         ["--hyper=esn.input_scale=0.001", "--hyper=esn.leak=0.3"],
     ]  # fmt: skip
     assert told["ships"] == "start"
-    assert read_preset(tmp_path / "presets/gantry/esn.toml").hyper == {"input_scale": 0.03}
+    shipped = tmp_path / "presets/gantry/esn.toml"
+    assert read_preset(shipped).hyper == {"input_scale": 0.03}
+    # The next study finds nothing better than the paper's shape; what ships keeps its place.
+    losses |= {"tuned": 0.5, "0.03": 0.9, "0.001": 0.9}
+    options.work = tmp_path / "again"
+    kept = obtained("gantry", "esn", options, "abc")
+    assert (kept["ships"], kept["starts"][-1]["label"]) == ("start", "as shipped before")
+    assert read_preset(shipped).hyper == {"input_scale": 0.03}
+    assert "As shipped before: with three seeds" in shipped.read_text()
+    losses["before"], options.work = 0.45, tmp_path / "once more"
+    assert obtained("gantry", "esn", options, "abc")["ships"] == "reference"
+    assert read_preset(shipped).hyper == {}
     shown = page([told])
     assert "| 0.632 ± 0.000; 0.447 ± 0.000 at input_scale=0.03 | 0.548 ± 0.000 |" in shown
     assert "what was found ships in 0" in shown
