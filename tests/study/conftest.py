@@ -8,13 +8,15 @@ import pytest
 from wakedeploy.domains import downwash
 
 
-@pytest.fixture
-def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.fixture(autouse=True, scope="session")
+def one_process() -> Iterator[None]:
     """Trainings and flights in this process: another has torch to import, which takes longer.
 
     That several processes come to the same is tested where that is the question.
     """
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("wakedeploy.study.side_by_side.default_workers", lambda: 1)
+        yield
 
 
 @pytest.fixture(scope="module")

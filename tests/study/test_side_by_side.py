@@ -33,6 +33,15 @@ def test_results_are_in_the_jobs_order_and_each_is_told(workers: int) -> None:
     assert sorted(done) == [1.0, 4.0, 9.0]
 
 
+def _process(_: int) -> int:
+    return os.getpid()
+
+
+def test_unless_they_say_otherwise_the_studies_tests_start_no_process() -> None:
+    assert side_by_side(_process, [0, 1]) == [os.getpid()] * 2
+    assert os.getpid() not in side_by_side(_process, [0, 1], workers=2)
+
+
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_failure_is_raised(workers: int) -> None:
     with pytest.raises(ValueError, match="math domain error"):

@@ -108,7 +108,6 @@ def test_recordings_that_are_not_there_are_left_out(tmp_path) -> None:
     assert [d.name for d in chosen("gantry,fish,gantry")] == ["gantry", "fish"]
 
 
-@pytest.mark.usefixtures("one_process")
 def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     data = delayed_set()
     data = EpisodeSet("gantry", *list(vars(data).values())[1:])

@@ -227,7 +227,6 @@ def told(tmp_path_factory, short_episodes):
     folder = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sets, "DOMAINS", tiny)
-        patch.setattr("os.cpu_count", lambda: 1)
         patch.setattr("wakedeploy.study.lead.QUICK_LEADS_S", (0.0, 0.1))
         result = CliRunner().invoke(
             lead, ["--quick", "--arch", "agile-mlp,history-mlp", "--out", str(folder)]

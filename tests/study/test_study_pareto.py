@@ -143,7 +143,6 @@ def flown(packages: list[Path], *, ticks: int, progress, rounds: list[int]) -> l
     ]  # fmt: skip
 
 
-@pytest.mark.usefixtures("one_process")
 def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))
@@ -172,7 +171,6 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     assert "On gantry, none beats" in told.output
 
 
-@pytest.mark.usefixtures("one_process")
 def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch) -> None:
     rounds: list[int] = []
     monkeypatch.setattr("runtime.bench.bench_latency", partial(flown, rounds=rounds))

@@ -79,7 +79,6 @@ def test_of_models_that_fly_alike_no_order_is_ever_said_to_turn() -> None:
     assert verdicts.count(None) >= 19
 
 
-@pytest.mark.usefixtures("one_process")
 def test_only_the_physics_differs_between_spreads() -> None:
     crew = Crew([], Always((0.0, -0.5)))
     narrow, wide = fly_shifted({0.0: crew, 0.5: crew}, 2, 2.0)
@@ -103,7 +102,7 @@ def test_only_the_physics_differs_between_spreads() -> None:
     assert np.abs(moved[0]).max() <= 1.0
 
 
-@pytest.mark.usefixtures("one_process", "short_episodes")
+@pytest.mark.usefixtures("short_episodes")
 def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     from wakedeploy.study import sets, shift
 
@@ -117,14 +116,15 @@ def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
 
     monkeypatch.setattr(shift, "fly_shifted", briefly)
     run = CliRunner().invoke(
-        main, ["study", "shift", "--quick", "--arch", "agile-mlp,esn", "--out", str(tmp_path)]
+        main,
+        ["study", "shift", "--quick", "--arch", "agile-mlp,history-mlp", "--out", str(tmp_path)],
     )
     assert run.exit_code == 0, run.output
     assert "Kendall's τ" in run.output
     flown = json.loads((tmp_path / "shift-quick" / "study.json").read_text())["rms_m"]
     assert set(flown) == {"0", "0.1", "0.2"}
     for own in flown.values():
-        assert set(own) == {"no compensation", "oracle", "mean force", "agile-mlp", "esn"}
+        assert set(own) == {"no compensation", "oracle", "mean force", "agile-mlp", "history-mlp"}
     assert {p.suffix for p in (tmp_path / "shift-quick").iterdir()} == {
         ".png", ".pdf", ".csv", ".json", ".html",
     }  # fmt: skip

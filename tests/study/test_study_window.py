@@ -284,7 +284,6 @@ def test_a_reservoir_is_chosen_on_validation_as_in_every_study(tmp_path) -> None
     }  # fmt: skip
 
 
-@pytest.mark.usefixtures("one_process")
 def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     data = delayed_set()
     data = EpisodeSet("gantry", *list(vars(data).values())[1:])
