@@ -19,6 +19,15 @@ hypothesis.settings.load_profile("repeatable")
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 
+
+@pytest.fixture(autouse=True, scope="session")
+def boards_boot_at_once():
+    """An UNO's bootloader takes 1.7 s: one test waits for it, and so do whole commands."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("runtime.virtual.process.VirtualGantryProcess.boot_s", 0.1)
+        yield
+
+
 BODIES = {
     # the force is the sum of the observation's two channels
     "none": "t (float[B, 2] observation) => (float[B, 1] force)"

@@ -5,6 +5,7 @@ normalised input, stands in for a bias per neuron: without it h would be an odd 
 input, and a force that is the same left and right of the jet could not be read out of it.
 """
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
@@ -121,13 +122,24 @@ class Esn(StateModel):
         return h + self.leak * (excited - h)  # (B, N)
 
 
+_RADII: dict[bytes, float] = {}
+
+
+def _radius(weights: Tensor) -> float:
+    """The spectral radius, found once: whoever loads a trained reservoir draws the same again."""
+    drawn = hashlib.sha256(weights.numpy().tobytes()).digest()
+    if drawn not in _RADII:
+        _RADII[drawn] = torch.linalg.eigvals(weights).abs().max().item()
+    return _RADII[drawn]
+
+
 def _recurrent_weights(hyper: EsnHyper) -> Tensor:
     """A sparse random matrix (N, N), scaled to the spectral radius that is asked for."""
     shape = (hyper.neurons, hyper.neurons)
     weights = torch.randn(shape) * (torch.rand(shape) < hyper.density)
     if weights.is_meta:  # only counted
         return weights
-    radius: float = torch.linalg.eigvals(weights).abs().max().item()
+    radius = _radius(weights)
     if radius < 1e-3:  # weights are about 1, so nothing comes back to where it was
         raise UnusableInput(
             f"esn: {hyper.neurons} neurons at density = {hyper.density:g} were drawn without a"

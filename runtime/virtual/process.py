@@ -7,6 +7,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from runtime.virtual.mcu_port import BOOT_S
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import Rig
 
@@ -18,9 +19,12 @@ class VirtualGantryProcess:
 
     `rig` is the plant's truth; `hooks` names a function as MODULE:FUNCTION (see
     `runtime.virtual.hooks`); with `firmware` the compiled sketch answers, on a simulated UNO;
-    `spacer_m` is the height of what lies between sufferer and stop.
+    `spacer_m` is the height of what lies between sufferer and stop. `boot_s` is how long the
+    board takes from the port's opening to its first answer; the sketch boots as an UNO does.
     Raises UnusableInput when the process cannot use one of them.
     """
+
+    boot_s = BOOT_S
 
     def __init__(
         self,
@@ -46,6 +50,7 @@ class VirtualGantryProcess:
                 "hooks": hooks,
                 "firmware": firmware,
                 "spacer_m": spacer_m,
+                "boot_s": self.boot_s,
                 "folder": self._folder.name,
             }
         )

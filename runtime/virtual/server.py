@@ -17,7 +17,7 @@ from typing import Any
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
-from runtime.virtual.mcu_port import McuPort
+from runtime.virtual.mcu_port import BOOT_S, McuPort
 from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.range_sensor import NO_SAMPLE
@@ -99,7 +99,7 @@ class VirtualGantry:
     def __init__(self, request: dict[str, Any], folder: Path) -> None:
         rig = parse_rig(request["rig"], "plant rig")
         hooks = load_hooks(request["hooks"]) if request["hooks"] else {}
-        self._mcu: McuPort | FirmwarePort = McuPort(rig)
+        self._mcu: McuPort | FirmwarePort = McuPort(rig, boot_s=request.get("boot_s", BOOT_S))
         if request.get("firmware"):
             self._mcu = FirmwarePort(rig)
             # The sketch makes servo frames of its own; the plant must not wait for others.

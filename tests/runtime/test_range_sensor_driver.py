@@ -27,7 +27,7 @@ from wakedeploy.runlog import read_run_log
 
 pytest.importorskip("adafruit_vl53l0x", reason="the range sensor's driver is not installed")
 
-RIG = default_rig().changed(disturbance={"rest_s": 1.0})
+RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 
 
 @pytest.fixture
@@ -197,7 +197,7 @@ def test_the_loop_flies_by_the_real_driver_and_logs_age_and_repeats(gantry_with_
     # One measurement in 50 ms for a tick in 31 ms: some ticks have to repeat.
     chip.period_s = 0.05
     log = tmp_path / "flight.mcap"
-    tally = fly(RunRequest(RIG, 6.0, port=gantry.port, log=log))
+    tally = fly(RunRequest(RIG, 3.0, port=gantry.port, log=log))
     assert tally.ended == "whole"
     recorded = read_run_log(log)
     age_s, repeats = recorded["range_age_s"], recorded["range_repeats"]
@@ -217,7 +217,7 @@ def test_a_sensor_that_freezes_in_flight_ends_it_and_the_sentence_names_it(
     log = tmp_path / "flight.mcap"
 
     def freeze(done_s, _):
-        chip.frozen = done_s > 3.0
+        chip.frozen = done_s > 2.2
 
     with pytest.raises(CheckFailed, match=r"sensor_lost.*has not measured"):
         fly(RunRequest(RIG, 8.0, port=gantry.port, log=log), show=freeze)

@@ -178,7 +178,7 @@ def test_a_usb_cable_pulled_in_flight_leaves_idle_motors_and_a_whole_log(here):
 def test_a_battery_whose_voltage_goes_is_named_by_the_board_itself(here):
     # As behind a pressed stop, where capacitors hold the voltage up for a while.
     drained = (round(11_100 * 0.99**n) for n in itertools.count())
-    voltages = itertools.chain([11_100] * 120, drained)
+    voltages = itertools.chain([11_100] * 80, drained)
     RIG.changed(battery={"has_divider": True}).write(here / "rig.toml")
 
     def divider(message):
@@ -362,7 +362,7 @@ def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
     until(lambda: has_flown(run, "f.mcap", 0))
     run.send_signal(signal.SIGHUP)
     flown = int(read_run_log("f.mcap").flying.sum())
-    until(lambda: has_flown(run, "f.mcap", flown + 64))
+    until(lambda: has_flown(run, "f.mcap", flown + 32))
     assert run.poll() is None
     run.send_signal(signal.SIGTERM)
     _, err = run.communicate(timeout=60)

@@ -24,7 +24,7 @@ from runtime.protocol import (
 )
 from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.virtual.hooks import load_hooks
-from runtime.virtual.mcu_port import McuPort
+from runtime.virtual.mcu_port import BOOT_S, McuPort
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.virtual.server import VirtualGantry
 from wakedeploy.errors import UnusableInput
@@ -34,9 +34,13 @@ from wakedeploy.rig import default_rig, default_rig_text, parse_rig
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 
 
+class Uno(VirtualGantryProcess):
+    boot_s = BOOT_S  # a bootloader that takes its time
+
+
 @pytest.fixture(scope="module")
 def gantry():
-    with VirtualGantryProcess(default_rig(), seed=3) as running:
+    with Uno(default_rig(), seed=3) as running:
         yield running
 
 

@@ -50,7 +50,7 @@ def test_memory_wins_where_the_past_decides_and_nothing_is_trained_twice(tmp_pat
     data = delayed_set()
     calls: list[int] = []
     jobs = [(data, wanted) for wanted in planned(data, ["agile-mlp", "esn"], 1, 3)]
-    train_all(jobs, tmp_path, workers=2, on_run=calls.append)
+    train_all(jobs, tmp_path, on_run=calls.append)
     trained = {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")}
     lines = compare(data, ["agile-mlp", "esn"], 1, tmp_path, epochs=3)
     assert {p: p.stat().st_mtime_ns for p in tmp_path.rglob("*.safetensors")} == trained
