@@ -3,7 +3,8 @@
 Both train the same predictor from the same weights with the same loss, optimiser, schedule and
 normalisation, on the same number of targets, in alternating turns of one process and one thread.
 The plain loop is what most papers use: every target's window is stored whole, a DataLoader draws
-shuffled batches, and a recurrent model runs over each window from a zero state for one target.
+shuffled batches, a recurrent model runs over each window from a zero state for one target, and
+attention embeds every snapshot of each. Where torch has a unit of its own, the plain loop uses it.
 Two trainings in a process each then say what two cores reach, as a sweep uses them.
 
     OMP_NUM_THREADS=1 python -m benchmarks.training --json docs/training-speed.json
@@ -25,10 +26,12 @@ from typing import Any
 import numpy as np
 import torch
 from torch import Tensor, nn
+from torch.nn.functional import scaled_dot_product_attention
 from torch.utils.data import DataLoader, TensorDataset
 
 from benchmarks.multiply_adds import MultiplyAdds
 from trainers.build import ARCHITECTURES
+from trainers.cross_attention import CrossAttention
 from trainers.fit import Fit, learning_rate
 from trainers.gru import Gru
 from trainers.loss import WeightedMse
@@ -208,11 +211,27 @@ class PlainLoop:
 
 def newest_force(core: WakeModel, windows: Tensor) -> Tensor:
     """The force at each window's end, (B, K, d) -> (B, o); a recurrent core starts at zero."""
+    if isinstance(core, CrossAttention):
+        return attended_plainly(core, windows)
     if core.memory.kind != "state":
         return core(windows)
     if isinstance(core, Gru):  # torch's own unit; its head is spared where it is not asked
         return core.head(core.gru(core.projection(windows))[0][:, -1])
     return core(windows)[0][:, -1]
+
+
+def attended_plainly(core: CrossAttention, windows: Tensor) -> Tensor:
+    """Cross-Attention as it is written down, a key and a value for every snapshot of each window.
+
+    Shapes: (B, K, d) -> (B, o).
+    """
+    asking = core.embed_query(windows[:, -1:]) + core.positions[-1]  # (B, 1, E)
+    past = core.embed_past(windows) + core.positions  # (B, K, E)
+    given = (core.query(asking), core.key(past), core.value(past))
+    by_head = (x.unflatten(2, (core.heads, core.width)).transpose(1, 2) for x in given)
+    seen = scaled_dot_product_attention(*by_head).transpose(1, 2).flatten(2)  # (B, 1, E)
+    x = core.norm_attended(asking + core.mix(seen)).squeeze(1)  # (B, E)
+    return core.head(core.norm_fed(x + core.feed_forward(x)))
 
 
 def compared(configs: Sequence[RunConfig], data: EpisodeSet) -> dict[str, Any]:
