@@ -135,7 +135,7 @@ class CountedLoss:
         """As the loss's own."""
         if predicted.requires_grad:
             self.updates += 1
-            self.targets += target[..., 0].numel() if scored is None else int(scored.sum())
+            self.targets += target.shape[:-1].numel() if scored is None else int(scored.sum())
         return self.loss(predicted, target, scored)
 
 
