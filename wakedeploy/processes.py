@@ -1,9 +1,13 @@
 """Processes that this one starts: how many, and none outlives it."""
 
+import contextlib
 import multiprocessing
 import multiprocessing.connection
 import os
+import signal
 import threading
+from collections.abc import Iterator
+from multiprocessing import resource_tracker
 
 MOST_WORKERS = 16  # by default: each holds some 400 MB
 
@@ -13,6 +17,21 @@ def default_workers() -> int:
     if hasattr(os, "sched_getaffinity"):
         return min(len(os.sched_getaffinity(0)), MOST_WORKERS)
     return min(os.cpu_count() or 1, MOST_WORKERS)
+
+
+@contextlib.contextmanager
+def deaf_to_ctrl_c() -> Iterator[None]:
+    """Processes spawned in the block never hear Ctrl-C, which a terminal sends to all of a group.
+
+    The parent decides what becomes of them: one that is still starting would print a traceback, one
+    that is told by the parent as well would be interrupted twice.
+    """
+    resource_tracker.ensure_running()  # starting it lets Ctrl-C through again
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def end_with_parent() -> None:

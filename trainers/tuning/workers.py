@@ -9,7 +9,6 @@ import functools
 import multiprocessing
 import multiprocessing.connection
 import os
-import signal
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
@@ -43,7 +42,7 @@ from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
 from wakedeploy.interruption import interruptible
-from wakedeploy.processes import end_with_parent
+from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent
 
 OnTrials = Callable[[optuna.Study], None]
 
@@ -232,14 +231,10 @@ class _Crew:
         context = multiprocessing.get_context("spawn")  # torch does not survive a fork
         reading, writing = context.Pipe(duplex=False)
         member = context.Process(target=_member, args=(self.work, writing))
-        # Ctrl-C reaches every process of a terminal; the parent tells its workers in order.
-        kept = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_ctrl_c():  # the parent tells its workers in order
             member.start()
             writing.close()
             self.members[member] = reading
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, kept)
 
     def _dismiss(self, member: SpawnProcess) -> None:
         """A worker that ended: with its work, with an error, or killed."""

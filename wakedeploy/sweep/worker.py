@@ -4,12 +4,11 @@ Imports little: what heavy libraries read from the environment has to be set bef
 """
 
 import multiprocessing
-import signal
-from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from wakedeploy.processes import deaf_to_ctrl_c
 from wakedeploy.study.side_by_side import begin_worker
 
 if TYPE_CHECKING:
@@ -25,13 +24,8 @@ class Worker:
         self.job: Job | None = None
         self.pipe, theirs = fresh.Pipe()
         self.process = fresh.Process(target=_serve, args=(theirs, runs))
-        resource_tracker.ensure_running()  # which would otherwise let Ctrl-C through again
-        # Ctrl-C is the parent's to act on: a child that is still starting would print a traceback.
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
+        with deaf_to_ctrl_c():
             self.process.start()
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
 
     def begin(self, job: "Job") -> None:
