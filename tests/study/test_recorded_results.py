@@ -84,7 +84,7 @@ def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_
         assert told[arch]["ratio"]["median"] >= 10.0
         assert error[arch]["ours, twice as long"] < error[arch]["plain"]
     for arch in (MEMORYLESS, "history-mlp", "delay-embedding", "cross-attention"):
-        assert told[arch]["ratio"]["median"] >= (1.9 if arch in OWN_PASSES else 3.0)
+        assert told[arch]["ratio"]["median"] >= (2.2 if arch in OWN_PASSES else 3.0)
         assert error[arch]["ours"] == pytest.approx(error[arch]["plain"], rel=0.05)
     for row in rows:
         assert row["targets"]["ours"] == row["targets"]["plain"]
