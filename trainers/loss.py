@@ -17,12 +17,14 @@ class WeightedMse:
     def __init__(self, weights: Sequence[float], force_sd: Tensor) -> None:
         shares = force_sd.new_tensor(weights) * force_sd.square()
         self.shares = shares / shares.sum()  # (o,)
-        # A mean over samples and channels alike, one operation, is then the weighted one.
-        self._roots = (self.shares * len(self.shares)).sqrt()
+        self._roots = self.shares.sqrt()
 
     def __call__(self, predicted: Tensor, target: Tensor, scored: Tensor | None = None) -> Tensor:
         """Mean over the scored samples: (…, o), (…, o), (…) -> ()."""
+        if scored is None and len(self.shares) == 1:  # its weight is 1
+            return mse_loss(predicted, target)
         if scored is None:
-            return mse_loss(predicted * self._roots, target * self._roots)
-        per_sample = ((predicted - target) * self._roots).square().mean(-1)  # (…)
+            of_all = mse_loss(predicted * self._roots, target * self._roots, reduction="sum")
+            return of_all / target[..., 0].numel()
+        per_sample = ((predicted - target) * self._roots).square().sum(-1)  # (…)
         return torch.where(scored, per_sample, 0.0).sum() / scored.sum().clamp(min=1)

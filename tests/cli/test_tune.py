@@ -1,6 +1,7 @@
 """`wakedeploy tune` and `train --preset`: what they say and leave."""
 
 import json
+import shutil
 import subprocess
 import sys
 import tomllib
@@ -393,3 +394,18 @@ def test_a_folder_with_other_things_is_left_alone(data: Path, tmp_path: Path) ->
     assert "holds trials.csv and no study; choose another --out" in told.output
     assert [path.name for path in tmp_path.iterdir()] == ["trials.csv"]
     assert theirs.read_text() == "mine\n"
+
+
+@pytest.mark.parametrize("left", [None, ""])
+def test_what_a_study_found_stays_where_its_journal_is_gone(
+    done: Path, data: Path, tmp_path: Path, left: str | None
+) -> None:
+    out = shutil.copytree(done, tmp_path / "out")
+    (out / "study.journal").unlink()
+    if left is not None:
+        (out / "study.journal").write_text(left)
+    told = tune(data, out, "--trials", 1, *FAST)
+    assert told.exit_code == 2, told.output
+    assert "best.toml is what a study found whose trials are not in" in one_line(told)
+    assert (out / "best.toml").read_bytes() == (done / "best.toml").read_bytes()
+    assert (out / "trials.csv").read_bytes() == (done / "trials.csv").read_bytes()

@@ -101,6 +101,11 @@ class Work:
         study = self.open()
         with self.turn(), self.place.reachable():
             begun = bool(all_trials(study))
+            if not begun and (self.out / BEST).exists():
+                raise UnusableInput(
+                    f"{self.out / BEST} is what a study found whose trials are not in"
+                    f" {self.place.name} any more; choose another --out."
+                )
             paper = None if begun else reference_point(self.plan)
             new = [point for point in starts if is_new(study, point) and point != paper]
             queued = len(new) + waiting(study) + (paper is not None)
