@@ -19,7 +19,10 @@ _OUT = click.option(
     help="Folder to write.",
 )
 _JSON = click.option(
-    "--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON."
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
 )
 
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells

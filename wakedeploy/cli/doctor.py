@@ -60,7 +60,12 @@ class Finding:
 @click.command()
 @click.option("--rig", "rig_path", type=click.Path(dir_okay=False, path_type=Path),
               help="Also tell which calibrations of this rig file are missing or old.")  # fmt: skip
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def command(rig_path: Path | None, json_path: Path | None) -> None:
     """Say what this machine can do: libraries, serial ports, real time, disk.
 

@@ -25,7 +25,12 @@ if TYPE_CHECKING:
     show_default=True,
     help="all: a set of unseen recordings.",
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     """Score the finished runs at or below RUNS on the episodes of a set.
 

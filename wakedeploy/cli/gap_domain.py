@@ -26,7 +26,12 @@ from wakedeploy.cli.recordings import recordings_folder
     help="Of the baseline, for the threshold; 19 make a false alarm one in twenty.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def domain(
     name: str,
     path: Path | None,

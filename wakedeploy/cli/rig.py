@@ -43,7 +43,12 @@ def init(path: Path, force: bool) -> None:
 
 @command.command()
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path), required=False)
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def show(path: Path | None, json_path: Path | None) -> None:
     """Check the rig file PATH and print constants and effects; without PATH, the default rig's.
 

@@ -59,7 +59,12 @@ _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--scheduler", metavar="ADDRESS", help="A dask scheduler instead: tcp://HOST:PORT.")
 @device_option
 @click.option("--retry-failed", is_flag=True, help="Try jobs again that failed before.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def command(
     plan: Path | None,
     out: Path,
@@ -205,7 +210,8 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
     trained = [row for row in done if row["kind"] == "train"]
     for data in dict.fromkeys(row["data"] for row in trained):
         own = [row for row in trained if row["data"] == data]
-        print_table(f"{data}: test episodes, {own[0]['device']}", *_table(own))
+        devices = ", ".join(dict.fromkeys(row["device"] for row in own))
+        print_table(f"{data}: test episodes, {devices}", *_table(own))
     if json_path:
         write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
     click.echo(

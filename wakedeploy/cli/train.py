@@ -60,7 +60,12 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def command(
     data: Path,
     arch: str | None,

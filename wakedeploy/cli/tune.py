@@ -98,7 +98,12 @@ _STOPPED = (
     is_flag=True,
     help="Begin again what other machines were training: for those that will not come back.",
 )
-@click.option("--json", "json_path", type=click.Path(path_type=Path), help="Also write as JSON.")
+@click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
 def command(
     data: Path,
     arch: str,
