@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import CheckFailed
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ def command() -> None:
 @click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core.")
 @click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
-@click.option("--json", "json_path", type=_FILE, help="Also write as JSON.")
+@json_option
 def latency(
     files: Sequence[Path],
     ticks: int,
@@ -153,7 +153,7 @@ def _judge(rows: "Sequence[BenchRow]", budget_ms: float) -> None:
 @click.option("--step", "step_s", type=click.FloatRange(0.001, 0.5), default=0.015, help="Seconds.")
 @click.option("--flights", type=click.IntRange(1, 1000), default=6, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
-@click.option("--json", "json_path", type=_FILE, help="Also write as JSON.")
+@json_option
 def lead(
     rig_path: Path | None,
     most_s: float,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -17,12 +17,6 @@ _OUT = click.option(
     type=click.Path(file_okay=False, path_type=Path),
     required=True,
     help="Folder to write.",
-)
-_JSON = click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
 )
 
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells
@@ -58,7 +52,7 @@ def make() -> None:
     multiple=True,
     help="Fly this predictor in the flights with feedforward; may be repeated.",
 )
-@_JSON
+@json_option
 def make_gantry(
     out: Path,
     minutes: float,
@@ -98,7 +92,7 @@ def make_gantry(
     show_default=True,
     help="Draw wake speed, diffusivity and separation within this share of the paper's.",
 )
-@_JSON
+@json_option
 def make_downwash(
     out: Path, minutes: float, seed: int, spread: float, json_path: Path | None
 ) -> None:
@@ -128,7 +122,7 @@ def make_downwash(
     show_default=True,
     help="Slender bodies (no memory, added mass of deep water), or vortices with wakes.",
 )
-@_JSON
+@json_option
 def make_ship(
     out: Path,
     minutes: float,
@@ -168,7 +162,7 @@ def import_() -> None:
 @import_.command("fish")
 @click.argument("path", type=click.Path(path_type=Path))
 @_OUT
-@_JSON
+@json_option
 def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
     """Import recordings of a flag behind a flapping foil (…_Foil, …_Flag2 and …_LDV.mat).
 
@@ -189,7 +183,7 @@ def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
 @import_.command("flaredw")
 @click.argument("path", type=click.Path(path_type=Path))
 @_OUT
-@_JSON
+@json_option
 def import_flaredw(path: Path, out: Path, json_path: Path | None) -> None:
     """Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
 
@@ -210,7 +204,7 @@ def import_flaredw(path: Path, out: Path, json_path: Path | None) -> None:
 @import_.command("crazyflie")
 @click.argument("path", type=click.Path(path_type=Path))
 @_OUT
-@_JSON
+@json_option
 def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
     """Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
 
@@ -233,7 +227,7 @@ def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
 
 @command.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@_JSON
+@json_option
 def show(folder: Path, json_path: Path | None) -> None:
     """Describe the episode set in FOLDER: splits, channels and their ranges.
 

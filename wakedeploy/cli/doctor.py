@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import json_option, print_table, write_json
 from wakedeploy.errors import installs
 
 if TYPE_CHECKING:
@@ -60,12 +60,7 @@ class Finding:
 @click.command()
 @click.option("--rig", "rig_path", type=click.Path(dir_okay=False, path_type=Path),
               help="Also tell which calibrations of this rig file are missing or old.")  # fmt: skip
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def command(rig_path: Path | None, json_path: Path | None) -> None:
     """Say what this machine can do: libraries, serial ports, real time, disk.
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import progress, write_json
+from wakedeploy.cli.output import json_option, progress, write_json
 from wakedeploy.cli.train import print_scores, score_row, unlearned_rows
 from wakedeploy.errors import UnusableInput
 
@@ -25,12 +25,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="all: a set of unseen recordings.",
 )
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     """Score the finished runs at or below RUNS on the episodes of a set.
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.cli.recordings import recordings_folder
 
 
@@ -26,12 +26,7 @@ from wakedeploy.cli.recordings import recordings_folder
     help="Of the baseline, for the threshold; 19 make a false alarm one in twenty.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def domain(
     name: str,
     path: Path | None,

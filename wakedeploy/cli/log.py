@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -15,12 +15,6 @@ if TYPE_CHECKING:
     from wakedeploy.runlog import RunLog
 
 _FILES = click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-_JSON = click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
 
 
 @click.group()
@@ -37,7 +31,7 @@ def command() -> None:
 @_FILES
 @click.option("--png", type=click.Path(path_type=Path), help="The picture; FILE.png by default.")
 @click.option("--no-picture", is_flag=True, help="Numbers only.")
-@_JSON
+@json_option
 def show(
     files: tuple[Path, ...], png: Path | None, no_picture: bool, json_path: Path | None
 ) -> None:
@@ -95,7 +89,7 @@ def export_csv(file: Path, csv_path: Path) -> None:
     "--rig", "rig_path", type=click.Path(path_type=Path), help="The rig; the default rig if absent."
 )
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="The episode set.")
-@_JSON
+@json_option
 def smooth_logs(
     files: tuple[Path, ...], rig_path: Path | None, out: Path, json_path: Path | None
 ) -> None:

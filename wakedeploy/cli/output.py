@@ -8,6 +8,13 @@ from typing import Any
 
 import click
 
+json_option = click.option(
+    "--json",
+    "json_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    help="Also write as JSON.",
+)
+
 _UNLIMITED_WIDTH = 10_000
 _LINE_S = 60.0
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import json_option, print_table, write_json
 from wakedeploy.errors import UnusableInput
 
 
@@ -43,12 +43,7 @@ def init(path: Path, force: bool) -> None:
 
 @command.command()
 @click.argument("path", type=click.Path(dir_okay=False, path_type=Path), required=False)
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def show(path: Path | None, json_path: Path | None) -> None:
     """Check the rig file PATH and print constants and effects; without PATH, the default rig's.
 

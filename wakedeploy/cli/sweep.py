@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import (
+    json_option,
     mean_and_spread,
     print_table,
     progress,
@@ -59,12 +60,7 @@ _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--scheduler", metavar="ADDRESS", help="A dask scheduler instead: tcp://HOST:PORT.")
 @device_option
 @click.option("--retry-failed", is_flag=True, help="Try jobs again that failed before.")
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def command(
     plan: Path | None,
     out: Path,
@@ -78,8 +74,10 @@ def command(
     """Train every combination that a plan or options ask for, and generate sets.
 
     Every job is a row of OUT/results.jsonl as soon as it is finished, and of OUT/results.csv at the
-    end. Asked again, a sweep does only what is missing; a changed plan adds rows. A job that fails
-    is a row with its reason and makes the exit status 1. Options replace values of PLAN.
+    end. Asked again, a sweep does only what has no row; a changed plan adds rows. (Trained models
+    lie in OUT/runs: where they were deleted, take their rows out of OUT/results.jsonl to have them
+    again.) A job that fails is a row with its reason and makes the exit status 1. Options replace
+    values of PLAN.
 
     PLAN is TOML; where it has a value it may have a list, which means each of its values, but for
     [[generate]], which is one set. Without data it only generates.

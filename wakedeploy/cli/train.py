@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import (
+    json_option,
     mean_and_spread,
     print_table,
     progress,
@@ -60,12 +61,7 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def command(
     data: Path,
     arch: str | None,

@@ -6,7 +6,14 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from wakedeploy.cli.output import Bar, print_table, progress, told_when_stopped, write_json
+from wakedeploy.cli.output import (
+    Bar,
+    json_option,
+    print_table,
+    progress,
+    told_when_stopped,
+    write_json,
+)
 from wakedeploy.cli.training_options import device_option, lead_option
 from wakedeploy.errors import UnusableInput
 
@@ -24,7 +31,24 @@ _STOPPED = (
 )
 
 
-@click.command()
+_DIMENSIONS = """
+\b
+Dimensions:
+    agile-mlp        layers hidden
+    history-mlp      snapshots hidden
+    delay-embedding  initial_delay_s initial_spread_s selector
+    gru              hidden dropout
+    tcn              blocks kernel dropout
+    mamba            d_model d_state d_conv
+    esn              neurons spectral_radius leak input_scale
+    cross-attention  embed heads
+    all but esn      learning_rate weight_decay
+    gru, tcn, mamba  lanes chunk_steps
+    the other four   batch, and but for agile-mlp history_s
+"""
+
+
+@click.command(epilog=_DIMENSIONS)
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
 @click.option("--arch", required=True, help="One architecture, of those below.")
 @click.option(
@@ -98,12 +122,7 @@ _STOPPED = (
     is_flag=True,
     help="Begin again what other machines were training: for those that will not come back.",
 )
-@click.option(
-    "--json",
-    "json_path",
-    type=click.Path(dir_okay=False, path_type=Path),
-    help="Also write as JSON.",
-)
+@json_option
 def command(
     data: Path,
     arch: str,
@@ -129,20 +148,6 @@ def command(
     A trial over the parameter budget is not trained. The same command goes on where it was stopped,
     more --trials add to it, and several may run at once. --out then holds best.toml, the best
     trial's run, trials.csv and figures; test episodes are looked at once, for the best.
-
-    \b
-    Dimensions:
-        agile-mlp        layers hidden
-        history-mlp      snapshots hidden
-        delay-embedding  initial_delay_s initial_spread_s selector
-        gru              hidden dropout
-        tcn              blocks kernel dropout
-        mamba            d_model d_state d_conv
-        esn              neurons spectral_radius leak input_scale
-        cross-attention  embed heads
-        all but esn      learning_rate weight_decay
-        gru, tcn, mamba  lanes chunk_steps
-        the other four   batch, and but for agile-mlp history_s
 
     \b
     Example:
