@@ -326,12 +326,13 @@ def test_who_runs_a_trial_is_this_process() -> None:
     assert worker["born"] != studies._born(1)
 
 
-def test_an_unfinished_line_of_the_journal_is_dropped_by_the_next_writer(
-    echo: EpisodeSet, tmp_path: Path
+@pytest.mark.parametrize("broken", [b'{"op_code":5,"wor', b"garbage\n", b"\x00" * 9000, b"\n"])
+def test_a_broken_last_line_of_the_journal_is_dropped_by_the_next_writer(
+    echo: EpisodeSet, tmp_path: Path, broken: bytes
 ) -> None:
     tuned(echo, tmp_path / "out", trials=2)
     with (tmp_path / "out" / JOURNAL).open("ab") as file:
-        file.write(b'{"op_code":5,"wor')
+        file.write(broken)
     study = tuned(echo, tmp_path / "out", trials=4)
     assert states(study) == ["finished"] * 4
     assert len(tuned(echo, tmp_path / "out", trials=4).trials) == 4  # it is read from its beginning

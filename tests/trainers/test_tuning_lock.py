@@ -39,7 +39,7 @@ def test_an_interruption_while_the_lock_is_taken_lets_go_of_it(
     def interrupted(journal: Path) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(storage, "_drop_unfinished_line", interrupted)
+    monkeypatch.setattr(storage, "_drop_broken_line", interrupted)
     with pytest.raises(KeyboardInterrupt):
         KernelLock(tmp_path / "a.journal").acquire()
     with (tmp_path / ".a.journal.lock").open("r+") as file:

@@ -53,12 +53,16 @@ def test_a_study_of_another_set_is_refused(
         tuned(other, tmp_path / "out")
 
 
-def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "theirs",
+    ["a shopping list\nwith two lines\n", "of one line\n", "without an end", "{of\n", "[1]\n"],
+)
+def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path, theirs: str) -> None:
     (tmp_path / "out").mkdir()
-    (tmp_path / "out" / JOURNAL).write_text("a shopping list\nwith two lines\n")
+    (tmp_path / "out" / JOURNAL).write_text(theirs)
     with pytest.raises(UnusableInput, match=r"study\.journal cannot be read as a study"):
         tuned(echo, tmp_path / "out")
-    assert (tmp_path / "out" / JOURNAL).read_text().startswith("a shopping list")
+    assert (tmp_path / "out" / JOURNAL).read_text() == theirs
 
 
 def test_a_study_that_was_made_and_not_yet_marked_goes_on(echo: EpisodeSet, tmp_path: Path) -> None:

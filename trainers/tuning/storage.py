@@ -4,13 +4,14 @@ import contextlib
 import fcntl
 import hashlib
 import importlib
+import json
 import logging
 import os
 import threading
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from urllib.parse import quote
 
 import optuna
@@ -30,6 +31,7 @@ _HEARTBEAT_S, _GRACE_S = 20, 90  # a worker on another machine is given up after
 _CONNECT_S = 10
 # After a minute the server lets go of the turn of a machine that lost its power or its network [s].
 _KEEPALIVE = {"tcp_keepalives_idle": 30, "tcp_keepalives_interval": 10, "tcp_keepalives_count": 3}
+_LINE_BYTES = 4096  # of most lines of a journal
 _PORT = 5432  # where PostgreSQL listens, if nothing else is said
 _NO_DRIVER = f"psycopg is not installed; --storage needs: {installs('cluster')}."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
@@ -128,6 +130,7 @@ class Place:
     def _open_journal(self) -> BaseStorage:
         self._journal.parent.mkdir(parents=True, exist_ok=True)
         try:
+            _require_entry_first(self._journal)
             lock = KernelLock(self._journal)
             return JournalStorage(JournalFileBackend(str(self._journal), lock_obj=lock))
         except OSError:
@@ -157,7 +160,7 @@ class KernelLock(JournalFileOpenLock):
     """One writer of the journal at a time; the kernel lets go of the lock of a killed process.
 
     Optuna's own lock is a file that outlives its owner: everyone then waits for half a minute.
-    A line that a killed writer left unfinished is taken out by the next one.
+    A last line that is no entry, which a killed writer or a crash left, is taken out by the next.
     """
 
     def __init__(self, journal: Path) -> None:
@@ -176,7 +179,7 @@ class KernelLock(JournalFileOpenLock):
         self._held = os.open(self._path, os.O_CREAT | os.O_RDWR | os.O_CLOEXEC, 0o666)
         try:
             fcntl.flock(self._held, fcntl.LOCK_EX)
-            _drop_unfinished_line(self._journal)
+            _drop_broken_line(self._journal)
         except BaseException:
             self.release()
             raise
@@ -189,14 +192,47 @@ class KernelLock(JournalFileOpenLock):
             os.close(held)
 
 
-def _drop_unfinished_line(journal: Path) -> None:
-    if not journal.exists() or journal.stat().st_size == 0:
+def _require_entry_first(journal: Path) -> None:
+    """ValueError for a file that begins with something else: it is somebody's, and stays."""
+    if not journal.exists():
+        return
+    with journal.open("rb") as file:
+        first = file.readline()
+    if first and not first.startswith(b"{"):
+        raise ValueError("its first line is none of a journal's")
+    if first.endswith(b"\n"):
+        json.loads(first)
+
+
+def _drop_broken_line(journal: Path) -> None:
+    """Readers pass over such a last line, but none behind which another was written."""
+    if not journal.exists():
         return
     with journal.open("rb+") as file:
-        file.seek(-1, os.SEEK_END)
-        if file.read(1) != b"\n":
-            content = journal.read_bytes()
-            file.truncate(content.rfind(b"\n") + 1)
+        size = file.seek(0, os.SEEK_END)
+        last = _last_line(file, size)
+        if last and not _is_entry(last):
+            file.truncate(size - len(last))
+
+
+def _last_line(file: BinaryIO, size: int) -> bytes:
+    """With its end, if it has one. Every writer does this: no more is read than it takes."""
+    length = _LINE_BYTES
+    while True:
+        file.seek(max(0, size - length))
+        tail = file.read()
+        before = tail.rfind(b"\n", 0, -1)
+        if before >= 0 or length >= size:
+            return tail[before + 1 :]
+        length *= 2
+
+
+def _is_entry(line: bytes) -> bool:
+    try:
+        json.loads(line)
+    except ValueError:
+        return False
+    return line.endswith(b"\n")
 
 
 def _require_driver() -> None:
