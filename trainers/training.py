@@ -110,6 +110,14 @@ def settings_for(
     return dataclasses.replace(usual, **changed)  # type: ignore[arg-type]
 
 
+def idle_settings(arch: str) -> set[str]:
+    """The fit settings that change nothing for an architecture, as its dimensions tell."""
+    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
+    if "learning_rate" not in searched:  # solved, not descended
+        return {field.name for field in dataclasses.fields(FitSettings)}
+    return {"batch", "lanes", "chunk_steps"} - searched
+
+
 def stated_lead_s(data: EpisodeSet) -> float:
     """The lead in seconds that a set's rig asks for; 0 where the set states none."""
     stated = data.provenance.get(_LEAD_KEY, 0.0)

@@ -251,6 +251,18 @@ def jobs(small: Path) -> list[TrainJob]:
     return train_jobs("small", small, read_episode_set(small), choices, device="cpu")
 
 
+def test_a_setting_that_an_architecture_does_not_use_makes_no_other_run(small: Path) -> None:
+    data = read_episode_set(small)
+    for arch, name, values, count in (
+        ("esn", "epochs", (1, 2), 1),
+        ("agile-mlp", "chunk_steps", (8, 16), 1),
+        ("gru", "chunk_steps", (8, 16), 2),
+        ("agile-mlp", "epochs", (1, 2), 2),
+    ):
+        choices = [Choice(arch, 0, None, {name: value}, {}) for value in values]
+        assert len(train_jobs("small", small, data, choices, device="cpu")) == count
+
+
 def outcomes(executor: LocalProcesses) -> dict[str, Outcome]:
     try:
         return {job.identity: outcome for job, outcome in executor.finished()}
@@ -345,12 +357,13 @@ def test_a_stopped_sweep_keeps_its_rows_and_goes_on(
         assert "the same command goes on with the rest" in said
         assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == len(before)
     with (out / "results.jsonl").open("ab") as torn:
-        torn.write(b'{"identity": "half a li')
+        torn.write(b'{"identity": "of no job", "state": "done"}\n{"identity": "half a li')
     asked[asked.index(40)] = 4
     done = wakedeploy(*asked)
     assert done.exit_code == 0, done.output
-    identities = [row["identity"] for row in lines(out)]
-    assert lines(out)[: len(before)] == before
+    whole = [row for row in lines(out) if "kind" in row]
+    identities = [row["identity"] for row in whole]
+    assert whole[: len(before)] == before
     assert len(set(identities)) == len(identities) >= 8
 
 

@@ -47,11 +47,20 @@ ROWS = st.lists(
     max_size=8,
 )
 
+GENERATED = {
+    "identity": "a",
+    "kind": "generate",
+    "data": "x",
+    "state": "done",
+    "data_sha256": "1",
+}
+
 
 def row(identity: str, state: str, told: str) -> dict:
     return {
         "identity": identity,
         "kind": "train",
+        "data": "x",
         "state": state,
         "reason": told,
         "test": {"r2": 1},
@@ -99,7 +108,7 @@ def test_a_job_that_is_done_has_one_row_and_stays_done(rows: list) -> None:
 
 def test_the_table_has_a_column_for_every_value(tmp_path: Path) -> None:
     results = Results(tmp_path)
-    results.add({"identity": "a", "kind": "generate", "state": "done", "data_sha256": "1"})
+    results.add(GENERATED)
     results.add(row("b", "done", "x, y") | {"hyper": {"hidden": 8}})
     results.write_table()
     first, second = csv.DictReader((tmp_path / "results.csv").open(newline=""))
@@ -110,11 +119,10 @@ def test_the_table_has_a_column_for_every_value(tmp_path: Path) -> None:
 
 
 def test_a_set_that_was_made_anew_and_differs_replaces_its_row(tmp_path: Path) -> None:
-    made = {"identity": "a", "kind": "generate", "state": "done", "data_sha256": "1"}
     results = Results(tmp_path)
-    assert results.add(made)
-    assert not results.add(made)
-    assert results.add(made | {"data_sha256": "2"})
+    assert results.add(GENERATED)
+    assert not results.add(GENERATED)
+    assert results.add(GENERATED | {"data_sha256": "2"})
     assert Results(tmp_path).rows["a"]["data_sha256"] == "2"
 
 

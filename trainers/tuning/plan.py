@@ -4,7 +4,6 @@ import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
 
-from trainers.build import ARCHITECTURES
 from trainers.dimensions import Dimension
 from trainers.fit import FitSettings
 from trainers.runs import TRAINING, RunConfig
@@ -132,11 +131,3 @@ def described(plan: Plan, data_folder: Path) -> dict[str, object]:
         "seed": plan.seed,
         "dimensions": [str(dimension) for dimension in plan.dimensions],
     }
-
-
-def idle_settings(arch: str) -> set[str]:
-    """The fit settings that change nothing for an architecture, as its dimensions tell."""
-    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
-    if "learning_rate" not in searched:  # solved, not descended
-        return {field.name for field in dataclasses.fields(FitSettings)}
-    return {"batch", "lanes", "chunk_steps"} - searched

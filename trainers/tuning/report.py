@@ -15,7 +15,8 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import Choice
-from trainers.tuning.plan import Plan, idle_settings
+from trainers.training import idle_settings
+from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.study import (

@@ -9,7 +9,8 @@ from collections.abc import Mapping
 
 from trainers.build import ARCHITECTURES
 from trainers.preset import Preset
-from trainers.tuning.plan import Plan, idle_settings
+from trainers.training import idle_settings
+from trainers.tuning.plan import Plan
 from trainers.tuning.space import Point, point_of
 from wakedeploy.errors import UnusableInput
 

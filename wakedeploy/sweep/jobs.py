@@ -29,7 +29,14 @@ from trainers.runs import (
     require_buildable,
     run_folder,
 )
-from trainers.training import configure, require_enough, settings_for, stated_lead_s, train
+from trainers.training import (
+    configure,
+    idle_settings,
+    require_enough,
+    settings_for,
+    stated_lead_s,
+    train,
+)
 from wakedeploy.commit import frozen_at
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, one_line
@@ -226,13 +233,17 @@ def _write(path: Path, data: bytes) -> None:
 def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:
     preset = chosen_preset(choice.preset, choice.arch, data.domain)
     hyper, settings = ({}, {}) if preset is None else (preset.hyper, preset.settings)
+    fitted = settings_for(choice.arch, others={**settings, **choice.settings})
+    usual = settings_for(choice.arch)
+    # What an architecture does not use makes no other run of it.
+    idle = {name: getattr(usual, name) for name in idle_settings(choice.arch)}
     return configure(
         data,
         choice.arch,
         seed=choice.seed,
         lead_s=stated_lead_s(data) if choice.lead_s is None else choice.lead_s,
         hyper={**hyper, **choice.hyper},
-        settings=settings_for(choice.arch, others={**settings, **choice.settings}),
+        settings=replace(fitted, **idle),
     )
 
 
