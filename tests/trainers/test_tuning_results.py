@@ -111,6 +111,21 @@ def test_a_preset_says_what_was_searched_and_only_what_is_of_use(
         assert preset.study["dimensions"] == [str(d) for d in work.plan.dimensions]
 
 
+def test_the_best_says_what_pruned_the_trials_and_not_what_the_last_command_asked_for(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    for trials, pruner, told in (
+        (2, "hyperband", "hyperband"),
+        (2, "none", "hyperband"),
+        (3, "none", "hyperband, none"),
+    ):
+        work = work_of(echo, tmp_path / "out", trials=trials, pruner=pruner)
+        study = work.begin()
+        run_trials(work, study, echo)
+        conclude(work, study, echo)
+        assert read_preset(work.out / "best.toml").study["pruner"] == told
+
+
 def test_the_best_says_what_the_papers_shape_reached(echo: EpisodeSet, tmp_path: Path) -> None:
     work = work_of(echo, tmp_path / "out", trials=2, asked=("hidden=100:128", "layers=2"))
     study = work.begin()

@@ -26,7 +26,7 @@ from trainers.tuning.report import (
     whole_point,
     write_trials,
 )
-from trainers.tuning.study import all_trials, finished, pruner_of, running
+from trainers.tuning.study import PRUNER, all_trials, finished, running
 from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed
@@ -100,10 +100,11 @@ def _preset(
 ) -> tuple[Preset, str]:
     """A trial as a preset, and the comment above it."""
     hyper, settings = whole_point(work.plan, row.point)
+    begun = [trial for trial in all_trials(study) if PRUNER in trial.user_attrs]
     ended = [t.datetime_complete for t in all_trials(study) if t.datetime_complete is not None]
     told: dict[str, Any] = {
         **described(work.plan, work.data),
-        "pruner": pruner_of(work.pruner, work.plan),
+        "pruner": ", ".join(dict.fromkeys(t.user_attrs[PRUNER] for t in begun)),
         "name": study.study_name,
         "kept_in": work.place.told,
         "date": max(ended).date().isoformat(),

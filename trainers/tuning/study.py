@@ -25,7 +25,7 @@ from wakedeploy.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"
-DEVICE = "device"
+DEVICE, PRUNER = "device", "pruner"
 INTERRUPTED, LOST_BEFORE, REFERENCE = "interrupted", "lost before", "reference"
 Study = optuna.Study
 _IDENTITY = "wakedeploy"
@@ -213,14 +213,15 @@ def _refuse(place: Place, name: str, why: str) -> None:
     )
 
 
-def pruner_of(asked: str, plan: Plan) -> str:
-    """What ends trials early: none where there are no epochs, or several objectives."""
-    return "none" if plan.timed or plan.arch == "esn" else asked
+def pruner_of(study: Study) -> str:
+    """What ends trials of this process early, as `_pruner` was asked for it."""
+    names = {optuna.pruners.NopPruner: "none", optuna.pruners.HyperbandPruner: "hyperband"}
+    return names.get(type(study.pruner), "median")
 
 
 def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
-    name = pruner_of(name, plan)
-    if name == "none":
+    """None where there are no epochs, or several objectives."""
+    if name == "none" or plan.timed or plan.arch == "esn":
         return optuna.pruners.NopPruner()
     if name == "hyperband":
         return optuna.pruners.HyperbandPruner(min_resource=1, max_resource=plan.epochs)

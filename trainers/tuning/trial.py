@@ -28,10 +28,12 @@ from trainers.tuning.study import (
     EPOCHS,
     INTERRUPTED,
     PARAMETERS,
+    PRUNER,
     REASON,
     SHAPE,
     WORKER,
     begin_again,
+    pruner_of,
     this_worker,
 )
 from wakedeploy.episodes import EpisodeSet
@@ -77,6 +79,7 @@ class Objective:
             # Within, since an interruption that strikes here is one as well.
             on_begun()
             trial.set_user_attr(WORKER, this_worker())
+            trial.set_user_attr(PRUNER, pruner_of(trial.study))
             return self._judged(trial)
         except KeyboardInterrupt:
             trial.set_user_attr(REASON, INTERRUPTED)
