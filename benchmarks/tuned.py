@@ -121,9 +121,10 @@ def shipped_before(domain: str, arch: str, data: Path, ships: Path, runs: Path) 
         return []
     kept = runs / f"before-{hashlib.sha256(ships.read_bytes()).hexdigest()[:8]}"
     own = trained(domain, arch, data, kept, "--preset", ships)
-    return [
-        {"label": "as shipped before", "hyper": before.hyper, "settings": before.settings} | own
-    ]
+    told = {"label": "as shipped before", "hyper": before.hyper, "settings": before.settings}
+    kept_before = "ships" in before.study  # then that study found nothing better
+    found_by = before.study.get("found_by") if kept_before else before.study
+    return [told | own | ({"found_by": found_by} if found_by else {})]
 
 
 def trained(domain: str, arch: str, data: Path, out: Path, *how: object) -> Row:
@@ -161,6 +162,8 @@ def ship(row: Row, best: Path, path: Path) -> None:
     told = {f"found_{n}" if n in of_the_found else n: v for n, v in found.study.items()}
     kept = _start(row) if row["ships"] == "start" else {"hyper": {}, "settings": {}}
     study = told | {"ships": row["ships"]}
+    if "found_by" in kept:
+        study["found_by"] = kept["found_by"]
     shape = kept["label"].capitalize() if kept["hyper"] else "The paper's shape"
     heading = f"{shape}: with three seeds, what the study found was no better on validation."
     changed = {name: kept[name] for name in ("hyper", "settings")}

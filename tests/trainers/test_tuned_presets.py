@@ -198,6 +198,13 @@ def test_of_a_reservoir_the_best_of_all_that_was_trained_with_three_seeds_ships(
     assert (kept["ships"], kept["starts"][-1]["label"]) == ("start", "as shipped before")
     assert read_preset(shipped).hyper == {"input_scale": 0.03}
     assert "As shipped before: with three seeds" in shipped.read_text()
+    assert "found_by" not in read_preset(shipped).study  # no study did: it is one of the scales
+    by_a_study = Preset(arch="esn", hyper={"leak": 0.4}, settings={}, study={"trial": 8})
+    write_preset(shipped, by_a_study, "tuned")
+    for work in ("later", "later still"):
+        options.work = tmp_path / work
+        assert obtained("gantry", "esn", options, "abc")["ships"] == "start"
+        assert read_preset(shipped).study["found_by"] == {"trial": 8}
     losses["before"], options.work = 0.45, tmp_path / "once more"
     assert obtained("gantry", "esn", options, "abc")["ships"] == "reference"
     assert read_preset(shipped).hyper == {}
