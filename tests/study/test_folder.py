@@ -1,9 +1,14 @@
-"""What a study's folder keeps of an earlier one, and of whoever else put files there."""
+"""What a study's folder says, and keeps of an earlier one and of whoever else put files there."""
 
+import json
 from pathlib import Path
 
+import numpy as np
+
+from trainers.runs import TRAINING
 from wakedeploy import figures
 from wakedeploy.cli.study_options import Asked
+from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.study.folder import Part, write_study
 
 
@@ -21,12 +26,12 @@ def test_only_what_the_earlier_study_wrote_is_removed(tmp_path: Path) -> None:
     own = {"notes.csv", "talk.pdf", "photo.png", "mine.json", "page.html"}
     for name in own:
         (tmp_path / name).write_text("mine")
-    write_study(tmp_path, "First", [part("one"), part("two")], {"seeds": 3})
+    write_study(tmp_path, "First", [part("one"), part("two")], {"seeds": 3}, [])
     assert names(tmp_path) == own | {
         *("one.png", "one.pdf", "one.csv", "two.png", "two.pdf", "two.csv"),
         *("study.json", "study.html"),
     }
-    write_study(tmp_path, "Again", [part("two")], {"seeds": 3})
+    write_study(tmp_path, "Again", [part("two")], {"seeds": 3}, [])
     assert names(tmp_path) == own | {"two.png", "two.pdf", "two.csv", "study.json", "study.html"}
     assert all((tmp_path / name).read_text() == "mine" for name in own)
 
@@ -37,10 +42,22 @@ def test_a_result_that_names_files_elsewhere_removes_none(tmp_path: Path) -> Non
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "study.json").write_text('{"files": ["../outside.csv", "..", "", 3]}')
-    write_study(folder, "Study", [part("one")], {})
+    write_study(folder, "Study", [part("one")], {}, [])
     assert outside.read_text() == "mine"
     (folder / "study.json").write_text("[")
-    write_study(folder, "Study", [part("one")], {})
+    write_study(folder, "Study", [part("one")], {}, [])
+
+
+def test_a_result_says_which_code_and_which_sets_it_is_of(tmp_path: Path) -> None:
+    signal = np.zeros((8, 1), np.float32)
+    channels = (Channel("drive", "N"),), (Channel("force_z_n", "N"),)
+    made = EpisodeSet("gantry", 20.0, *channels, 0.5, (1.0,), {"a": "train"},
+                      (Episode("a", signal, signal),))  # fmt: skip
+    write_study(tmp_path, "Study", [part("one")], {"seeds": 3}, [made])
+    told = json.loads((tmp_path / "study.json").read_text())
+    assert told["sets"] == [{"domain": "gantry", "sha256": made.sha256}]
+    assert (told["training"], told["seeds"]) == (TRAINING, 3)
+    assert isinstance(told["commit"], str)
 
 
 def test_quick_looks_and_chosen_domains_lie_apart() -> None:

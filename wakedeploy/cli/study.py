@@ -72,7 +72,9 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
     lines = [line.as_json() for own in told.values() for line in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "lines": lines}
     title = asked.titled("The architectures over the domains")
-    path = write_study(asked.results("domains", names), title, parts(told), result)
+    path = write_study(
+        asked.results("domains", names), title, parts(told), result, [*sets.values()]
+    )
     for name, own in told.items():
         print_table(f"{name}: {sentence(name, own)}", *summary(own))
     click.echo(f"Figures, tables and the page: {path}")
@@ -112,7 +114,7 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
     result |= {"rms_m": {line.name: line.rms_m.tolist() for line in lines}}
     title = asked.titled("Closed loop on the 2D downwash simulator")
-    path = write_study(asked.results("closed-loop"), title, parts(lines, chosen), result)
+    path = write_study(asked.results("closed-loop"), title, parts(lines, chosen), result, [data])
     print_table(sentence(lines, chosen), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 
@@ -162,7 +164,8 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
         for one in (nominal, *told)
     }
     title = asked.titled("Trained on one physics, flown in another")
-    path = write_study(asked.results("shift"), title, parts(nominal, told, chosen), result)
+    drawn = parts(nominal, told, chosen)
+    path = write_study(asked.results("shift"), title, drawn, result, [plain, varied])
     print_table(sentence(nominal, told, chosen), *summary(nominal, told))
     click.echo(f"Figures, tables and the page: {path}")
 

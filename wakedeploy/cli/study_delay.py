@@ -73,7 +73,8 @@ def delay(asked: Asked) -> None:
         },
     }
     title = asked.titled("Learned and physical delays")
-    path = write_study(asked.results("delay"), title, parts(looks, lines), result)
+    used = [made for _, made in (*nominal, *varied)]
+    path = write_study(asked.results("delay"), title, parts(looks, lines), result, used)
     print_table(attention_sentence(looks), *attention_summary(looks))
     print_table(delay_sentence(lines), *delay_summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
@@ -107,7 +108,7 @@ def basin(recordings: Path | None, asked: Asked) -> None:
         "ends": [dataclasses.asdict(end) | {"at": study.where(end, echo)} for end in ends],
     }
     title = asked.titled("Where Delay Embedding ends, by where it starts")
-    path = write_study(asked.results("basin"), title, parts(ends, echo), result)
+    path = write_study(asked.results("basin"), title, parts(ends, echo), result, [data])
     print_table(sentence(ends, echo), *summary(ends, echo))
     click.echo(f"Figures, tables and the page: {path}")
 
@@ -144,9 +145,8 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
         "lines": [line.as_json() for line in lines],
     }
     title = asked.titled("The fish's flag, true and predicted")
-    path = write_study(
-        asked.results("fish-scatter"), title, parts(lines, shown, data.rate_hz), result
-    )
+    drawn = parts(lines, shown, data.rate_hz)
+    path = write_study(asked.results("fish-scatter"), title, drawn, result, [data])
     print_table(sentence(shown), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 

@@ -70,7 +70,7 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     title = asked.titled("How much of the past a predictor has to see")
     delays_s = {name: transport_delay_s(made) for name, made in sets.items()}
     drawn = parts(told, mains, rates_hz, delays_s)
-    path = write_study(asked.results("window", names), title, drawn, result)
+    path = write_study(asked.results("window", names), title, drawn, result, [*sets.values()])
     print_table("The shortest past that suffices", *needed(told))
     for name, own in told.items():
         click.echo(sentence(name, own, rates_hz[name], delays_s[name]))
@@ -124,7 +124,7 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     points = [vars(point) for own in told.values() for point in own]
     result = {"quick": asked.quick, "flights": count, "seconds": seconds, "points": points}
     title = asked.titled("How far ahead to predict the force")
-    path = write_study(asked.results("lead"), title, parts(told), result)
+    path = write_study(asked.results("lead"), title, parts(told), result, [*sets.values()])
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own))
     click.echo(f"Figures, tables and the page: {path}")

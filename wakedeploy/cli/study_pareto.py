@@ -37,9 +37,9 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     """Set each architecture's error against its parameters and against its step's time.
 
     The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: half a minute for
-    each model and domain, in four rounds of which the quietest counts (the p99 is of a round's
-    ticks), on a machine that should do nothing else meanwhile. Trains what `study domains` has not
-    trained into the same folder yet.
+    each model and domain, in four rounds, on a machine that should do nothing else meanwhile. The
+    p99 is of a round's ticks; where the rounds of two models overlap, their steps count as equal.
+    Trains what `study domains` has not trained into the same folder yet.
 
     \b
     Example:
@@ -76,7 +76,8 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
     result |= {"unlearned": beside}
     title = asked.titled("What accuracy costs")
-    path = write_study(asked.results("pareto", names), title, parts(told, beside), result)
+    drawn = parts(told, beside)
+    path = write_study(asked.results("pareto", names), title, drawn, result, [*sets.values()])
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own, beside[name]))
     click.echo(f"Figures, tables and the page: {path}")

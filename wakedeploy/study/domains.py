@@ -89,6 +89,7 @@ class Line:
         }
         told |= {"normalised": self.normalised, "channels": [*self.channels]}
         told |= {"validation": self.validation}
+        told |= {"lead_s": self.wanted.lead_s if self.wanted is not None else None}
         told |= {"hyper": dict(self.wanted.hyper) if self.wanted is not None else {}}
         told |= {"kept_from": [*self.wanted.present_only] if self.wanted is not None else []}
         return told | {"groups": {name: [*rmse] for name, rmse in self.groups.items()}}

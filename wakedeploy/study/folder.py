@@ -1,7 +1,7 @@
 """A study's folder: figures as PNG and PDF, tables as CSV and JSON, and one page with them all.
 
-In: parts in the order in which they are to be read. Out: files that replace those of an earlier
-run, each whole; what others put into the folder stays.
+In: parts in the order in which they are to be read, and the sets that they are of. Out: files that
+replace those of an earlier run, each whole; what others put into the folder stays.
 """
 
 import csv
@@ -13,6 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
+from wakedeploy.commit import frozen_at
+from wakedeploy.episodes import EpisodeSet
 from wakedeploy.files import json_text, write_text_whole
 from wakedeploy.markup import Markup, element, page, picture, table
 
@@ -37,12 +39,21 @@ class Part:
     shown: tuple[Sequence[str], Sequence[Sequence[str]]] | None = None
 
 
-def write_study(folder: Path, title: str, parts: Sequence[Part], result: Mapping[str, Any]) -> Path:
+def write_study(
+    folder: Path,
+    title: str,
+    parts: Sequence[Part],
+    result: Mapping[str, Any],
+    sets: Sequence[EpisodeSet],
+) -> Path:
     """Write everything and return the page's path. `result` goes into `study.json`.
 
-    `study.json` also says what each part says, and lists the study's files; those that an earlier
-    one lists and this one does not write are removed, and nothing else is.
+    `study.json` also says what each part says, which code and which revision of training it is of
+    and which sets, and lists the study's files; those that an earlier one lists and this one does
+    not write are removed, and nothing else is.
     """
+    from trainers.runs import TRAINING
+
     folder.mkdir(parents=True, exist_ok=True)
     names = {_RESULT, _PAGE}
     for part in parts:
@@ -61,8 +72,14 @@ def write_study(folder: Path, title: str, parts: Sequence[Part], result: Mapping
         write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
         columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
         body.append(table(list(columns), [list(row) for row in rows]))
-    says = {part.name: part.sentence for part in parts}
-    told = {**result, "says": says, "files": sorted(names)}
+    told = {
+        "commit": frozen_at(),
+        "training": TRAINING,
+        "sets": [{"domain": data.domain, "sha256": data.sha256} for data in sets],
+        **result,
+        "says": {part.name: part.sentence for part in parts},
+        "files": sorted(names),
+    }
     write_text_whole(folder / _RESULT, json_text(told))
     path = folder / _PAGE
     write_text_whole(path, page(title, *body))

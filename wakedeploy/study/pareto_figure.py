@@ -8,6 +8,8 @@ as a line across.
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from wakedeploy import figures
 from wakedeploy.study.domains import MEMORYLESS, ZERO
 from wakedeploy.study.folder import Part
@@ -35,6 +37,7 @@ COLUMNS = (
     "trainable",
     "frozen",
     "step_p99_ms",
+    "step_p99_ms_loudest",
     "front_of_parameters",
     "front_of_step",
 )
@@ -70,10 +73,12 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
     axes.set_yscale("log")
     for point in points:
         plain = point.arch == MEMORYLESS
+        least, most = cost(point)
         axes.errorbar(
-            cost(point),
+            least,
             point.error,
             point.spread,
+            [[0.0], [most - least]],
             fmt="s" if plain else "o",
             color=figures.LIMIT if plain else figures.PREDICTED,
             markerfacecolor=None if point in best else "white",
@@ -81,7 +86,7 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
             elinewidth=0.8,
         )
     axes.step(
-        [cost(p) for p in best],
+        [cost(p)[0] for p in best],
         [p.error for p in best],
         where="post",
         color=figures.REFERENCE,
@@ -92,7 +97,9 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
         axes.axhline(error, color=figures.MEASURED, linestyle=":", linewidth=1.0, zorder=1)
         axes.set_title(f"····· {name}", loc="right", fontsize=6.5, color=figures.MEASURED)
     axes.margins(x=0.22, y=0.15)
-    _plain_ticks(axes, [cost(p) for p in points], [*(p.error for p in points), *across.values()])
+    _plain_ticks(
+        axes, [at for p in points for at in cost(p)], [*(p.error for p in points), *across.values()]
+    )
 
 
 def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
@@ -116,17 +123,18 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
     from matplotlib.patheffects import withStroke
 
     scale = 72.0 / axes.figure.dpi
-    at = scale * axes.transData.transform([(cost(p), p.error) for p in points])  # (n, 2) in points
+    ends = [[(of, p.error) for of in cost(p)] for p in points]  # of each bar
+    at = scale * axes.transData.transform(np.reshape(ends, (-1, 2))).reshape(-1, 2, 2)  # in points
     (left, _), (right, _) = scale * axes.transAxes.transform([(0.0, 0.0), (1.0, 0.0)])
-    taken: list[Box] = [(x - 3.0, y - 3.0, x + 3.0, y + 3.0) for x, y in at]
-    for point, (x, y) in zip(points, at, strict=True):
+    taken: list[Box] = [(x - 3.0, y - 3.0, far + 3.0, y + 3.0) for (x, y), (far, _) in at]
+    for point, bar, ((x, y), (far, _)) in zip(points, ends, at, strict=True):
         plain = point.arch == MEMORYLESS
         text = f"{point.arch} (no memory)" if plain else point.arch
         wide = _LETTER * len(text)
         tried = [
             (dx, dy, (start, y + dy - 3.5, start + wide, y + dy + 3.5))
             for dy in sorted(range(-40, 41, 2), key=abs)
-            for dx, start in ((6, x + 6), (-6, x - 6 - wide))
+            for dx, start in ((6, far + 6), (-6, x - 6 - wide))
         ]
         tried.sort(key=lambda one: not (left < one[2][0] and one[2][2] < right))  # inside first
         dx, dy, box = next(
@@ -135,7 +143,7 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
         taken.append(box)
         axes.annotate(
             text,
-            (cost(point), point.error),
+            bar[1] if dx > 0 else bar[0],
             xytext=(dx, dy),
             textcoords="offset points",
             ha="left" if dx > 0 else "right",
@@ -157,7 +165,8 @@ def parts(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) 
     first = Part(
         "pareto",
         f"{headline(told)}Error against trainable parameters and against the step's time in the "
-        f"loop; filled points on the line are beaten by none in both.{choice(named)}",
+        "loop, of the quietest round with a bar to the loudest; filled points on the line are "
+        f"beaten by none in both, where bars that overlap are no different.{choice(named)}",
         COLUMNS,
         [row for name, points in told.items() for row in rows(points, beside[name])],
         panels(told, beside),
@@ -202,7 +211,7 @@ def rows(points: Sequence[Point], beside: Unlearned) -> list[list[Any]]:
             point.spread,
             point.trainable,
             point.frozen,
-            point.step_p99_ms,
+            *by_step(point),
             *(int(point in best) for best in fronts),
         ]
         for point in points
@@ -210,7 +219,10 @@ def rows(points: Sequence[Point], beside: Unlearned) -> list[list[Any]]:
 
 
 def summary(points: Sequence[Point], beside: Unlearned) -> tuple[list[str], list[list[str]]]:
-    """One domain's table: what learns nothing, then the smallest error first; ● marks a front."""
+    """One domain's table: what learns nothing, then the smallest error first; ● marks a front.
+
+    The step's p99 is told of the quietest round and of the loudest.
+    """
     columns = ["predictor", "error", "parameters", "front", "step p99 [ms]", "front"]
     weights, steps = (front(points, cost) for _, cost in COSTS)
     told = [[name, f"{error:.3g}", "", "", "", ""] for name, error in beside.items()]
@@ -224,7 +236,7 @@ def summary(points: Sequence[Point], beside: Unlearned) -> tuple[list[str], list
                 f"{point.error:.3g}{spread}",
                 f"{point.trainable:,}{frozen}",
                 "●" if point in weights else "",
-                f"{point.step_p99_ms:.3f}",
+                "{:.3f} to {:.3f}".format(*by_step(point)),
                 "●" if point in steps else "",
             ]
         )
