@@ -88,11 +88,15 @@ def test_the_sentence_names_the_fronts_and_what_a_tenfold_cheaper_step_costs() -
     assert "gru errs least, by 0.2 standard deviations at 1 ms a step" in told
     assert "costs a factor of 2.5 in error (tcn, 0.5 at 0.1 ms)" in told
     near = sentence("toy", [point("agile-mlp", (0.8,), 10, 0.5), points[2]])
-    assert "no step is 10 times cheaper: agile-mlp's, the cheapest there, takes 0.5 ms, 2" in near
+    assert "no step is 10 times cheaper: agile-mlp's, the cheapest, takes 0.5 ms, 2 times" in near
     assert "for an error of 0.8" in near
     alone = sentence("toy", [points[2], points[3]])
     assert "On toy, none beats gru in both" in alone
     assert "no step is surely cheaper" in alone
+    # One that errs less at an overlapping step beats the cheap one, which is surely cheaper still.
+    chain = [point("agile-mlp", (0.8,), 10, 0.5, 0.6), point("gru", (0.3,), 40, 0.6, 0.9)]
+    chain.append(point("tcn", (0.2,), 30, 0.7, 0.8))
+    assert "agile-mlp's, the cheapest, takes 0.5 ms, 1.4 times less" in sentence("toy", chain)
     noisy = sentence("toy", [point("agile-mlp", (0.8,), 10, 0.5, 1.1), points[2]])
     assert "On toy, none beats gru in both error and step time" in noisy
 

@@ -179,11 +179,12 @@ def _cheaper(points: Sequence[Point]) -> str:
             f"{other.error / best.error:.2g} in error ({other.arch}, {other.error:.3g} at "
             f"{other.step_p99_ms:.3g} ms)."
         )
-    cheapest = front(points, by_step)[0]
-    if cheapest is best:
+    surely = [p for p in points if by_step(p)[1] < by_step(best)[0]]
+    if not surely:
         return f"{stated}, and no step is surely cheaper."
+    cheapest = min(surely, key=by_step)
     return (
-        f"{stated}; no step is {CHEAPER:.0f} times cheaper: {cheapest.arch}'s, the cheapest there, "
+        f"{stated}; no step is {CHEAPER:.0f} times cheaper: {cheapest.arch}'s, the cheapest, "
         f"takes {cheapest.step_p99_ms:.3g} ms, {best.step_p99_ms / cheapest.step_p99_ms:.2g} times "
         f"less, for an error of {cheapest.error:.3g}."
     )
