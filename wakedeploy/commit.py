@@ -1,5 +1,6 @@
 """Which state of the code this is, for results that outlive it."""
 
+import functools
 import shutil
 import subprocess
 from collections.abc import Sequence
@@ -17,6 +18,12 @@ def frozen_at(written: Sequence[str] = ()) -> str:
     others = [f":(exclude){path}" for path in written]
     clean = _git("diff", "--quiet", "HEAD", "--", ".", *others) is not None
     return commit if clean else f"{commit}-dirty"
+
+
+@functools.cache
+def present_commit() -> str:
+    """The commit of this code, looked up once: what is edited while a command runs is not in it."""
+    return frozen_at()
 
 
 def _git(*arguments: str) -> str | None:

@@ -1,6 +1,7 @@
 """What a study's folder says, and keeps of an earlier one and of whoever else put files there."""
 
 import json
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -57,7 +58,11 @@ def test_a_result_says_which_code_and_which_sets_it_is_of(tmp_path: Path) -> Non
     told = json.loads((tmp_path / "study.json").read_text())
     assert told["sets"] == [{"domain": "gantry", "sha256": made.sha256}]
     assert (told["training"], told["seeds"]) == (TRAINING, 3)
-    assert isinstance(told["commit"], str)
+    git = subprocess.run(
+        ["git", "rev-parse", "HEAD"], cwd=Path(__file__).parent, capture_output=True
+    )
+    assert git.stdout.decode().startswith(told["commit"].removesuffix("-dirty"))
+    assert bool(told["commit"]) == (git.returncode == 0)
 
 
 def test_quick_looks_and_chosen_domains_lie_apart() -> None:

@@ -71,11 +71,16 @@ def test_asked_again_only_what_is_missing_is_done_and_rows_stay(
     assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == 4
 
 
+def be_of(monkeypatch: pytest.MonkeyPatch, commit: str) -> None:
+    for module in ("wakedeploy.sweep.jobs", "wakedeploy.commit"):
+        monkeypatch.setattr(f"{module}.present_commit", lambda: commit)
+
+
 def test_rows_of_another_commit_are_kept_and_told_of(
     small: Path, tmp_path: Path, wakedeploy: Callable, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     out, asked = tmp_path / "out", ("sweep", "--data", small, "--epochs", 1, "--arch", "agile-mlp")
-    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "abc-dirty")
+    be_of(monkeypatch, "abc-dirty")
 
     def sweep_with(seeds: int) -> Result:
         jobs = Instant(lambda job: failure(job, "never mind"))
@@ -84,14 +89,14 @@ def test_rows_of_another_commit_are_kept_and_told_of(
 
     assert "of another commit" not in sweep_with(2).stderr
     assert "of another commit" not in sweep_with(2).stderr
-    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "def")
+    be_of(monkeypatch, "def")
     told = sweep_with(3)
     assert "; 1 were run now" in told.output
     assert (
         "Rows are of another commit than this one, def: 2 by abc-dirty; a new --out, on workers of"
         " this commit, does their jobs again.\n" in told.stderr
     )
-    monkeypatch.setattr("wakedeploy.sweep.jobs.present_commit", lambda: "")
+    be_of(monkeypatch, "")
     assert "of another commit" not in sweep_with(1).stderr
 
 
@@ -357,13 +362,12 @@ def test_a_stopped_sweep_keeps_its_rows_and_goes_on(
         assert "the same command goes on with the rest" in said
         assert len(list(csv.DictReader((out / "results.csv").open(newline="")))) == len(before)
     with (out / "results.jsonl").open("ab") as torn:
-        torn.write(b'{"identity": "of no job", "state": "done"}\n{"identity": "half a li')
+        torn.write(b'{"identity": "half a li')
     asked[asked.index(40)] = 4
     done = wakedeploy(*asked)
     assert done.exit_code == 0, done.output
-    whole = [row for row in lines(out) if "kind" in row]
-    identities = [row["identity"] for row in whole]
-    assert whole[: len(before)] == before
+    identities = [row["identity"] for row in lines(out)]
+    assert lines(out)[: len(before)] == before
     assert len(set(identities)) == len(identities) >= 8
 
 

@@ -319,6 +319,11 @@ def test_the_reference_stays_the_reference_when_it_is_begun_again(
     assert (rows[1].point["layers"], rows[1].point["hidden"]) == (2, 128)
 
 
+# Cut, of something else, of a crash that left pages of zeros or only the second of an entry.
+BROKEN = [b'{"op_code":5,"wor', b"garbage\n", b"\xff\xfe bad\n", b"\x00" * 9000,
+          b"\x00" * 41 + b'"}\n', b"\n"]  # fmt: skip
+
+
 def test_who_runs_a_trial_is_this_process() -> None:
     worker = this_worker()
     assert (worker["host"], worker["pid"]) == (platform.node(), os.getpid())
@@ -326,7 +331,7 @@ def test_who_runs_a_trial_is_this_process() -> None:
     assert worker["born"] != studies._born(1)
 
 
-@pytest.mark.parametrize("broken", [b'{"op_code":5,"wor', b"garbage\n", b"\x00" * 9000, b"\n"])
+@pytest.mark.parametrize("broken", BROKEN)
 def test_a_broken_last_line_of_the_journal_is_dropped_by_the_next_writer(
     echo: EpisodeSet, tmp_path: Path, broken: bytes
 ) -> None:

@@ -55,7 +55,15 @@ def test_a_study_of_another_set_is_refused(
 
 @pytest.mark.parametrize(
     "theirs",
-    ["a shopping list\nwith two lines\n", "of one line\n", "without an end", "{of\n", "[1]\n"],
+    [
+        "a shopping list\nwith two lines\n",
+        "of one line\n",
+        "without an end",
+        "{of\n",
+        "{of",
+        '{"a": 1}',
+        "[1]\n",
+    ],
 )
 def test_a_foreign_journal_is_refused(echo: EpisodeSet, tmp_path: Path, theirs: str) -> None:
     (tmp_path / "out").mkdir()

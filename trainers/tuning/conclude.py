@@ -100,11 +100,11 @@ def _preset(
 ) -> tuple[Preset, str]:
     """A trial as a preset, and the comment above it."""
     hyper, settings = whole_point(work.plan, row.point)
-    begun = [trial for trial in all_trials(study) if PRUNER in trial.user_attrs]
-    ended = [t.datetime_complete for t in all_trials(study) if t.datetime_complete is not None]
+    counting = finished(all_trials(study))
+    ended = [t.datetime_complete for t in counting if t.datetime_complete is not None]
     told: dict[str, Any] = {
         **described(work.plan, work.data),
-        "pruner": ", ".join(dict.fromkeys(t.user_attrs[PRUNER] for t in begun)),
+        "pruner": ", ".join(dict.fromkeys(t.user_attrs.get(PRUNER, "unknown") for t in counting)),
         "name": study.study_name,
         "kept_in": work.place.told,
         "date": max(ended).date().isoformat(),

@@ -32,6 +32,7 @@ _CONNECT_S = 10
 # After a minute the server lets go of the turn of a machine that lost its power or its network [s].
 _KEEPALIVE = {"tcp_keepalives_idle": 30, "tcp_keepalives_interval": 10, "tcp_keepalives_count": 3}
 _LINE_BYTES = 4096  # of most lines of a journal
+_BEGINS = b'{"op_code":'  # as Optuna writes them
 _PORT = 5432  # where PostgreSQL listens, if nothing else is said
 _NO_DRIVER = f"psycopg is not installed; --storage needs: {installs('cluster')}."
 _UNREACHABLE = (sqlalchemy.exc.SQLAlchemyError, optuna.exceptions.StorageInternalError)
@@ -132,6 +133,8 @@ class Place:
         try:
             _require_entry_first(self._journal)
             lock = KernelLock(self._journal)
+            lock.acquire()  # takes out a broken last line, of which some cannot even be read
+            lock.release()
             return JournalStorage(JournalFileBackend(str(self._journal), lock_obj=lock))
         except OSError:
             raise
@@ -198,14 +201,14 @@ def _require_entry_first(journal: Path) -> None:
         return
     with journal.open("rb") as file:
         first = file.readline()
-    if first and not first.startswith(b"{"):
+    if not (first.startswith(_BEGINS) or _BEGINS.startswith(first)):  # the latter: cut there
         raise ValueError("its first line is none of a journal's")
     if first.endswith(b"\n"):
         json.loads(first)
 
 
 def _drop_broken_line(journal: Path) -> None:
-    """Readers pass over such a last line, but none behind which another was written."""
+    """Readers pass over most such last lines, but none behind which another was written."""
     if not journal.exists():
         return
     with journal.open("rb+") as file:

@@ -214,13 +214,13 @@ def _refuse(place: Place, name: str, why: str) -> None:
 
 
 def pruner_of(study: Study) -> str:
-    """What ends trials of this process early, as `_pruner` was asked for it."""
+    """What ends trials of this process early."""
     names = {optuna.pruners.NopPruner: "none", optuna.pruners.HyperbandPruner: "hyperband"}
     return names.get(type(study.pruner), "median")
 
 
 def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
-    """None where there are no epochs, or several objectives."""
+    """One that ends nothing where there are no epochs, or several objectives."""
     if name == "none" or plan.timed or plan.arch == "esn":
         return optuna.pruners.NopPruner()
     if name == "hyperband":

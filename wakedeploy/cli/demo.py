@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import json_option, print_table, write_json
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ _SEED = 7  # of the flights; training episodes count from a million
 )
 @click.option("--minutes", type=click.FloatRange(2, 600), default=15.0, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=25.0, show_default=True)
-@click.option("--json", "json_path", type=click.Path(dir_okay=False, path_type=Path))
+@json_option
 def command(out: Path, minutes: float, seconds: float, json_path: Path | None) -> None:
     """Do the main job: simulate, train, export, check, fly without and with feedforward.
 

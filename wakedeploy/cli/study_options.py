@@ -9,6 +9,7 @@ import click
 
 from wakedeploy.cli.output import progress
 from wakedeploy.cli.recordings import VARIABLE, recordings_folder
+from wakedeploy.commit import present_commit
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -53,6 +54,7 @@ def study_options(function: Callable[..., Any]) -> Callable[..., Any]:
     def with_asked(*, seeds: int, out: Path, quick: bool, **others: Any) -> Any:
         import torch
 
+        present_commit()  # now, and not hours later when the results are written
         torch.set_num_threads(1)  # small models are slower on several
         return function(asked=Asked(1 if quick else seeds, out, quick), **others)
 

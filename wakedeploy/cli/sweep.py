@@ -74,7 +74,7 @@ def command(
     """Train every combination that a plan or options ask for, and generate sets.
 
     Every job is a row of OUT/results.jsonl as soon as it is finished, and of OUT/results.csv at the
-    end. Asked again, a sweep does only what has no row; a changed plan adds rows. (Trained models
+    end. Asked again, a sweep trains only what has no row; a changed plan adds rows. (Trained models
     lie in OUT/runs: where they were deleted, take their rows out of OUT/results.jsonl to have them
     again.) A job that fails is a row with its reason and makes the exit status 1. Options replace
     values of PLAN.
@@ -228,7 +228,7 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
 
 
 def _tell_of_other_commits(report: "Report") -> None:
-    from wakedeploy.sweep.jobs import present_commit
+    from wakedeploy.commit import present_commit
 
     others = report.of_other_commits(present_commit())
     if others:

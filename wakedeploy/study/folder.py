@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
-from wakedeploy.commit import frozen_at
+from wakedeploy.commit import present_commit
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.files import json_text, write_text_whole
 from wakedeploy.markup import Markup, element, page, picture, table
@@ -49,8 +49,8 @@ def write_study(
     """Write everything and return the page's path. `result` goes into `study.json`.
 
     `study.json` also says what each part says, which code and which revision of training it is of
-    and which sets, and lists the study's files; those that an earlier one lists and this one does
-    not write are removed, and nothing else is.
+    and which sets, in no order that matters, and lists the study's files; those that an earlier one
+    lists and this one does not write are removed, and nothing else is.
     """
     from trainers.runs import TRAINING
 
@@ -73,7 +73,7 @@ def write_study(
         columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
         body.append(table(list(columns), [list(row) for row in rows]))
     told = {
-        "commit": frozen_at(),
+        "commit": present_commit(),
         "training": TRAINING,
         "sets": [{"domain": data.domain, "sha256": data.sha256} for data in sets],
         **result,

@@ -37,7 +37,7 @@ from trainers.training import (
     stated_lead_s,
     train,
 )
-from wakedeploy.commit import frozen_at
+from wakedeploy.commit import present_commit
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, one_line
 from wakedeploy.files import write_whole
@@ -322,9 +322,3 @@ def _row(job: Job | UnfitJob, told: Row, seconds: float | None) -> Row:
         "python": platform.python_version(),
         "finished_utc": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
-
-
-@functools.cache
-def present_commit() -> str:
-    """The commit of this code, looked up once."""
-    return frozen_at()

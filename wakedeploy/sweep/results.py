@@ -12,8 +12,6 @@ from typing import Any
 from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
 from wakedeploy.sweep.jobs import Row
 
-_ALWAYS = {"identity", "state", "kind", "data"}  # in a row of ours
-
 LINES, TABLE = "results.jsonl", "results.csv"
 
 
@@ -24,7 +22,7 @@ class Results:
         self._lines, self._table = folder / LINES, folder / TABLE
         self.rows: dict[str, Row] = {}
         for row in read_json_lines(self._lines):
-            if row.keys() >= _ALWAYS and row["state"] in ("done", "failed"):
+            if isinstance(row.get("identity"), str) and row.get("state") in ("done", "failed"):
                 self._take(row)
 
     def add(self, row: Row) -> bool:
