@@ -36,8 +36,8 @@ _QUICK_TICKS = 128
 def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: Asked) -> None:
     """Set each architecture's error against its parameters and against its step's time.
 
-    The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: half a minute for
-    each model and domain, in four rounds, on a machine that should do nothing else meanwhile. The
+    The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: 50 s for each
+    model and domain, in four rounds, on a machine that should do nothing else meanwhile. The
     p99 is of a round's ticks; where the rounds of two models overlap, their steps count as equal.
     Trains what `study domains` has not trained into the same folder yet.
 
