@@ -73,8 +73,14 @@ def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_ta
 OWN_PASSES = ("delay-embedding", "cross-attention")  # take most of their time, in any loop
 
 
-def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_worse() -> None:
-    rows = json.loads((DOCS / "training-speed.json").read_text())["rows"]
+@pytest.mark.parametrize(
+    ("record", "least", "least_of_own_passes"),
+    [("training-speed.json", 3.0, 2.2), ("training-speed-slower-core.json", 2.4, 2.0)],
+)
+def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_worse(
+    record: str, least: float, least_of_own_passes: float
+) -> None:
+    rows = json.loads((DOCS / record).read_text())["rows"]
     told = {row["arch"]: row for row in rows}
     error = {
         arch: {who: float(np.mean(own)) for who, own in row["errors"].items()}
@@ -84,7 +90,8 @@ def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_
         assert told[arch]["ratio"]["median"] >= 10.0
         assert error[arch]["ours, twice as long"] < error[arch]["plain"]
     for arch in (MEMORYLESS, "history-mlp", "delay-embedding", "cross-attention"):
-        assert told[arch]["ratio"]["median"] >= (2.2 if arch in OWN_PASSES else 3.0)
+        own = arch in OWN_PASSES
+        assert told[arch]["ratio"]["median"] >= (least_of_own_passes if own else least)
         assert error[arch]["ours"] == pytest.approx(error[arch]["plain"], rel=0.05)
     for row in rows:
         assert row["targets"]["ours"] == row["targets"]["plain"]
