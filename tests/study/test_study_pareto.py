@@ -2,6 +2,7 @@
 
 import csv
 import json
+import warnings
 from functools import partial
 from pathlib import Path
 
@@ -226,6 +227,13 @@ def test_the_study_trains_nothing_that_domains_has_trained(tmp_path, monkeypatch
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "runs-quick").rglob("*.*")}
     assert CliRunner().invoke(main, ["study", "pareto", *asked]).exit_code == 0
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "runs-quick").rglob("*.*")} == before
+
+
+def test_a_single_point_is_drawn_in_the_middle_without_a_warning() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        drawn = panels({"toy": [point("gru", (0.5, 0.6), 17_409, 0.4)]}, {"toy": {"zero": 1.1}})
+    assert drawn.axes[0].get_xlim() == pytest.approx((17_409 / 3.0, 3.0 * 17_409))
 
 
 def test_a_wrong_name_is_refused_in_one_sentence(tmp_path) -> None:

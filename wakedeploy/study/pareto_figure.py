@@ -97,9 +97,12 @@ def _panel(axes: "Axes", points: Sequence[Point], cost: Cost, beside: Unlearned)
         axes.axhline(error, color=figures.MEASURED, linestyle=":", linewidth=1.0, zorder=1)
         axes.set_title(f"····· {name}", loc="right", fontsize=6.5, color=figures.MEASURED)
     axes.margins(x=0.22, y=0.15)
-    _plain_ticks(
-        axes, [at for p in points for at in cost(p)], [*(p.error for p in points), *across.values()]
-    )
+    costs = [at for p in points for at in cost(p)]
+    if max(costs) < 1.2 * min(costs):  # of one point, say, no margin is a share
+        axes.set_autoscalex_on(False)
+        axes.set_xlim(min(costs) / 3.0, 3.0 * max(costs))
+        costs += axes.get_xlim()
+    _plain_ticks(axes, costs, [*(p.error for p in points), *across.values()])
 
 
 def _plain_ticks(axes: "Axes", costs: Sequence[float], errors: Sequence[float]) -> None:
