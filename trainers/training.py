@@ -126,6 +126,11 @@ def stated_lead_s(data: EpisodeSet) -> float:
     return float(stated)
 
 
+def chosen_lead_s(data: EpisodeSet, asked_s: float | None) -> float:
+    """The lead in seconds that was asked for, else the one that the set's rig asks for."""
+    return stated_lead_s(data) if asked_s is None else asked_s
+
+
 def train(
     config: RunConfig,
     data: EpisodeSet,

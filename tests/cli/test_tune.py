@@ -1,5 +1,6 @@
 """`wakedeploy tune` and `train --preset`: what they say and leave."""
 
+import dataclasses
 import json
 import shutil
 import subprocess
@@ -11,6 +12,7 @@ import pytest
 from small_tune import FAST, LIMIT_S, one_line, small_set, tune, wakedeploy
 
 from trainers.build import ARCHITECTURES
+from wakedeploy.episodes import read_episode_set
 
 
 @pytest.fixture(scope="module")
@@ -53,10 +55,13 @@ def test_the_shortest_command_makes_a_folder_of_its_own(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    asked = ("--arch", "agile-mlp", "--data", data, "--trials", 1, "--epochs", 1)
+    rigs = dataclasses.replace(read_episode_set(data), provenance={"default_lead_s": 0.05})
+    rigs.write(tmp_path / "set")
+    asked = ("--arch", "agile-mlp", "--data", tmp_path / "set", "--trials", 1, "--epochs", 1)
     ended = wakedeploy("tune", *asked)
     assert ended.exit_code == 0, ended.output
-    assert (tmp_path / "tuned" / "echo-agile-mlp" / "best.toml").exists()
+    found = tomllib.loads((tmp_path / "tuned" / "echo-agile-mlp" / "best.toml").read_text())
+    assert found["study"]["lead_s"] == 0.05
 
 
 def test_the_best_trains_as_a_preset(done: Path, data: Path, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """A small set that trains in a tenth of a second, and a way to sweep from the command line."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -43,6 +44,14 @@ def small(tmp_path: Path) -> Path:
 @pytest.fixture
 def make_small() -> Callable[..., EpisodeSet]:
     return small_set
+
+
+@pytest.fixture
+def unvalidated() -> EpisodeSet:
+    """A small set whose validation episode is one more of training."""
+    whole = small_set()
+    split = {name: "train" if s == "validation" else s for name, s in whole.split.items()}
+    return dataclasses.replace(whole, split=split)
 
 
 @pytest.fixture

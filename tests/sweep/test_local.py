@@ -2,7 +2,6 @@
 
 import csv
 import dataclasses
-import fcntl
 import json
 import multiprocessing
 import os
@@ -174,23 +173,23 @@ def made_of(data: EpisodeSet, lines: Callable, out: Path) -> Instant:
 
 
 def test_a_generated_set_too_small_to_validate_on_is_kept_and_its_trainings_fail(
-    tmp_path: Path, make_small: Callable, lines: Callable
+    tmp_path: Path, unvalidated: EpisodeSet, lines: Callable
 ) -> None:
     (tmp_path / "plan.toml").write_text(PLAN)
-    plan, out, tiny = read_plan(tmp_path / "plan.toml"), tmp_path / "out", unvalidated(make_small())
-    report = sweep(plan, out, made_of(tiny, lines, out))
+    plan, out = read_plan(tmp_path / "plan.toml"), tmp_path / "out"
+    report = sweep(plan, out, made_of(unvalidated, lines, out))
     made, *unfit = rows = lines(out)
     assert (made["kind"], made["state"]) == ("generate", "done")
-    assert read_episode_set(out / "sets" / "short").sha256 == tiny.sha256
+    assert read_episode_set(out / "sets" / "short").sha256 == unvalidated.sha256
     assert [(row["state"], row["arch"], row["seed"]) for row in unfit] == [
         ("failed", "agile-mlp", seed) for seed in range(2)
     ]
     for row in unfit:
         assert "short: The 'validation' split of this toy set has no episode" in row["reason"]
     assert (report.rows, report.failed, report.waiting, report.begun) == (rows, unfit, 0, 1)
-    again = sweep(plan, out, made_of(tiny, lines, out))
+    again = sweep(plan, out, made_of(unvalidated, lines, out))
     assert (again.rows, again.begun, lines(out)) == (rows, 0, rows)
-    assert sweep(plan, out, made_of(tiny, lines, out), retry_failed=True).begun == 0
+    assert sweep(plan, out, made_of(unvalidated, lines, out), retry_failed=True).begun == 0
     assert [row["state"] for row in lines(out)] == ["done"] + ["failed"] * 4
 
 
@@ -208,11 +207,6 @@ def test_only_the_trainings_that_do_not_fit_a_generated_set_fail(
     ]  # fmt: skip
     assert [row["lead_s"] for row in report.rows[1:]] == [0.0, 3.9]
     assert seen[-1] == (3, 3)
-
-
-def unvalidated(whole: EpisodeSet) -> EpisodeSet:
-    split = {name: "train" if s == "validation" else s for name, s in whole.split.items()}
-    return dataclasses.replace(whole, split=split)
 
 
 # Each update takes learning rate × decay of a weight away: all of it ten times over is nine times
@@ -254,6 +248,13 @@ def test_a_diverged_job_is_a_row_and_the_others_go_on(
 def jobs(small: Path) -> list[TrainJob]:
     choices = [Choice("agile-mlp", seed, None, {"epochs": 1}, {}) for seed in range(2)]
     return train_jobs("small", small, read_episode_set(small), choices, device="cpu")
+
+
+def test_the_lead_is_the_rigs_unless_another_is_asked_for(small: Path) -> None:
+    data = dataclasses.replace(read_episode_set(small), provenance={"default_lead_s": 0.05})
+    choices = [Choice("agile-mlp", 0, lead_s, {"epochs": 1}, {}) for lead_s in (None, 0.0)]
+    made = train_jobs("small", small, data, choices, device="cpu")
+    assert [job.config.lead_s for job in made if isinstance(job, TrainJob)] == [0.05, 0.0]
 
 
 def test_a_setting_that_an_architecture_does_not_use_makes_no_other_run(small: Path) -> None:
@@ -380,75 +381,6 @@ def test_help_loads_no_heavy_library() -> None:
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "LOADED set()" in ended.stdout
-
-
-def test_two_sweeps_do_not_share_a_folder_at_once(
-    small: Path, tmp_path: Path, wakedeploy: Callable
-) -> None:
-    out = tmp_path / "out"
-    asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 1, "--out", out)
-    assert wakedeploy(*asked).exit_code == 0
-    with (out / ".lock").open() as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        told = wakedeploy(*asked)
-    assert told.exit_code == 2
-    assert "Another sweep is at work" in told.output
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--arch", "cnn"], "--arch: 'cnn' is no architecture"),
-        (["--lead", "soon"], "--lead: 'soon' is not a number"),
-        (["--lead", "-1"], "--lead: lead.0 = -1"),
-        (["--epochs", "0"], "--epochs: epochs = 0 has to be a whole number"),
-        (["--learning-rate", "1000"], "--learning-rate: learning_rate = 1000 has to be a number"),
-        (["--learning-rate", "0"], "--learning-rate: learning_rate = 0 has to be a number from"),
-        (["--learning-rate", "NaN"], "--learning-rate: learning_rate = nan has to be a number"),
-        (["--hyper", "gru.hidden"], "write ARCH.NAME=VALUE"),
-        (["--hyper", "gru.hiden=3"], "--hyper gru.hiden: gru has no hyper-parameter"),
-        (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),
-        (["--arch", "gru", "--hyper", "esn.leak=0.1"], "'esn' is not among the architectures"),
-        (["--lead", "5"], "The 'train' split of this toy set has no episode longer"),
-        (["--device", "cuda"], "torch sees no CUDA device"),
-        (["--scheduler", "tcp://x:1", "--workers", "2"], "--workers is for this machine"),
-    ],
-)
-def test_what_cannot_be_used_is_one_sentence_and_leaves_no_trace(
-    arguments: list[str], says: str, small: Path, tmp_path: Path, wakedeploy: Callable,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:  # fmt: skip
-    monkeypatch.setattr("torch.cuda.is_available", lambda: False)
-    told = wakedeploy("sweep", "--data", small, "--out", tmp_path / "out", *arguments)
-    assert told.exit_code == 2, told.output
-    assert says in told.stderr
-    assert len(told.stderr.strip().splitlines()) == 1
-    assert not (tmp_path / "out").exists()
-
-
-def test_a_set_without_validation_is_refused(
-    small: Path, tmp_path: Path, wakedeploy: Callable, make_small: Callable
-) -> None:
-    unvalidated(make_small()).write(small)
-    told = wakedeploy("sweep", "--data", small, "--out", tmp_path / "out")
-    assert told.exit_code == 2
-    assert "The 'validation' split of this toy set" in told.stderr
-
-
-@pytest.mark.parametrize("mark", [None, "{", '{"wakedeploy_sweep": 99}'])
-def test_a_folder_of_something_else_is_left_alone(
-    mark: str | None, small: Path, tmp_path: Path, wakedeploy: Callable
-) -> None:
-    out = tmp_path / "thesis"
-    out.mkdir()
-    (out / "chapter.txt").write_text("Once")
-    if mark:
-        (out / "sweep.json").write_text(mark)
-    before = {path.name: path.read_bytes() for path in out.iterdir()}
-    told = wakedeploy("sweep", "--data", small, "--out", out)
-    assert told.exit_code == 2
-    assert "give" in told.stderr
-    assert {path.name: path.read_bytes() for path in out.iterdir()} == before
 
 
 def test_finished_jobs_are_counted(small: Path, tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from trainers.runs import (
     write_tensors,
 )
 from trainers.score import score
-from trainers.training import configure, settings_for, train
+from trainers.training import chosen_lead_s, configure, settings_for, train
 from wakedeploy.episodes import Channel, EpisodeSet
 from wakedeploy.errors import UnusableInput
 
@@ -157,6 +157,12 @@ def test_another_configuration_or_set_is_told_in_one_sentence(
         trained(echo, tmp_path, "agile-mlp", settings=longer)
     with pytest.raises(UnusableInput, match="trained on other data"):
         trained(make_echo(steps=200), tmp_path, "agile-mlp")
+
+
+def test_a_lead_that_is_asked_for_counts_even_none_and_else_the_rigs(echo: EpisodeSet) -> None:
+    rigs = dataclasses.replace(echo, provenance={"default_lead_s": 0.05})
+    told = [chosen_lead_s(data, asked_s) for data in (rigs, echo) for asked_s in (None, 0.0, 0.1)]
+    assert told == [0.05, 0.0, 0.1, 0.0, 0.0, 0.1]
 
 
 def test_a_run_of_another_revision_of_the_code_is_told(echo: EpisodeSet, tmp_path: Path) -> None:

@@ -92,14 +92,14 @@ def command(
     import torch
 
     from trainers.score import unlearned
-    from trainers.training import configure, stated_lead_s, train
+    from trainers.training import chosen_lead_s, configure, train
     from wakedeploy.episodes import read_episode_set
 
     names = _architectures(arch or _arch_of(preset))
     overrides = _hyper(hyper, names)
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
-    lead_s = stated_lead_s(episodes) if lead_s is None else lead_s
+    lead_s = chosen_lead_s(episodes, lead_s)
     presets = {name: _preset(preset, name, episodes, lead_s) for name in names}
     fits = {name: _settings(name, found, epochs, learning_rate) for name, found in presets.items()}
     shapes = {name: {**(p.hyper if p else {}), **overrides[name]} for name, p in presets.items()}

@@ -156,7 +156,7 @@ def command(
             --objective rmse,latency --workers 4
         wakedeploy train --preset tuned/gru/best.toml --data sets/gantry
     """
-    from trainers.training import stated_lead_s
+    from trainers.training import chosen_lead_s
     from trainers.tuning.plan import make_plan
     from trainers.tuning.study import default_name
     from trainers.tuning.workers import Work
@@ -167,7 +167,7 @@ def command(
     plan = make_plan(
         episodes,
         arch,
-        lead_s=stated_lead_s(episodes) if lead_s is None else lead_s,
+        lead_s=chosen_lead_s(episodes, lead_s),
         epochs=epochs,
         budget=budget,
         objective=tuple(name.strip() for name in objective.split(",")),
@@ -181,9 +181,7 @@ def command(
     )
     with told_when_stopped(_STOPPED.format(work.place.name)):
         found, study = _tuned(work, episodes, workers, _starts(plan, starts))
-    _tell(found, work)
-    if json_path:
-        write_json(json_path, _as_json(found, work, study))
+    _tell(found, work, study, json_path)
 
 
 def _require_of_use(arch: str, objective: str) -> None:
@@ -261,8 +259,10 @@ def _shown_on(bar: Bar, work: "Work") -> "OnTrials":
     return show
 
 
-def _tell(found: "Found", work: "Work") -> None:
+def _tell(found: "Found", work: "Work", study: "Study", json_path: Path | None) -> None:
     plan, best, run = work.plan, found.best, found.run
+    if json_path:
+        write_json(json_path, _as_json(found, work, study))
     said = ", ".join(f"{count} {state}" for state, count in found.counts.items())
     title = f"{plan.arch} on {plan.domain}, study in {work.place.name}: {said}"
     shown = found.front if plan.timed else [best]

@@ -30,11 +30,11 @@ from trainers.runs import (
     run_folder,
 )
 from trainers.training import (
+    chosen_lead_s,
     configure,
     idle_settings,
     require_enough,
     settings_for,
-    stated_lead_s,
     train,
 )
 from wakedeploy.commit import present_commit
@@ -241,7 +241,7 @@ def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:
         data,
         choice.arch,
         seed=choice.seed,
-        lead_s=stated_lead_s(data) if choice.lead_s is None else choice.lead_s,
+        lead_s=chosen_lead_s(data, choice.lead_s),
         hyper={**hyper, **choice.hyper},
         settings=replace(fitted, **idle),
     )
