@@ -289,8 +289,8 @@ def turns_of(config: RunConfig, data: EpisodeSet) -> dict[str, Any]:
 def twice_as_long(config: RunConfig, data: EpisodeSet) -> float:
     """The error of our training alone with twice the epochs.
 
-    Neighbouring samples of a lane tell less than as many drawn at random: ours learns less from as
-    many targets, and has time for more.
+    As many targets teach less in sequences than drawn at random as windows, and ours has time for
+    more.
     """
     epochs = 2 * int(config.settings["epochs"])
     longer = config.model_copy(update={"settings": {**config.settings, "epochs": epochs}})
