@@ -73,7 +73,7 @@ firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build
 
 mutants: $(INSTALLED)
-	$(BIN)/python tests/firmware/mutants.py --json docs/mutants.json
+	$(BIN)/python tests/firmware/mutants.py --json docs/records/mutants.json
 
 clean:
 	rm -rf .venv build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis \

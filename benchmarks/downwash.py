@@ -5,7 +5,7 @@ the default grid, in episodes as long as those of a set. Turns of all are mixed 
 that what else runs slows all alike; the compiled step's own share is the first line. Untrained
 models cost what trained ones do.
 
-    OMP_NUM_THREADS=1 python benchmarks/downwash.py --json docs/downwash-speed.json
+    OMP_NUM_THREADS=1 python benchmarks/downwash.py --json docs/records/downwash-speed.json
 """
 
 import argparse

@@ -24,6 +24,7 @@ from wakedeploy.study.side_by_side import side_by_side
 
 MINUTES, EPOCHS, FLIGHTS, FLIGHT_S = 5.0, 15, 6, 12.0
 MODELS = ("agile-mlp", "history-mlp")
+RECORD = Path(__file__).parents[1] / "docs" / "records" / "downwash-estimates.json"
 FACTORS = (0.75, 4.0 / 3.0)
 ESTIMATES = {  # field of World: symbol and unit, and why this value
     "strength": (
@@ -63,7 +64,7 @@ def main() -> None:
     told = side_by_side(measured, jobs)
     by_name = dict(zip([job[0] for job in jobs], told, strict=True))
     page.write_text(_page(by_name), encoding="utf-8")
-    page.with_suffix(".json").write_text(json.dumps(by_name, indent=1) + "\n")
+    RECORD.write_text(json.dumps(by_name, indent=1) + "\n")
 
 
 def measured(job: tuple[str, World]) -> dict[str, float]:

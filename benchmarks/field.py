@@ -4,7 +4,7 @@ All are timed in turns in one process, so that what else runs on the machine slo
 the core can do is told by the fastest arithmetic found, multiply-adds in the first cache or matrix
 products, and by copies between arrays as large as the field's.
 
-    OMP_NUM_THREADS=1 python benchmarks/field.py --json docs/field.json
+    OMP_NUM_THREADS=1 python benchmarks/field.py --json docs/records/field.json
 """
 
 import argparse

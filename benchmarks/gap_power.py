@@ -1,10 +1,10 @@
 """Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
 
 Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without
-any effect. Writes `docs/gap-power.json`: for all hidden single effects together, by the strength
-that was judged in the flights, and by the share that was promised, the share that should be named,
-the share that was, and the same for "right", a class with the effect included. Takes a minute:
-`python benchmarks/gap_power.py gap-benchmark/`.
+any effect. Writes `docs/records/gap-power.json`: for all hidden single effects together, by the
+strength that was judged in the flights, and by the share that was promised, the share that should
+be named, the share that was, and the same for "right", a class with the effect included. Takes a
+minute: `python benchmarks/gap_power.py gap-benchmark/`.
 """
 
 import itertools
@@ -34,7 +34,7 @@ from wakedeploy.physics.effects import LIBRARY
 FIRST_SEED = 930_000_000  # beyond those of all cases
 STRENGTHS = (0.0, 15.0, 50.0, float("inf"))  # nats, judged
 PROMISED = (0.0, 0.2, 0.8, SURELY, 1.001)
-PAGE = Path(__file__).parents[1] / "docs" / "gap-power.json"
+PAGE = Path(__file__).parents[1] / "docs" / "records" / "gap-power.json"
 
 
 def main() -> None:

@@ -3,7 +3,7 @@
 Each row is a process of its own, paced at 32 Hz over the virtual gantry's port while every other
 core is kept busy, and timed from measurement received to command written.
 
-    python benchmarks/latency.py --json docs/latency.json
+    python benchmarks/latency.py --json docs/records/latency.json
 """
 
 import argparse

@@ -5,7 +5,7 @@ as it is, with stronger wakes, with a battery that is pulled at a random moment,
 motor turns on, and with something that comes into the range sensor's beam then, at any distance
 that it measures. A processor core takes about a third of a second for each flight.
 
-    python benchmarks/thrust_lost.py --json docs/thrust-lost.json
+    python benchmarks/thrust_lost.py --json docs/records/thrust-lost.json
 """
 
 import argparse

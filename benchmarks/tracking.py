@@ -4,7 +4,7 @@ Makes the default gantry set, trains and exports the eight at lead 0 and at the 
 flies PID alone, the true force at both leads, and all sixteen packages over the same flights, none
 of which was trained on. Everything lies in one folder and is made once: a second call goes on.
 
-    OMP_NUM_THREADS=1 python benchmarks/tracking.py --work tracking --json docs/tracking.json
+    OMP_NUM_THREADS=1 python benchmarks/tracking.py --json docs/records/tracking.json
 """
 
 import argparse

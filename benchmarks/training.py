@@ -7,7 +7,7 @@ shuffled batches, a recurrent model runs over each window from a zero state for 
 attention embeds every snapshot of each. Where torch has a unit of its own, the plain loop uses it.
 Two trainings in a process each then say what two cores reach, as a sweep uses them.
 
-    OMP_NUM_THREADS=1 python -m benchmarks.training --json docs/training-speed.json
+    OMP_NUM_THREADS=1 python -m benchmarks.training --json docs/records/training-speed.json
 """
 
 import argparse

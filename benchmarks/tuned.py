@@ -10,7 +10,7 @@ neither by `--domain` nor by `--arch` keeps its row.
 
     OMP_NUM_THREADS=1 python benchmarks/tuned.py sets work --jobs 2
 
-Writes docs/tuned.json, docs/tuned.md and two figures beside it.
+Writes docs/records/tuned.json, docs/tuned.md and two figures in docs/figures.
 """
 
 import argparse
@@ -61,7 +61,7 @@ KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the o
 def main() -> None:
     """Tune, ship, score, write; each finished pair at once."""
     options = _options()
-    rows = read_rows(DOCS / "tuned.json")
+    rows = read_rows(DOCS / "records" / "tuned.json")
     commit = frozen_at(WRITTEN)
     pairs = [(domain, arch) for domain in options.domain for arch in options.arch]
     with ThreadPoolExecutor(options.jobs) as pool:
@@ -227,10 +227,12 @@ def read_rows(path: Path) -> dict[tuple[str, str], Row]:
 def write(rows: Mapping[tuple[str, str], Row]) -> None:
     """Everything that docs/ shows, from all rows."""
     ordered = [rows[d, a] for d in TRIALS for a in ARCHITECTURES if (d, a) in rows]
-    write_text_whole(DOCS / "tuned.json", json.dumps({"rows": ordered}, indent=1) + "\n")
+    write_text_whole(
+        DOCS / "records" / "tuned.json", json.dumps({"rows": ordered}, indent=1) + "\n"
+    )
     write_text_whole(DOCS / "tuned.md", page(ordered))
     for name, drawn in (("gain", gains(ordered)), ("importances", importances(ordered))):
-        figures.save(drawn, DOCS / f"tuned-{name}.png")
+        figures.save(drawn, DOCS / "figures" / f"tuned-{name}.png")
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -256,8 +258,8 @@ def page(rows: Sequence[Row]) -> str:
         "reservoir the best of its three scales, or what shipped before. Of the "
         f"{len(shipped)}, every tuned seed is better on test than every reference seed in "
         f"{surely}; the mean is worse in {len(worse)}{_named(worse)}.",
-        "![Tuned error over the reference's; hollow: it does not ship](tuned-gain.png)",
-        "![Which dimensions matter](tuned-importances.png)",
+        "![Tuned error over the reference's; hollow: it does not ship](figures/tuned-gain.png)",
+        "![Which dimensions matter](figures/tuned-importances.png)",
     ]
     for domain in TRIALS:
         own = [row for row in rows if row["domain"] == domain]

@@ -4,7 +4,7 @@ Flies the default rig in simulation, every flight with a calibration drawn from 
 spreads, without any effect and with six effects that the rig file lacks; watches every flight; and
 times the watch. Two cores take about five minutes.
 
-    python benchmarks/watch.py --json docs/watch.json
+    python benchmarks/watch.py --json docs/records/watch.json
 """
 
 import argparse

@@ -36,7 +36,7 @@ COMMANDS = [
 
 def drawing():
     """The script that draws the wiring, which is no module of a package."""
-    spec = importlib.util.spec_from_file_location("wiring", ROOT / "docs" / "wiring.py")
+    spec = importlib.util.spec_from_file_location("wiring", ROOT / "docs" / "figures" / "wiring.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
@@ -46,7 +46,7 @@ def test_the_picture_and_the_table_have_the_sketchs_pins() -> None:
     wiring = drawing()
     pins = wiring.pins(wiring.PINS.read_text("utf-8"))
     assert set(pins) == {"SOURCE_ESC", "SUFFERER_ESC", "STEP", "DIRECTION", "HOME", "BATTERY"}
-    assert (ROOT / "docs" / "wiring.svg").read_text("utf-8") == wiring.draw(pins)
+    assert (ROOT / "docs" / "figures" / "wiring.svg").read_text("utf-8") == wiring.draw(pins)
     words = {
         "SOURCE_ESC": "source's ESC",
         "SUFFERER_ESC": "sufferer's ESC",
@@ -165,7 +165,7 @@ def test_each_row_of_the_table_has_a_wire_that_ends_at_every_part_it_names() -> 
 
 def test_where_wires_meet_is_a_dot_and_where_they_cross_a_hop() -> None:
     nets, _ = drawn_nets()
-    svg = (ROOT / "docs" / "wiring.svg").read_text("utf-8")
+    svg = (ROOT / "docs" / "figures" / "wiring.svg").read_text("utf-8")
     meet, cross = set(), set()
     pieces = [(n, p) for n, ws in nets.items() for w in ws for p in itertools.pairwise(w)]
     for (net, (a, b)), (other, (c, d)) in itertools.permutations(pieces, 2):

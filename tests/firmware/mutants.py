@@ -1,13 +1,13 @@
 """Changes the firmware's decisions one token at a time and asks the tests whether they notice.
 
     python tests/firmware/mutants.py [--every N] [--start N] [--listed | --again]
-        [--workers N] [--json docs/mutants.json]
+        [--workers N] [--json docs/records/mutants.json]
 
 Prints the mutants that survive. Those in `EQUIVALENT` behave as the original does: each has to
 survive and does not count. Exits 1 when fewer than nine in ten of the others are noticed or when a
 listed one is, 2 when nothing can be judged. `--listed` tries the list alone, as is due after a
 change of the sketch; `--again` the survivors of the record, after a change of the tests. The record
-of the last whole run is docs/mutants.json.
+of the last whole run is docs/records/mutants.json.
 """
 
 import argparse

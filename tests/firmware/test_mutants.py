@@ -20,7 +20,7 @@ from mutants import (
 )
 
 ALL = list(mutants.mutants())
-RECORD = ROOT / "docs" / "mutants.json"
+RECORD = ROOT / "docs" / "records" / "mutants.json"
 LISTED = next(m for m in ALL if m.change in EQUIVALENT)
 OTHERS = [m for m in ALL if m.change not in EQUIVALENT][:4]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-DOCS = Path(__file__).parents[2] / "docs"
+RECORDS = Path(__file__).parents[2] / "docs" / "records"
 MEMORYLESS = "agile-mlp"
 ARCHITECTURES = {MEMORYLESS, "history-mlp", "delay-embedding", "gru", "tcn", "mamba", "esn"}
 ARCHITECTURES |= {"cross-attention"}
@@ -16,7 +16,7 @@ ARCHITECTURES |= {"cross-attention"}
 
 def means(table: str, value: str, **only: str) -> dict[str, float]:
     """The mean of a column over the rows of each predictor."""
-    with (DOCS / table).open(newline="") as file:
+    with (RECORDS / table).open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if only.items() <= row.items()]
     found = defaultdict(list)
     for row in rows:
@@ -32,7 +32,7 @@ def test_the_flags_memory_explains_what_the_paper_says() -> None:
 
 
 def test_quadrotors_are_predicted_to_1_6_newtons_beside_an_observer() -> None:
-    with (DOCS / "study-quadrotor-kinds.csv").open(newline="") as file:
+    with (RECORDS / "study-quadrotor-kinds.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["channel"] == "force_z_n"]
     assert len({row["kind"] for row in rows}) >= 3
     newtons = means("study-quadrotor-kinds.csv", "rmse", channel="force_z_n")
@@ -53,11 +53,11 @@ def test_on_the_downwash_memory_predicts_and_flies_better() -> None:
 
 
 def test_the_compiled_field_is_eight_times_its_twin() -> None:
-    assert json.loads((DOCS / "field.json").read_text())["ratio_worst_turn"] >= 8.0
+    assert json.loads((RECORDS / "field.json").read_text())["ratio_worst_turn"] >= 8.0
 
 
 def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_takes() -> None:
-    with (DOCS / "study-window.csv").open(newline="") as file:
+    with (RECORDS / "study-window.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["domain"] == "gantry"]
     errors = defaultdict(list)
     for row in rows:
@@ -65,7 +65,9 @@ def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_ta
             errors[float(row["past_s"])].append(float(row["rmse"]))
     mean = {past_s: float(np.mean(own)) for past_s, own in errors.items()}
     enough_s = min(past_s for past_s, error in mean.items() if error <= 1.05 * min(mean.values()))
-    assert 0.343 <= enough_s <= 0.5  # transport and the source's lag, from docs/study-delay.csv
+    assert (
+        0.343 <= enough_s <= 0.5
+    )  # transport and the source's lag, from docs/records/study-delay.csv
     memoryless = np.mean([float(row["rmse"]) for row in rows if row["arch"] == MEMORYLESS])
     assert mean[enough_s] < 0.2 * memoryless
 
@@ -80,7 +82,7 @@ OWN_PASSES = ("delay-embedding", "cross-attention")  # take most of their time, 
 def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_worse(
     record: str, least: float, least_of_own_passes: float
 ) -> None:
-    rows = json.loads((DOCS / record).read_text())["rows"]
+    rows = json.loads((RECORDS / record).read_text())["rows"]
     told = {row["arch"]: row for row in rows}
     error = {
         arch: {who: float(np.mean(own)) for who, own in row["errors"].items()}
@@ -99,12 +101,12 @@ def test_recurrent_models_train_ten_times_as_fast_as_in_a_plain_loop_and_end_no_
 
 
 def test_flights_in_lockstep_are_forty_times_as_fast_as_real_time_with_any_model() -> None:
-    told = json.loads((DOCS / "downwash-speed.json").read_text())["times_real_time"]
+    told = json.loads((RECORDS / "downwash-speed.json").read_text())["times_real_time"]
     flown = {name: row["worst"] for name, row in told.items() if name.startswith("closed loop")}
     assert len(flown) == len(ARCHITECTURES)
     assert min(flown.values()) >= 40.0
 
 
 def test_forces_are_recorded_a_hundred_times_as_fast_as_real_time() -> None:
-    told = json.loads((DOCS / "downwash-speed.json").read_text())["times_real_time"]
+    told = json.loads((RECORDS / "downwash-speed.json").read_text())["times_real_time"]
     assert told["recording"]["worst"] >= 100.0

@@ -30,7 +30,7 @@ def choice(names: Collection[str]) -> str:
     )
 
 
-# Seconds of training on the same half an hour of flights (docs/training.json), one thread.
+# Seconds of training on the same half an hour of flights (docs/records/training.json), one thread.
 _SECONDS = {
     "agile-mlp": 4,
     "history-mlp": 11,

@@ -1,4 +1,4 @@
-"""Draw how the rig is wired: `python docs/wiring.py` writes docs/wiring.svg.
+"""Draw how the rig is wired: `python docs/figures/wiring.py` writes docs/figures/wiring.svg.
 
 Pin numbers are read from `arduino_sketch/pins.h`, so that picture and sketch cannot differ. A wire
 ends at a part's terminal or on another wire of its net; where wires of one net meet is a dot, where
@@ -12,7 +12,7 @@ from pathlib import Path
 from xml.sax.saxutils import escape
 
 HERE = Path(__file__).resolve().parent
-PINS = HERE.parent / "arduino_sketch" / "pins.h"
+PINS = HERE.parents[1] / "arduino_sketch" / "pins.h"
 POWER, SIGNAL, GROUND, BUS = "#b5322a", "#1f5f99", "#555555", "#2b7a3d"
 _WIDTH, _HEIGHT = 1110, 730
 _HOP, _DOT = 5, 4
