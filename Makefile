@@ -13,14 +13,15 @@ INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
 	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
 
-# Two tests at a time, each with one thread: more, and the 32 Hz loop of some would be late.
+# Two tests at a time, each with one thread.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
-.PHONY: help venv demo test explore check format lint bench firmware mutants clean
+.PHONY: help venv demo test test-wallclock explore check format lint bench firmware mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
 	@echo "make test    the tests"
+	@echo "make test-wallclock  the tests that need real time, and so a quiet machine; up to three tries each"
 	@echo "make explore the property tests on new random examples; elsewhere they are always the same"
 	@echo "make check   what CI runs: format, lint, types, import rules, tests, base install"
 	@echo "make lint    the part of it that takes seconds"
@@ -50,11 +51,14 @@ demo: $(INSTALLED)
 test: $(INSTALLED)
 	$(TESTS)
 
+test-wallclock: $(INSTALLED)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'wallclock and not slow' --reruns 2
+
 explore: $(INSTALLED)
-	$(TESTS) -m 'hypothesis and not slow' --hypothesis-profile explore
+	$(TESTS) -m 'hypothesis and not slow and not wallclock' --hypothesis-profile explore
 
 check: lint
-	$(TESTS) -m 'not slow or install'
+	$(TESTS) -m '(not slow and not wallclock) or install'
 
 format: $(INSTALLED)
 	$(BIN)/ruff format .

@@ -4,6 +4,7 @@ import signal
 from collections.abc import Callable
 
 import hypothesis
+import needs
 import numpy as np
 import pytest
 
@@ -18,6 +19,17 @@ hypothesis.settings.load_profile("repeatable")
 
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """What was skipped, a line for each reason; why a test that flies in real time flew again."""
+    skipped = terminalreporter.stats.get("skipped", [])
+    for line in needs.skipped_lines(report.longrepr[2] for report in skipped):
+        terminalreporter.write_line(line)
+    for report in terminalreporter.stats.get("rerun", []):
+        crash = getattr(report.longrepr, "reprcrash", None)
+        why = crash.message if crash else str(report.longrepr)
+        terminalreporter.write_line(f"RETRIED {report.nodeid}: {why.strip().splitlines()[0]}")
 
 
 @pytest.fixture(autouse=True, scope="session")

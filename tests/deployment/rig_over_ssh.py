@@ -12,15 +12,15 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import needs
+
 ROOT = Path(__file__).parents[2]
 SSHD = shutil.which("sshd", path=f"{os.environ.get('PATH', '')}:/usr/sbin:/usr/local/sbin")
 
 
-def missing() -> str | None:
-    """Why there can be no sshd here; None where there can."""
-    if SSHD is None or shutil.which("ssh") is None:
-        return "no OpenSSH client and server here (Debian: openssh-client, openssh-server)"
-    return None
+needs_sshd = needs.packages(
+    SSHD is not None and shutil.which("ssh") is not None, "openssh-client", "openssh-server"
+)
 
 
 @dataclass(frozen=True)

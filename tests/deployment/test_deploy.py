@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from rig_over_ssh import ROOT, missing, running_rig
+from rig_over_ssh import ROOT, needs_sshd, running_rig
 
 from runtime.pilot import OBSERVATION
 from runtime.predictor import PackagePredictor
@@ -19,7 +19,7 @@ from wakedeploy.cli import main
 from wakedeploy.package import Example, make_package, read_package, write_package
 from wakedeploy.rig import default_rig, default_rig_text
 
-pytestmark = pytest.mark.skipif(missing() is not None, reason=str(missing()))
+pytestmark = needs_sshd
 
 PASSES = "#!/bin/sh\n"  # a check that is quick, where what it says is not the question
 CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "deploy"]

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 from pathlib import Path
 
+import needs
 import pytest
 
 from runtime.recorder import CLOSE_LIMIT_S
@@ -16,7 +17,6 @@ FOLDER = Path(__file__).parents[2] / "deployment"
 UNIT, RULES = FOLDER / "wakedeploy-gantry@.service", FOLDER / "60-wakedeploy.rules"
 
 VERIFIER = shutil.which("systemd-analyze")
-needs_verifier = pytest.mark.skipif(VERIFIER is None, reason="no systemd-analyze here")
 
 
 def verified(folder, text):
@@ -29,12 +29,12 @@ def verified(folder, text):
     return ended.stdout + ended.stderr + ("" if ended.returncode == 0 else "refused")
 
 
-@needs_verifier
+@needs.systemd
 def test_systemd_has_nothing_to_say_about_the_unit(tmp_path):
     assert verified(tmp_path, UNIT.read_text()) == ""
 
 
-@needs_verifier
+@needs.systemd
 @pytest.mark.parametrize(
     ("word", "wrong", "told"),
     [
@@ -99,7 +99,7 @@ SYSTEMD_DEVICE_VERIFY_SYSFS=0 udevadm test "$DEVICE" 2>&1
 def missing_for_udev():
     """Why udev cannot be asked here; None where it can."""
     if shutil.which("udevadm") is None or shutil.which("unshare") is None:
-        return "no udevadm here (Debian: udev)"
+        return f"{needs.NOT_INSTALLED}udev util-linux mount"
     tried = subprocess.run(
         ["unshare", "--mount", "mount", "-t", "tmpfs", "tmpfs", "/run"],
         capture_output=True, check=False,

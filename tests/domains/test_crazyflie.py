@@ -1,8 +1,8 @@
 """Two Crazyflies: the measured force, either sufferer, and refusals by file, key and reason."""
 
-import os
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -13,7 +13,6 @@ from wakedeploy.domains.crazyflie import MASS_KG, OBSERVATION, import_set
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.errors import UnusableInput
 
-DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
 PUSH_N = {"a": np.array([0.01, -0.02, -0.07]), "b": np.array([0.0, 0.005, 0.03])}
 N = 300
 
@@ -139,10 +138,10 @@ def test_the_command_writes_a_set(tmp_path: Path) -> None:
     assert made.provenance["groups"] == dict.fromkeys(made.split, "swap_sl_00")
 
 
-@pytest.mark.skipif(not (DATA / "crazyflie").is_dir(), reason="the recordings are not here")
+@needs.recordings("crazyflie")
 @pytest.mark.parametrize(("kinds", "grams"), [("ss", -7.5), ("ll", -15.6)])
 def test_directly_below_the_recordings_show_the_known_downwash(kinds: str, grams: float) -> None:
-    made = import_set(DATA / "crazyflie")
+    made = import_set(needs.DATA / "crazyflie")
     below = []
     for episode in made.episodes:
         dx, dy, dz = episode.observation[:, :3].T

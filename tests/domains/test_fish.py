@@ -1,8 +1,8 @@
 """Fish recordings: held causally, split by time, and refused by file, key and reason."""
 
-import os
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -227,17 +227,11 @@ def test_a_damaged_file_is_refused_or_read_but_never_a_surprise(
         assert "rec_" in str(refused)  # noqa: PT017
 
 
-def real_recordings() -> Path:
-    root = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared" / "data"))
-    if not (root / "fish").is_dir():
-        pytest.skip(f"no fish recordings in {root}; set WAKEDEPLOY_DATA")
-    return root / "fish"
-
-
+@needs.recordings("fish")
 def test_the_real_recordings_come_through_the_command_line(tmp_path: Path) -> None:
     out = tmp_path / "fish"
     result = CliRunner().invoke(
-        main, ["data", "import", "fish", str(real_recordings()), "--out", str(out)]
+        main, ["data", "import", "fish", str(needs.DATA / "fish"), "--out", str(out)]
     )
     assert result.exit_code == 0, result.output
     read = read_episode_set(out)

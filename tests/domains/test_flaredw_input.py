@@ -1,15 +1,14 @@
 """What FlareDW files are refused for: by file, key and reason, before anything is written."""
 
-import os
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 
 from wakedeploy.domains.flaredw import read_flights
 from wakedeploy.errors import UnusableInput
 
-DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
 N = 600
 TIME_S = 5.0 + np.arange(N) / 200.0
 
@@ -85,7 +84,7 @@ def test_an_empty_file_has_no_flight(tmp_path: Path) -> None:
         read(tmp_path, uav_1_states=none, uav_2_states=none)
 
 
-@pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")
+@needs.recordings("quadrotor")
 def test_every_public_recording_is_accepted() -> None:
-    told = read_flights(DATA / "quadrotor")
-    assert len({f.file for f in told}) == len(list((DATA / "quadrotor").rglob("*.npz")))
+    told = read_flights(needs.DATA / "quadrotor")
+    assert len({f.file for f in told}) == len(list((needs.DATA / "quadrotor").rglob("*.npz")))

@@ -1,8 +1,8 @@
 """FlareDW as an episode set: features, the observer that learns nothing, files split whole."""
 
-import os
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -16,7 +16,6 @@ from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, obse
 from wakedeploy.episodes import read_episode_set
 from wakedeploy.study.domains import _by_group
 
-DATA = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
 HOVER_RADPS = 379.0
 
 
@@ -191,13 +190,13 @@ def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -
     assert not (tmp_path / "none").exists()
 
 
-@pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")
+@needs.recordings("quadrotor")
 def test_no_two_splits_of_the_recordings_share_a_plan() -> None:
-    made = import_set(DATA / "quadrotor")
+    made = import_set(needs.DATA / "quadrotor")
     planned = list[tuple[str, np.ndarray]]()
     seen = dict[str, set[str]]()
-    for file in sorted((DATA / "quadrotor").rglob("*.npz")):
-        manoeuvre = file.relative_to(DATA / "quadrotor").parts[0]
+    for file in sorted((needs.DATA / "quadrotor").rglob("*.npz")):
+        manoeuvre = file.relative_to(needs.DATA / "quadrotor").parts[0]
         own = {s for n, s in made.split.items()
                if n.rpartition("-")[0] == f"{manoeuvre}-{file.stem}"}  # fmt: skip
         assert len(own) == 1
@@ -216,9 +215,9 @@ def test_no_two_splits_of_the_recordings_share_a_plan() -> None:
     assert seen["2_flyabove"] >= {"train", "test"}
 
 
-@pytest.mark.skipif(not (DATA / "quadrotor").is_dir(), reason="the recordings are not here")
+@needs.recordings("quadrotor")
 def test_the_recordings_become_a_set() -> None:
-    made = import_set(DATA / "quadrotor")
+    made = import_set(needs.DATA / "quadrotor")
     seconds = sum(len(e.force) for e in made.episodes) / made.rate_hz
     assert seconds > 120.0
     test = made.part("test")

@@ -1,9 +1,9 @@
 """All eight, trained for a moment on real recordings, keep their force through export."""
 
 import json
-import os
 from pathlib import Path
 
+import needs
 import pytest
 from click.testing import CliRunner
 
@@ -11,17 +11,7 @@ from trainers.build import ARCHITECTURES
 from wakedeploy.cli import main
 from wakedeploy.package import read_package
 
-RECORDINGS = Path(
-    os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[2] / ".." / "shared" / "data")
-)
-
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(
-        not (RECORDINGS / "fish").is_dir(),
-        reason="the fish recordings are not in WAKEDEPLOY_DATA or ../shared/data",
-    ),
-]
+pytestmark = [pytest.mark.slow, needs.recordings("fish")]
 
 
 def wakedeploy(*arguments: object) -> None:
@@ -32,7 +22,7 @@ def wakedeploy(*arguments: object) -> None:
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fish")
-    wakedeploy("data", "import", "fish", RECORDINGS / "fish", "--out", folder / "set")
+    wakedeploy("data", "import", "fish", needs.DATA / "fish", "--out", folder / "set")
     wakedeploy(
         "train", "--data", folder / "set", "--arch", "all", "--seeds", 1, "--epochs", 2,
         "--out", folder / "runs",

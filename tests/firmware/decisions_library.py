@@ -8,7 +8,6 @@ from pathlib import Path
 
 import hypothesis
 import numpy as np
-import pytest
 
 from runtime.protocol import (
     Arm,
@@ -20,7 +19,7 @@ from runtime.protocol import (
     encode_frame,
     to_half_us,
 )
-from runtime.virtual.firmware_build import host_library, missing_tools
+from runtime.virtual.firmware_build import host_library
 
 TICKS_PER_S = 10_000
 FRAME_TICKS = 200  # 50 Hz
@@ -34,9 +33,6 @@ if "WAKEDEPLOY_DECISIONS" in os.environ:  # that a mutant fails is enough, no ex
     hypothesis.settings.load_profile("mutant")
 
 unhurried = hypothesis.settings(deadline=None)  # the first example may have to compile
-
-NO_COMPILER = missing_tools("g++")
-needs_compiler = pytest.mark.skipif(NO_COMPILER is not None, reason=str(NO_COMPILER))
 
 TRACE = np.dtype([("source_half_us", "u2"), ("sufferer_half_us", "u2"), ("step", "i1")], align=True)
 

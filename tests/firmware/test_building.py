@@ -5,8 +5,8 @@ import re
 import shutil
 from pathlib import Path
 
+import needs
 import pytest
-from decisions_library import needs_compiler
 
 from runtime.protocol import FIRMWARE
 from runtime.virtual import firmware_build
@@ -41,7 +41,7 @@ def test_an_installation_without_the_sketch_says_so(monkeypatch, tmp_path):
         firmware()
 
 
-@needs_compiler
+@needs.compiler
 def test_what_the_compiler_refuses_is_told(tmp_path):
     wrong = Path(tmp_path / "wrong.cpp")
     wrong.write_text("int main( {\n")

@@ -8,12 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-import pytest
+import needs
 
-from runtime.virtual.firmware_build import DECISIONS, ROOT, host_library, missing_tools
+from runtime.virtual.firmware_build import DECISIONS, ROOT, host_library
 
-MISSING = missing_tools("g++", "gcov")
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = needs.coverage
 
 HERE = Path(__file__).parent
 DRIVERS = ("test_frames.py", "test_decisions.py", "test_noise.py")

@@ -4,6 +4,7 @@ import dataclasses
 import math
 import random
 
+import needs
 import numpy as np
 import pytest
 from decisions_library import (
@@ -15,7 +16,6 @@ from decisions_library import (
     LoopWatch,
     flying,
     library,
-    needs_compiler,
     unhurried,
 )
 from hypothesis import given, settings
@@ -37,7 +37,7 @@ from runtime.protocol import (
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.rig import default_rig
 
-pytestmark = needs_compiler
+pytestmark = needs.compiler
 
 RESOLUTION_US = 0.5
 PERIOD_TICKS = TICKS_PER_S / 32

@@ -2,8 +2,8 @@
 
 import time
 
+import needs
 from cable import Cable
-from simulated import needs_simulator
 
 from runtime.link import Link
 from runtime.protocol import Arm, Command, Fault
@@ -13,7 +13,7 @@ from wakedeploy.rig import default_rig
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 
 
-@needs_simulator
+@needs.simulator
 def test_a_sketch_whose_cable_is_pulled_idles_both_motors_and_latches():
     with VirtualGantryProcess(default_rig(), seed=0, firmware=True) as gantry:
         cable = Cable(gantry.port)

@@ -12,15 +12,15 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
-from simulated import needs_simulator
 
 from runtime.virtual.firmware_build import ROOT
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import RunLog, read_run_log
 
-pytestmark = needs_simulator
+pytestmark = needs.simulator
 
 HERE = Path(__file__).parent
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})

@@ -2,9 +2,10 @@
 
 from contextlib import ExitStack
 
+import needs
 import pytest
 from click.testing import CliRunner
-from simulated import needs_simulator, the_uno
+from simulated import the_uno
 
 from runtime import protocol
 from runtime.board import met_board
@@ -64,7 +65,7 @@ class Rig:
         return self
 
 
-@needs_simulator
+@needs.simulator
 def test_thrust_comes_from_the_pulses_and_position_from_the_steps():
     rig = Rig().flying()
     for _ in range(48):
@@ -80,7 +81,7 @@ def test_thrust_comes_from_the_pulses_and_position_from_the_steps():
     assert not status.homed
 
 
-@needs_simulator
+@needs.simulator
 def test_silence_brings_the_sufferer_down_and_latches():
     rig = Rig().flying()
     for _ in range(40):
@@ -94,7 +95,7 @@ def test_silence_brings_the_sufferer_down_and_latches():
     assert rig.send(Command(1800, 1800, 0)).faults == Fault.DEADMAN
 
 
-@needs_simulator
+@needs.simulator
 def test_a_reboot_takes_the_pulses_away_and_starts_idle():
     rig = Rig().flying()
     for _ in range(16):
@@ -108,7 +109,7 @@ def test_a_reboot_takes_the_pulses_away_and_starts_idle():
     assert rig.send(Command(1500, 1500, 0)) is None
 
 
-@needs_simulator
+@needs.simulator
 def test_the_sketch_answers_over_a_real_pseudo_terminal():
     with (
         VirtualGantryProcess(default_rig(), seed=0, firmware=True) as gantry,
@@ -122,7 +123,7 @@ def test_the_sketch_answers_over_a_real_pseudo_terminal():
         assert link.malformed == 0
 
 
-@needs_simulator
+@needs.simulator
 def test_behind_the_sketch_the_sufferer_hovers():
     rig, aim_m = Rig().flying(), 0.6
     heights_m, status = rig.hover(aim_m, 5.0)
@@ -139,7 +140,7 @@ def landing_speed(rig):
     return fastest_mps
 
 
-@needs_simulator
+@needs.simulator
 def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
     """From 0.7 m, as docs/rig.md has it: a board on USB power, one with a supply of its own."""
     switched_off = Rig().flying()
@@ -162,7 +163,7 @@ def test_a_real_board_has_its_own_firmware():
     assert "--firmware belongs to --virtual" in told.output
 
 
-@needs_simulator
+@needs.simulator
 @pytest.mark.parametrize(("firmware", "board"), [(True, "uno"), (False, "virtual")])
 def test_a_run_that_asks_for_the_sketch_gets_it(firmware, board):
     """The handshake alone: a busy computer may be too slow to fly a chip in real time."""

@@ -1,5 +1,6 @@
 """The firmware speaks runtime/protocol.py's wire, byte for byte, and drops what that drops."""
 
+import needs
 import pytest
 from decisions_library import (
     Board,
@@ -8,7 +9,6 @@ from decisions_library import (
     checksum,
     encoded_by_the_firmware,
     fault_bits,
-    needs_compiler,
     unhurried,
 )
 from hypothesis import given
@@ -31,7 +31,7 @@ from runtime.protocol import (
     to_half_us,
 )
 
-pytestmark = needs_compiler
+pytestmark = needs.compiler
 
 U8, U16, U32 = (st.integers(0, 2**n - 1) for n in (8, 16, 32))
 PULSE = U16.map(lambda half: half / 2)

@@ -1,7 +1,8 @@
 """What reset the board reaches the person and the log: the sketch's session behind a real port."""
 
+import needs
 import pytest
-from decisions_library import Board, needs_compiler
+from decisions_library import Board
 from far_end import FarEnd
 
 from runtime.board import met_board
@@ -13,7 +14,7 @@ from wakedeploy.errors import CheckFailed
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
 
-pytestmark = needs_compiler
+pytestmark = needs.compiler
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 

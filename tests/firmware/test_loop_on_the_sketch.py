@@ -3,8 +3,9 @@
 import functools
 import math
 
+import needs
 import pytest
-from simulated import needs_simulator, the_uno
+from simulated import the_uno
 from world import RIG, World
 
 from runtime.loop import Loop
@@ -14,7 +15,7 @@ from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.simulated_uno import BOOT_S
 from wakedeploy.errors import UnusableInput
 
-pytestmark = needs_simulator
+pytestmark = needs.simulator
 
 AT = 60  # ticks: on the way up
 

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 
 import mutants
+import needs
 import pytest
-from decisions_library import needs_compiler
 from mutants import (
     EQUIVALENT,
     LEAST_SHARE,
@@ -83,7 +83,7 @@ def judge(monkeypatch, tmp_path):
     return write
 
 
-@needs_compiler
+@needs.compiler
 def test_a_suite_that_fails_anyhow_judges_nothing(judge, monkeypatch, tmp_path, capsys) -> None:
     judge("def test_one(): assert False\n")
     told = tmp_path / "record.json"
@@ -95,7 +95,7 @@ def test_a_suite_that_fails_anyhow_judges_nothing(judge, monkeypatch, tmp_path, 
     assert not told.exists()
 
 
-@needs_compiler
+@needs.compiler
 def test_what_runs_out_of_time_or_not_at_all_is_not_killed(judge, monkeypatch) -> None:
     folder = judge("import time\ndef test_one(): time.sleep(60)\n")
     monkeypatch.setattr(mutants, "LIMIT_S", 1)

@@ -2,12 +2,13 @@
 
 import random
 
+import needs
 import pytest
-from decisions_library import AT_ONCE, LIMITS, TICKS_PER_S, Board, flying, needs_compiler
+from decisions_library import AT_ONCE, LIMITS, TICKS_PER_S, Board, flying
 
 from runtime.protocol import SEQUENCE_WRAP, Command, Disarm, Fault, Hello
 
-pytestmark = needs_compiler
+pytestmark = needs.compiler
 
 
 def test_duplicated_and_overtaken_frames_are_counted():

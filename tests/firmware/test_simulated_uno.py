@@ -2,14 +2,15 @@
 
 import random
 
+import needs
 import numpy as np
 import pytest
-from simulated import needs_simulator, the_uno
+from simulated import the_uno
 
 from runtime.protocol import Arm, Command, Disarm, Fault, Frame, FrameDecoder, Hello, encode_frame
 from runtime.virtual.simulated_uno import DIRECTION_PIN, SOURCE_PIN, STEP_PIN, SUFFERER_PIN
 
-pytestmark = needs_simulator
+pytestmark = needs.simulator
 
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
 AT_ONCE = Arm(1000, 2000, 2**32 - 1, 250, 1000, 2100, 2**32 - 1)

@@ -1,11 +1,10 @@
 """The sketch compiles without the Arduino IDE and leaves the UNO room."""
 
-import pytest
+import needs
 
-from runtime.virtual.firmware_build import firmware, missing_for_the_uno
+from runtime.virtual.firmware_build import firmware
 
-MISSING = missing_for_the_uno()
-pytestmark = pytest.mark.skipif(MISSING is not None, reason=str(MISSING))
+pytestmark = needs.avr_compiler
 
 MOST_FLASH_BYTES = 8 * 1024  # of 31.5 KiB; about 7 KiB are used
 MOST_RAM_BYTES = 512  # of 2 KiB, the stack not counted; the deepest call takes about 200 more

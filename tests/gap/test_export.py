@@ -3,10 +3,10 @@
 import importlib.util
 import json
 import re
-import shutil
 import subprocess
 import sys
 
+import needs
 import numpy as np
 import pytest
 import scipy.io
@@ -136,7 +136,7 @@ def test_all_effects_together_with_an_expression_stay_in_their_order(tmp_path):
     }
 
 
-@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave-cli is not installed")
+@needs.octave
 def test_octave_computes_what_python_computes(tmp_path):
     rig = all_acting()
     inputs, truth = flown(rig, steps=384)

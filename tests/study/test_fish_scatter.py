@@ -2,9 +2,9 @@
 
 import csv
 import json
-import os
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -22,10 +22,8 @@ from wakedeploy.study.uncertainty import R2
 
 @pytest.fixture(scope="module")
 def recordings() -> Path:
-    place = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
-    if not (place / "fish").is_dir():
-        pytest.skip("the fish recordings are not here; set WAKEDEPLOY_DATA to their folder")
-    return place
+    needs.recordings_of("fish")
+    return needs.DATA
 
 
 def test_the_memoryless_is_never_the_best_memory() -> None:

@@ -2,10 +2,10 @@
 
 import csv
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 
+import needs
 import numpy as np
 import pytest
 from click.testing import CliRunner
@@ -37,10 +37,8 @@ RATE_HZ = 30.0
 
 @pytest.fixture(scope="module")
 def recordings() -> Path:
-    place = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
-    if not (place / "fish").is_dir():
-        pytest.skip("the fish recordings are not here; set WAKEDEPLOY_DATA to their folder")
-    return place
+    needs.recordings_of("fish")
+    return needs.DATA
 
 
 def swinging(delay_s: float, beat_hz: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:

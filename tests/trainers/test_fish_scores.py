@@ -1,8 +1,8 @@
 """The real recordings: memoryless near 0.55, a GRU at 0.95 or more (the paper: 0.57 and 0.96)."""
 
-import os
 from pathlib import Path
 
+import needs
 import pytest
 
 from trainers.training import configure, train
@@ -12,10 +12,7 @@ from wakedeploy.episodes import EpisodeSet
 
 @pytest.fixture(scope="module")
 def fish() -> EpisodeSet:
-    place = Path(os.environ.get("WAKEDEPLOY_DATA", Path(__file__).parents[3] / "shared/data"))
-    if not (place / "fish").is_dir():
-        pytest.skip("the fish recordings are not here; set WAKEDEPLOY_DATA to their folder")
-    return import_set(place / "fish")
+    return import_set(needs.recordings_of("fish"))
 
 
 def r2(fish: EpisodeSet, arch: str, root: Path) -> float | None:

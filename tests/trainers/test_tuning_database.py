@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import needs
 import optuna
 import pytest
 import sqlalchemy
@@ -91,7 +92,7 @@ def unprivileged(folder: Path) -> tuple[str, ...]:
 def server() -> Iterator[Server]:
     programs = sorted(glob.glob("/usr/lib/postgresql/*/bin/initdb"))
     if not programs:
-        pytest.skip("PostgreSQL is not installed (Debian: postgresql)")
+        pytest.skip(f"{needs.NOT_INSTALLED}postgresql")
     # Not below pytest's own folder, which other users may not enter; sockets need a short path.
     folder = Path(tempfile.mkdtemp(prefix="pg-"))
     made = Server(folder, free_port(), Path(programs[-1]).parent, unprivileged(folder))
