@@ -41,6 +41,7 @@ from runtime.tally import Tally
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.watch import GapWatch
 from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.failsafes import HINTS
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Manifest, Package, read_package
 from wakedeploy.physics.effects.chain import unplaced_constants
@@ -57,23 +58,6 @@ Warn = Callable[[str], None]
 
 _STOPPING = (signal.SIGINT, signal.SIGTERM)
 _HANGING_UP = (signal.SIGHUP, signal.SIGQUIT)
-
-HINTS = {
-    "link_lost": "the board stopped answering: check the USB cable and the board's power",
-    "loop_stalled": "the loop stood still: end what else runs on the computer, or fly --realtime",
-    "battery_lost": "the battery's voltage fell far: check its plug, its charge and the stop",
-    "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
-    "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",
-    "sensor_jump": "the measured height jumped and stayed there: keep the sensor's beam free",
-    "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "
-    "propeller, that nothing covers the range sensor, and that the wake is not stronger than it",
-    "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",
-    "mcu_reboot": "the board restarted in flight: check its power supply",
-    "recorder_failed": "the run could not be recorded any further: check the disk's free space",
-    "operator_stop": "stopped by hand",
-    "x_limit": "the carriage left limits.x_m: check the belt and steps_per_m",
-    "z_limit": "the sufferer left limits.z_m: check the range sensor and the control gains",
-}
 
 
 @dataclass(frozen=True)

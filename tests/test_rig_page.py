@@ -17,10 +17,10 @@ from click.testing import CliRunner
 
 from runtime.loop import Loop
 from runtime.reference import random_plan
-from runtime.run import HINTS
 from runtime.simulated import SimulatedGantry
 from wakedeploy.cli import main
 from wakedeploy.cli.doctor import CALIBRATIONS
+from wakedeploy.failsafes import HINTS
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig, default_rig_text, read_rig
 

@@ -23,6 +23,7 @@ TRUE = "#009E73"
 SOURCE = "#CC79A7"
 SUFFERER = "#56B4E9"
 LIMIT = "#999999"
+FAULT = "#B22222"
 MODE_SHADES = {
     "DISARMED": "#d9d9d9",
     "ARMED": "#efefef",

@@ -1,17 +1,23 @@
 """The picture of a run: height, force, commands and timing over time, modes shaded."""
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from wakedeploy import figures
+from wakedeploy.failsafes import in_words
 from wakedeploy.run_summary import RunSummary
 from wakedeploy.runlog import STAGES, RunLog
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+# What a panel shows at least, so that noise at rest does not look like a flight.
+_LEAST_ERROR_MM, _LEAST_FORCE_N, _LEAST_PULSE_US, _LEAST_X_M = 20.0, 0.1, 100.0, 0.02
+_LEAST_TIMING_MS = 1.0
 
 
 def draw_run(log: RunLog, summary: RunSummary, title: str) -> "Figure":
@@ -27,6 +33,7 @@ def draw_run(log: RunLog, summary: RunSummary, title: str) -> "Figure":
         _timing(axes[4], log, summary)
         for panel in axes:
             _shade_modes(panel, log)
+        _mark_failsafe(axes, log, summary)
         if len(log) > 1:
             axes[-1].set_xlim(log["t_s"][0], log["t_s"][-1])
         axes[-1].set_xlabel("time [s]")
@@ -36,9 +43,17 @@ def draw_run(log: RunLog, summary: RunSummary, title: str) -> "Figure":
 
 def _headline(summary: RunSummary) -> str:
     if summary.flying_s <= 0.0:
-        return f"{summary.duration_s:.1f} s, never flown under control"
-    rmse = f"tracking RMSE {1e3 * summary.tracking_rmse_m:.1f} mm"
-    return f"{summary.flying_s:.1f} s under control, {rmse}, {summary.overruns} overruns"
+        flown = f"{summary.duration_s:.1f} s, never flown under control"
+    else:
+        rmse = f"tracking RMSE {1e3 * summary.tracking_rmse_m:.1f} mm"
+        flown = f"{summary.flying_s:.1f} s under control, {rmse}, {summary.overruns} overruns"
+    if summary.failsafe_s != summary.failsafe_s:
+        return flown
+    return f"{flown}\nFailsafe at {summary.failsafe_s:.2f} s: {_cause(summary)}"
+
+
+def _cause(summary: RunSummary) -> str:
+    return in_words(summary.failsafe_cause) or "no cause recorded"
 
 
 def _height(axes: "Axes", log: RunLog) -> None:
@@ -61,11 +76,11 @@ def _error(axes: "Axes", log: RunLog) -> None:
         ("z_est_m", figures.MEASURED, "estimate − reference"),
         ("true_z_m", figures.TRUE, "true − reference"),
     ):
-        if log.has(name) and log.has("z_ref_m"):
+        if log.has(name) and log.has("z_ref_m") and log.flying.any():
             error_mm = np.where(log.flying, 1e3 * (log[name] - log["z_ref_m"]), np.nan)
             axes.plot(log["t_s"], error_mm, color=colour, label=label)
     axes.set_ylabel("error [mm]")
-    _finish(axes)
+    _finish(axes, _LEAST_ERROR_MM, "not recorded" if log.flying.any() else "never flown")
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.6, zorder=1.5)
 
 
@@ -86,7 +101,7 @@ def _force(axes: "Axes", log: RunLog) -> None:
             label="compensated",
         )
     axes.set_ylabel("F [N]")
-    _finish(axes)
+    _finish(axes, _LEAST_FORCE_N)
 
 
 def _commands(axes: "Axes", log: RunLog) -> None:
@@ -102,11 +117,14 @@ def _commands(axes: "Axes", log: RunLog) -> None:
         beside.spines["right"].set_visible(True)
         _line(beside, log, "x_m", figures.TRUE, "carriage x", linewidth=0.8)
         beside.set_ylabel("x [m]")
+        _at_least(beside, _LEAST_X_M)
         handles = [*handles, *beside.get_legend_handles_labels()[0]]
-    _finish(axes, handles=handles)
+    _finish(axes, _LEAST_PULSE_US, handles=handles)
 
 
 def _timing(axes: "Axes", log: RunLog, summary: RunSummary) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     axes.set_title("Round trip, and computing per tick")
     computing_s = np.sum([log[stage] for stage in STAGES], axis=0)
     for values, colour, label, spread in (
@@ -118,8 +136,13 @@ def _timing(axes: "Axes", log: RunLog, summary: RunSummary) -> None:
             axes.plot(log["t_s"], 1e3 * values, ".", markersize=2.0, color=colour, label=shown)
     if axes.lines:
         axes.set_yscale("log")
+        period_ms = 1e3 / log.rate_hz
+        axes.axhline(period_ms, color=figures.LIMIT, linestyle="--", label="period")
+        low, high = axes.get_ylim()
+        axes.set_ylim(min(low, _LEAST_TIMING_MS), max(high, 1.4 * period_ms))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.axhline(1e3 / log.rate_hz, color=figures.LIMIT, linestyle="--", label="period")
+        axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_ylabel("[ms]")
     _finish(axes)
 
@@ -131,11 +154,44 @@ def _line(
         axes.plot(log["t_s"], log[name], color=colour, label=label, **style)
 
 
-def _finish(axes: "Axes", **legend: Any) -> None:
+def _finish(axes: "Axes", least: float = 0.0, empty: str = "not recorded", **legend: Any) -> None:
+    """A legend and an axis of a `least` span; without any data the words for that."""
     if axes.lines:
         figures.legend(axes, **legend)
-    else:
-        axes.text(0.5, 0.5, "not recorded", transform=axes.transAxes, ha="center", va="center")
+        _at_least(axes, least)
+        return
+    axes.set_yticks([])
+    axes.text(0.5, 0.5, empty, transform=axes.transAxes, ha="center", va="center")
+
+
+def _at_least(axes: "Axes", span: float) -> None:
+    """Widen the axis about its middle where it spans less."""
+    low, high = axes.get_ylim()
+    if high - low < span:
+        middle = 0.5 * (low + high)
+        axes.set_ylim(middle - 0.5 * span, middle + 0.5 * span)
+
+
+def _mark_failsafe(panels: "Sequence[Axes]", log: RunLog, summary: RunSummary) -> None:
+    """A line through all panels where the failsafe began; above, beside it, why."""
+    at_s = summary.failsafe_s
+    if at_s != at_s:
+        return
+    for panel in panels:
+        panel.axvline(at_s, color=figures.FAULT, linewidth=1.2, zorder=4)
+    late = at_s - log["t_s"][0] > 0.5 * (log["t_s"][-1] - log["t_s"][0])
+    panels[0].annotate(
+        f"{at_s:.2f} s: {_cause(summary)}",
+        (at_s, 0.05),
+        xycoords=panels[0].get_xaxis_transform(),
+        xytext=(-5 if late else 5, 0),
+        textcoords="offset points",
+        ha="right" if late else "left",
+        color=figures.FAULT,
+        fontsize=8.5,
+        bbox={"facecolor": "white", "alpha": 0.85, "edgecolor": "none", "pad": 1.5},
+        zorder=5,
+    )
 
 
 def _shade_modes(axes: "Axes", log: RunLog) -> None:

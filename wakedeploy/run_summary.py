@@ -29,6 +29,8 @@ class RunSummary:
     same for the true height of a simulation. `overruns`: ticks that took longer than their period,
     and ticks that could not begin: numbers on the loop's grid that neither the log nor the
     recorder's count of losses has. `dropped`: ticks that happened and could not be recorded.
+    `failsafe_s` is when a failsafe began, NaN without one, and `failsafe_cause` the fault that
+    explains the others, by its name in `wakedeploy.failsafes`, "" where none was recorded.
     """
 
     ticks: int
@@ -45,6 +47,8 @@ class RunSummary:
     stages_s: dict[str, Spread]
     seconds_in_mode: dict[str, float]
     faults: dict[str, int]
+    failsafe_s: float
+    failsafe_cause: str
     range_missing: int
     range_repeated: int
     notes: tuple[str, ...]
@@ -68,6 +72,7 @@ def summarise(log: RunLog) -> RunSummary:
     stages = {stage: log[stage] for stage in STAGES}
     computing_s = np.sum(list(stages.values()), axis=0)
     dropped = int(log.metadata.get("dropped", 0))
+    failsafe_s, cause = _failsafe(log)
     return RunSummary(
         ticks=len(log),
         duration_s=float(np.ptp(log["t_s"])) + period_s if len(log) else 0.0,
@@ -83,6 +88,8 @@ def summarise(log: RunLog) -> RunSummary:
         stages_s={name: _spread(values) for name, values in stages.items()},
         seconds_in_mode={mode: modes[mode] * period_s for mode in MODES if modes[mode]},
         faults=_faults(log),
+        failsafe_s=failsafe_s,
+        failsafe_cause=cause,
         range_missing=int(np.isnan(log["range_m"]).sum()),
         range_repeated=int((log["range_repeats"] > 0).sum()),
         notes=_notes(log),
@@ -104,6 +111,15 @@ def _overruns(log: RunLog, computing_s: FloatArray, period_s: float, dropped: in
 def _faults(log: RunLog) -> dict[str, int]:
     named = Counter(name for faults in log["faults"] for name in faults.split("+") if name)
     return dict(named.most_common())
+
+
+def _failsafe(log: RunLog) -> tuple[float, str]:
+    """When the failsafe began, and the first fault of its first tick that tells one."""
+    down = np.flatnonzero(log["mode"] == "FAILSAFE")
+    if not len(down):
+        return float("nan"), ""
+    told = [name for tick in down for name in str(log["faults"][tick]).split("+") if name]
+    return float(log["t_s"][down[0]]), told[0] if told else ""
 
 
 def _notes(log: RunLog) -> tuple[str, ...]:

@@ -15,8 +15,8 @@ from runtime.calibration.session import resting
 from runtime.calibration.steps import driving
 from runtime.loop import arm_limits
 from runtime.reference import hold_plan
-from runtime.run import HINTS
 from runtime.safety import Mode
+from wakedeploy.failsafes import HINTS
 from wakedeploy.rig import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 1.0})

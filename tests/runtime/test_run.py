@@ -20,11 +20,12 @@ from click.testing import CliRunner
 from runtime.calibration.session import resting
 from runtime.protocol import FIRMWARE, Fault
 from runtime.recorder import RunLogWriter
-from runtime.run import HINTS, RunRequest, _judge, fly, require_fit
+from runtime.run import RunRequest, _judge, fly, require_fit
 from runtime.safety import Findings, fatal_faults
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.failsafes import HINTS
 from wakedeploy.package import write_package
 from wakedeploy.rig import default_rig, parse_rig
 from wakedeploy.runlog import read_run_log

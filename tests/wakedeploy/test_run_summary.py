@@ -40,6 +40,12 @@ def rows() -> list[dict[str, object]]:
     return made
 
 
+def ended_by(faults: str) -> list[dict[str, object]]:
+    """The same flight, which a failsafe ends at tick 250."""
+    down = {"mode": "FAILSAFE", "faults": faults}
+    return [row | down if 250 <= row["tick"] < 288 else row for row in rows()]
+
+
 def summary_of(made: list[dict[str, object]], **metadata: str):
     return summarise(RunLog.from_rows(made, {"rate_hz": "32"} | metadata))
 
@@ -99,6 +105,16 @@ def test_the_log_and_the_run_itself_count_the_same_overruns() -> None:
         tally.add(row, 0.0, skipped, overran="overrun" in row["faults"])
     assert summary_of(made).overruns == tally.overruns == 4
     assert summary_of(made).tracking_rmse_m == pytest.approx(tally.rmse_m)
+
+
+def test_a_failsafe_is_told_with_its_time_and_the_fault_that_explains_the_others() -> None:
+    made = ended_by("sensor_lost+late_prediction")
+    told = summary_of(made)
+    assert (told.failsafe_s, told.failsafe_cause) == (250 / 32, "sensor_lost")
+    assert math.isnan(summary_of(rows()).failsafe_s)
+    made[250]["faults"] = None
+    assert summary_of(made).failsafe_cause == "sensor_lost"  # the tick after says it, too
+    assert summary_of(ended_by("")).failsafe_cause == ""
 
 
 def test_simulated_runs_are_scored_against_the_truth_too() -> None:

@@ -148,9 +148,20 @@ def _lines(summary: "RunSummary") -> dict[str, str]:
         **stages,
         "Time in mode": modes,
         "Faults": faults or "none",
+        "Failsafe": _failsafe(summary),
         "Range samples missing": str(summary.range_missing),
         "Range samples repeated": str(summary.range_repeated),
     }
+
+
+def _failsafe(summary: "RunSummary") -> str:
+    """When, and what explains it and helps."""
+    from wakedeploy.failsafes import HINTS
+
+    if summary.failsafe_s != summary.failsafe_s:
+        return ""
+    cause = summary.failsafe_cause
+    return f"at {summary.failsafe_s:.2f} s: {HINTS.get(cause, cause or 'no cause recorded')}"
 
 
 def _stage(column: str) -> str:
