@@ -91,3 +91,17 @@ def legend(axes: "Axes", **options: Any) -> None:
     """A legend above the axes to the right, where it hides no data."""
     place: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 6}
     axes.legend(**(place | {"borderaxespad": 0.2, "handlelength": 1.6} | options))
+
+
+def plain_log(axes: "Axes") -> None:
+    """A logarithmic y axis with plain numbers (0.02, 0.5, 30), for what is drawn already."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
+
+    axes.set_yscale("log")
+    low, high = axes.get_ylim()
+    wide = high > 8.0 * low
+    axes.yaxis.set_major_locator(
+        LogLocator(subs=(1.0, 2.0, 5.0)) if wide else MaxNLocator(6, steps=[1, 2, 5, 10])
+    )
+    axes.yaxis.set_minor_locator(NullLocator())
+    axes.yaxis.set_major_formatter(lambda value, _: f"{value:g}")

@@ -123,8 +123,6 @@ def _commands(axes: "Axes", log: RunLog) -> None:
 
 
 def _timing(axes: "Axes", log: RunLog, summary: RunSummary) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
     axes.set_title("Round trip, and computing per tick")
     computing_s = np.sum([log[stage] for stage in STAGES], axis=0)
     for values, colour, label, spread in (
@@ -135,14 +133,12 @@ def _timing(axes: "Axes", log: RunLog, summary: RunSummary) -> None:
             shown = f"{label}, p99 {1e3 * spread.p99:.2f} ms"
             axes.plot(log["t_s"], 1e3 * values, ".", markersize=2.0, color=colour, label=shown)
     if axes.lines:
-        axes.set_yscale("log")
         period_ms = 1e3 / log.rate_hz
         axes.axhline(period_ms, color=figures.LIMIT, linestyle="--", label="period")
+        axes.set_yscale("log")
         low, high = axes.get_ylim()
         axes.set_ylim(min(low, _LEAST_TIMING_MS), max(high, 1.4 * period_ms))
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        figures.plain_log(axes)
     axes.set_ylabel("[ms]")
     _finish(axes)
 

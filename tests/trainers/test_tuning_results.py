@@ -15,7 +15,8 @@ from trainers.fit import FitSettings
 from trainers.preset import read_preset
 from trainers.training import configure, settings_for, train
 from trainers.tuning.conclude import conclude
-from trainers.tuning.report import _ranked, best_of, front_of, importances, rows_of
+from trainers.tuning.figure import history
+from trainers.tuning.report import Row, _ranked, best_of, front_of, importances, rows_of
 from trainers.tuning.storage import JOURNAL
 from trainers.tuning.workers import run_trials
 from wakedeploy.episodes import EpisodeSet
@@ -62,6 +63,53 @@ def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_
         assert (work.out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
     assert sum(found.importances.values()) == pytest.approx(1)
     assert set(found.importances) == set(study.trials[0].params)
+
+
+def trial(number: int, state: str, error: float | None = None, last: float | None = None) -> Row:
+    return Row(number, state, "", error, last, None, 9, 9, 1.0, "cpu", "", False, number == 0, {})
+
+
+def test_the_history_shows_every_trial_by_what_became_of_it() -> None:
+    states = ["over budget", "impossible", "failed", "lost", "interrupted", "running"]
+    rows = [
+        trial(0, "finished", 0.6), trial(1, "pruned", last=0.9), trial(2, "finished", 0.5),
+        *(trial(3 + at, state) for at, state in enumerate(states)), trial(9, "pruned", last=2.0),
+    ]  # fmt: skip
+    (axes,) = history("a study", rows).axes
+    shown = {line.get_label(): line for line in axes.lines}
+    assert list(shown["finished (2)"].get_ydata()) == [0.6, 0.5]
+    assert list(shown["pruned (2)"].get_xdata()) == [1, 9]
+    assert list(shown["pruned (2)"].get_ydata()) == [0.9, 2.0]
+    assert list(shown["best so far"].get_ydata()) == [0.6, 0.5, 0.5]
+    assert list(shown["best so far"].get_xdata()) == [0, 2, 9]  # as far as the trials go
+    marked = {name.removesuffix(" (1)"): line for name, line in shown.items() if "(1)" in name}
+    assert list(marked) == states
+    assert [line.get_xdata()[0] for line in marked.values()] == [3, 4, 5, 6, 7, 8]
+    looks = [(line.get_marker(), line.get_markerfacecolor()) for line in shown.values()]
+    assert len({look for look in looks if look[0] != "None"}) == 8
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 40, 1000])
+def test_the_trials_of_the_history_are_counted_in_whole_numbers(count: int) -> None:
+    (axes,) = history("a study", [trial(n, "finished", 0.5 + n) for n in range(count)]).axes
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert ticks
+    assert all(tick == round(tick) for tick in ticks)
+    assert low < 0
+    assert high > count - 1
+
+
+def test_a_pruned_trial_is_drawn_where_it_was_ended(echo: EpisodeSet, tmp_path: Path) -> None:
+    work = work_of(echo, tmp_path / "out", trials=18, asked=("hidden=4:16", "layers=1"))
+    study = work.begin()
+    run_trials(work, study, echo)
+    for row, told in zip(rows_of(study), study.trials, strict=True):
+        ended_early = told.state == TrialState.PRUNED
+        assert (row.last_error is not None) == ended_early
+        if ended_early:
+            assert row.last_error == list(told.intermediate_values.values())[-1]
+    assert any(row.last_error for row in rows_of(study))
 
 
 def test_what_was_ended_early_counts_in_the_importances_behind_the_others() -> None:

@@ -7,7 +7,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from trainers.tuning.report import BEHIND, FAILED, FINISHED, OVER_BUDGET, Row, best_of, front_of
+from trainers.tuning.report import (
+    BEHIND,
+    FAILED,
+    FINISHED,
+    IMPOSSIBLE,
+    LOST,
+    OVER_BUDGET,
+    RUNNING,
+    Row,
+    best_of,
+    front_of,
+)
+from trainers.tuning.study import INTERRUPTED
 from wakedeploy import figures
 
 if TYPE_CHECKING:
@@ -15,6 +27,15 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ERROR = "validation error (1 = predicting the mean)"
+# Of trials without any error.
+_MARKS = {
+    OVER_BUDGET: "|",
+    IMPOSSIBLE: "_",
+    FAILED: "x",
+    LOST: "X",
+    INTERRUPTED: "1",
+    RUNNING: ">",
+}
 
 
 def write_figures(
@@ -35,29 +56,74 @@ def write_figures(
 
 
 def history(title: str, rows: Sequence[Row]) -> "Figure":
-    """Each trial's error, the best so far as a line, the reference as another."""
+    """Every trial by what became of it, the best error so far, and the reference as a line.
+
+    A pruned trial stands at the error after its last epoch; one without any error at the bottom.
+    """
     with figures.style():
-        drawn, axes = figures.figure(size=(7.4, 3.4))
+        drawn, axes = figures.figure(size=(8.2, 3.6))
         ended = [row for row in rows if row.state == FINISHED and row.error is not None]
-        numbers, errors = [r.number for r in ended], [r.error or 0.0 for r in ended]
-        axes.plot(numbers, errors, "o", ms=3.5, color=figures.SUFFERER, label="a trial")
-        least = [min(errors[: i + 1]) for i in range(len(errors))]
-        axes.step(numbers, least, where="post", color=figures.PREDICTED, label="best so far")
+        stopped = [row for row in rows if row.state == BEHIND and row.last_error is not None]
+        _errors(axes, ended, stopped)
+        _best_so_far(axes, ended, rows)
         for reference in (row for row in ended if row.reference):
             axes.axhline(reference.error, ls="--", color=figures.LIMIT, label="the paper's shape")
-        for state, mark in ((OVER_BUDGET, "|"), (FAILED, "x")):
-            at = [row.number for row in rows if row.state == state]
-            if at:
-                place = axes.get_xaxis_transform()
-                axes.plot(at, [0.02] * len(at), mark, color=figures.REFERENCE, ms=5,
-                          transform=place, label=state)  # fmt: skip
-        if min(errors) > 0:
-            axes.set_yscale("log")
-            for numbers_on in (axes.yaxis.set_major_formatter, axes.yaxis.set_minor_formatter):
-                numbers_on(lambda value, _: f"{value:g}")
+        without = [row for row in rows if row not in ended and row not in stopped]
+        axes.margins(y=0.12 if without else 0.06)
+        if all(_drawn_at(row) > 0 for row in [*ended, *stopped]):
+            figures.plain_log(axes)
+        _without_error(axes, without)
+        _trial_axis(axes, rows)
         axes.set(xlabel="trial", ylabel=_ERROR, title=title)
         _legend(axes)
     return drawn
+
+
+def _drawn_at(row: Row) -> float:
+    return (row.error if row.error is not None else row.last_error) or 0.0
+
+
+def _errors(axes: "Axes", ended: Sequence[Row], stopped: Sequence[Row]) -> None:
+    for group, told, face in ((ended, FINISHED, figures.SUFFERER), (stopped, BEHIND, "none")):
+        if group:
+            axes.plot([row.number for row in group], [_drawn_at(row) for row in group], "o",
+                      ms=4, color=figures.SUFFERER, mfc=face, label=_counted(told, group))  # fmt: skip
+
+
+def _best_so_far(axes: "Axes", ended: Sequence[Row], rows: Sequence[Row]) -> None:
+    """To the last trial, which need not be a finished one."""
+    errors = [_drawn_at(row) for row in ended]
+    least = [min(errors[: i + 1]) for i in range(len(errors))]
+    numbers = [*(row.number for row in ended), rows[-1].number]
+    axes.step(
+        numbers, [*least, least[-1]], where="post", color=figures.PREDICTED, label="best so far"
+    )
+
+
+def _without_error(axes: "Axes", rows: Sequence[Row]) -> None:
+    """Marks at the bottom, one kind for each state."""
+    place = axes.get_xaxis_transform()
+    for state, mark in _MARKS.items():
+        group = [row for row in rows if row.state == state]
+        if group:
+            axes.plot([row.number for row in group], [0.03] * len(group), mark, ms=5,
+                      color=figures.FAULT if state in (FAILED, LOST) else figures.REFERENCE,
+                      transform=place, clip_on=False, label=_counted(state, group))  # fmt: skip
+
+
+def _counted(state: str, group: Sequence[Row]) -> str:
+    return f"{state} ({len(group)})"
+
+
+def _trial_axis(axes: "Axes", rows: Sequence[Row]) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.xaxis.set_major_locator(
+        MaxNLocator("auto", integer=True, min_n_ticks=1, steps=[1, 2, 5, 10])
+    )
+    last = max(row.number for row in rows)
+    margin = max(0.6, 0.02 * last)
+    axes.set_xlim(-margin, last + margin)
 
 
 def importance(title: str, shares: Mapping[str, float], rows: Sequence[Row]) -> "Figure":

@@ -43,7 +43,7 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 class Row:
     """One trial. `error` is 1 for predicting the mean, `step_us` the step's p99; None: unknown.
 
-    `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
+    `last_error` is the error after the last epoch of a trial that was ended before its end. `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
     beats it, `device` is where it was trained, "" if it was not.
     """
 
@@ -51,6 +51,7 @@ class Row:
     state: str
     reason: str
     error: float | None
+    last_error: float | None
     step_us: float | None
     parameters: int | None
     epochs: int
@@ -152,6 +153,7 @@ def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         state=_state(trial),
         reason=_reason(trial, repeated),
         error=None if values is None else values[0],
+        last_error=None if values is not None else _last_error(trial),
         step_us=None if values is None or len(values) < 2 else values[-1],
         parameters=trial.user_attrs.get(PARAMETERS),
         epochs=trial.user_attrs.get(EPOCHS, len(trial.intermediate_values)),
@@ -162,6 +164,11 @@ def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         reference=REFERENCE in trial.user_attrs,
         point=trained_point(arch, trial),
     )
+
+
+def _last_error(trial: FrozenTrial) -> float | None:
+    told = trial.intermediate_values
+    return told[max(told)] if told else None
 
 
 def _state(trial: FrozenTrial) -> str:
