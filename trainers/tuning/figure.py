@@ -86,8 +86,10 @@ def _drawn_at(row: Row) -> float:
 def _errors(axes: "Axes", ended: Sequence[Row], stopped: Sequence[Row]) -> None:
     for group, told, face in ((ended, FINISHED, figures.SUFFERER), (stopped, BEHIND, "none")):
         if group:
-            axes.plot([row.number for row in group], [_drawn_at(row) for row in group], "o",
-                      ms=4, color=figures.SUFFERER, mfc=face, label=_counted(told, group))  # fmt: skip
+            axes.plot(
+                [row.number for row in group], [_drawn_at(row) for row in group], "o",
+                ms=4, color=figures.SUFFERER, mfc=face, label=_counted(told, group),
+            )  # fmt: skip
 
 
 def _best_so_far(axes: "Axes", ended: Sequence[Row], rows: Sequence[Row]) -> None:
