@@ -7,6 +7,7 @@ import sys
 import venv
 import zipfile
 from collections.abc import Callable
+from email import message_from_string as metadata_of
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,16 @@ def test_the_wheel_holds_the_four_packages_and_nothing_else(wheel: Path) -> None
     assert tops == PACKAGES
     kinds = {Path(name).suffix for name in names if ".dist-info/" not in name}
     assert kinds == {".py", ".toml", ".json", ".typed"}
+
+
+def test_the_wheel_holds_the_licence_and_names_it(wheel: Path) -> None:
+    with zipfile.ZipFile(wheel) as archive:
+        (metadata,) = [name for name in archive.namelist() if name.endswith("/METADATA")]
+        said = metadata_of(archive.read(metadata).decode())
+        licence = archive.read(f"{Path(metadata).parent}/licenses/LICENSE")
+    assert licence == (ROOT / "LICENSE").read_bytes()
+    assert said["License-Expression"] == "Apache-2.0"
+    assert said["Author"] == "The wakedeploy authors"
 
 
 def test_every_module_is_in_the_wheel(wheel: Path) -> None:
