@@ -1,6 +1,6 @@
 # One environment in .venv, then everything from there. `make` alone lists what there is.
 
-# A further package index for pip, e.g. PyTorch's builds without CUDA (see the README).
+# A further package index for torch, e.g. PyTorch's builds without CUDA (see the README).
 WHEEL_INDEX ?=
 
 # The Python that makes .venv: 3.11, 3.12 or 3.13.
@@ -10,13 +10,12 @@ PYTHON ?= $(shell for python in python3 python3.11 python3.12 python3.13; do \
 
 BIN := .venv/bin
 INSTALLED := .venv/.installed
-PIP := $(BIN)/python -m pip install --disable-pip-version-check --constraint constraints.txt \
-	$(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX))
+PIP := $(BIN)/python -m pip --disable-pip-version-check
 
 # Two tests at a time, each with one thread.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
-.PHONY: help venv demo test test-wallclock explore check format lint bench firmware mutants clean
+.PHONY: help venv lock demo test test-wallclock explore check format lint bench firmware mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
@@ -30,20 +29,28 @@ help:
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"
+	@echo "make lock    the versions and hashes of what make venv installs, after a change of pyproject.toml"
 	@echo "make clean   remove the environment and what the tools cached"
 	@echo "Settings: PYTHON=/path/to/python3, WHEEL_INDEX=URL of a further package index"
 
 venv: $(INSTALLED)
 
-$(INSTALLED): pyproject.toml constraints.txt
+# Every file that is installed has a hash in requirements.lock, but for torch: WHEEL_INDEX offers another
+# build of it, with another hash. Its version is pinned; a CUDA build brings NVIDIA's libraries along.
+$(INSTALLED): pyproject.toml requirements.lock constraints.txt
 	@$(or $(PYTHON),false) -c '$(SUITABLE)' || { echo "No suitable Python: wakedeploy needs 3.11, \
 	3.12 or 3.13; install one, or name it: make PYTHON=/path/to/python3.12"; exit 2; }
 	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { echo "$(PYTHON) cannot make virtual \
 	environments; on Debian, Ubuntu and Raspberry Pi OS: sudo apt install python3-venv"; exit 2; }
 	$(PYTHON) -m venv .venv
-	$(PIP) setuptools
-	$(PIP) --no-build-isolation --editable '.[train,dev]'
+	$(PIP) install --require-hashes --only-binary :all: --requirement requirements.lock
+	$(PIP) install --constraint constraints.txt $(if $(WHEEL_INDEX),--extra-index-url $(WHEEL_INDEX)) torch
+	$(PIP) install --no-deps --no-build-isolation --editable .
+	$(PIP) check
 	@touch $@
+
+lock:
+	bash .ci/lock
 
 demo: $(INSTALLED)
 	$(BIN)/wakedeploy demo
