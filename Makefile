@@ -15,7 +15,8 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 # Two tests at a time, each with one thread.
 TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
-.PHONY: help venv lock demo test test-wallclock explore check format lint bench firmware mutants clean
+.PHONY: help venv lock demo test test-wallclock explore check format lint bench results firmware \
+	mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
@@ -26,6 +27,7 @@ help:
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
+	@echo "make results  the pages of results, from the records in docs/records"
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"
@@ -79,6 +81,9 @@ lint: $(INSTALLED)
 
 bench: $(INSTALLED)
 	$(BIN)/wakedeploy bench latency
+
+results: $(INSTALLED)
+	$(BIN)/python -m benchmarks.results
 
 firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build

@@ -5,11 +5,10 @@ the default grid, in episodes as long as those of a set. Turns of all are mixed 
 that what else runs slows all alike; the compiled step's own share is the first line. Untrained
 models cost what trained ones do.
 
-    OMP_NUM_THREADS=1 python benchmarks/downwash.py --json docs/records/downwash-speed.json
+    OMP_NUM_THREADS=1 python -m benchmarks.downwash --json docs/records/downwash-speed.json
 """
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from benchmarks import records
 from trainers.build import ARCHITECTURES, build
 from trainers.lockstep import Lockstep
 from trainers.model import Predictor
@@ -34,7 +34,7 @@ def main() -> None:
     for name, value in result["times_real_time"].items():
         print(f"{name:28} {value['median']:7.1f} times real time (worst turn {value['worst']:.1f})")
     if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

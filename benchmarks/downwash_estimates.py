@@ -1,20 +1,21 @@
 """What hangs on the constants of the 2D downwash simulator that the paper leaves open.
 
 Each estimate is made a quarter smaller and a third larger, one at a time; a small set is flown, a
-model without memory and one with are trained, and what they are worth is told. Writes a table that
-says for each estimate what was chosen and why, and how the two findings move with it.
+model without memory and one with are trained, and both are flown. Prints a table that says for each
+estimate what was chosen and why, and how the two findings move with it.
 
-    OMP_NUM_THREADS=1 python benchmarks/downwash_estimates.py --page docs/downwash-estimates.md
+    OMP_NUM_THREADS=1 python -m benchmarks.downwash_estimates \
+        --json docs/records/downwash-estimates.json
 """
 
 import argparse
-import json
 import tempfile
 from pathlib import Path
 
 import numpy as np
 import torch
 
+from benchmarks import records
 from wakedeploy.domains.downwash import World, make_set
 from wakedeploy.physics.field import FieldGrid
 from wakedeploy.study.closed_loop import LIMITS, Model, mean_force, track
@@ -24,7 +25,6 @@ from wakedeploy.study.side_by_side import side_by_side
 
 MINUTES, EPOCHS, FLIGHTS, FLIGHT_S = 5.0, 15, 6, 12.0
 MODELS = ("agile-mlp", "history-mlp")
-RECORD = Path(__file__).parents[1] / "docs" / "records" / "downwash-estimates.json"
 FACTORS = (0.75, 4.0 / 3.0)
 ESTIMATES = {  # field of World: symbol and unit, and why this value
     "strength": (
@@ -53,9 +53,7 @@ GRIDS = {  # of 100 × 80 cells of 6 cm, 3 m to either side, from 1.2 m above to
 
 def main() -> None:
     """Measure, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--page", type=Path, required=True)
-    page = parser.parse_args().page
+    options = _options()
     jobs = [("as chosen", World())]
     for name in ESTIMATES:
         value = getattr(World(), name)
@@ -63,8 +61,15 @@ def main() -> None:
     jobs += [(name, World(grid=grid)) for name, grid in GRIDS.items()]
     told = side_by_side(measured, jobs)
     by_name = dict(zip([job[0] for job in jobs], told, strict=True))
-    page.write_text(_page(by_name), encoding="utf-8")
-    RECORD.write_text(json.dumps(by_name, indent=1) + "\n")
+    print(page(by_name))
+    if options.json:
+        records.write(options.json, by_name)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 def measured(job: tuple[str, World]) -> dict[str, float]:
@@ -88,19 +93,20 @@ def measured(job: tuple[str, World]) -> dict[str, float]:
     return result
 
 
-def _page(told: dict[str, dict[str, float]]) -> str:
+def page(told: dict[str, dict[str, float]]) -> str:
+    """The estimates, why they are so, and how the findings move with each."""
     plain, memory = MODELS
     first = told["as chosen"]
     lines = [
         "# The constants of the 2D downwash simulator that the paper leaves open",
         "",
-        "Made by `python benchmarks/downwash_estimates.py --page docs/downwash-estimates.md`. The",
-        "paper gives the speed, 6 m/s, its",
-        "diffusivity, 0.3 m²/s, the separation, 2.3 m, and the rate, 100 Hz. The others are",
-        "estimates, chosen once. Each is made a quarter smaller and a third larger alone, and the",
-        "grid finer and of other extents: force errors (over the standard deviation) of a model",
-        f"without memory and of one with, trained for {EPOCHS} epochs on {MINUTES:g} minutes, and "
-        f"tracking over {FLIGHTS} flights.",
+        "The paper gives the speed, 6 m/s, its diffusivity, 0.3 m²/s, the separation, 2.3 m, and "
+        "the rate, 100 Hz. The other constants are estimates. Each is made a quarter smaller and a "
+        "third larger, one at a time. The grid is made finer, narrower, wider and deeper.",
+        "",
+        f"A model without memory and one with are trained for {EPOCHS} epochs on {MINUTES:g} "
+        "minutes. The tables have their force errors over the standard deviation, and tracking "
+        f"errors over {FLIGHTS} flights.",
         "",
         "| estimate | value | why |",
         "| --- | --- | --- |",

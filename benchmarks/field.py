@@ -4,11 +4,10 @@ All are timed in turns in one process, so that what else runs on the machine slo
 the core can do is told by the fastest arithmetic found, multiply-adds in the first cache or matrix
 products, and by copies between arrays as large as the field's.
 
-    OMP_NUM_THREADS=1 python benchmarks/field.py --json docs/records/field.json
+    OMP_NUM_THREADS=1 python -m benchmarks.field --json docs/records/field.json
 """
 
 import argparse
-import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -16,6 +15,7 @@ from pathlib import Path
 import numba
 import numpy as np
 
+from benchmarks import records
 from wakedeploy.physics.field import WakeField
 from wakedeploy.physics.field_grid import FieldGrid, FieldPhysics, blur_weights
 from wakedeploy.physics.field_reference import ReferenceField
@@ -46,7 +46,7 @@ def main() -> None:
     for name, value in result.items():
         print(f"{name:28} {value:.4g}" if isinstance(value, float) else f"{name:28} {value}")
     if options.json:
-        options.json.write_text(json.dumps(result, indent=2) + "\n")
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

@@ -1,23 +1,25 @@
 """Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
 
 Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without
-any effect. Writes `docs/records/gap-power.json`: for all hidden single effects together, by the
+any effect. For all hidden single effects together, by the
 strength that was judged in the flights, and by the share that was promised, the share that should
 be named, the share that was, and the same for "right", a class with the effect included. Takes a
-minute: `python benchmarks/gap_power.py gap-benchmark/`.
+minute:
+
+    python -m benchmarks.gap_power gap-benchmark --json docs/records/gap-power.json
 """
 
+import argparse
 import itertools
 import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from benchmarks import records
 from wakedeploy.domains.gantry import record
-from wakedeploy.files import write_text_whole
 from wakedeploy.gap.benchmark.cases import FLIGHT_S, FLIGHTS, Case, all_cases
 from wakedeploy.gap.benchmark.run import read_lines
 from wakedeploy.gap.flight import flight_from_log
@@ -34,12 +36,12 @@ from wakedeploy.physics.effects import LIBRARY
 FIRST_SEED = 930_000_000  # beyond those of all cases
 STRENGTHS = (0.0, 15.0, 50.0, float("inf"))  # nats, judged
 PROMISED = (0.0, 0.2, 0.8, SURELY, 1.001)
-PAGE = Path(__file__).parents[1] / "docs" / "records" / "gap-power.json"
 
 
 def main() -> None:
     """Compare, print, write."""
-    lines = {line["name"]: line for line in read_lines(Path(sys.argv[1])) if "error" not in line}
+    options = _options()
+    lines = {line["name"]: line for line in read_lines(options.folder) if "error" not in line}
     cases = [c for c in all_cases() if c.kind == "effect" and c.name in lines]
     rows: list[dict[str, Any]] = []
     for instant in (False, True):
@@ -52,8 +54,16 @@ def main() -> None:
             within(rows, "predicted_named", low, high)
         )
     told["cases"] = rows
-    write_text_whole(PAGE, json.dumps(told, indent=1) + "\n")
+    if options.json:
+        records.write(options.json, told)
     print(json.dumps({k: v for k, v in told.items() if k != "cases"}, indent=1))
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=Path, help="of a `wakedeploy gap benchmark` run")
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any]]:

@@ -2,7 +2,7 @@
 
 Writes `wakedeploy/gap/thresholds.json`: by the rig's hash, what 48 sets of five flights each
 without any missing effect, miscalibrated as the rig file allows, exceed together once in twenty.
-Takes about half an hour on two cores: `python benchmarks/gap_thresholds.py`.
+Takes about half an hour on two cores: `python -m benchmarks.gap_thresholds`.
 """
 
 import json

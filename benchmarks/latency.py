@@ -3,7 +3,7 @@
 Each row is a process of its own, paced at 32 Hz over the virtual gantry's port while every other
 core is kept busy, and timed from measurement received to command written.
 
-    python benchmarks/latency.py --json docs/records/latency.json
+    python -m benchmarks.latency --json docs/records/latency.json
 """
 
 import argparse
@@ -12,6 +12,8 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from benchmarks import records
 
 TICKS = 4096
 MACHINE_SETTINGS = {"busy, --realtime": ("--busy", "--realtime"), "busy": ("--busy",)}
@@ -26,7 +28,7 @@ def main() -> None:
         print(f"\n{name} (budget {told['budget_ms']:.2f} ms, {options.ticks} ticks a row)\n")
         print(_table(told["rows"]))
     if options.json:
-        options.json.write_text(json.dumps({"ticks": options.ticks} | result, indent=2) + "\n")
+        records.write(options.json, {"ticks": options.ticks} | result)
 
 
 def _options() -> argparse.Namespace:

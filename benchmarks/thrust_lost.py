@@ -5,7 +5,7 @@ as it is, with stronger wakes, with a battery that is pulled at a random moment,
 motor turns on, and with something that comes into the range sensor's beam then, at any distance
 that it measures. A processor core takes about a third of a second for each flight.
 
-    python benchmarks/thrust_lost.py --json docs/records/thrust-lost.json
+    python -m benchmarks.thrust_lost --json docs/records/thrust-lost.json
 """
 
 import argparse
@@ -17,8 +17,9 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
-from watch import miscalibrated
 
+from benchmarks import records
+from benchmarks.watch import miscalibrated
 from wakedeploy.domains.gantry import record
 from wakedeploy.rig import default_rig
 
@@ -98,12 +99,7 @@ def summed_up(case: str, flights: list[dict[str, object]]) -> dict[str, object]:
 
 def main() -> None:
     """Fly, count, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--flights", type=int, default=200, help="With the default wake.")
-    parser.add_argument("--each", type=int, default=40, help="Of every other case.")
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = _options()
     rows = []
     with ProcessPoolExecutor(max_workers=options.workers) as pool:
         for case in (PULLED, BLOCKED, *WAKES):
@@ -111,7 +107,16 @@ def main() -> None:
             rows.append(summed_up(case, list(pool.map(flown, [case] * count, range(count)))))
             print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)
     if options.json:
-        options.json.write_text(json.dumps({"seconds": SECONDS, "rows": rows}, indent=1) + "\n")
+        records.write(options.json, {"seconds": SECONDS, "rows": rows})
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--flights", type=int, default=200, help="With the default wake.")
+    parser.add_argument("--each", type=int, default=40, help="Of every other case.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

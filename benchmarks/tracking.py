@@ -4,11 +4,10 @@ Makes the default gantry set, trains and exports the eight at lead 0 and at the 
 flies PID alone, the true force at both leads, and all sixteen packages over the same flights, none
 of which was trained on. Everything lies in one folder and is made once: a second call goes on.
 
-    OMP_NUM_THREADS=1 python benchmarks/tracking.py --json docs/records/tracking.json
+    OMP_NUM_THREADS=1 python -m benchmarks.tracking --json docs/records/tracking.json
 """
 
 import argparse
-import json
 import math
 import os
 import subprocess
@@ -19,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import records
 from trainers.build import ARCHITECTURES
 from wakedeploy.domains.gantry import record
 from wakedeploy.episodes import stated_sha256
@@ -60,7 +60,7 @@ def main() -> None:
     print(_table(rows))
     if options.json:
         told = {"seconds": SECONDS, "minutes": options.minutes, "data_sha256": data_sha256}
-        options.json.write_text(json.dumps(told | {"rows": rows}, indent=2) + "\n")
+        records.write(options.json, told | {"rows": rows})
 
 
 def _options() -> argparse.Namespace:

@@ -29,6 +29,7 @@ from torch import Tensor, nn
 from torch.nn.functional import scaled_dot_product_attention
 from torch.utils.data import DataLoader, TensorDataset
 
+from benchmarks import records
 from benchmarks.multiply_adds import MultiplyAdds
 from trainers.build import ARCHITECTURES
 from trainers.cross_attention import CrossAttention
@@ -40,7 +41,6 @@ from trainers.model import Predictor, WakeModel, window_indices
 from trainers.runs import RunConfig, new_predictor
 from trainers.tape import Tape
 from trainers.training import configure, new_fit, settings_for, stated_lead_s, tapes
-from wakedeploy.commit import frozen_at
 from wakedeploy.episodes import EpisodeSet, read_episode_set
 
 DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reservoir is solved
@@ -65,10 +65,9 @@ def main() -> None:
     epochs, seeds = (2, 1) if options.quick else (options.epochs, options.seeds)
     result = measured(data, archs, epochs, seeds, told=print, cores=2)
     result |= {"quick": options.quick, "minutes": data.provenance.get("minutes")}
-    result |= {"commit": frozen_at()}
     print("\n" + table(result["rows"]))
     if options.json:
-        options.json.write_text(json.dumps(result, indent=1) + "\n")
+        records.write(options.json, result)
 
 
 def _options() -> argparse.Namespace:

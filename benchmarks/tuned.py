@@ -8,9 +8,9 @@ too. What ships is the best of these on validation with those seeds: a study jud
 one seed, so that its best is in part the luckiest. Goes on where it was stopped; what is named
 neither by `--domain` nor by `--arch` keeps its row.
 
-    OMP_NUM_THREADS=1 python benchmarks/tuned.py sets work --jobs 2
+    OMP_NUM_THREADS=1 python -m benchmarks.tuned sets work --jobs 2
 
-Writes docs/records/tuned.json, docs/tuned.md and two figures in docs/figures.
+Writes docs/records/tuned.json; `make results` makes the page and the figures of it.
 """
 
 import argparse
@@ -28,12 +28,11 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from benchmarks import records
 from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED, Preset, read_preset, write_preset
 from trainers.runs import METRICS
 from wakedeploy import figures
-from wakedeploy.commit import frozen_at
-from wakedeploy.files import write_text_whole
 from wakedeploy.study.domains import MAIN
 
 if TYPE_CHECKING:
@@ -52,8 +51,7 @@ NARROWED = {
     ("downwash", "mamba"): ("d_state=2:16",),
 }
 SEEDS = 3
-WRITTEN = ("docs", "trainers/presets")
-DOCS = Path(__file__).parents[1] / "docs"
+RECORD = records.FOLDER / "tuned.json"
 Row = dict[str, Any]
 KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the other start ships"}
 
@@ -61,11 +59,10 @@ KEPT = {"tuned": "", "reference": "; the paper's shape ships", "start": "; the o
 def main() -> None:
     """Tune, ship, score, write; each finished pair at once."""
     options = _options()
-    rows = read_rows(DOCS / "records" / "tuned.json")
-    commit = frozen_at(WRITTEN)
+    rows = read_rows(RECORD)
     pairs = [(domain, arch) for domain in options.domain for arch in options.arch]
     with ThreadPoolExecutor(options.jobs) as pool:
-        under_way = {pool.submit(obtained, *pair, options, commit): pair for pair in pairs}
+        under_way = {pool.submit(obtained, *pair, options, records.COMMIT): pair for pair in pairs}
         try:
             for done in as_completed(under_way):
                 pair = under_way[done]
@@ -225,14 +222,11 @@ def read_rows(path: Path) -> dict[tuple[str, str], Row]:
 
 
 def write(rows: Mapping[tuple[str, str], Row]) -> None:
-    """Everything that docs/ shows, from all rows."""
+    """The record of all rows, each of which has its own day and commit."""
     ordered = [rows[d, a] for d in TRIALS for a in ARCHITECTURES if (d, a) in rows]
-    write_text_whole(
-        DOCS / "records" / "tuned.json", json.dumps({"rows": ordered}, indent=1) + "\n"
-    )
-    write_text_whole(DOCS / "tuned.md", page(ordered))
-    for name, drawn in (("gain", gains(ordered)), ("importances", importances(ordered))):
-        figures.save(drawn, DOCS / "figures" / f"tuned-{name}.png")
+    stamp = {"measured": max(row["date"] for row in ordered)}
+    stamp |= {"commit": ", ".join(sorted({row["commit"] for row in ordered}))}
+    records.write(RECORD, stamp | {"rows": ordered})
 
 
 def page(rows: Sequence[Row]) -> str:
@@ -241,25 +235,23 @@ def page(rows: Sequence[Row]) -> str:
     surely = sum(ratio(row)[2] < 1.0 for row in shipped)
     worse = [row for row in shipped if ratio(row)[0] > 1.0]
     devices = {row[name]["device"] for row in rows for name in ("reference", "tuned")}
-    commits = {row["commit"] for row in rows}
     parts = [
         "# What tuning gains",
-        "Made by `python benchmarks/tuned.py SETS WORK`. Each study begins at the paper's shape, "
-        "at what shipped before and, for a reservoir, at the two scales that the studies over "
-        "domains try as well; it is judged on validation by a seed of its own. Both are then "
-        "trained with three others and scored on the test split. The error is the RMSE over the "
-        "standard deviation, 1 for predicting the mean. Brackets: the least and the largest ratio "
-        "of any tuned seed to any of the reference. The first ten trials of a study are those and "
-        "random ones, the others are drawn where these did well; Hyperband ends those early that "
-        "fall behind.",
-        f"Trained on: {', '.join(sorted(devices))}; at commits {', '.join(sorted(commits))}.",
-        f"Of {len(rows)} pairs, what was found ships in {len(shipped)}: there it was better on "
-        "validation with those three seeds, too. In the others the paper's shape does, of a "
-        "reservoir the best of its three scales, or what shipped before. Of the "
-        f"{len(shipped)}, every tuned seed is better on test than every reference seed in "
-        f"{surely}; the mean is worse in {len(worse)}{_named(worse)}.",
-        "![Tuned error over the reference's; hollow: it does not ship](figures/tuned-gain.png)",
-        "![Which dimensions matter](figures/tuned-importances.png)",
+        "`python -m benchmarks.tuned SETS WORK` makes the record of this page. A study starts at "
+        "the paper's shape, at the shape that ships and, for a reservoir, at two other scales. One "
+        "seed judges each trial on validation. Three other seeds then train the found shape and "
+        "the paper's shape, and both are scored on the test split.",
+        "The error is the RMSE over the standard deviation; 1 is predicting the mean. Brackets "
+        "hold the least and the largest ratio of any tuned seed to any seed of the reference. "
+        "Later trials are drawn where earlier ones did well. Hyperband ends trials early that "
+        f"fall behind. Trained on: {', '.join(sorted(devices))}.",
+        f"The found shape ships for {len(shipped)} of {len(rows)} pairs: it was better on "
+        "validation with the three seeds, too. The other pairs ship the paper's shape, a "
+        "reservoir's best scale, or what shipped before. On test, every tuned seed beats every "
+        f"reference seed in {surely} of the {len(shipped)}; the mean is worse in "
+        f"{len(worse)}{_named(worse)}.",
+        "![Tuned error over the reference's; hollow: it does not ship](../figures/tuned-gain.png)",
+        "![Which dimensions matter](../figures/tuned-importances.png)",
     ]
     for domain in TRIALS:
         own = [row for row in rows if row["domain"] == domain]

@@ -4,7 +4,7 @@ Flies the default rig in simulation, every flight with a calibration drawn from 
 spreads, without any effect and with six effects that the rig file lacks; watches every flight; and
 times the watch. Two cores take about five minutes.
 
-    python benchmarks/watch.py --json docs/records/watch.json
+    python -m benchmarks.watch --json docs/records/watch.json
 """
 
 import argparse
@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks import records
 from runtime.watch import GapWatch
 from wakedeploy.domains.gantry import record
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
@@ -100,12 +101,7 @@ def summed_up(name: str, flights: Sequence[dict[str, float | None]]) -> dict[str
 
 def main() -> None:
     """Fly, watch, print the table, write it."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--flights", type=int, default=120, help="Without an effect.")
-    parser.add_argument("--each", type=int, default=20, help="With each effect.")
-    parser.add_argument("--workers", type=int, default=os.cpu_count())
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = _options()
     rows, times = [], []
     with ProcessPoolExecutor(max_workers=options.workers) as pool:
         for name in cases(default_rig()):
@@ -120,7 +116,16 @@ def main() -> None:
         print(f"{row['effect']:34s} {100 * row['noticed']:5.1f} % of {row['flights']}{after}")
     print(f"{told['ms_per_tick']:.2f} ms of computing per tick (median over flights)")
     if options.json:
-        options.json.write_text(json.dumps(told, indent=2) + "\n")
+        records.write(options.json, told)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--flights", type=int, default=120, help="Without an effect.")
+    parser.add_argument("--each", type=int, default=20, help="With each effect.")
+    parser.add_argument("--workers", type=int, default=os.cpu_count())
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

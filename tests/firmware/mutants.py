@@ -28,8 +28,8 @@ from typing import Any
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))
 
+from benchmarks import records  # noqa: E402
 from runtime.virtual.firmware_build import DECISIONS, SKETCH, UNDEFINED_TRAPS  # noqa: E402
-from wakedeploy.commit import frozen_at  # noqa: E402
 
 HERE = Path(__file__).parent
 LEAST_SHARE = 0.9
@@ -365,9 +365,9 @@ def main() -> None:
     for mutant in record["wrongly_listed"]:
         print(f"in EQUIVALENT, and noticed: {mutant}")
     if asked.json:
-        of = {"commit": frozen_at(), "decisions": digest_of_decisions()}
+        of = {"decisions": digest_of_decisions()}
         of |= {"start": asked.start, "every": asked.every, "of": len(every)}
-        asked.json.write_text(json.dumps(of | record, indent=1) + "\n")
+        records.write(asked.json, of | record)
     too_few = record["tried"] and record["share"] < LEAST_SHARE
     sys.exit(1 if too_few or record["wrongly_listed"] else 0)
 

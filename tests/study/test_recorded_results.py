@@ -32,10 +32,10 @@ def test_the_flags_memory_explains_what_the_paper_says() -> None:
 
 
 def test_quadrotors_are_predicted_to_1_6_newtons_beside_an_observer() -> None:
-    with (RECORDS / "study-quadrotor-kinds.csv").open(newline="") as file:
+    with (RECORDS / "study-domains-quadrotor-kinds.csv").open(newline="") as file:
         rows = [row for row in csv.DictReader(file) if row["channel"] == "force_z_n"]
     assert len({row["kind"] for row in rows}) >= 3
-    newtons = means("study-quadrotor-kinds.csv", "rmse", channel="force_z_n")
+    newtons = means("study-domains-quadrotor-kinds.csv", "rmse", channel="force_z_n")
     assert newtons.keys() >= ARCHITECTURES | {"zero", "no-learning observer"}
     assert any("source" in name for name in newtons)
     assert min(newtons[name] for name in ARCHITECTURES - {MEMORYLESS}) <= 1.6
@@ -67,7 +67,7 @@ def test_on_the_gantry_a_window_suffices_that_reaches_as_far_back_as_the_wake_ta
     enough_s = min(past_s for past_s, error in mean.items() if error <= 1.05 * min(mean.values()))
     assert (
         0.343 <= enough_s <= 0.5
-    )  # transport and the source's lag, from docs/records/study-delay.csv
+    )  # transport and the source's lag, from docs/records/study-delay-embedding.csv
     memoryless = np.mean([float(row["rmse"]) for row in rows if row["arch"] == MEMORYLESS])
     assert mean[enough_s] < 0.2 * memoryless
 

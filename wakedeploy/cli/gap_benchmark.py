@@ -1,6 +1,5 @@
 """`wakedeploy gap benchmark`: the workflow against effects that are hidden from it."""
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +13,6 @@ if TYPE_CHECKING:
     from wakedeploy.gap.benchmark.cases import Case
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
-_FILE = click.Path(dir_okay=False, path_type=Path)
 _MULTIPLES = 3
 
 
@@ -28,11 +26,6 @@ _MULTIPLES = 3
 )
 @click.option("--table-only", is_flag=True, help="Fly nothing: tables of what is there.")
 @click.option("--keep", is_flag=True, help="Keep each case's logs and answer.")
-@click.option(
-    "--page",
-    type=_FILE,
-    help="Also write the tables as a Markdown page, a figure and the cases beside it.",
-)
 def benchmark(
     short: bool,
     full: bool,
@@ -41,7 +34,6 @@ def benchmark(
     out: Path,
     table_only: bool,
     keep: bool,
-    page: Path | None,
 ) -> None:
     """Hide effects in two plants, let the workflow close the gap, and judge its answers.
 
@@ -53,7 +45,7 @@ def benchmark(
     \b
     Example:
         wakedeploy gap benchmark --short
-        wakedeploy gap benchmark --workers 2 --page docs/gap-benchmark.md
+        wakedeploy gap benchmark --workers 2
     """
     from wakedeploy.gap.benchmark.run import read_lines, run_cases
 
@@ -68,7 +60,7 @@ def benchmark(
             lines = run_cases(cases, out, workers=workers, keep=keep, progress=bar.update)
     if not lines:
         raise UnusableInput(f"{out}: there is no finished case; run without --table-only.")
-    _write(lines, out, page)
+    _write(lines, out)
 
 
 def _chosen(short: bool, full: bool, only: tuple[str, ...]) -> "list[Case]":
@@ -81,23 +73,17 @@ def _chosen(short: bool, full: bool, only: tuple[str, ...]) -> "list[Case]":
     return chosen
 
 
-def _write(lines: list[dict[str, Any]], out: Path, page: Path | None) -> None:
+def _write(lines: list[dict[str, Any]], out: Path) -> None:
     from wakedeploy import figures
     from wakedeploy.files import write_text_whole
     from wakedeploy.gap.benchmark.page import draw, markdown_of, text_of
     from wakedeploy.gap.benchmark.run import LINES
     from wakedeploy.gap.benchmark.table import summary
 
-    told = summary(lines)
+    told, picture = summary(lines), out / "benchmark.png"
     write_json(out / "summary.json", told)
-    for path in filter(None, (out / "benchmark.md", page)):
-        picture = path.with_suffix(".png")
-        figures.save(draw(told), picture)
-        lines_name = path.with_suffix(".jsonl").name if path == page else LINES
-        write_text_whole(path, markdown_of(told, picture.name, lines_name))
-    if page:  # what the tables can be made of again, and the run gone on with
-        text = "".join(json.dumps(line) + "\n" for line in lines)
-        write_text_whole(page.with_suffix(".jsonl"), text)
+    figures.save(draw(told), picture)
+    write_text_whole(out / "benchmark.md", markdown_of(told, picture.name, LINES))
     click.echo(text_of(told))
 
 

@@ -7,6 +7,7 @@ set before the run.
 import math
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy import figures
@@ -45,14 +46,19 @@ def markdown_of(told: Summary, figure_name: str = "", lines_name: str = "") -> s
     commits = ", ".join(c or "no commit" for c in told["commits"])
     parts = [
         "# The gap workflow against hidden effects",
-        "Made by `wakedeploy gap benchmark`. Every case has turbulence, outliers, clock jitter and "
-        "calibration errors of the size that the rig file states; half of the cases come from a "
-        "second plant that imports nothing of this project. Strength is what the hidden effect "
-        "gains on flights left out, in nats, measured by the judge. Brackets: Wilson's 95 % "
-        "intervals. A case on which the workflow failed counts as wrong.",
+        "`wakedeploy gap benchmark` hides effects in two plants and judges the answers of the gap "
+        "workflow. The second plant imports nothing of this project. Every case has turbulence, "
+        "outliers, clock jitter and calibration errors of the size that the rig file states.",
+        "Strength is the gain in log-likelihood of the hidden effect on held-out flights, in nats, "
+        "as the judge measures it. Brackets are Wilson's 95 % intervals. A case on which the "
+        "workflow failed counts as wrong.",
         f"Cases: {counts}{_left(told)}. Code frozen at: {commits}."
-        + (f" Each case has a line in [{lines_name}]({lines_name})." if lines_name else ""),
-        _headline(told),
+        + (
+            f" Each case has a line in [{Path(lines_name).name}]({lines_name})."
+            if lines_name
+            else ""
+        ),
+        headline(told),
         _closed(told),
         f"![Share of right answers against the strength of the hidden effect]({figure_name})"
         if figure_name
@@ -89,7 +95,8 @@ def draw(told: Summary) -> "Figure":
     return drawn
 
 
-def _headline(told: Summary) -> str:
+def headline(told: Summary) -> str:
+    """The figures that have a bar, and those beside them."""
     rows = [
         [label, _share(told[key]), f"{told[key]['count']} of {told[key]['of']}", bar]
         for key, label, bar in _RATES
@@ -114,15 +121,15 @@ def _closed(told: Summary) -> str:
     """What the share of the gap closed is a share of, and in how many cases there is none."""
     unseen, own = told["does_not_show"], told["closed_by_own_floor"]
     text = (
-        "The share closed is (before² − after²) / (before² − floor²) of the error 0.25 s ahead on "
-        "sealed flights, for effects of 50 nats and above and for pairs. The floor is the error "
-        "that the judge leaves there, who fits the hidden effect to the flights not sealed. In "
-        f"{unseen['count']} of {unseen['of']} cases the hidden effect does not show in that error "
-        "beyond what its scatter explains, and no share is told."
+        "The share closed is (before² − after²) / (before² − floor²). These are errors 0.25 s "
+        "ahead on sealed flights, for effects of 50 nats and above and for pairs. The floor is the "
+        "error of the judge, who fits the hidden effect to the other flights. "
+        f"{unseen['count']} of {unseen['of']} cases have no share: the hidden effect does not show "
+        "in that error beyond its scatter."
     )
     if own is not None:
         text += (
-            " By the floor that the corrected model expects of itself, the mean is "
+            " With the floor that the corrected model expects of itself, the mean is "
             f"{own['mean']:.2f}, over {own['count']}."
         )
     return text
@@ -173,8 +180,8 @@ def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
         for row in rows
     ]
     text = (
-        "Each effect that was named has a confidence; members of classes are not counted here. A "
-        "confidence is honest where the last share agrees with the mean beside it."
+        "Each named effect has a confidence; members of classes are not counted. A confidence is "
+        "honest where the share of hidden effects agrees with the mean confidence."
     )
     head = ["confidence", "mean", "hidden indeed", "answers"]
     return f"## How sure, and how often rightly\n\n{text}\n\n{_table(head, cells)}"
@@ -196,11 +203,11 @@ def _tracking(flown: Mapping[str, Any]) -> str:
     head = ["case", "plant", "answer", "before [mm]", "after [mm]", "after / before", "force [N]"]
     mean = flown["mean_ratio"]
     text = (
-        "For a fixed few cases, a predictor is trained on the simulation of the uncorrected rig "
-        "file and one on that of the corrected; each flies with its own rig file on the plant that "
-        "still hides the effect, on the same references. Root mean square height errors over four "
-        "flights, with 90 % intervals; of the ratio, flights are paired. The last column has both "
-        "predictors' errors on the sealed flights."
+        "For a few fixed cases, one predictor is trained on the simulation of the uncorrected rig "
+        "file and one on that of the corrected file. Each flies with its own rig file on the plant "
+        "that hides the effect, on the same references. Errors are root mean squares of the height "
+        "over four flights, with 90 % intervals; flights are paired for the ratio. The last column "
+        "has both predictors' errors on the sealed flights."
     )
     if mean is not None:
         text += f" Geometric mean of the ratios: {mean:.2f}, over {flown['count']}."

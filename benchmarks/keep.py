@@ -1,0 +1,109 @@
+"""Keep what a `wakedeploy` command wrote as records, with day and commit.
+
+    python -m benchmarks.keep table runs.json training      # a table of `train --json`
+    python -m benchmarks.keep study study/shift             # a study's folder
+    python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
+    python -m benchmarks.keep gap-domain runs/motor         # `gap domain`
+    python -m benchmarks.keep gap-benchmark gap-benchmark   # and `gap benchmark`
+
+The day is the one on which the command wrote its result. The commit is the one that the result
+states, else the present one. Of a study's tables and pictures those are kept that pages show. What
+a recording itself contains is left out: records hold results.
+"""
+
+import argparse
+import datetime
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+from benchmarks import records
+from wakedeploy.files import write_text_whole
+
+
+def main() -> None:
+    """Read, stamp, write."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    kinds = parser.add_subparsers(dest="kind", required=True)
+    for kind in KINDS:
+        one = kinds.add_parser(kind)
+        one.add_argument("source", type=Path)
+        if kind == "table":
+            one.add_argument("name", help="the record's name")
+    options = vars(parser.parse_args())
+    KINDS[options.pop("kind")](**options)
+
+
+def table(source: Path, name: str) -> None:
+    """A table that a command wrote by `--json`."""
+    _keep(name, source)
+
+
+def study(source: Path) -> None:
+    """A study's result, and those of its tables and pictures that are kept already."""
+    _keep(f"study-{source.name}", source / "study.json")
+    for kind, folder in (("csv", records.FOLDER), ("png", records.FIGURES)):
+        for path in source.glob(f"*.{kind}"):
+            target = folder / f"study-{path.name}"
+            if target.exists():
+                shutil.copyfile(path, target)
+
+
+def gap_demo(source: Path) -> None:
+    """The demo's own account, its result and what the predictors are worth on measured flights."""
+    result = {
+        "demo": _read(source / "demo.json"),
+        "result": _read(source / "gap" / "result.json"),
+        "retrain": _read(source / "gap" / "show.json")["retrain"],
+    }
+    _write("gap-demo", source / "demo.json", result)
+    shutil.copyfile(source / "gap-demo-story.png", records.FIGURES / "gap-demo-story.png")
+
+
+def gap_domain(source: Path) -> None:
+    """A domain's result without what only its page draws, recordings among it."""
+    result = _read(source / "domain.json")
+    for part in (result, *(one for one in result.values() if isinstance(one, dict))):
+        for name in ("shown", "where"):
+            part.pop(name, None)
+    _write(f"gap-domain-{result['domain']}", source / "domain.json", result)
+
+
+def gap_benchmark(source: Path) -> None:
+    """The benchmark's lines, one for each case; each states its commit already."""
+    path = source / "cases.jsonl"
+    lines = [json.loads(line) for line in path.read_text("utf-8").splitlines()]
+    stamped = [{"measured": _day(path)} | line for line in lines]
+    text = "".join(json.dumps(line) + "\n" for line in stamped)
+    write_text_whole(records.FOLDER / "gap-benchmark.jsonl", text)
+
+
+def _keep(name: str, source: Path) -> None:
+    _write(name, source, _read(source))
+
+
+def _write(name: str, source: Path, result: dict[str, Any]) -> None:
+    records.write(records.FOLDER / f"{name}.json", {"measured": _day(source)} | result)
+
+
+def _day(source: Path) -> str:
+    """When a command wrote a file."""
+    return f"{datetime.datetime.fromtimestamp(source.stat().st_mtime, datetime.UTC):%Y-%m-%d}"
+
+
+def _read(path: Path) -> dict[str, Any]:
+    result: dict[str, Any] = json.loads(path.read_text("utf-8"))
+    return result
+
+
+KINDS = {
+    "table": table,
+    "study": study,
+    "gap-demo": gap_demo,
+    "gap-domain": gap_domain,
+    "gap-benchmark": gap_benchmark,
+}
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,28 @@
+"""Write every generated page and picture of results: `python -m benchmarks.results`."""
+
+from benchmarks import records, tuned
+from benchmarks.results.pages import Pages
+from benchmarks.results.section import Records
+from wakedeploy import figures
+from wakedeploy.files import write_text_whole
+from wakedeploy.gap.benchmark.page import draw
+from wakedeploy.gap.benchmark.table import summary
+
+
+def main() -> None:
+    """Make all from the records."""
+    for path, text in Pages().texts.items():
+        write_text_whole(records.ROOT / path, text)
+        print(path)
+    read = Records(records.FOLDER)
+    rows = read.json("tuned.json")["rows"]
+    for name, drawn in (
+        ("tuned-gain", tuned.gains(rows)),
+        ("tuned-importances", tuned.importances(rows)),
+        ("gap-benchmark", draw(summary(read.lines("gap-benchmark.jsonl")))),
+    ):
+        figures.save(drawn, records.FIGURES / f"{name}.png")
+
+
+if __name__ == "__main__":
+    main()

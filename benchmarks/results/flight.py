@@ -1,0 +1,164 @@
+"""Results of flights: tracking, latency, endings, and the watch for a gap."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from benchmarks.results.section import (
+    ARCHITECTURES,
+    MEMORYLESS,
+    Records,
+    Section,
+    paragraphs,
+    span,
+    table,
+)
+
+Row = Mapping[str, Any]
+
+
+def tracking(records: Records) -> Section:
+    """What a predicted force is worth in flight, at both leads."""
+    result = records.json("tracking.json")
+    rows = result["rows"]
+    leads = sorted({row["lead_s"] for row in rows if row["lead_s"] is not None})
+    errors = {(row["name"], row["lead_s"]): row for row in rows}
+    names = list(dict.fromkeys(row["name"] for row in rows))
+    lines = [
+        [
+            _shown(name),
+            *(_error(errors.get((name, lead), errors.get((name, None)))) for lead in leads),
+        ]
+        for name in names
+    ]
+    oracle_mm = errors["true force", leads[0]]["rmse_mm"]
+    gains = {n: oracle_mm / errors[n, leads[-1]]["rmse_mm"] for n in ARCHITECTURES}
+    better = sum(gains[name] > 1.0 for name in ARCHITECTURES if name != MEMORYLESS)
+    text = (
+        f"With a lead of {1e3 * leads[-1]:.0f} ms, {better} of {len(ARCHITECTURES) - 1} "
+        "architectures with memory track better than the true force at lead 0. "
+        f"{_best(gains)} Without memory the error is "
+        f"{errors[MEMORYLESS, leads[-1]]['rmse_mm']:.1f} mm."
+    )
+    head = ["feedforward", *(f"lead {1e3 * lead:.0f} ms [mm]" for lead in leads)]
+    return Section(
+        "Tracking with a predicted force",
+        f"Altitude RMSE on the default virtual gantry, mean over {rows[0]['flights']} flights of "
+        f"{result['seconds']:g} s ± two standard errors. No architecture was trained on these "
+        "flights. The true force is the oracle.",
+        paragraphs(table(head, lines), text, _parity(rows)),
+        ("python -m benchmarks.tracking --json docs/records/tracking.json",),
+    )
+
+
+def _shown(name: str) -> str:
+    return {MEMORYLESS: f"{MEMORYLESS} (no memory)"}.get(name, name)
+
+
+def _error(row: Row | None) -> str:
+    return "–" if row is None else f"{row['rmse_mm']:.1f} ± {row['half_width_mm']:.1f}"
+
+
+def _best(gains: Mapping[str, float]) -> str:
+    best = max(gains, key=lambda name: gains[name])
+    return f"The best, {best}, is better by a factor of {gains[best]:.1f}."
+
+
+def _parity(rows: list[Row]) -> str:
+    """How far the exported graphs are from the training-time forward, where the rows state it."""
+    stated = [(row["name"], row["parity"]) for row in rows if "parity" in row]
+    if not stated:
+        return ""
+    name, worst = max(stated, key=lambda one: one[1]["max_rel"] / one[1]["limit"])
+    return (
+        f"Parity: the exported graph and the training-time forward differ most for {name}, by "
+        f"{worst['max_rel']:.1e} of the largest force (limit {worst['limit']:.1e}), over "
+        f"{worst['steps']:,} carried steps of each of the {len(stated)} packages."
+    )
+
+
+def latency(records: Records) -> Section:
+    """From measurement received to command written."""
+    result = records.json("latency.json")
+    alone, shared = result["busy, --realtime"], result["busy"]
+    other = {row["arch"]: row for row in shared["rows"]}
+    lines = [
+        [
+            row["arch"],
+            *(f"{row[key]:.2f}" for key in ("p50_ms", "p99_ms", "p999_ms", "max_ms")),
+            f"{row['cpu_percent']:.1f} %",
+            f"{row['rss_mb']:.0f} MB",
+            f"{other[row['arch']]['p999_ms']:.1f}",
+        ]
+        for row in alone["rows"]
+    ]
+    missed = [r["arch"] for r in shared["rows"] if r["p999_ms"] > alone["budget_ms"]]
+    text = (
+        f"The budget is {alone['budget_ms']:.2f} ms: the period less the round trip. With "
+        f"`--realtime` the p99.9 is {span([r['p999_ms'] for r in alone['rows']], 2)} ms. Without "
+        "it " + (f"{_listed(missed)} missed the budget." if missed else "none missed the budget.")
+    )
+    head = ["architecture", "p50 [ms]", "p99", "p99.9", "max", "CPU of one core", "memory"]
+    return Section(
+        "Latency",
+        "From measurement received to command written, over a pseudo-terminal, paced at 32 Hz with "
+        f"every other core busy, {result['ticks']:,} ticks a row, `--realtime`. The last column is "
+        "the p99.9 without `--realtime`. No Raspberry Pi has been measured yet.",
+        paragraphs(table([*head, "p99.9 without"], lines), text),
+        ("python -m benchmarks.latency --json docs/records/latency.json",),
+    )
+
+
+def _listed(names: list[str]) -> str:
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def endings(records: Records) -> Section:
+    """False endings of healthy flights, and how soon a failure is noticed."""
+    result = records.json("thrust-lost.json")
+    lines = []
+    for row in result["rows"]:
+        delays = row.get("delay_in_the_air_p50_p90_max_s")
+        told = [f"{delays[0]:.2f}", f"{delays[2]:.2f}"] if delays else ["–", "–"]
+        lines.append([row["case"], str(row["flights"]), str(row["named"]), *told])
+    blocked = next(row for row in result["rows"] if "unnoticed_off_m" in row)
+    off_m = [abs(value) for value in blocked["unnoticed_off_m"]]
+    text = (
+        f"{len(off_m)} things in the beam were not noticed; they were {span(off_m, 2)} m from the "
+        f"sufferer. {blocked['seen_too_low']} made the sufferer seem too low, and one of these let "
+        f"it rise by {blocked['risen_p50_max_m'][1]:.2f} m."
+    )
+    head = ["case", "flights", "ended by the supervisor", "noticed after [s], median", "longest"]
+    return Section(
+        "Flights that end early",
+        f"Simulated flights of {result['seconds']:g} s whose constants are off as far as "
+        "calibration leaves them: healthy flights, batteries that are pulled at a random moment, "
+        "and things that come into the range sensor's beam. In a healthy flight every ending is a "
+        "false one.",
+        paragraphs(table(head, lines), text),
+        ("python -m benchmarks.thrust_lost --json docs/records/thrust-lost.json",),
+    )
+
+
+def watch(records: Records) -> Section:
+    """What `run-gantry --watch-gap` notices."""
+    result = records.json("watch.json")
+    lines = [
+        [
+            row["effect"],
+            str(row["flights"]),
+            str(round(row["noticed"] * row["flights"])),
+            "–" if row["median_s"] is None else f"{row['median_s']:.1f}",
+        ]
+        for row in result["rows"]
+    ]
+    head = ["what the rig file lacks", "flights", "warned", "after [s], median"]
+    return Section(
+        "The watch for a gap in flight",
+        "How often and how soon `run-gantry --watch-gap` warns, in flights of "
+        f"{result['seconds']:g} s with calibration errors of the size that the rig file states. "
+        "The first row has no effect: each of its warnings is false.",
+        paragraphs(
+            table(head, lines), f"The watch takes {result['ms_per_tick']:.2f} ms of a core a tick."
+        ),
+        ("python -m benchmarks.watch --json docs/records/watch.json",),
+    )

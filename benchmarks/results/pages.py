@@ -1,0 +1,128 @@
+"""The pages of results: which sections there are, in which order, and what stands around them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks import downwash_estimates, records, tuned
+from benchmarks.results import (
+    flight,
+    flown,
+    gap,
+    gap_domains,
+    learning,
+    readme,
+    simulators,
+    studies,
+)
+from benchmarks.results.section import Records, Section, paragraphs
+from wakedeploy.gap.benchmark.page import markdown_of
+from wakedeploy.gap.benchmark.table import summary
+
+SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
+    "In flight": (flight.tracking, flight.latency, flight.endings, flight.watch),
+    "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
+    "The paper's comparisons": (
+        studies.domains,
+        studies.kinds,
+        flown.closed_loop,
+        flown.shift,
+        flown.lead,
+        studies.window,
+        studies.pareto,
+        studies.delay,
+        studies.basin,
+    ),
+    "Finding what the simulation lacks": (
+        gap.demo,
+        gap.hidden_effects,
+        gap.power,
+        gap_domains.domains,
+    ),
+    "Simulators and firmware": (
+        simulators.downwash_speed,
+        simulators.field_step,
+        simulators.estimates,
+        simulators.mutants,
+    ),
+}
+
+
+def hidden_effects(read: Records) -> str:
+    """The gap benchmark's page."""
+    lines = "../records/gap-benchmark.jsonl"
+    told = summary(read.lines("gap-benchmark.jsonl"))
+    return markdown_of(told, "../figures/gap-benchmark.png", lines).strip()
+
+
+def tuned_shapes(read: Records) -> str:
+    """The page of tuned hyper-parameters."""
+    return tuned.page(read.json("tuned.json")["rows"]).strip()
+
+
+def estimates(read: Records) -> str:
+    """The page of the 2D downwash's open constants."""
+    result = read.json("downwash-estimates.json")
+    worlds = {name: one for name, one in result.items() if isinstance(one, dict)}
+    return downwash_estimates.page(worlds).strip()
+
+
+DETAILS: dict[str, Callable[[Records], str]] = {
+    "gap-benchmark.md": hidden_effects,
+    "gap-domains.md": gap_domains.page,
+    "studies.md": studies.page,
+    "tuned.md": tuned_shapes,
+    "downwash-estimates.md": estimates,
+}
+
+
+class Pages:
+    """All generated texts by their path from the root, and the records that they were made of."""
+
+    def __init__(self, folder: Path = records.FOLDER) -> None:
+        self.folder = folder
+        self.used: set[str] = set()
+        self.texts = {f"docs/results/{name}": self._detail(of) for name, of in DETAILS.items()}
+        self.texts["docs/results.md"] = self._results()
+        self.texts["README.md"] = readme.filled(
+            (records.ROOT / "README.md").read_text("utf-8"), self._read()
+        )
+
+    def _results(self) -> str:
+        parts = [
+            "# Results",
+            "`make results` makes this page from the [records](records/). Each section says what "
+            "was measured, which commands make it again, and when and at which commit the record "
+            "was made. No number here is written by hand.",
+        ]
+        for chapter, sections in SECTIONS.items():
+            parts += [f"## {chapter}", *(self._section(section) for section in sections)]
+        return paragraphs(*parts) + "\n"
+
+    def _section(self, make: Callable[[Records], Section]) -> str:
+        read = self._read()
+        one = make(read)
+        commands = "\n".join(("```", *one.commands, "```"))
+        return paragraphs(
+            f"### {one.title}", one.measured, one.body, commands, self._provenance(read, "records")
+        )
+
+    def _detail(self, make: Callable[[Records], str]) -> str:
+        read = self._read()
+        return paragraphs(make(read), self._provenance(read, "../records")) + "\n"
+
+    def _read(self) -> Records:
+        return Records(self.folder)
+
+    def _provenance(self, read: Records, place: str) -> str:
+        """When and at which commit the records of a section were made."""
+        self.used |= set(read.read)
+        told = [
+            f"measured {day} at {_commits(commit)}: "
+            + ", ".join(f"[{name}]({place}/{name})" for name in names)
+            for (day, commit), names in read.stamps().items()
+        ]
+        return "Records " + "; ".join(told) + "."
+
+
+def _commits(commit: str) -> str:
+    return ", ".join(f"`{one}`" for one in commit.split(", ")) if commit else "no commit"

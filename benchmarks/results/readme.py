@@ -1,0 +1,77 @@
+"""The table of results in README.md, between its two marks."""
+
+import re
+import statistics
+
+from benchmarks.results.section import ARCHITECTURES, MEMORYLESS, Records, span, table
+from wakedeploy.gap.benchmark.table import summary
+
+MARKED = re.compile(
+    r"(<!-- results: made by `make results` -->\n).*?(<!-- end of results -->)", re.DOTALL
+)
+
+
+def filled(text: str, records: Records) -> str:
+    """The README with the table of the present records; ValueError where a mark is missing."""
+    new, times = MARKED.subn(lambda found: f"{found[1]}{results(records)}\n{found[2]}", text)
+    if times != 1:
+        raise ValueError("README.md: the marks around the table of results are missing")
+    return new
+
+
+def results(records: Records) -> str:
+    """One line for each thing that a reader asks first."""
+    rows = [*_tracking(records), _latency(records), *_learning(records), *_gap(records)]
+    return table(["what", "measured", "aim or bound"], rows)
+
+
+def _tracking(records: Records) -> list[list[str]]:
+    rows = records.json("tracking.json")["rows"]
+    ahead_s = max(row["lead_s"] for row in rows if row["lead_s"] is not None)
+    error = {(row["name"], row["lead_s"]): f"{row['rmse_mm']:.1f} mm" for row in rows}
+    ahead = f"force {1e3 * ahead_s:.0f} ms ahead"
+    return [
+        ["altitude error in flight, PID alone", error["PID alone", None], ""],
+        [f"the same, {ahead} without memory", error[MEMORYLESS, ahead_s], ""],
+        [
+            f"the same, {ahead} by a GRU",
+            error["gru", ahead_s],
+            f"oracle {error['true force', ahead_s]}",
+        ],
+    ]
+
+
+def _latency(records: Records) -> list[str]:
+    told = records.json("latency.json")["busy, --realtime"]
+    p999 = [row["p999_ms"] for row in told["rows"]]
+    what = "measurement to command, p99.9 of the eight on a busy laptop"
+    return [what, f"{span(p999, 1)} ms", f"{told['budget_ms']:.2f} ms"]
+
+
+def _learning(records: Records) -> list[list[str]]:
+    trained = {row["arch"]: row for row in records.json("training.json")["rows"]}
+    largest = max(trained[arch]["trainable"] for arch in ARCHITECTURES)
+    flag = [
+        row["r2"]["flag_tip_m"] for row in records.json("fish.json")["rows"] if row["arch"] == "gru"
+    ]
+    return [
+        ["training a GRU on half an hour of flight", f"{trained['gru']['seconds']:.0f} s", ""],
+        ["trainable parameters, the largest of the eight", f"{largest:,}", "100,000"],
+        [
+            "R² of a GRU on the airfoil-and-flag recordings",
+            f"{statistics.fmean(flag):.3f}",
+            "paper 0.96",
+        ],
+    ]
+
+
+def _gap(records: Records) -> list[list[str]]:
+    told = summary(records.lines("gap-benchmark.jsonl"))
+    names = {
+        "right_from_50_nats": ("hidden effects of 50 nats and more, answered rightly", "≥ 95 %"),
+        "false_alarms": ("effects named or suspected where none is hidden", "≤ 5 %"),
+    }
+    return [
+        [what, f"{told[key]['count']} of {told[key]['of']}", bar]
+        for key, (what, bar) in names.items()
+    ]

@@ -1,0 +1,75 @@
+"""Results about the simulators and the firmware: speed, open constants, mutants."""
+
+from benchmarks.results.section import Records, Section, paragraphs, percent, span, table
+
+
+def downwash_speed(records: Records) -> Section:
+    """How fast the 2D downwash flies."""
+    result = records.json("downwash-speed.json")
+    lines = [
+        [name, f"{one['median']:.0f}", f"{one['worst']:.0f}"]
+        for name, one in result["times_real_time"].items()
+    ]
+    return Section(
+        "Speed of the 2D downwash",
+        f"Recorded seconds over seconds of one core, {result['episodes']} episodes of "
+        f"{result['seconds']:g} s in lockstep, over {result['turns']} turns.",
+        table(["job", "times real time, median", "worst turn"], lines),
+        ("python -m benchmarks.downwash --turns 2 --json docs/records/downwash-speed.json",),
+    )
+
+
+def field_step(records: Records) -> Section:
+    """The compiled field step beside numpy."""
+    one = records.json("field.json")
+    lines = [
+        ["compiled step", f"{one['numba_us']:.0f} µs"],
+        ["the same in numpy", f"{one['numpy_us']:.0f} µs"],
+        ["ratio, median and worst turn", f"{one['ratio']:.1f}, {one['ratio_worst_turn']:.1f}"],
+        ["operations at the core's fastest rate", f"{one['arithmetic_alone_us']:.0f} µs"],
+        ["memory traffic that cannot be avoided", f"{one['least_traffic_alone_us']:.0f} µs"],
+        ["memory traffic of this code", f"{one['present_traffic_alone_us']:.0f} µs"],
+    ]
+    return Section(
+        "One step of the 2D field",
+        f"Time of one step of a grid of {one['columns']} × {one['rows']} cells on one core.",
+        table(["", "time"], lines),
+        ("python -m benchmarks.field --json docs/records/field.json",),
+    )
+
+
+def estimates(records: Records) -> Section:
+    """What hangs on the constants that the paper leaves open, in short."""
+    result = records.json("downwash-estimates.json")
+    worlds = [one for one in result.values() if isinstance(one, dict)]
+    ratios = [one["agile-mlp share"] / one["history-mlp share"] for one in worlds]
+    gains = [100 * one["history-mlp gain"] for one in worlds]
+    body = (
+        f"Over {len(worlds)} variants, the error without memory is {span(ratios, 1)} times the "
+        f"error with memory. The model with memory reaches {span(gains, 0)} % of the oracle's "
+        "gain in flight. [results/downwash-estimates.md](results/downwash-estimates.md) has all "
+        "variants."
+    )
+    return Section(
+        "Constants that the paper leaves open",
+        "The 2D downwash with each open constant made smaller and larger, and with other grids.",
+        body,
+        ("python -m benchmarks.downwash_estimates --json docs/records/downwash-estimates.json",),
+    )
+
+
+def mutants(records: Records) -> Section:
+    """Whether the tests notice changes of the firmware's decisions."""
+    one = records.json("mutants.json")
+    lines = [
+        ["changes that can be noticed from outside", str(one["tried"])],
+        ["noticed", f"{one['noticed']} ({percent(one['share'], 1)})"],
+        ["changes that behave as the original does", str(len(one["equivalent"]))],
+        ["changes that do not compile", str(one["no_program"])],
+    ]
+    return Section(
+        "Mutants of the firmware",
+        "Each decision of the firmware changed by one token at a time: do the tests notice?",
+        paragraphs(table(["", "changes"], lines)),
+        ("make mutants",),
+    )

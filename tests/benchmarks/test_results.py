@@ -1,0 +1,122 @@
+"""The generated pages of results against the records, and what a record has to state."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from benchmarks import keep, records
+from benchmarks.results import flight, readme
+from benchmarks.results.pages import SECTIONS, Pages
+from benchmarks.results.section import Records
+
+KINDS = {".json", ".csv", ".jsonl"}
+
+
+@pytest.fixture(scope="module")
+def pages() -> Pages:
+    return Pages()
+
+
+def test_every_generated_page_is_what_the_records_give(pages: Pages) -> None:
+    for path, text in pages.texts.items():
+        assert (records.ROOT / path).read_text("utf-8") == text, f"{path}: run make results"
+
+
+def test_no_record_is_unused_and_there_is_nothing_but_records(pages: Pages) -> None:
+    present = {path.name for path in records.FOLDER.iterdir()}
+    assert present == pages.used
+    assert {Path(name).suffix for name in present} <= KINDS
+    manuals = {path.suffix for path in (records.ROOT / "docs").iterdir() if path.is_file()}
+    assert manuals == {".md"}
+
+
+def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages: Pages) -> None:
+    page = pages.texts["docs/results.md"]
+    sections = page.split("\n### ")[1:]
+    assert len(sections) == sum(len(chapter) for chapter in SECTIONS.values())
+    for section in sections:
+        (line,) = re.findall(r"^Records (measured .*)$", section, re.MULTILINE)
+        for told in line.split("; "):
+            assert re.match(r"measured 20\d\d-\d\d-\d\d at `[0-9a-f]{7,12}`", told), told
+        assert "```\n" in section
+
+
+def test_every_picture_and_page_that_the_results_show_is_there(pages: Pages) -> None:
+    for path, text in pages.texts.items():
+        folder = (records.ROOT / path).parent
+        for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+            assert (folder / target).exists(), f"{path}: {target}"
+
+
+def test_the_table_of_the_readme_is_that_of_the_records_it_names(tmp_path: Path) -> None:
+    text = "before\n<!-- results: made by `make results` -->\nold\n<!-- end of results -->\nafter\n"
+    filled = readme.filled(text, Records(records.FOLDER))
+    rows = json.loads((records.FOLDER / "tracking.json").read_text())["rows"]
+    (alone,) = [row["rmse_mm"] for row in rows if row["name"] == "PID alone"]
+    assert f"PID alone | {alone:.1f} mm |" in filled
+    assert "old" not in filled
+    assert filled.startswith("before\n")
+    assert filled.endswith("-->\nafter\n")
+    with pytest.raises(ValueError, match="marks"):
+        readme.filled("no marks", Records(records.FOLDER))
+
+
+def test_a_record_keeps_its_day_and_commit_or_gets_those_of_now(tmp_path: Path) -> None:
+    path = tmp_path / "one.json"
+    records.write(path, {"rows": [1]})
+    told = json.loads(path.read_text())
+    assert re.fullmatch(r"20\d\d-\d\d-\d\d", told["measured"])
+    assert told["commit"] == records.COMMIT
+    records.write(path, {"measured": "2020-01-02", "commit": "abc", "rows": [1]})
+    assert json.loads(path.read_text()) == {"measured": "2020-01-02", "commit": "abc", "rows": [1]}
+
+
+def test_a_study_s_folder_replaces_its_record_and_the_tables_that_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept, pictures, study = (tmp_path / name for name in ("records", "figures", "lead"))
+    for folder in (kept, pictures, study):
+        folder.mkdir()
+    monkeypatch.setattr(records, "FOLDER", kept)
+    monkeypatch.setattr(records, "FIGURES", pictures)
+    (study / "study.json").write_text('{"commit": "abc", "flights": 8}')
+    (kept / "study-lead.csv").write_text("old")
+    for name in ("lead.csv", "lead-flights.csv"):
+        (study / name).write_text("new")
+    keep.study(study)
+    told = json.loads((kept / "study-lead.json").read_text())
+    assert (told["commit"], told["flights"]) == ("abc", 8)
+    assert (kept / "study-lead.csv").read_text() == "new"
+    assert not (kept / "study-lead-flights.csv").exists()
+    reader = Records(kept)
+    reader.rows("study-lead.csv")
+    assert list(reader.stamps()) == [(told["measured"], "abc")]
+
+
+def test_what_a_recording_contains_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(records, "FOLDER", tmp_path)
+    result = {"domain": "motor", "shown": [1.0], "far": {"shown": [2.0], "gap": {}}, "gap": {}}
+    (tmp_path / "domain.json").write_text(json.dumps(result))
+    keep.gap_domain(tmp_path)
+    told = json.loads((tmp_path / "gap-domain-motor.json").read_text())
+    assert {key: told[key] for key in ("domain", "far", "gap")} == {
+        "domain": "motor",
+        "far": {"gap": {}},
+        "gap": {},
+    }
+    assert "shown" not in told
+
+
+def test_parity_is_told_of_the_package_that_comes_nearest_its_limit(tmp_path: Path) -> None:
+    record = json.loads((records.FOLDER / "tracking.json").read_text())
+    for number, row in enumerate(r for r in record["rows"] if r["name"] in ("gru", "esn")):
+        limit = 1e-5 if row["name"] == "gru" else 2e-5
+        row["parity"] = {"max_rel": 9e-6 - 1e-6 * number, "limit": limit, "steps": 3200}
+    (tmp_path / "tracking.json").write_text(json.dumps(record))
+    body = flight.tracking(Records(tmp_path)).body
+    assert "differ most for gru, by 9.0e-06" in body
+    assert "each of the 4 packages" in body
