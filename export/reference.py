@@ -4,6 +4,7 @@ For measuring what a shape costs before anything has been trained: weights are a
 manifest and parity gate are those of every package.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +21,15 @@ WINDOW_S = 30.0 / RATE_HZ  # 31 snapshots, as in Table I
 INPUTS, OUTPUTS = 8, 2
 
 
-def write_reference_packages(folder: Path) -> list[Path]:
+def write_reference_packages(
+    folder: Path, progress: Callable[[int, int], None] = lambda done, total: None
+) -> list[Path]:
     """Write one package per architecture into `folder`; their paths in Table I's order."""
-    return [_written(arch, folder / f"{arch}.onnx") for arch in ARCHITECTURES]
+    paths = []
+    for arch in ARCHITECTURES:
+        paths.append(_written(arch, folder / f"{arch}.onnx"))
+        progress(len(paths), len(ARCHITECTURES))
+    return paths
 
 
 def _written(arch: str, path: Path) -> Path:

@@ -1,4 +1,4 @@
-"""Tables are whole in a pipe, JSON holds no NaN, progress is a line a minute without a terminal."""
+"""Tables are whole in a pipe, JSON holds no NaN."""
 
 import json
 import tempfile
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import print_table, write_json
 
 
 def test_a_table_in_a_pipe_is_never_cut(capsys: pytest.CaptureFixture[str]) -> None:
@@ -19,31 +19,6 @@ def test_a_table_in_a_pipe_is_never_cut(capsys: pytest.CaptureFixture[str]) -> N
     assert long in printed
     assert "a [title]" in printed
     assert "[red]b[/red]" in printed
-
-
-def test_a_log_is_told_each_minute_how_long_is_left(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    now_s = [100.0]
-    monkeypatch.setattr("wakedeploy.cli.output.time.monotonic", lambda: now_s[0])
-    with progress("Training", 10, done=2) as bar:
-        for done in range(3, 11):
-            now_s[0] += 45.0
-            bar.update(done, 10)
-    captured = capsys.readouterr()
-    assert captured.out == ""
-    assert captured.err.splitlines()[0] == "Training: 40 %, about 4 min left"  # 6 of 45 s
-    assert len(captured.err.splitlines()) == 4
-
-
-def test_progress_of_less_than_a_minute_is_silent_in_a_pipe(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
-    with progress("Training", 3) as bar:
-        bar.advance()
-        bar.update(2, 5)
-    captured = capsys.readouterr()
-    assert captured.out + captured.err == ""
 
 
 @given(

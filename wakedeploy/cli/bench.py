@@ -82,7 +82,8 @@ def as_json(rows: "Sequence[BenchRow]", budget_ms: float) -> dict[str, Any]:
 def _reference_packages(folder: Path) -> list[Path]:
     from export.reference import write_reference_packages
 
-    return write_reference_packages(folder)
+    with progress("Exporting the eight architectures", 8) as bar:
+        return write_reference_packages(folder, bar.update)
 
 
 def _tell(rows: "Sequence[BenchRow]", budget_ms: float) -> None:

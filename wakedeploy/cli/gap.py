@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ _OTHERS = {
     "export": "gap_export",
     "domain": "gap_domain",
 }
+_STAGES = f"{__name__}.stages"
 _STEPS = ("close", "find", "name", "add", "show")
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -250,6 +252,7 @@ def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -
     from wakedeploy.gap.steps import prepare
 
     prepare(out, rig_path)
+    _progress("reading the flights")
     return open_case(rig_path, measured, workers=workers, progress=_progress)
 
 
@@ -260,6 +263,7 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     from wakedeploy.gap.report import write_report
     from wakedeploy.gap.steps import read_steps
 
+    _progress("drawing the report")
     told = result(case, out)
     write_report(out)
     steps = read_steps(out)
@@ -299,6 +303,9 @@ def _trainer(minutes: float, workers: int) -> Any:
     return train
 
 
-def _progress(text: str) -> None:
-    """One line per stage on stderr."""
-    click.echo(f"… {text}", err=True)
+def _progress(stage: str, done: int = 0, total: int = 0, /) -> None:
+    """Lines on stderr: a stage begins, and how far it is."""
+    context = click.get_current_context()
+    if _STAGES not in context.meta:
+        context.meta[_STAGES] = context.with_resource(stages())
+    context.meta[_STAGES](stage, done, total)

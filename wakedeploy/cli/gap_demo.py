@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.errors import CheckFailed
@@ -40,12 +41,8 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
     from wakedeploy.gap.demo import FULL, PICTURE, QUICK, run
 
     click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
-    told = run(
-        out,
-        QUICK if quick else FULL,
-        workers=workers,
-        progress=lambda step: click.echo(f"  {step}"),
-    )
+    with stages() as progress:
+        told = run(out, QUICK if quick else FULL, workers=workers, progress=progress)
     write_json(out / "demo.json", told)
     _tell(out, told)
     if figures is not None and told["picture"]:

@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from wakedeploy.cli.output import json_option, print_table, progress, write_json
+from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.output import json_option, print_table, write_json
 from wakedeploy.cli.recordings import recordings_folder
 
 
@@ -53,18 +54,14 @@ def domain(
         folder = recordings_folder(None)
         path = None if folder is None else folder / name
     model = open_domain(name, path)
-    with progress(f"Closing the gap: {name}", 1) as bar:
-
-        def tell(words: str) -> None:
-            bar.update(0, 1)
-            click.echo(words, err=True)
-
-        account = close(model, simulations=simulations, seed=seed, progress=tell)
-        document = account.document | further(name, model, simulations, seed, tell)
-    write_json(out / "domain.json", document)
-    if json_path:
-        write_json(json_path, document)
-    page = write_page(document, out)
+    with stages() as progress:
+        account = close(model, simulations=simulations, seed=seed, progress=progress)
+        document = account.document | further(name, model, simulations, seed, progress)
+        write_json(out / "domain.json", document)
+        if json_path:
+            write_json(json_path, document)
+        progress("drawing the report")
+        page = write_page(document, out)
     _print(name, document)
     if "far" in document:
         _print(f"{name}, where no wake is", document["far"])

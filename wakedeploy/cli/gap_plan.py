@@ -54,7 +54,7 @@ def plan(
         _same_rig(out, rig, rig_path)
     sizes = _known_sizes(out, members)
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:
-        made = make_plan(rig, members, sizes=sizes, progress=bar.advance)
+        made = make_plan(rig, members, sizes=sizes, progress=bar.update)
     _tell_plan(made)
     if json_path is not None:
         write_json(json_path, made.as_json())

@@ -1,12 +1,13 @@
-"""What commands print: tables, progress bars, and results as JSON for other programs."""
+"""What commands print: tables, how far they are, and results as JSON for other programs."""
 
 import contextlib
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import click
+
+from wakedeploy.cli.log_lines import LogLines, ticking
 
 json_option = click.option(
     "--json",
@@ -16,7 +17,6 @@ json_option = click.option(
 )
 
 _UNLIMITED_WIDTH = 10_000
-_LINE_S = 60.0
 
 
 class Bar:
@@ -54,39 +54,23 @@ def told_when_stopped(sentence: str) -> Iterator[None]:
         raise click.exceptions.Exit(130) from None
 
 
-def _a_line_a_minute(description: str, before: int) -> Callable[[int, int], None]:
-    """For a log: how much is done, and how long what is left takes at the pace so far."""
-    began_s = said_s = time.monotonic()
-
-    def show(done: int, total: int) -> None:
-        nonlocal said_s
-        now_s = time.monotonic()
-        if now_s < said_s + _LINE_S or done <= before:
-            return
-        said_s = now_s
-        left_min = (now_s - began_s) / (done - before) * (total - done) / 60.0
-        click.echo(
-            f"{description}: {100 * done / total:.0f} %, about {left_min:.0f} min left", err=True
-        )
-
-    return show
-
-
 @contextlib.contextmanager
 def progress(
     description: str, total: int, done: int = 0, *, counted: bool = False
 ) -> Iterator[Bar]:
-    """A progress bar on stderr while the block runs; a line a minute when that is no terminal.
+    """A progress bar on stderr while the block runs; lines (`LogLines`) when that is no terminal.
 
-    Of `done` steps, done before, nothing is learned about the time that the others take. `counted`
-    also shows how many steps of how many are done.
+    `done` steps were done before. `counted` shows how many steps of how many are done.
     """
     from rich.console import Console
     from rich.progress import MofNCompleteColumn, Progress
 
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield Bar(_a_line_a_minute(description, done), total)
+        lines = LogLines(description, total, done, counted=counted)
+        with ticking(lines.tick):
+            yield Bar(lines.update, total, lines.describe)
+        lines.end()
         return
     columns = [*Progress.get_default_columns(), *([MofNCompleteColumn()] if counted else [])]
     # Steps may take minutes: time left is told from all of them, not from the last half minute's.

@@ -109,8 +109,9 @@ def command(
         for seed in range(seeds)
     ]
     runs = []
-    for config in configs:
-        with progress(f"{config.arch} s{config.seed}", int(config.settings["epochs"])) as bar:
+    for number, config in enumerate(configs, 1):
+        what = f"Training {config.arch} s{config.seed} ({number} of {len(configs)})"
+        with progress(what, int(config.settings["epochs"])) as bar:
             run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
             runs.append(run)
     nothing_learned = unlearned(episodes, "test", lead_s)

@@ -31,6 +31,7 @@ from wakedeploy.gap.naming import (
     with_terms,
 )
 from wakedeploy.gap.plan import make_plan, stated_sizes
+from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.refitting import refitted
 from wakedeploy.gap.showing import show
 from wakedeploy.gap.steps import (
@@ -49,7 +50,6 @@ from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
 
-Progress = Callable[[str], None]
 Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
 
 
@@ -91,7 +91,7 @@ def open_case(
     measured: Sequence[Path],
     *,
     workers: int = 2,
-    progress: Progress = lambda _: None,
+    progress: Progress = quiet,
     thresholds: Thresholds | None = None,
 ) -> Case:
     """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once."""
@@ -99,14 +99,12 @@ def open_case(
     flights = read_flights(measured, rig)
     split = len(flights) - sealed_count(len(flights))
 
-    def told(done: int, sets: int) -> None:
-        progress(f"simulating this rig's thresholds, once: {done} of {sets}")
-
-    known = thresholds or thresholds_for(rig, workers=workers, progress=told)
+    steps = functools.partial(progress, "simulating this rig's thresholds, once")
+    known = thresholds or thresholds_for(rig, workers=workers, progress=steps)
     return Case(rig, tuple(flights[:split]), tuple(flights[split:]), known)
 
 
-def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str, Any]:
+def find(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
     """Where they disagree; writes `find.json`."""
     progress("fitting the rig file as it is")
     model, base = case.base
@@ -133,7 +131,7 @@ def find(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str
     return write_step(out, "find", header | found)
 
 
-def name(case: Case, out: Path, progress: Progress = lambda _: None) -> dict[str, Any]:
+def name(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
     """Which effect explains it; writes `name.json` and the fits beside it.
 
     UnusableInput where `find` has not run.
@@ -201,7 +199,7 @@ def add(
 def show_gap(
     case: Case,
     out: Path,
-    progress: Progress = lambda _: None,
+    progress: Progress = quiet,
     retrain: Retrain | None = None,
 ) -> dict[str, Any]:
     """The gap on flights that nothing was fitted to; writes `show.json`.
@@ -233,7 +231,7 @@ def show_gap(
 
 
 def retrain_shown(
-    case: Case, out: Path, retrain: Retrain, progress: Progress = lambda _: None
+    case: Case, out: Path, retrain: Retrain, progress: Progress = quiet
 ) -> dict[str, Any]:
     """Add the predictors of both rigs to what `show` told, where something was added."""
     steps = read_steps(out)
@@ -289,7 +287,7 @@ def close(
     *,
     workers: int = 2,
     report: bool = True,
-    progress: Progress = lambda _: None,
+    progress: Progress = quiet,
     thresholds: Thresholds | None = None,
     retrain: Retrain | None = None,
     plan: bool = True,
@@ -308,9 +306,10 @@ def close(
         add(case, out)
     show_gap(case, out, progress)
     if plan and len(named["class"]) > 1:
-        progress("looking for the manoeuvre that would split the class")
-        sizes = stated_sizes(named, named["class"])
-        made = make_plan(case.rig, named["class"], sizes=sizes)
+        stage = "looking for the manoeuvre that would split the class"
+        progress(stage)
+        sizes, steps = stated_sizes(named, named["class"]), functools.partial(progress, stage)
+        made = make_plan(case.rig, named["class"], sizes=sizes, progress=steps)
         write_step(out, "plan", made.as_json())
     told = _concluded(case, out, report, progress)
     if retrain is None:

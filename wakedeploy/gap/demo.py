@@ -4,9 +4,10 @@ In: a folder. Out: in it a rig file without spool lag, flights of a virtual gant
 workflow's folder `gap` with the corrected rig, two predictors, `demo.json`, one picture of it all.
 """
 
+import functools
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,11 +17,10 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.close import close
 from wakedeploy.gap.demo_figure import Flown, draw_story
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.retrain import Pilot, fly_both, retrain
 from wakedeploy.gap.steps import read_steps
 from wakedeploy.rig import Rig, default_rig, read_rig
-
-Progress = Callable[[str], None]
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")
 PICTURE = "gap-demo-story.png"
@@ -64,7 +64,7 @@ def hidden_values() -> dict[str, float]:
 
 
 def run(
-    out: Path, size: Size = FULL, *, workers: int = 2, progress: Progress = lambda _: None
+    out: Path, size: Size = FULL, *, workers: int = 2, progress: Progress = quiet
 ) -> dict[str, Any]:
     """Tell the whole story; returns `demo.json`'s content.
 
@@ -78,8 +78,9 @@ def run(
     _refuse_foreign(rig_path, logs)
     out.mkdir(parents=True, exist_ok=True)
     believed_rig().write(rig_path)
-    progress(f"flying {size.flights} flights of a virtual gantry whose motors lag")
-    fly_measured(logs, size, workers)
+    stage = f"flying {size.flights} flights of a virtual gantry whose motors lag"
+    progress(stage)
+    fly_measured(logs, size, workers, functools.partial(progress, stage))
     folder = out / "gap"
 
     def retrained(old: Rig, new: Rig, scored: Sequence[Path], into: Path) -> dict[str, Any]:
@@ -109,11 +110,12 @@ def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
             )
 
 
-def fly_measured(logs: Sequence[Path], size: Size, workers: int) -> None:
+def fly_measured(logs: Sequence[Path], size: Size, workers: int, steps: Steps = uncounted) -> None:
     """Flights of the world under the uncorrected rig file, PID alone, as logs without truth."""
     jobs = [(path, size.seconds, index) for index, path in enumerate(logs)]
     with ProcessPoolExecutor(max_workers=workers) as pool:
-        list(pool.map(_measured, jobs))
+        for done, _ in enumerate(pool.map(_measured, jobs), 1):
+            steps(done, len(jobs))
 
 
 def _measured(job: tuple[Path, float, int]) -> None:
@@ -130,8 +132,11 @@ def _flown_again(
     before = Pilot(believed_rig(), folder / "retrain" / "old.onnx")
     after = Pilot(corrected, folder / "retrain" / "new.onnx")
     seeds = [_FIRST_TEST_SEED + i for i in range(size.test_flights)]
-    progress("flying with either rig and predictor, on the gantry that still lags")
-    tracking = fly_both(world_rig(), before, after, seeds, seconds=size.seconds, workers=workers)
+    stage = "flying with either rig and predictor, on the gantry that still lags"
+    progress(stage)
+    steps = functools.partial(progress, stage)
+    flown = (world_rig(), before, after, seeds)
+    tracking = fly_both(*flown, seconds=size.seconds, workers=workers, steps=steps)
     progress("drawing the story")
     old, new = (_example(pilot, seeds[0], size.seconds) for pilot in (before, after))
     draw_story(read_steps(folder), tracking, old, new, hidden_values(), out / PICTURE)

@@ -6,8 +6,9 @@ when it is no longer needed. What no effect explains is looked for as an express
 effect may no longer be needed either.
 """
 
+import functools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -15,6 +16,7 @@ import numpy as np
 
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, fit, held_out
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.promises import worth_trying
 from wakedeploy.gap.ranking import Candidate, candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.refitting import (
@@ -32,7 +34,6 @@ from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.rig import Rig
 
 Verdict = Literal["named", "class", "unknown", "none"]
-Progress = Callable[[str], None]
 
 CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
 MOST_IN_CLASS = 3
@@ -180,7 +181,7 @@ def name_effects(
     rig: Rig,
     model: GantryModel,
     thresholds: Thresholds,
-    progress: Progress = lambda _: None,
+    progress: Progress = quiet,
     candidates: Sequence[str] | None = None,
     base: Fit | None = None,
     share: float = 1.0,
@@ -233,7 +234,11 @@ def name_effects(
 
 
 def ranked_by_own_motion(
-    model: GantryModel, base: Fit, names: Sequence[str], threshold_nats: float
+    model: GantryModel,
+    base: Fit,
+    names: Sequence[str],
+    threshold_nats: float,
+    steps: Steps = uncounted,
 ) -> tuple[GantryModel, Fit, list[Candidate]]:
     """The effects on top of a base, best first, the contenders each around its own motion.
 
@@ -242,10 +247,11 @@ def ranked_by_own_motion(
     there. Returns the model around the base's motion and the base as well: a better base may have
     been met, whose motion is another.
     """
-    again, ranked = rank_fairly(model, base, names, least_nats=0.5 * threshold_nats)
+    least_nats = 0.5 * threshold_nats
+    again, ranked = rank_fairly(model, base, names, least_nats=least_nats, steps=steps)
     if again.objective > base.objective + STILL_NATS:
         model, again = refitted(model, again)
-        again, ranked = rank_fairly(model, again, names, least_nats=0.5 * threshold_nats)
+        again, ranked = rank_fairly(model, again, names, least_nats=least_nats, steps=steps)
     hopeful = [c for c in ranked if c.gain_nats > _HOPE_SHARE * threshold_nats]
     best = ranked[0]
     near = [c for c in hopeful if c.gain_nats > best.gain_nats - _CONTENDING_NATS]
@@ -277,9 +283,11 @@ class _Search:
             left = worth_trying(self.model, self.current, left, _HOPE_SHARE * least)
         if not left:
             return False
-        progress(f"trying {len(left)} effects" + _on_top(self.current.hypothesis))
+        stage = f"trying {len(left)} effects" + _on_top(self.current.hypothesis)
+        progress(stage)
+        steps = functools.partial(progress, stage)
         self.model, self.current, ranked = ranked_by_own_motion(
-            self.model, self.current, left, least
+            self.model, self.current, left, least, steps
         )
         if not self.current.hypothesis:
             self.base_model, self.base = self.model, self.current

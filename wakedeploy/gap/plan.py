@@ -6,7 +6,7 @@ least time. Each manoeuvre is flown on the simulated rig and judged by the likel
 itself uses.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import FloatArray
 from wakedeploy.gap.manoeuvres import Manoeuvre, menu
 from wakedeploy.gap.naming import fitted_base
+from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.separation import Evidence, gather, loss_nats
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, effect
@@ -127,7 +128,7 @@ def make_plan(
     *,
     sizes: Mapping[str, Sequence[float]] | None = None,
     manoeuvres: Sequence[Manoeuvre] | None = None,
-    progress: Callable[[], None] | None = None,
+    progress: Steps = uncounted,
 ) -> Plan:
     """Judge every manoeuvre of the menu for a class of two effects or more.
 
@@ -140,10 +141,10 @@ def make_plan(
         raise UnusableInput("A class to split has at least two effects: give --class twice.")
     known = {name: plausible_size(rig, name) for name in chosen} | dict(sizes or {})
     options = []
-    for each in (random_flight(), *(menu() if manoeuvres is None else manoeuvres)):
+    tried = (random_flight(), *(menu() if manoeuvres is None else manoeuvres))
+    for each in tried:
         options.append(_option(rig, each, chosen, known))
-        if progress is not None:
-            progress()
+        progress(len(options), len(tried))
     order = sorted(options[1:], key=lambda o: (o.total_s, -o.worst_nats / o.seconds))
     return Plan(chosen, tuple(order), options[0])
 

@@ -3,8 +3,9 @@
 In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain.
 """
 
+import functools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from wakedeploy.gap.inference import (
     held_out,
     slopes_at,
 )
+from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.physics.effects import LIBRARY
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
@@ -41,6 +43,8 @@ _LIKELY = 30  # of these sizes, so many are looked at on all episodes
 _SCANNED_CLIMBED = 4
 _SUMMITS_CLIMBED = 12  # of an effect that was found
 _APART = 0.03  # sizes nearer than that are one place to begin
+_ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
+_ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -79,20 +83,23 @@ def rank(
     candidates: Sequence[str],
     *,
     least_nats: float = 0.0,
-    progress: Callable[[str], None] | None = None,
+    steps: Steps = uncounted,
 ) -> list[Candidate]:
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
     to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
+    `steps` are of about the same length, but not an effect each.
     """
+    costs = [_cost(model, base, name) for name in candidates]
+    total = round(sum(costs) / _ROUGH_SHARE)
     rough = []
-    for name in candidates:
+    for i, name in enumerate(candidates):
         rough.append(_rough(model, base, name))
-        if progress is not None:
-            progress(name)
+        steps(sum(costs[: i + 1]), total)
     if base.log_prior < BENT_NATS:
-        rough = _from_calibration(model, base, candidates, rough)
+        left = functools.partial(_advanced, steps, sum(costs), total)
+        rough = _from_calibration(model, base, candidates, rough, left)
     best = max((f.objective for f in rough), default=0.0)
     least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
     order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
@@ -104,14 +111,19 @@ def rank(
 
 
 def rank_fairly(
-    model: Model, base: Fit, candidates: Sequence[str], *, least_nats: float = 0.0
+    model: Model,
+    base: Fit,
+    candidates: Sequence[str],
+    *,
+    least_nats: float = 0.0,
+    steps: Steps = uncounted,
 ) -> tuple[Fit, list[Candidate]]:
     """`rank`, on a base that is no worse than the best candidate is without its effect.
 
     A climb may end short of the best base; every effect then seems to gain what any new climb does.
     """
     for _ in range(_MOST_RESETTLED):
-        ranked = rank(model, base, candidates, least_nats=least_nats)
+        ranked = rank(model, base, candidates, least_nats=least_nats, steps=steps)
         if ranked[0].fitted_gain < _BETTERED_NATS:
             break
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
@@ -148,6 +160,17 @@ def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
     return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
 
 
+def _cost(model: Model, base: Fit, name: str) -> int:
+    """About how long the rough fit of a candidate takes, in scanned sizes."""
+    own = [f for f in model.free((*base.hypothesis, name)) if f.name.startswith(f"{name}.")]
+    return _ROUGH_SIZES + sum(len(f.scanned) for f in own)
+
+
+def _advanced(steps: Steps, before: int, total: int, done: int, of: int) -> None:
+    """Steps of the last part, as steps of the whole."""
+    steps(before + (total - before) * done // of, total)
+
+
 def _objective(fitted: Fit) -> float:
     return fitted.objective
 
@@ -167,7 +190,7 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
 
 
 def _from_calibration(
-    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit]
+    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: Steps
 ) -> list[Fit]:
     """The fits, and better ones of candidates that move a constant which the base has bent.
 
@@ -193,10 +216,12 @@ def _from_calibration(
     chosen = [i for i in order if candidates[i] in owners | related]
     others = [i for i in order if i not in chosen][:_MOST_OTHERS]
     fits = list(rough)
-    for i in (*chosen, *others):
+    climbed = [*chosen, *others]
+    for done, i in enumerate(climbed, 1):
         for _, theta in sizes[i][: _summits(fits[i], candidates[i])]:
             again = fit(model, fits[i].hypothesis, base.episodes, theta)
             fits[i] = max(fits[i], again, key=_objective)
+        steps(done, len(climbed))
     return fits
 
 

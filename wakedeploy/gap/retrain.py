@@ -4,10 +4,11 @@ In: a rig and the corrected one, measured logs. Out: two packages, their errors 
 flights, and how well each pair of rig and package flies a plant that still hides the effect.
 """
 
+import functools
 import math
 import multiprocessing
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,12 +24,12 @@ from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.episodes import Episode
 from wakedeploy.errors import UnusableInput
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.package import Package, read_package
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, parse_rig
 from wakedeploy.runlog import RunLog, read_run_log
 
 FloatArray = npt.NDArray[np.float64]
-Progress = Callable[[str], None]
 Flown = Mapping[str, Sequence[Episode]]  # airborne stretches by flight
 
 ARCH = "history-mlp"  # of those with a memory, the one that is trained the fastest
@@ -57,7 +58,7 @@ def retrain(
     arch: str = ARCH,
     epochs: int = EPOCHS,
     workers: int = 2,
-    progress: Progress = lambda _: None,
+    progress: Progress = quiet,
 ) -> dict[str, Any]:
     """Train the same small predictor on both rigs' simulations; score both on measured flights.
 
@@ -89,8 +90,9 @@ def retrain(
         raise UnusableInput("In none of the measured flights the sufferer is in the air.")
     rigs = {"old": old, "new": new}
     jobs = [_Job(r.text, minutes, seed, arch, epochs, out, name) for name, r in rigs.items()]
-    progress(f"training {arch} on {minutes:g} min of either simulation")
-    packages = _in_processes(jobs, workers)
+    stage = f"training {arch} on {minutes:g} min of either simulation"
+    progress(stage)
+    packages = _in_processes(jobs, workers, functools.partial(progress, stage))
     predictors = {name: read_package(path) for name, path in packages.items()}
     return {
         "unit": "N",
@@ -116,6 +118,7 @@ def fly_both(
     *,
     seconds: float = FLIGHT_S,
     workers: int = 2,
+    steps: Steps = uncounted,
 ) -> dict[str, Any]:
     """Height error of either pilot on the plant `world`, which still hides the effect.
 
@@ -127,7 +130,10 @@ def fly_both(
     pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
     jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
     with ProcessPoolExecutor(max_workers=workers) as pool:
-        errors = list(pool.map(_tracking_mm, jobs))
+        errors = []
+        for error in pool.map(_tracking_mm, jobs):
+            errors.append(error)
+            steps(len(errors), len(jobs))
     rows = [_tracking(errors[i * len(seeds) : (i + 1) * len(seeds)]) for i in range(len(pilots))]
     return {
         "unit": "mm",
@@ -151,7 +157,7 @@ class _Job:
     name: str
 
 
-def _in_processes(jobs: Sequence[_Job], workers: int) -> dict[str, Path]:
+def _in_processes(jobs: Sequence[_Job], workers: int, steps: Steps) -> dict[str, Path]:
     """Train side by side, a fresh process with one thread each: models this small gain from none.
 
     The number of threads is read when torch is imported, which a forked process may have behind it.
@@ -160,7 +166,11 @@ def _in_processes(jobs: Sequence[_Job], workers: int) -> dict[str, Path]:
     with ProcessPoolExecutor(
         max_workers=min(max(workers, 1), len(jobs)), mp_context=context, initializer=_one_thread
     ) as pool:
-        return dict(zip((job.name for job in jobs), pool.map(_trained, jobs), strict=True))
+        packages = {}
+        for job, package in zip(jobs, pool.map(_trained, jobs), strict=True):
+            packages[job.name] = package
+            steps(len(packages), len(jobs))
+        return packages
 
 
 def _one_thread() -> None:

@@ -62,6 +62,8 @@ def run_cases(
     if jobs:
         _require_same_code(out, lines, commit)
     out.mkdir(parents=True, exist_ok=True)
+    if progress is not None:
+        progress(len(cases) - len(jobs), len(cases))
     for count, line in enumerate(_lines(jobs, workers), start=len(cases) - len(jobs) + 1):
         append_json_line(out / LINES, line)
         done[line["name"]] = line

@@ -7,11 +7,11 @@ each. May import what `wakedeploy.gap` may.
 """
 
 import importlib
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.domains.coloured import ResponseModel
+from wakedeploy.gap.progress import Progress
 
 DOMAINS = ("motor", "fish", "quadrotor", "downwash")
 
@@ -27,7 +27,7 @@ def open_domain(name: str, path: Path | None) -> ResponseModel:
 
 
 def further(
-    name: str, model: ResponseModel, simulations: int, seed: int, progress: Callable[[str], None]
+    name: str, model: ResponseModel, simulations: int, seed: int, progress: Progress
 ) -> dict[str, Any]:
     """What a domain adds to the account: independent estimates, profiles, an audit of labels."""
     module = importlib.import_module(f"wakedeploy.gap.domains.{name}")

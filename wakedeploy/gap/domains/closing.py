@@ -7,7 +7,8 @@ simulations of the fitted base (one in twenty would exceed it by chance) and if 
 over the episodes lies above zero.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,14 +22,13 @@ from wakedeploy.gap.domains.places import Place, find_places, whiteness
 from wakedeploy.gap.domains.shown import shown
 from wakedeploy.gap.inference import Fit, Hypothesis, extended, fit, held_out
 from wakedeploy.gap.naming import CLASS_NATS, MOST_IN_CLASS
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.ranking import Candidate, rank
 
 SEALED_EVERY = 4
 MOST_EFFECTS = 6
 SIMULATIONS = 19  # the largest of 19 is exceeded by one further draw in twenty
 _FEWEST_EPISODES = 4
-
-Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
@@ -56,9 +56,9 @@ def close(
     *,
     simulations: int = SIMULATIONS,
     seed: int = 0,
-    progress: Progress | None = None,
+    progress: Progress = quiet,
 ) -> Account:
-    """Find, name and show; `progress` is told in words what is being done.
+    """Find, name and show; `progress` is told what is being done.
 
     Raises UnusableInput for fewer than four episodes.
     """
@@ -67,15 +67,16 @@ def close(
             f"{model.name}: {model.episodes} episodes; effects are ranked on episodes that they "
             f"were not fitted to, which takes at least {_FEWEST_EPISODES}."
         )
-    tell = progress or (lambda words: None)
     sealed = tuple(range(SEALED_EVERY - 1, model.episodes, SEALED_EVERY))
     used = tuple(e for e in range(model.episodes) if e not in sealed)
-    tell("fitting the baseline")
+    progress("fitting the baseline")
     base = settled(model, (), used)
     places = find_places(model, base)
-    tell("simulating the baseline for the threshold")
-    threshold = threshold_nats(model, base, simulations, seed)
-    rounds, found = _name(model, base, sealed, threshold, tell)
+    stage = "simulating the baseline for the threshold"
+    progress(stage)
+    steps = functools.partial(progress, stage)
+    threshold = threshold_nats(model, base, simulations, seed, steps)
+    rounds, found = _name(model, base, sealed, threshold, progress)
     found = _still_needed(model, found, threshold)
     rivals = _open_class(rounds, found)
     verdict = _verdict(model, base, found, rivals)
@@ -99,18 +100,21 @@ def settled(
     return fitted
 
 
-def threshold_nats(model: ResponseModel, base: Fit, simulations: int, seed: int) -> float:
+def threshold_nats(
+    model: ResponseModel, base: Fit, simulations: int, seed: int, steps: Steps = uncounted
+) -> float:
     """The largest held-out gain of any effect in simulations in which none acts."""
     largest = 0.0
     for k in range(simulations):
         twin = model.simulated(base.hypothesis, base.theta, np.random.default_rng([seed, k]))
         again = fit(twin, base.hypothesis, base.episodes, base.theta)
         largest = max(largest, rank(twin, again, tuple(model.effects))[0].gain_nats)
+        steps(k + 1, simulations)
     return largest
 
 
 def _name(
-    model: ResponseModel, base: Fit, sealed: tuple[int, ...], threshold: float, tell: Progress
+    model: ResponseModel, base: Fit, sealed: tuple[int, ...], threshold: float, progress: Progress
 ) -> tuple[list[dict[str, Any]], Fit]:
     """Effects one after another; each round has those that cannot be told from what it accepted."""
     rounds: list[dict[str, Any]] = []
@@ -119,8 +123,9 @@ def _name(
         left = [name for name in model.effects if name not in found.hypothesis]
         if not left:
             break
-        tell("ranking effects" + (f" beside {', '.join(found.hypothesis)}" * bool(rounds)))
-        ranking = rank(model, found, left)
+        stage = "ranking effects" + (f" beside {', '.join(found.hypothesis)}" * bool(rounds))
+        progress(stage)
+        ranking = rank(model, found, left, steps=functools.partial(progress, stage))
         rounds.append(_round(found, ranking, threshold))
         best = ranking[0]
         if best.gain_nats <= threshold or best.gain_interval()[0] <= 0.0:

@@ -7,7 +7,7 @@ was seen to fly.
 """
 
 import functools
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ import numpy as np
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values, covariance
 from wakedeploy.gap.inference import FloatArray, Free
+from wakedeploy.gap.progress import Progress
 from wakedeploy.physics.body import PlanarBody
 from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
 from wakedeploy.physics.field_grid import drag_force_n
@@ -107,7 +108,7 @@ def open_model(path: Path | None) -> DownwashModel:
 
 
 def further(
-    model: DownwashModel, simulations: int, seed: int, progress: Callable[[str], None]
+    model: DownwashModel, simulations: int, seed: int, progress: Progress
 ) -> dict[str, Any]:
     """What had been hidden; told after everything else is settled."""
     return {"hidden": dict(HIDDEN)}

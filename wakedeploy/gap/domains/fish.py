@@ -6,7 +6,7 @@ here: it is a part of what answers.
 """
 
 import copy
-from collections.abc import Callable
+import functools
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.domains.closing import required
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values
 from wakedeploy.gap.inference import FloatArray, Free, fit
+from wakedeploy.gap.progress import Progress, Steps, uncounted
 
 PIECE_S = 10.0
 HISTORY_S = 1.0  # of inputs before a piece, so that delays look back at what was measured
@@ -134,21 +135,19 @@ def open_model(path: Path | None) -> FishModel:
     return model
 
 
-def further(
-    model: FishModel, simulations: int, seed: int, progress: Callable[[str], None]
-) -> dict[str, Any]:
+def further(model: FishModel, simulations: int, seed: int, progress: Progress) -> dict[str, Any]:
     """The likelihood over the delay, in steps of a sixtieth of a second."""
     delays_s = np.arange(0, 37) / 60.0
-    profile = delay_profile(model, delays_s, progress)
+    stage = "refitting at each delay"
+    progress(stage)
+    profile = delay_profile(model, delays_s, functools.partial(progress, stage))
     return {
         "delay_profile": {"delay_s": delays_s.tolist(), "nats": (profile - profile.max()).tolist()},
         "phase_delay": model.phase_delay(),
     }
 
 
-def delay_profile(
-    model: FishModel, delays_s: FloatArray, progress: Callable[[str], None] | None = None
-) -> FloatArray:
+def delay_profile(model: FishModel, delays_s: FloatArray, steps: Steps = uncounted) -> FloatArray:
     """Largest log likelihood [nats] at each delay, all other parameters refitted, (n,)."""
     pinned = _Pinned(model)
     everything = range(model.episodes)
@@ -158,8 +157,7 @@ def delay_profile(
         fitted = fit(pinned, (), everything, theta)
         theta = fitted.theta
         profile.append(fitted.log_likelihood)
-        if progress is not None:
-            progress(f"delay {delay_s:.3f} s")
+        steps(len(profile), len(delays_s))
     return np.array(profile)
 
 

@@ -4,7 +4,6 @@ In: logs of duty steps (`wakedeploy.domains.motor`). Each step is an episode; it
 unknown, with a prior around a straight curve from duty to speed.
 """
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ from wakedeploy.domains.motor import Step, read_steps
 from wakedeploy.gap.domains.closing import required
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values
 from wakedeploy.gap.inference import FloatArray, Free
+from wakedeploy.gap.progress import Progress
 
 _SHOWN_S = 0.25  # how long after a step the models differ
 # Records arrive in bursts, with the time of arrival: a step lies up to one burst before its record.
@@ -138,9 +138,7 @@ class MotorModel(ResponseModel):
         return np.asarray(sag * warm)
 
 
-def further(
-    model: MotorModel, simulations: int, seed: int, progress: Callable[[str], None]
-) -> dict[str, Any]:
+def further(model: MotorModel, simulations: int, seed: int, progress: Progress) -> dict[str, Any]:
     """An exponential fitted to each step alone, by least squares: an independent estimate."""
     progress("fitting single steps")
     steps = [step_response(s) for s in model.steps]

@@ -9,7 +9,6 @@ Rotor speeds answer to the wake through the controller. Errors of the thrust tha
 subtracts are therefore only looked for where no wake is, beyond 2 m to the side.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -32,6 +31,7 @@ from wakedeploy.gap.domains.closing import close, required
 from wakedeploy.gap.domains.coloured import Record, ResponseModel, Values
 from wakedeploy.gap.domains.label_audit import FAR_M, audit
 from wakedeploy.gap.inference import FloatArray, Free
+from wakedeploy.gap.progress import Progress
 
 _STRIDE = 20
 _MARGIN = 20  # samples at either end, where the label's smoother looks across the cut
@@ -165,13 +165,17 @@ def open_model(path: Path | None) -> QuadrotorModel:
 
 
 def further(
-    model: QuadrotorModel, simulations: int, seed: int, progress: Callable[[str], None]
+    model: QuadrotorModel, simulations: int, seed: int, progress: Progress
 ) -> dict[str, Any]:
     """The label where no wake is: a plain audit, and the same four steps beyond 2 m."""
     progress("auditing the label")
     flights = model.flights
+
+    def far_progress(stage: str, done: int = 0, total: int = 0, /) -> None:
+        progress(f"far: {stage}", done, total)
+
     far = QuadrotorModel(flights, beyond_m=FAR_M)
-    told = close(far, simulations=simulations, seed=seed, progress=lambda w: progress(f"far: {w}"))
+    told = close(far, simulations=simulations, seed=seed, progress=far_progress)
     return {"label": audit(flights), "far": told.document}
 
 
