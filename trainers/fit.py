@@ -44,9 +44,15 @@ class FitSettings:
 
 @dataclass(frozen=True)
 class Standing:
-    """Where a fit stands: the loss on validation after each epoch, 1 = predicting the mean."""
+    """Where a fit stands: the loss on validation after each epoch, 1 = predicting the mean.
+
+    `training_history` is the loss that each epoch descended, averaged over its updates: with
+    dropout, and of weights that still moved. NaN for an epoch without an update; the first epochs
+    may be missing, in runs that were begun before it was kept.
+    """
 
     history: tuple[float, ...] = ()
+    training_history: tuple[float, ...] = ()
 
     @property
     def epoch(self) -> int:
@@ -94,6 +100,7 @@ class Fit:
         self.loss = WeightedMse(loss_weights, predictor.force_sd)
         self.optimiser = AdamW(predictor, decay=settings.weight_decay, clip=settings.gradient_clip)
         self.standing = Standing()
+        self._played: list[tuple[Tensor, Tensor | int]] = []  # each update's loss, and its samples
 
     @property
     def finished(self) -> bool:
@@ -108,12 +115,16 @@ class Fit:
 
     def end_epoch(self) -> Standing:
         """Validate, and count the epoch."""
-        self.standing = Standing((*self.standing.history, self.validate()))
+        past = self.standing
+        self.standing = Standing(
+            (*past.history, self.validate()), (*past.training_history, self._descended())
+        )
         return self.standing
 
     def train_epoch(self) -> None:
         """The next pass over the training episodes, which `end_epoch` has to count."""
         self.predictor.train()
+        self._played = []
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(_epoch_seed(self.seed, self.standing.epoch))  # dropout draws from it
             generator = torch.Generator().manual_seed(_epoch_seed(self.seed, self.standing.epoch))
@@ -154,7 +165,7 @@ class Fit:
         targets = torch.split(self.target[order], batch)
         for at, (where, target) in enumerate(zip(places, targets, strict=True)):
             loss = self.loss(self.predictor.core(self.seen.lying_at(where)), target)
-            self._descend(loss, at / len(places))
+            self._descend(loss, len(where), at / len(places))
 
     def _play_lanes(self, generator: torch.Generator) -> None:
         """Truncated backpropagation: the state runs on over the cuts, the gradient stops there."""
@@ -176,13 +187,23 @@ class Fit:
         state = {name: _renew(value, chunk.fresh) for name, value in state.items()}
         force, state = self.predictor.core(self.observation[chunk.index], state)  # (B, L, o)
         if chunk.scored.any():
-            self._descend(self.loss(force, self.target[chunk.index], chunk.scored), progress)
+            loss = self.loss(force, self.target[chunk.index], chunk.scored)
+            self._descend(loss, chunk.scored.sum(), progress)
         return {name: value.detach() for name, value in state.items()}
 
-    def _descend(self, loss: Tensor, progress: float) -> None:
+    def _descend(self, loss: Tensor, samples: Tensor | int, progress: float) -> None:
         """One update, `progress` of the way through the present epoch."""
+        self._played.append((loss.detach(), samples))
         rate = learning_rate(self.settings, self.standing.epoch + progress)
         self.optimiser.descend(loss, rate)
+
+    def _descended(self) -> float:
+        """The mean loss of the epoch's updates, each counted by its samples."""
+        if not self._played:
+            return math.nan
+        losses = torch.stack([loss for loss, _ in self._played])
+        samples = torch.tensor([float(count) for _, count in self._played]).to(losses)
+        return float(losses @ samples / samples.sum())
 
 
 def learning_rate(settings: FitSettings, epoch: float) -> float:

@@ -59,37 +59,57 @@ def moments(blocks: Iterable[tuple[Tensor, Tensor]]) -> Moments:
     )
 
 
-def ridge(train: Moments, validation: Moments) -> tuple[Tensor, Tensor]:
-    """The readout (N, o) and bias (o,) that do best on validation, each output on its own."""
+@dataclass(frozen=True)
+class Solution:
+    """What ridge regression found: readout (N, o) and bias (o,).
+
+    Beside them the mean squared errors (S, o) at each of STRENGTHS, over the samples learned from
+    and over those of validation, in the targets' units.
+    """
+
+    readout: Tensor
+    bias: Tensor
+    training: Tensor
+    validation: Tensor
+
+
+def ridge(train: Moments, validation: Moments) -> Solution:
+    """The readout and bias that do best on validation, each output on its own."""
     values, vectors = torch.linalg.eigh(train.gram)
     turned = vectors.T @ train.cross  # (N, o)
     best_error = torch.full_like(train.mean_out, torch.inf)
     best, best_bias = torch.zeros_like(train.cross), train.mean_out.clone()
+    learned, held_out = [], []
     for strength in STRENGTHS:
         damped = values.clamp(min=0) + strength * values.mean()
         readout = vectors @ (turned / damped.unsqueeze(1))  # (N, o)
         bias = train.mean_out - train.mean_in @ readout  # (o,)
         error = validation.error(readout, bias)
+        learned.append(train.error(readout, bias))
+        held_out.append(error)
         better = error < best_error
         best[:, better], best_bias[better] = readout[:, better], bias[better]
         best_error = torch.minimum(error, best_error)
-    return best, best_bias
+    return Solution(best, best_bias, torch.stack(learned), torch.stack(held_out))
 
 
 @torch.no_grad()
 def solve_readout(
     predictor: Predictor, train: Tape, validation: Tape, loss_weights: Sequence[float]
-) -> float:
-    """Set the normalisation and the readout of an Esn; returns its loss on validation."""
+) -> tuple[float, Solution]:
+    """Set the normalisation and the readout of an Esn; its loss on validation, and the solution.
+
+    The errors of the solution are those of normalised forces: 1 is predicting the mean.
+    """
     core = predictor.core
     assert isinstance(core, Esn)
     predictor.set_normalisation(train.observation, train.force)
     held_out = moments(_echoes(predictor, core, validation))
-    readout, bias = ridge(moments(_echoes(predictor, core, train)), held_out)
-    core.readout.weight.copy_(readout.T)
-    core.readout.bias.copy_(bias)
+    found = ridge(moments(_echoes(predictor, core, train)), held_out)
+    core.readout.weight.copy_(found.readout.T)
+    core.readout.bias.copy_(found.bias)
     shares = WeightedMse(loss_weights, predictor.force_sd).shares
-    return float((shares * held_out.error(readout, bias)).sum())
+    return float((shares * held_out.error(found.readout, found.bias)).sum()), found
 
 
 def _echoes(predictor: Predictor, core: Esn, tape: Tape) -> Iterator[tuple[Tensor, Tensor]]:

@@ -2,7 +2,8 @@
 
 `config.json` says what is trained on what, `last.safetensors` is where an interrupted fit goes on,
 `best.safetensors` holds the weights that did best on validation, `metrics.json` closes a finished
-run and carries the hash of the weights it speaks of.
+run and carries the hash of the weights it speaks of. Pictures are drawn by who asks for them
+(`trainers.pictures`).
 """
 
 import json
@@ -32,6 +33,7 @@ TRAINING = 2
 
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
+CURVES, PREDICTION = "curves.png", "prediction.png"
 
 
 class _Record(BaseModel):
@@ -67,10 +69,23 @@ class RunConfig(_Record):
     training: int = 1
 
 
+class RidgeErrors(_Record):
+    """What a solved readout's ridge was chosen by: mean squared errors, 1 = predicting the mean.
+
+    By force channel, at each of `strengths`; null where one is not finite.
+    """
+
+    strengths: tuple[float, ...]
+    training: dict[str, tuple[float | None, ...]]
+    validation: dict[str, tuple[float | None, ...]]
+
+
 class RunMetrics(_Record):
     """How a finished run ended; `history` is the loss on validation after each epoch.
 
-    `device` is where it was fitted; scores are always computed on the CPU.
+    `training_history` is the loss that each epoch descended, as `trainers.fit.Standing` tells it,
+    `ridge` what a solved readout was chosen by. `device` is where it was fitted; scores are always
+    computed on the CPU.
     """
 
     finished_utc: str
@@ -78,6 +93,8 @@ class RunMetrics(_Record):
     epochs: int
     best_epoch: int
     history: tuple[float, ...]
+    training_history: tuple[float | None, ...] = ()
+    ridge: RidgeErrors | None = None
     trainable: int
     frozen: int
     validation: Scores
@@ -137,6 +154,15 @@ def load_run(folder: Path) -> TrainedRun:
     except RuntimeError as error:  # torch's word for missing, foreign and misshapen tensors
         raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
     return TrainedRun(folder, config, metrics, predictor.eval())
+
+
+def restore_best(predictor: Predictor, folder: Path) -> None:
+    """Put the best weights so far into the predictor of a run that need not be finished."""
+    tensors, _ = read_tensors(folder / BEST)
+    try:
+        predictor.load_state_dict(tensors)
+    except RuntimeError as error:  # torch's word for missing, foreign and misshapen tensors
+        raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
 
 
 def finished_runs(root: Path) -> list[Path]:

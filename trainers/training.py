@@ -16,13 +16,16 @@ from trainers.device import choose_device
 from trainers.esn import Esn
 from trainers.fit import Fit, FitSettings, Standing
 from trainers.model import Predictor
-from trainers.ridge import solve_readout
+from trainers.ridge import STRENGTHS, Solution, solve_readout
 from trainers.runs import (
     BEST,
     CONFIG,
+    CURVES,
     LAST,
     METRICS,
+    PREDICTION,
     TRAINING,
+    RidgeErrors,
     RunConfig,
     RunMetrics,
     TrainedRun,
@@ -32,6 +35,7 @@ from trainers.runs import (
     new_predictor,
     read_config,
     read_tensors,
+    restore_best,
     run_folder,
     write_record,
     write_tensors,
@@ -161,11 +165,11 @@ def train(
             return load_run(folder)
         write_record(folder / CONFIG, config)
         if isinstance(predictor.core, Esn):
-            standing, seconds = _solve(folder, config, data, predictor, device)
+            ended = _solve(folder, config, data, predictor, device)
             on_epoch(1, 1)
         else:
-            standing, seconds = _descend(folder, config, data, predictor, device, on_epoch)
-        _finish(folder, config, data, standing, seconds, device)
+            ended = _descend(folder, config, data, predictor, device, on_epoch)
+        _finish(folder, config, data, ended, device)
         return load_run(folder)
 
 
@@ -222,7 +226,7 @@ def _columns(data: EpisodeSet) -> range:
 
 
 def _clear(folder: Path) -> None:
-    for name in (METRICS, LAST, BEST, CONFIG):
+    for name in (METRICS, LAST, BEST, CONFIG, CURVES, PREDICTION):
         (folder / name).unlink(missing_ok=True)
 
 
@@ -254,13 +258,27 @@ def _flat(config: RunConfig) -> dict[str, Any]:
 
 def _solve(
     folder: Path, config: RunConfig, data: EpisodeSet, predictor: Predictor, device: str
-) -> tuple[Standing, float]:
+) -> "_Ended":
     """The reservoir's way: one pass, nothing to resume."""
     began = time.monotonic()
     learned, held_out = (tape.to(device) for tape in tapes(data, config.lead_s))
-    loss = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
+    loss, found = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
     write_tensors(folder / BEST, predictor.state_dict(), {"epoch": 1})
-    return Standing((loss,)), time.monotonic() - began
+    return _Ended(Standing((loss,)), time.monotonic() - began, _ridge_errors(config, found))
+
+
+def _ridge_errors(config: RunConfig, found: Solution) -> RidgeErrors:
+    names = [channel.name for channel in config.force]
+    by_channel = [
+        {name: _finite(errors) for name, errors in zip(names, table.T.tolist(), strict=True)}
+        for table in (found.training, found.validation)
+    ]
+    return RidgeErrors(strengths=STRENGTHS, training=by_channel[0], validation=by_channel[1])
+
+
+def _finite(values: Sequence[float]) -> tuple[float | None, ...]:
+    """JSON knows no NaN."""
+    return tuple(value if math.isfinite(value) else None for value in values)
 
 
 def _descend(
@@ -270,7 +288,7 @@ def _descend(
     predictor: Predictor,
     device: str,
     on_epoch: OnEpoch,
-) -> tuple[Standing, float]:
+) -> "_Ended":
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
     fit = new_fit(config, predictor, *tapes(data, config.lead_s), device=device)
     seconds = _resume(folder / LAST, fit)
@@ -284,10 +302,10 @@ def _descend(
             )
         if standing.improved:
             write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
-        facts = {"history": standing.history, "seconds": time.monotonic() - began}
+        facts = {**dataclasses.asdict(standing), "seconds": time.monotonic() - began}
         write_tensors(folder / LAST, fit.tensors(), facts)
         on_epoch(standing.epoch, fit.settings.epochs)
-    return fit.standing, time.monotonic() - began
+    return _Ended(fit.standing, time.monotonic() - began)
 
 
 def _resume(path: Path, fit: Fit) -> float:
@@ -296,34 +314,40 @@ def _resume(path: Path, fit: Fit) -> float:
         return 0.0
     tensors, facts = read_tensors(path)
     try:
-        fit.restore(tensors, Standing(tuple(map(float, facts["history"]))))
+        fit.restore(tensors, standing_in(facts))
         return float(facts["seconds"])
     except (KeyError, ValueError, TypeError, RuntimeError) as error:
         raise damaged(path, "it is not a checkpoint of this run") from error
 
 
-def _finish(
-    folder: Path,
-    config: RunConfig,
-    data: EpisodeSet,
-    standing: Standing,
-    seconds: float,
-    device: str,
-) -> None:
+def standing_in(facts: Mapping[str, Any]) -> Standing:
+    """Where the fit of a checkpoint stands. KeyError, ValueError, TypeError: it tells none."""
+    told = (facts["history"], facts.get("training_history", ()))
+    return Standing(*(tuple(map(float, losses)) for losses in told))
+
+
+@dataclasses.dataclass(frozen=True)
+class _Ended:
+    """How a fit ended, and the seconds that it took."""
+
+    standing: Standing
+    seconds: float
+    ridge: RidgeErrors | None = None
+
+
+def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, device: str) -> None:
     """Score the best weights and close the run."""
     predictor = new_predictor(config)
-    tensors, _ = read_tensors(folder / BEST)
-    try:
-        predictor.load_state_dict(tensors)
-    except RuntimeError as error:
-        raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
+    restore_best(predictor, folder)
     validation, test = (score(predictor, data, s, config.lead_s) for s in ("validation", "test"))
     metrics = RunMetrics(
         finished_utc=datetime.datetime.now(datetime.UTC).isoformat(),
-        seconds=seconds,
-        epochs=standing.epoch,
-        best_epoch=standing.best_epoch,
-        history=standing.history,
+        seconds=ended.seconds,
+        epochs=ended.standing.epoch,
+        best_epoch=ended.standing.best_epoch,
+        history=ended.standing.history,
+        training_history=_finite(ended.standing.training_history),
+        ridge=ended.ridge,
         trainable=predictor.trainable,
         frozen=predictor.frozen,
         validation=Scores(rmse=validation.rmse, r2=validation.r2),

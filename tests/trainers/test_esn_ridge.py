@@ -30,7 +30,8 @@ def test_ridge_solves_the_augmented_least_squares_problem(
 ) -> None:
     monkeypatch.setattr(ridge_module, "STRENGTHS", (strength,))
     x, y = regression(0, 300)
-    readout, bias = ridge(moments(blocks(x, y)), moments(blocks(x, y)))
+    found = ridge(moments(blocks(x, y)), moments(blocks(x, y)))
+    readout, bias = found.readout, found.bias
     centred = x - x.mean(0)
     damping = np.sqrt(strength * np.mean(np.var(x, axis=0)) * len(x)) * np.eye(12)
     expected = np.linalg.lstsq(
@@ -50,7 +51,8 @@ def test_the_error_from_moments_is_the_error_over_samples() -> None:
 def test_the_strength_is_chosen_on_validation() -> None:
     x, y = regression(2, 14)  # barely more samples than weights: unregularised overfits
     held_x, held_y = regression(3, 500)
-    readout, bias = ridge(moments(blocks(x, y)), moments(blocks(held_x, held_y)))
+    found = ridge(moments(blocks(x, y)), moments(blocks(held_x, held_y)))
+    readout, bias = found.readout, found.bias
     plain = np.linalg.lstsq(np.c_[x, np.ones(len(x))], y, rcond=None)[0]
     chosen = np.square(held_x @ readout.numpy() + bias.numpy() - held_y).mean()
     assert chosen < np.square(np.c_[held_x, np.ones(500)] @ plain - held_y).mean()
@@ -76,7 +78,7 @@ def test_the_solved_readout_is_that_of_stored_activations(echo: EpisodeSet) -> N
     made = Predictor("esn", core, 2, 1)
     tape, held_out = (lay_tape(echo, s, 0.0, echo.warm_up_steps) for s in ("train", "validation"))
     frozen = core.recurrent.clone()
-    loss = solve_readout(made, tape, held_out, (1.0,))
+    loss, _ = solve_readout(made, tape, held_out, (1.0,))
     assert torch.equal(frozen, core.recurrent)
     stored, wanted = [], []
     for start, length in zip(tape.starts, tape.lengths, strict=True):

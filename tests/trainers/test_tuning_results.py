@@ -61,6 +61,8 @@ def test_every_trial_is_a_line_and_every_figure_a_picture(echo: EpisodeSet, tmp_
     for name in ("history", "importances"):
         assert (work.out / f"{name}.png").read_bytes().startswith(b"\x89PNG")
         assert (work.out / f"{name}.pdf").read_bytes().startswith(b"%PDF")
+    for name in ("curves", "prediction"):
+        assert (found.run.folder / f"{name}.png").read_bytes().startswith(b"\x89PNG")
     assert sum(found.importances.values()) == pytest.approx(1)
     assert set(found.importances) == set(study.trials[0].params)
 

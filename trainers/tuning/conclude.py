@@ -12,6 +12,7 @@ from typing import Any
 import optuna
 import torch
 
+from trainers.pictures import write_pictures
 from trainers.preset import Preset, stated, write_preset
 from trainers.runs import RunConfig, TrainedRun, UnusableRun
 from trainers.training import OnEpoch, train
@@ -86,6 +87,7 @@ def _concluded(work: Work, study: optuna.Study, data: EpisodeSet, on_epoch: OnEp
     write_figures(work.out, title, rows, shares, work.plan.timed)
     config = work.plan.configured(data, _point(work, best))
     run = _trained(config, data, work.out, work.device, on_epoch)
+    write_pictures(run, data)
     hosts = [trial.user_attrs.get("worker", {}).get("host", "?") for trial in running(trials)]
     return Found(rows, counts, hosts, best, front, shares, run)
 

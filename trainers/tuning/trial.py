@@ -133,7 +133,7 @@ class Objective:
         trial.set_user_attr(DEVICE, device)
         if isinstance(predictor.core, Esn):
             learned, held_out = (tape.to(device) for tape in (self.learned, self.held_out))
-            loss = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
+            loss, _ = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
             return _error(loss, "its only pass")
         fit = new_fit(config, predictor, self.learned, self.held_out, device)
         while not fit.finished:

@@ -1,7 +1,7 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
 import json
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,7 @@ from wakedeploy.cli.output import (
     write_json,
 )
 from wakedeploy.cli.training_options import device_option, lead_option
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from trainers.fit import FitSettings
@@ -61,6 +61,7 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
+@click.option("--no-pictures", is_flag=True, help="Numbers only.")
 @json_option
 def command(
     data: Path,
@@ -75,12 +76,15 @@ def command(
     threads: int,
     device: str,
     fresh: bool,
+    no_pictures: bool,
     json_path: Path | None,
 ) -> None:
     """Train predictors and print their errors on the test episodes.
 
     Goes on where it was stopped; a run that is finished with the same data and settings is not
-    trained again. R² is pooled over the split; the spread over seeds follows ±.
+    trained again. R² is pooled over the split; the spread over seeds follows ±. Each run's folder
+    holds two pictures: curves.png, its errors over the epochs (of an esn, over the strengths of
+    its ridge), and prediction.png, the liveliest test episode as it was and as predicted.
 
     \b
     Example:
@@ -92,7 +96,7 @@ def command(
     import torch
 
     from trainers.score import unlearned
-    from trainers.training import chosen_lead_s, configure, train
+    from trainers.training import chosen_lead_s, configure
     from wakedeploy.episodes import read_episode_set
 
     names = _architectures(arch or _arch_of(preset))
@@ -112,16 +116,50 @@ def command(
     for number, config in enumerate(configs, 1):
         what = f"Training {config.arch} s{config.seed} ({number} of {len(configs)})"
         with progress(what, int(config.settings["epochs"])) as bar:
-            run = train(config, episodes, out, on_epoch=bar.update, fresh=fresh, device=device)
-            runs.append(run)
+            asked = {"on_epoch": bar.update, "fresh": fresh, "device": device}
+            runs.append(_trained(config, episodes, out, not no_pictures, asked))
     nothing_learned = unlearned(episodes, "test", lead_s)
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
     rows = [_row(run) for run in runs]
     print_scores(title, rows, runs[0].config, nothing_learned)
+    if not no_pictures:
+        where = runs[0].folder if len(runs) == 1 else "the folder of each run"
+        click.echo(f"Pictures: curves.png and prediction.png in {where}.")
     if json_path:
         how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
         lines = {"rows": rows, "unlearned": unlearned_rows(nothing_learned, lead_s)}
         write_json(json_path, how | lines)
+
+
+def _trained(
+    config: "RunConfig",
+    episodes: "EpisodeSet",
+    out: Path,
+    pictures: bool,
+    asked: Mapping[str, Any],
+) -> "TrainedRun":
+    """Train one run and draw it; of one that was interrupted or diverged, what there is."""
+    from trainers.pictures import write_pictures, write_pictures_so_far
+    from trainers.runs import run_folder
+    from trainers.training import train
+
+    try:
+        run = train(config, episodes, out, **asked)
+    except (KeyboardInterrupt, CheckFailed):
+        if pictures:
+            _drawn(lambda: write_pictures_so_far(run_folder(out, config), episodes))
+        raise
+    if pictures:
+        _drawn(lambda: write_pictures(run, episodes))
+    return run
+
+
+def _drawn(write: Callable[[], object]) -> None:
+    """A picture that cannot be written costs no result."""
+    try:
+        write()
+    except UnusableInput as error:
+        click.echo(f"No pictures: {error}", err=True)
 
 
 def _settings(
