@@ -26,7 +26,7 @@ from runtime.pilot import OBSERVATION
 from runtime.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
 from runtime.range_source import SocketRangeSource, wait_for_first
-from runtime.realtime import become_realtime, loop_core, quieten_interpreter
+from runtime.realtime import loop_core, quieten_interpreter, take_priority
 from runtime.reference import hold_plan
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
@@ -56,6 +56,7 @@ class BenchRow:
     rss_mb: float  # in flight, 10⁶ bytes
     first_call_ms: float
     overruns: int
+    realtime: bool  # with SCHED_FIFO, locked memory, a core of its own
     stages_ms: dict[str, Spread] = field(default_factory=dict)
 
     @property
@@ -72,12 +73,14 @@ def bench_latency(
     packages: Sequence[Path],
     *,
     ticks: int,
-    realtime: bool = False,
+    realtime: bool | None = None,
     busy: bool = False,
     rig: Rig | None = None,
     progress: Progress = lambda done, total: None,
 ) -> list[BenchRow]:
     """Measure packages one after the other; `busy` loads the other cores meanwhile.
+
+    `realtime` None takes the loop's priority where the computer permits it.
 
     Raises UnusableInput for a package, a rig or a machine that cannot be used, CheckFailed when a
     measuring process ended badly.
@@ -184,15 +187,14 @@ class Replayed:
         return np.zeros(1, dtype=np.float32)
 
 
-def measure(path: Path, ticks: int, realtime: bool, rig: Rig) -> BenchRow:
+def measure(path: Path, ticks: int, realtime: bool | None, rig: Rig) -> BenchRow:
     """Fly `ticks` ticks with a package in this process, and time them."""
     predictor = Replayed(read_package(path))
     arch = predictor.manifest.arch
     rig = rig.changed(disturbance={"rest_s": 0.0})
     with ExitStack() as opened:
         gantry = opened.enter_context(VirtualGantryProcess(rig, seed=0))
-        if realtime:
-            become_realtime()
+        is_realtime = take_priority(realtime).is_realtime
         worker = PredictionWorker(predictor, PERIOD_S)
         opened.callback(worker.close)
         link = opened.enter_context(Link(gantry.port))
@@ -214,11 +216,16 @@ def measure(path: Path, ticks: int, realtime: bool, rig: Rig) -> BenchRow:
             f"The measuring flight ended in a failsafe ({'+'.join(loop.failsafe_cause)}): this "
             "machine is too busy to pace the virtual gantry."
         )
-    return _as_row(arch, loop, worker, 100.0 * cpu_s / wall_s, rss_mb)
+    return _as_row(arch, loop, worker, 100.0 * cpu_s / wall_s, rss_mb, is_realtime)
 
 
 def _as_row(
-    arch: str, loop: Loop, worker: PredictionWorker, cpu_percent: float, rss_mb: float
+    arch: str,
+    loop: Loop,
+    worker: PredictionWorker,
+    cpu_percent: float,
+    rss_mb: float,
+    is_realtime: bool,
 ) -> BenchRow:
     tally = loop.tally
     stages = {name: _spread(np.asarray(times)) for name, times in tally.stages_s.items()}
@@ -235,6 +242,7 @@ def _as_row(
         rss_mb=rss_mb,
         first_call_ms=1e3 * worker.first_call_s,
         overruns=tally.overruns,
+        realtime=is_realtime,
         stages_ms=stages,
     )
 

@@ -6,7 +6,7 @@ must have an UNO behind it.
 
 from dataclasses import dataclass
 
-from runtime.link import Link
+from runtime.conversation import Conversation
 from runtime.protocol import Board, Fault
 from wakedeploy.errors import UnusableInput
 
@@ -48,7 +48,7 @@ def last_reset(faults: Fault) -> str:
     return " and ".join(words for fault, words in _RESETS.items() if fault in faults)
 
 
-def met_board(link: Link, *, may_be_virtual: bool) -> BoardNews:
+def met_board(link: Conversation, *, may_be_virtual: bool) -> BoardNews:
     """Greet the board behind a link. It is disarmed afterwards and has yet to be armed.
 
     Raises UnusableInput for what is no UNO, unless it may be virtual, and what a handshake raises;

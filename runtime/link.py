@@ -8,67 +8,24 @@ import os
 import select
 import threading
 import time
-from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import serial
 
-from runtime.protocol import (
-    BAUD,
-    FIRMWARE,
-    PROTOCOL_VERSION,
-    SEQUENCE_WRAP,
-    Arm,
-    Command,
-    Disarm,
-    Frame,
-    FrameDecoder,
-    Hello,
-    HelloReply,
-    Message,
-    Status,
-    encode_frame,
-)
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
-
-HANDSHAKE_LIMIT_S = 5.0  # opening the port reboots an UNO, which takes about 1.7 s
-REBOOT_LIMIT_S = 3.0  # for a board that fell silent: its watchdog's wait and its bootloader
-HELLO_PERIOD_S = 0.1
-ANSWER_LIMIT_S = 0.5
-SKETCH = "arduino_sketch/arduino_sketch.ino"
-_REMEMBERED = 256  # commands whose sending times are kept
-_FIRST_BYTES = 200  # of what comes in, kept to tell what is there if it is not the board
-_QUOTED = 40
+from runtime.conversation import Conversation
+from runtime.protocol import BAUD, Frame, Message
+from wakedeploy.errors import UnusableInput, one_line
 
 
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A status, when it arrived [s, monotonic] and how long after its question [s]."""
-
-    status: Status
-    mcu_time_us: int
-    received_s: float
-    round_trip_s: float
-
-
-class Link:
+class Link(Conversation):
     """An open port with its reader thread; `close` it, or use it as a context manager."""
 
     def __init__(self, port: str) -> None:
-        self.port = port
+        super().__init__(port)
         self._serial = _opened(port)
-        self._decoder = FrameDecoder()
-        self._sequence = 0
-        self._sent_s: OrderedDict[int, float] = OrderedDict()
         self._news = threading.Condition()
-        self._reply: HelloReply | None = None
-        self._first_bytes = b""
-        self._echoes = 0
-        self._answer: Answer | None = None
-        self._last_answered: int | None = None
-        self._failure: str | None = None
         self._closing = False
-        self._wake = os.pipe()  # ends the reader's wait
+        self._end_of_reading = os.pipe()
         self._reader = threading.Thread(target=self._read, name="link", daemon=True)
         self._reader.start()
 
@@ -78,130 +35,38 @@ class Link:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    @property
-    def failure(self) -> str | None:
-        """Why nothing can be sent or received any more, as one sentence; None while all is well."""
-        return self._failure
-
-    @property
-    def malformed(self) -> int:
-        """Frames from the MCU that were dropped."""
-        return self._decoder.malformed
-
-    @property
-    def answer(self) -> Answer | None:
-        """The newest status."""
-        return self._answer
-
-    def handshake(self, limit_s: float = HANDSHAKE_LIMIT_S) -> HelloReply:
-        """Agree on a protocol version; waits for the board to boot.
-
-        Raises UnusableInput when nobody, something else, or another version answers.
-        """
-        reply = self._greeted(limit_s)
-        self._require_alive(UnusableInput)
-        if reply is None:
-            raise UnusableInput(self._silence(limit_s))
-        return _agreed(reply, self.port)
-
-    def status(self) -> Status:
-        """What the board says of itself, motors idle; CheckFailed when it stops answering."""
-        return self._ask(Disarm())
-
-    def greet_again(self, limit_s: float = REBOOT_LIMIT_S) -> Status | None:
-        """The status of a board that fell silent in flight, motors idle; None if it stays silent.
-
-        One that has restarted knows of no handshake, so that it answers nothing but a greeting.
-        """
-        if self._greeted(limit_s) is None:
-            return None
-        try:
-            return self.status()
-        except CheckFailed:
-            return None
-
-    def arm(self, limits: Arm) -> Status:
-        """Switch the MCU's outputs on; CheckFailed when it refuses."""
-        status = self._ask(limits)
-        if not status.armed:
-            raise CheckFailed(
-                f"{self.port}: the board refused to arm (fault {status.faults!r}); unplug and "
-                "replug it, then start again."
-            )
-        return status
-
-    def disarm(self) -> None:
-        """Motors to idle at once; quiet when the port is gone, for then the deadman does it."""
-        if self._failure is None:
-            try:
-                self._ask(Disarm())
-            except CheckFailed:
-                return
-
-    def send(self, command: Command) -> int:
-        """Send a command and return its sequence number; a port that is gone shows in `failure`."""
-        return self._send(command)
-
-    def wait_for(self, sequence: int, limit_s: float) -> Answer | None:
-        """The answer to a frame, or None when it does not come within `limit_s`."""
-        with self._news:
-            self._news.wait_for(lambda: self._last_answered == sequence or self._failure, limit_s)
-            return self._answer if self._last_answered == sequence else None
-
     def close(self) -> None:
         """Stop reading and free the port."""
         self._closing = True
-        os.write(self._wake[1], b"x")
+        os.write(self._end_of_reading[1], b"x")
         self._reader.join(timeout=1.0)
         self._serial.close()
-        for end in self._wake:
+        for end in self._end_of_reading:
             os.close(end)
 
-    def _greeted(self, limit_s: float) -> HelloReply | None:
-        """The reply to one of the greetings sent until then; None without any."""
-        deadline_s = time.monotonic() + limit_s
-        self._reply = None
-        while time.monotonic() < deadline_s and not (self._reply or self._failure):
-            self._send(Hello())
-            with self._news:
-                self._news.wait_for(lambda: self._reply or self._failure, HELLO_PERIOD_S)
-        return self._reply
+    def _now_s(self) -> float:
+        return time.monotonic()
 
-    def _ask(self, message: Message) -> Status:
-        answer = self.wait_for(self._send(message), ANSWER_LIMIT_S)
-        self._require_alive(CheckFailed)
-        if answer is None:
-            raise CheckFailed(f"{self.port}: the board stopped answering; check the cable.")
-        return answer.status
-
-    def _send(self, message: Message) -> int:
-        self._sequence = (self._sequence + 1) % SEQUENCE_WRAP
-        now_s = time.monotonic()
-        self._sent_s[self._sequence] = now_s
-        if len(self._sent_s) > _REMEMBERED:
-            self._sent_s.popitem(last=False)
-        frame = Frame(self._sequence, int(now_s * 1e6), message)
-        if self._failure is None:
-            try:
-                self._write(encode_frame(frame))
-            except OSError as error:
-                self._fail(error)
-        return self._sequence
+    def _wait(self, until: Callable[[], object], limit_s: float) -> None:
+        with self._news:
+            self._news.wait_for(until, limit_s)
 
     # Not pyserial's write and read: its write asks afterwards whether the port is writable, and its
     # in_waiting locks the terminal against writers. Both wait for a kernel thread of ordinary
     # priority, and a real-time loop would wait with them, for up to 18 ms on a busy machine.
 
-    def _write(self, data: bytes) -> None:
-        """Hand a frame to the kernel without waiting."""
-        if os.write(self._serial.fileno(), data) != len(data):
-            raise BlockingIOError("the port takes no more bytes")
+    def _transmit(self, data: bytes, message: Message) -> None:
+        try:
+            if os.write(self._serial.fileno(), data) != len(data):
+                raise BlockingIOError("the port takes no more bytes")
+        except OSError as error:
+            self._fail(error)
 
     def _read(self) -> None:
-        port, wake = self._serial.fileno(), self._wake[0]
+        port, end = self._serial.fileno(), self._end_of_reading[0]
         while True:
-            ready, _, _ = select.select([port, wake], [], [])
-            if wake in ready:
+            ready, _, _ = select.select([port, end], [], [])
+            if end in ready:
                 return
             try:
                 data = os.read(port, 4096)
@@ -210,22 +75,11 @@ class Link:
             except OSError as error:
                 self._fail(error)
                 return
-            now_s = time.monotonic()
-            if len(self._first_bytes) < _FIRST_BYTES:
-                self._first_bytes += data[:_FIRST_BYTES]
-            for frame in self._decoder.feed(data):
-                self._take(frame, now_s)
+            self._heard(data, time.monotonic())
 
     def _take(self, frame: Frame, now_s: float) -> None:
         with self._news:
-            if isinstance(frame.message, HelloReply):
-                self._reply = frame.message
-            elif isinstance(frame.message, Status):
-                trip_s = now_s - self._sent_s.pop(frame.sequence, float("nan"))
-                self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
-                self._last_answered = frame.sequence
-            else:
-                self._echoes += 1  # no board says what only a host does
+            super()._take(frame, now_s)
             self._news.notify_all()
 
     def _fail(self, error: Exception) -> None:
@@ -237,53 +91,6 @@ class Link:
                 "check the USB cable and its power."
             )
             self._news.notify_all()
-
-    def _require_alive(self, kind: type[CheckFailed] | type[UnusableInput]) -> None:
-        if self._failure is not None:
-            raise kind(self._failure)
-
-    def _silence(self, limit_s: float) -> str:
-        """What is there instead of the board, and what to do about it."""
-        if self._echoes:
-            return (
-                f"{self.port}: what is there sends back what it is sent, as a modem does, and does "
-                "not speak wakedeploy's protocol; name the UNO's port ('wakedeploy doctor' lists "
-                "them)."
-            )
-        if self._decoder.bytes_seen:
-            return (
-                f"{self.port}: what answers does not speak wakedeploy's protocol "
-                f"({_quoted(self._first_bytes)}, no valid frame in {limit_s:g} s); check that it "
-                f"is the UNO, and upload {SKETCH} to it."
-            )
-        return (
-            f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that it is "
-            f"the UNO, and upload {SKETCH} to it."
-        )
-
-
-def _quoted(data: bytes) -> str:
-    """What was heard, as a person can read it: text where it is text, else its size."""
-    text = " ".join(data.decode("ascii", "replace").split())
-    if text and text.isprintable() and "\ufffd" not in text:
-        return f"it says '{text[:_QUOTED]}'" + ("…" if len(text) > _QUOTED else "")
-    return f"it sends other bytes, 0x{data[:4].hex()} first"
-
-
-def _agreed(reply: HelloReply, port: str) -> HelloReply:
-    if reply.version != PROTOCOL_VERSION:
-        said = f"answers in version {reply.version}" if reply.version else "speaks another version"
-        raise UnusableInput(
-            f"{port}: the board's firmware {reply.firmware} {said} of the protocol, and this "
-            f"wakedeploy speaks version {PROTOCOL_VERSION}; upload the sketch that belongs to it, "
-            f"{SKETCH}."
-        )
-    if reply.firmware != FIRMWARE:
-        raise UnusableInput(
-            f"{port}: the board runs firmware {reply.firmware}, and firmware {FIRMWARE} belongs to "
-            f"this wakedeploy; upload its sketch, {SKETCH}."
-        )
-    return reply
 
 
 def _opened(port: str) -> serial.Serial:

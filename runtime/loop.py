@@ -12,8 +12,8 @@ from typing import Protocol
 
 from runtime import safety
 from runtime.controller import Command, Terms
+from runtime.conversation import Answer
 from runtime.estimator import Measurement
-from runtime.link import Answer
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
@@ -101,7 +101,11 @@ class Wire(Protocol):
 
 
 class Loop:
-    """One run: rest, flight, rest; `run` it once. `beat` is called after every tick."""
+    """One run: rest, flight, rest; `run` it once. `beat` is called after every tick.
+
+    What each stage of a tick takes is in its row, unless it is not `is_timed`: on a simulated clock
+    computing takes no time.
+    """
 
     def __init__(
         self,
@@ -114,10 +118,12 @@ class Loop:
         clock: Clock = time,
         watch: GapWatch | None = None,
         beat: Callable[[], None] | None = None,
+        *,
+        is_timed: bool = True,
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
         self._worker, self._recorder, self._clock = worker, recorder, clock
-        self._watch, self._beat = watch, beat
+        self._watch, self._beat, self._is_timed = watch, beat, is_timed
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
@@ -230,12 +236,13 @@ class Loop:
         laps.mark("t_estimate_s")
         prediction = self._predict(aim, tick.start_s + self._wait_s)
         laps.mark("t_predict_s")
-        self._supervise(prediction, answer, measured)
+        self._supervise(prediction, reading, answer, measured)
         aim, command, terms = self._control(aim, measured.t_s, prediction)
         laps.mark("t_control_s")
         self._write(command)
         laps.mark("t_write_s")
-        row = tick_row(tick.index, measured, self._state, aim, command, terms) | laps.times_s
+        row = tick_row(tick.index, measured, self._state, aim, command, terms)
+        row |= laps.times_s if self._is_timed else {}
         row |= self._reported(reading, answer, prediction)
         if self._watch is not None:  # the command is on its way; nothing waits for the score
             row["gap_score"] = self._watch.step(row)
@@ -292,10 +299,15 @@ class Loop:
             return Prediction(bad_prediction=True)
         return Prediction(result.force_n, result.force_n if result.ready else None)
 
-    def _supervise(self, prediction: Prediction, answer: Answer, measured: Measurement) -> None:
+    def _supervise(
+        self, prediction: Prediction, reading: RangeReading, answer: Answer, measured: Measurement
+    ) -> None:
         now_s = measured.t_s + self._origin_s
+        # A plant process that the computer has not let run can neither answer nor measure.
+        heard_until_s = now_s - reading.behind_s(now_s)
         stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         self._last_tick_s = now_s
+        self.tally.stood_still(stalled_s, measured.t_s)
         status, estimate = answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
@@ -309,9 +321,11 @@ class Loop:
             late=prediction.late,
             bad_prediction=prediction.bad_prediction,
             bad_observation=prediction.bad_observation,
-            range_silence_s=math.inf if self._ranges.failure else now_s - self._range_seen_s,
+            range_silence_s=math.inf
+            if self._ranges.failure
+            else heard_until_s - self._range_seen_s,
             stalled_s=stalled_s,
-            link_silence_s=now_s - answer.received_s,
+            link_silence_s=heard_until_s - answer.received_s,
             link_failed=self._link.failure is not None,
             mcu_fault=bool(status.faults) or not status.armed,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,

@@ -9,7 +9,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from runtime.run import RunRequest, Show, Tell, Warn, fly
+from runtime.request import RunRequest, Show, Tell, Warn
+from runtime.run import fly
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 _SEEDS_OF_A_FLIGHT = 1_000_003  # apart from each other, and from the seeds that people choose

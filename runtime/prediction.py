@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from runtime.realtime import Pacer
+from runtime.realtime import Pacer, yield_to_the_loop
 from wakedeploy.errors import CheckFailed
 from wakedeploy.package import Manifest
 
@@ -60,6 +60,15 @@ class Predictions(Protocol):
 
     def reset(self) -> None:
         """Let the memory be filled anew by the observations from now on."""
+
+
+def predicted(predictor: Stepper, observation: FloatArray) -> Result:
+    """One step of a predictor; NaN, which degrades the mode, where it fails."""
+    try:
+        force_n = float(predictor.step(observation)[0])
+    except Exception:  # onnxruntime's exceptions have no common base
+        force_n = float("nan")
+    return Result(force_n, predictor.ready)
 
 
 class PredictionWorker:
@@ -123,6 +132,8 @@ class PredictionWorker:
         return None
 
     def _run(self) -> None:
+        # It inherits the loop's priority and core: the loop's timed wait could never interrupt it.
+        yield_to_the_loop()
         self._warm_up()
         while True:
             number, observation = self._asked.get()
@@ -131,24 +142,17 @@ class PredictionWorker:
             if observation is None:
                 self._predictor.reset()
             else:
-                self._done.put((number, self._predicted(observation)))
-
-    def _predicted(self, observation: FloatArray) -> Result:
-        try:
-            force_n = float(self._predictor.step(observation)[0])
-        except Exception:  # onnxruntime's exceptions have no common base; NaN degrades the mode
-            force_n = float("nan")
-        return Result(force_n, self._predictor.ready)
+                self._done.put((number, predicted(self._predictor, observation)))
 
     def _warm_up(self) -> None:
         """Call the model at the loop's pace until caches, clocks and allocations have settled."""
         observation = 0.5 * (self.low + self.high)
         started_s = time.monotonic()
-        self._predicted(observation)
+        predicted(self._predictor, observation)
         self.first_call_s = time.monotonic() - started_s
         pacer = Pacer(self._period_s)
         for _ in range(WARM_UP_CALLS - 1):
             pacer.wait()
-            self._predicted(observation)
+            predicted(self._predictor, observation)
         self._predictor.reset()
         self._warm.set()

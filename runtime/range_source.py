@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from runtime.realtime import Clock
 from wakedeploy.errors import UnusableInput, installs, one_line
 
 TIMING_BUDGET_US = 20_000  # the sensor's fastest; its time of a sample is the middle of it
@@ -26,15 +27,19 @@ SENSOR_ANSWER_S = 0.5  # the driver would otherwise wait for ever for a chip tha
 SILENCE_S = 1.0  # without a measurement, though the bus is well: the sensor lost power or hangs
 STATUS_NO_TARGET = 4
 FIRST_SAMPLE_S = 3.0
+PLANT_HANGS_S = 2.0
 REST_SAMPLES, REST_S = 15, 1.0  # the median of these is within 3 mm, strays or not
 # range [mm], sensor time [µs, monotonic], status, then what only a simulation knows (else NaN):
-# wake's force [N], extra force [N], height [m].
-SOCKET_LAYOUT = struct.Struct("<dQBddd")
+# wake's force [N], extra force [N], height [m], and the time that its plant has reached [µs].
+SOCKET_LAYOUT = struct.Struct("<dQBdddQ")
 
 
 @dataclass(frozen=True, slots=True)
 class RangeReading:
-    """One sample: range [mm], when it was taken [µs, monotonic], 0 for a good one; the truth."""
+    """One sample: range [mm], when it was taken [µs, monotonic], 0 for a good one; the truth.
+
+    `plant_time_us` [monotonic] is how far a plant process has come; 0 where the world is real.
+    """
 
     range_mm: float
     sensor_time_us: int
@@ -42,6 +47,7 @@ class RangeReading:
     true_wake_force_n: float = math.nan
     true_hook_force_n: float = math.nan
     true_z_m: float = math.nan
+    plant_time_us: int = 0
 
     @property
     def range_m(self) -> float:
@@ -53,9 +59,17 @@ class RangeReading:
         """When the sample was taken [s, monotonic]."""
         return self.sensor_time_us * 1e-6
 
+    def behind_s(self, now_s: float) -> float:
+        """How far a plant process is behind the present [s]: it has not been let run, nor answer.
+
+        0 for a real world, and for a process that has stood still for so long that it may hang.
+        """
+        behind_s = now_s - 1e-6 * self.plant_time_us if self.plant_time_us else 0.0
+        return behind_s if 0.0 < behind_s < PLANT_HANGS_S else 0.0
+
     def pack(self) -> bytes:
         """The sample as one packet of the socket form."""
-        truth = (self.true_wake_force_n, self.true_hook_force_n, self.true_z_m)
+        truth = (self.true_wake_force_n, self.true_hook_force_n, self.true_z_m, self.plant_time_us)
         return SOCKET_LAYOUT.pack(self.range_mm, self.sensor_time_us, self.status, *truth)
 
 
@@ -74,14 +88,16 @@ class RangeSource(Protocol):
         """Stop reading."""
 
 
-def wait_for_first(source: RangeSource, limit_s: float = FIRST_SAMPLE_S) -> RangeReading:
+def wait_for_first(
+    source: RangeSource, clock: Clock = time, limit_s: float = FIRST_SAMPLE_S
+) -> RangeReading:
     """The first good sample; UnusableInput when none comes."""
-    deadline_s = time.monotonic() + limit_s
-    while time.monotonic() < deadline_s and source.failure is None:
+    deadline_s = clock.monotonic() + limit_s
+    while clock.monotonic() < deadline_s and source.failure is None:
         reading = source.newest
         if reading is not None and reading.status == 0:
             return reading
-        time.sleep(0.01)
+        clock.sleep(0.01)
     raise UnusableInput(
         failure_sentence(source)
         or f"The range sensor gave no valid reading within {limit_s:g} s; check that it sees the "
@@ -95,19 +111,19 @@ def failure_sentence(source: RangeSource) -> str | None:
     return failure and failure[0].upper() + failure[1:]
 
 
-def resting_range_m(source: RangeSource, limit_s: float = REST_S) -> float:
+def resting_range_m(source: RangeSource, clock: Clock = time, limit_s: float = REST_S) -> float:
     """The median [m] of the first good sample and those of a short rest, each counted once.
 
     Raises UnusableInput when no good one comes.
     """
-    first = wait_for_first(source)
+    first = wait_for_first(source, clock)
     seen = {first.sensor_time_us: first.range_m}
-    deadline_s = time.monotonic() + limit_s
-    while len(seen) < REST_SAMPLES and time.monotonic() < deadline_s and source.failure is None:
+    deadline_s = clock.monotonic() + limit_s
+    while len(seen) < REST_SAMPLES and clock.monotonic() < deadline_s and source.failure is None:
         reading = source.newest
         if reading is not None and reading.status == 0:
             seen[reading.sensor_time_us] = reading.range_m
-        time.sleep(POLL_S)
+        clock.sleep(POLL_S)
     return statistics.median(seen.values())
 
 

@@ -43,14 +43,43 @@ def become_realtime() -> None:
         raise UnusableInput(
             "--realtime: this user may not use SCHED_FIFO; add '@realtime - rtprio 90' and "
             "'@realtime - memlock unlimited' to /etc/security/limits.conf, join the group "
-            "'realtime' and log in again, or leave --realtime away."
+            "'realtime' and log in again, or fly with --no-realtime."
         ) from error
     except (AttributeError, OSError) as error:
         raise UnusableInput(
-            f"--realtime: this system offers no SCHED_FIFO ({error}); leave --realtime away."
+            f"--realtime: this system offers no SCHED_FIFO ({error}); fly with --no-realtime."
         ) from error
     _lock_memory()
     os.sched_setaffinity(0, {loop_core()})
+
+
+@dataclass(frozen=True, slots=True)
+class Priority:
+    """Whether the loop has real-time priority, and a line that says so."""
+
+    is_realtime: bool
+    sentence: str
+
+
+def take_priority(asked: bool | None) -> Priority:
+    """Become real-time where that is asked for, or, with None, where the computer permits it.
+
+    Raises UnusableInput where it is asked for and not permitted.
+    """
+    if asked is False:
+        return Priority(False, "Real time: none taken; other programs can hold up the loop.")
+    try:
+        become_realtime()
+    except UnusableInput:
+        if asked:
+            raise
+        return Priority(
+            False,
+            "Real time: not permitted here, so that other programs can hold up the loop; "
+            "`wakedeploy doctor` says how to permit it.",
+        )
+    taken = f"SCHED_FIFO, locked memory, core {loop_core()}"
+    return Priority(True, f"Real time: {taken}; --no-realtime does without.")
 
 
 def yield_to_the_loop() -> None:
@@ -75,7 +104,7 @@ def _lock_memory() -> None:
     if libc.mlockall(_LOCK_CURRENT_FUTURE_ON_FAULT) != 0:
         raise UnusableInput(
             f"--realtime: memory cannot be locked ({os.strerror(ctypes.get_errno())}); raise the "
-            "memlock limit ('ulimit -l unlimited') or leave --realtime away."
+            "memlock limit ('ulimit -l unlimited') or fly with --no-realtime."
         )
 
 

@@ -1,5 +1,6 @@
 """Records a run in a thread of its own, so that a stalling disk never holds up the loop."""
 
+import contextlib
 import errno
 import queue
 import threading
@@ -32,15 +33,23 @@ class RecorderReport:
 class Recorder:
     """Takes one row per tick and writes it to an MCAP run log.
 
-    `put` never blocks and never raises. When the disk fails the recording stops, what was written
-    stays readable, and `error` says what happened. Raises UnusableInput when the file cannot be
-    started or would replace an earlier recording.
+    `put` never raises, and blocks in simulated time alone, where a loop that outruns the disk can
+    wait for it; there the rows' stamps are `simulated_from_ns` [ns, UTC] and their own `t_s`. When
+    the disk fails the recording stops, what was written stays readable, and `error` says what
+    happened. Raises UnusableInput when the file cannot be started or would replace an earlier
+    recording.
     """
 
     def __init__(
-        self, path: Path, metadata: Mapping[str, str], queue_size: int = QUEUE_SIZE
+        self,
+        path: Path,
+        metadata: Mapping[str, str],
+        queue_size: int = QUEUE_SIZE,
+        *,
+        simulated_from_ns: int | None = None,
     ) -> None:
         self.path = path
+        self._simulated_from_ns = simulated_from_ns
         self._writer = _started(path, metadata)
         self._queue: queue.Queue[tuple[int, Row]] = queue.Queue(queue_size)
         self._closing = threading.Event()
@@ -65,11 +74,17 @@ class Recorder:
     def put(self, row: Row) -> None:
         """Hand over one tick; the row must not be changed afterwards."""
         self._offered += 1
-        if self._error is None:
-            try:
+        if self._simulated_from_ns is not None:
+            self._put_patiently(self._simulated_from_ns + _nanoseconds(row["t_s"]), row)
+        elif self._error is None:
+            with contextlib.suppress(queue.Full):  # counted: offered, but never taken
                 self._queue.put_nowait((time.time_ns(), row))
-            except queue.Full:
-                return  # counted: offered, but never taken
+
+    def _put_patiently(self, stamp_ns: int, row: Row) -> None:
+        while self._error is None:
+            with contextlib.suppress(queue.Full):
+                self._queue.put((stamp_ns, row), timeout=SYNC_S)
+                return
 
     def close(self) -> RecorderReport:
         """Write what still waits, end the file, and report; a second time, only report."""
@@ -118,6 +133,11 @@ class Recorder:
         self._sync()
         dropped = self._offered - self._taken
         self._writer.close({"written": str(self._taken), "dropped": str(dropped)})
+
+
+def _nanoseconds(t_s: Value) -> int:
+    assert isinstance(t_s, float)
+    return int(1e9 * t_s)
 
 
 def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:

@@ -1,21 +1,22 @@
 """The gantry in simulated time: what the loop asks of a clock, a link and a range source.
 
-Behind them stand the MCU's decisions and the plant, stepped whenever the loop sleeps. The loop is
-the one that flies at the rig; only frames and threads are left out.
+Behind them stand the board and the plant, stepped in lockstep with the loop whenever it sleeps or
+waits. The loop is the one that flies at the rig, and so are the bytes on the wire; only threads and
+waiting are left out. What happens is a function of rig, seed and package.
 """
 
 import math
-from collections import deque
+from collections.abc import Callable
 
 import numpy as np
 
-from runtime.link import Answer
-from runtime.mcu import Mcu
-from runtime.prediction import Result
+from runtime.conversation import Conversation
+from runtime.prediction import Result, predicted
 from runtime.predictor import PackagePredictor
-from runtime.protocol import Arm, Command, Status
+from runtime.protocol import Command, Message
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
-from runtime.virtual.mcu_port import battery_v, mcu_time_us, status_of
+from runtime.virtual.firmware_port import FirmwarePort
+from runtime.virtual.mcu_port import McuPort
 from wakedeploy.package import FloatArray
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import Rig
@@ -24,70 +25,41 @@ COMPUTE_S = 0.001  # from reading to writing, as the loop has been timed
 _MOST_JITTER_S = 0.003
 
 
-class SimulatedGantry:
+class SimulatedGantry(Conversation):
     """Clock, link and range source in one, around a plant; time starts at 0 with the plant's.
 
-    `model` is the rig file of the loop, whose limits the MCU is armed with; `truth` the plant's.
+    `truth` is the plant's rig, `port` the board (default: the one in Python, ready at once). The
+    board has been greeted and may be armed; the one in Python takes no time for that, so that the
+    plant has not moved yet.
     """
 
-    failure: str | None = None
-
-    def __init__(self, plant: GantryPlant, *, model: Rig, truth: Rig, seed: int) -> None:
+    def __init__(
+        self,
+        plant: GantryPlant,
+        *,
+        truth: Rig,
+        seed: int,
+        port: McuPort | FirmwarePort | None = None,
+    ) -> None:
+        super().__init__("the virtual gantry")
         self.plant = plant
-        self._model, self._truth = model, truth
-        self._mcu = Mcu(model)
-        self._now_s = 0.0
+        self._jitter_s = truth.disturbance.clock_jitter_s
+        self._board = port if port is not None else McuPort(truth, boot_s=0.0)
+        self._present_s = 0.0
         self._late = np.random.default_rng(np.random.SeedSequence([seed, 2]))
-        self._under_way: deque[tuple[float, int, Command]] = deque()
-        self._sent_s: dict[int, float] = {}
-        self._sequence = 0
-        self._answer = self._answered(0, 0.0, math.nan)
+        self._board.opened(0.0)
+        self.handshake()
 
     # A clock. Computing takes no time; waking up is late by the rig's clock jitter.
 
     def monotonic(self) -> float:
         """The present [s]."""
-        return self._now_s
+        return self._present_s
 
     def sleep(self, seconds: float, /) -> None:
         """Let the world go on."""
-        jitter_s = self._truth.disturbance.clock_jitter_s * abs(float(self._late.standard_normal()))
-        self._now_s += seconds + min(jitter_s, _MOST_JITTER_S)
-        while self.plant.t_s + 0.5 * self.plant.dt_s < self._now_s:
-            self._step()
-
-    # A link.
-
-    @property
-    def answer(self) -> Answer:
-        """The MCU's newest status."""
-        return self._answer
-
-    def arm(self, limits: Arm) -> Status:
-        """Arm at once, within these pulses; the other limits are the model's, which the MCU has."""
-        pulses = {"pulse_us": (limits.low_us, limits.high_us)}
-        within = {"limits": self._model.limits.model_copy(update=pulses)}
-        self._mcu = Mcu(self._model.model_copy(update=within))
-        self._mcu.arm(self._now_s)
-        self._answer = self._answered(self._sequence, self._now_s, math.nan)
-        return self._answer.status
-
-    def disarm(self) -> None:
-        """Motors idle."""
-        self._mcu.disarm()
-
-    def send(self, message: Command) -> int:
-        """Put a command on its way; it arrives after computing and half the round trip."""
-        self._sequence += 1
-        sent_s = self._now_s + COMPUTE_S
-        self._sent_s[self._sequence] = sent_s
-        arrives_s = sent_s + 0.5 * self._truth.latency.round_trip_s
-        self._under_way.append((arrives_s, self._sequence, message))
-        return self._sequence
-
-    def greet_again(self) -> Status | None:
-        """The board answers as before: it has not restarted."""
-        return self._answer.status
+        jitter_s = self._jitter_s * abs(float(self._late.standard_normal()))
+        self._let_pass(seconds + min(jitter_s, _MOST_JITTER_S))
 
     # A range source.
 
@@ -108,21 +80,40 @@ class SimulatedGantry:
     def close(self) -> None:
         """Nothing to close."""
 
-    def _step(self) -> None:
-        plant = self.plant
-        while self._under_way and self._under_way[0][0] <= plant.t_s:
-            arrived_s, sequence, command = self._under_way.popleft()
-            speed_mps = command.carriage_steps_per_s / self._truth.stepper.steps_per_m
-            self._mcu.command(arrived_s, command.source_us, command.sufferer_us, speed_mps)
-            trip_s = arrived_s - self._sent_s.pop(sequence)
-            self._answer = self._answered(sequence, plant.t_s, trip_s)
-        out = self._mcu.advance(plant.t_s, plant.dt_s)
-        plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
+    # A wire.
 
-    def _answered(self, sequence: int, t_s: float, round_trip_s: float) -> Answer:
-        volts = battery_v(self._truth)
-        status = status_of(self._mcu.status, self.plant, sequence=sequence, boot=1, battery_v=volts)
-        return Answer(status, mcu_time_us(t_s), t_s, round_trip_s)
+    def _now_s(self) -> float:
+        return self._present_s
+
+    def _leaves_s(self, message: Message) -> float:
+        return self._present_s + (COMPUTE_S if isinstance(message, Command) else 0.0)
+
+    def _transmit(self, data: bytes, message: Message) -> None:
+        # Between flights nobody waits for the wire, so that a log begins with its plant.
+        at_once = not isinstance(message, Command)
+        self._board.receive(self._leaves_s(message), data, at_once=at_once)
+
+    def _wait(self, until: Callable[[], object], limit_s: float) -> None:
+        end_s = self._present_s + limit_s
+        self._hear(self._present_s)
+        while not until() and self._present_s < end_s:
+            self._let_pass(self.plant.dt_s)
+            self._hear(self._present_s)
+
+    def _let_pass(self, seconds: float) -> None:
+        plant = self.plant
+        self._present_s += seconds
+        while plant.t_s + 0.5 * plant.dt_s < self._present_s:
+            self._hear(plant.t_s)
+            out = self._board.advance(plant.t_s, plant.dt_s)
+            plant.step(out.source_us, out.sufferer_us, out.carriage_mps)
+
+    def _hear(self, t_s: float) -> None:
+        """What the board has said by now; the way back takes no time."""
+        while (due_s := self._board.due_s) < t_s:
+            self._heard(self._board.answer(due_s, self.plant), due_s)
+        if data := self._board.answer(t_s, self.plant):
+            self._heard(data, t_s)
 
 
 class PackageForecast:
@@ -136,8 +127,7 @@ class PackageForecast:
 
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
         """The force for an observation (d,)."""
-        force_n = float(self._predictor.step(observation)[0])
-        return Result(force_n, self._predictor.ready)
+        return predicted(self._predictor, observation)
 
     def reset(self) -> None:
         """Forget what was observed."""

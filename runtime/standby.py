@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from runtime.link import Link
+from runtime.conversation import Conversation
 from runtime.range_source import RangeSource, failure_sentence
 from wakedeploy.errors import CheckFailed, UnusableInput
 
@@ -27,7 +27,9 @@ def begin_standby(arm_file: Path) -> bool:
     return _taken(arm_file)
 
 
-def stand_by(arm_file: Path, link: Link, ranges: RangeSource, beat: Callable[[], None]) -> None:
+def stand_by(
+    arm_file: Path, link: Conversation, ranges: RangeSource, beat: Callable[[], None]
+) -> None:
     """Return once the file has appeared and been taken away.
 
     Raises UnusableInput when board or sensor fall silent meanwhile.

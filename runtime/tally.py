@@ -16,6 +16,19 @@ from wakedeploy.runlog import FLYING, STAGES
 LogValue = float | int | str | None
 
 
+@dataclass(frozen=True)
+class Pause:
+    """A time in which the computer did nothing for the loop: how long, and when it began [s]."""
+
+    length_s: float
+    at_s: float
+
+    @property
+    def milliseconds(self) -> int:
+        """Its length, rounded [ms]."""
+        return round(1e3 * self.length_s)
+
+
 @dataclass
 class Tally:
     """Counts and series over the ticks of one run; times in s, errors in m."""
@@ -27,6 +40,7 @@ class Tally:
     ended: str = ""  # "whole", "stopped by hand", "failsafe: …" or "broken off"
     gap: GapReport | None = None  # of --watch-gap
     log: Path | None = None  # where the run was recorded
+    pause: Pause | None = None  # the longest that skipped a tick
     modes: Counter[str] = field(default_factory=Counter)
     faults: Counter[str] = field(default_factory=Counter)
     errors_m: array[float] = field(default_factory=lambda: array("d"))
@@ -51,11 +65,18 @@ class Tally:
         self.faults.update(name for name in str(row["faults"]).split("+") if name)
         self.wake_ups_s.append(late_s)
         for stage, series in self.stages_s.items():
-            series.append(_number(row[stage]))
+            if stage in row:
+                series.append(_number(row[stage]))
         if row["round_trip_s"] is not None:
             self.round_trips_s.append(_number(row["round_trip_s"]))
         if row["mode"] in FLYING:
             self._add_errors(row)
+
+    def stood_still(self, length_s: float, until_s: float) -> None:
+        """Remember the longest time between two ticks in which one was missed."""
+        longest_s = self.pause.length_s if self.pause is not None else 1.5 * self.period_s
+        if length_s > longest_s:
+            self.pause = Pause(length_s, until_s - length_s)
 
     def _add_errors(self, row: dict[str, LogValue]) -> None:
         self.errors_m.append(_number(row["z_ref_m"]) - _number(row["z_est_m"]))
@@ -74,8 +95,8 @@ class Tally:
 
     @property
     def totals_s(self) -> npt.NDArray[np.float64]:
-        """Per tick, from measurement received to command written [s], (ticks,)."""
-        return np.asarray(np.sum(list(self.stages_s.values()), axis=0))
+        """Per tick, from measurement received to command written [s], (ticks,); () untimed."""
+        return np.asarray(np.sum([np.asarray(s) for s in self.stages_s.values()], axis=0))
 
     def seconds_in(self, mode: str) -> float:
         """Time spent in a mode [s]."""

@@ -232,7 +232,7 @@ def test_bare_motors_never_get_more_than_the_page_says() -> None:
         rig = default_rig().changed(limits={"pulse_us": pulse_us})
         idle = (1000.0, 1000.0)
         plant = GantryPlant(rig, seed=1, command_hook=lambda t, source, sufferer, dt, i=idle: i)
-        gantry = SimulatedGantry(plant, model=rig, truth=rig, seed=1)
+        gantry = SimulatedGantry(plant, truth=rig, seed=1)
         rows: list[dict[str, Any]] = []
         sink = SimpleNamespace(error=None, put=rows.append)
         loop = Loop(rig, gantry, gantry, random_plan(rig, 6.0, 0), None, sink, gantry)

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from runtime.link import HELLO_PERIOD_S, REBOOT_LIMIT_S, Answer
+from runtime.conversation import HELLO_PERIOD_S, REBOOT_LIMIT_S, Answer
 from runtime.protocol import Disarm, Frame, FrameDecoder, Hello, HelloReply, Status, encode_frame
 from runtime.range_source import RangeReading
 from runtime.reference import FlightPlan

@@ -3,7 +3,7 @@
 # By the names of `runtime.safety`: what happened, then after the colon what to do about it.
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
-    "loop_stalled": "the loop stood still: end what else runs on the computer, or fly --realtime",
+    "loop_stalled": "the computer stood still: end what else runs on it",
     "battery_lost": "the battery's voltage fell far: check its plug, its charge and the stop",
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
     "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",

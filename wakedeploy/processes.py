@@ -6,10 +6,14 @@ import multiprocessing.connection
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import resource_tracker
+from typing import Any
 
 MOST_WORKERS = 16  # by default: each holds some 400 MB
+
+Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
 def default_workers() -> int:
@@ -47,3 +51,23 @@ def _wait_for_its_end() -> None:
     if parent is not None:
         multiprocessing.connection.wait([parent.sentinel])
         os._exit(1)
+
+
+@contextlib.contextmanager
+def processes(workers: int) -> Iterator[Map]:
+    """A `map` over that many processes; results come in order.
+
+    With one worker everything happens in this process, which may be one that must not start others
+    (a worker of a sweep).
+    """
+    if workers <= 1:
+        yield map
+        return
+    # Workers end at once when interrupted; the parent says so.
+    defaults = (signal.SIGINT, signal.SIG_DFL)
+    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
+        try:
+            yield pool.map
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from runtime.reference import FlightPlan
-from runtime.run import RunRequest, Show, Tell, fly
+from runtime.request import RunRequest, Show, Tell, Warn
+from runtime.run import fly
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import RunLog, read_run_log
@@ -19,8 +20,8 @@ class Site:
     """Where to measure: a port, or with None the virtual gantry with `plant_rig` as its truth.
 
     Each run is recorded in `folder`. `show` is called twice a second with the seconds done and all,
-    `tell` after every run that began, however it ended. `firmware` and `realtime` as in a
-    `RunRequest`.
+    `tell` after every run that began, however it ended; `warn` gets sentences. `firmware`,
+    `wall_clock` and `realtime` as in a `RunRequest`.
     """
 
     folder: Path
@@ -29,9 +30,11 @@ class Site:
     plant_rig: Rig | None = None
     seed: int = 0
     firmware: bool = False
-    realtime: bool = False
+    wall_clock: bool = False
+    realtime: bool | None = None
     tell: Tell | None = None
     show: Show | None = None
+    warn: Warn | None = None
 
     def flown(
         self, name: str, rig: Rig, plan: FlightPlan, spacer_m: float = 0.0, clip_kg: float = 0.0
@@ -54,10 +57,11 @@ class Site:
             plant_rig=with_clip(truth, clip_kg) if self.port is None else None,
             firmware=self.firmware,
             spacer_m=spacer_m,
+            wall_clock=self.wall_clock,
             realtime=self.realtime,
             log=log,
         )
-        fly(request, tell=self.tell, show=self.show)
+        fly(request, tell=self.tell, show=self.show, warn=self.warn)
         return read_run_log(log)
 
 

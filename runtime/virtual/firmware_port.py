@@ -4,6 +4,7 @@ What `McuPort` decides in Python is here decided by the firmware: the plant gets
 that were measured on the ESC pins, and the steps that were counted on the step pin.
 """
 
+import math
 from collections import deque
 
 from runtime.mcu import Outputs
@@ -39,9 +40,17 @@ class FirmwarePort:
         self._under_way.clear()
         self._uno.open_port()
 
-    def receive(self, t_s: float, data: bytes) -> None:
-        """Bytes from the host; whatever comes while the bootloader runs is lost."""
-        self._under_way.append((t_s + self._delay_s, data))
+    def receive(self, t_s: float, data: bytes, *, at_once: bool = False) -> None:
+        """Bytes from the host; whatever comes while the bootloader runs is lost.
+
+        They take the command's half of the round trip, or the simulated wire's time alone.
+        """
+        self._under_way.append((t_s + (0.0 if at_once else self._delay_s), data))
+
+    @property
+    def due_s(self) -> float:
+        """Nobody knows when the sketch will answer."""
+        return math.inf
 
     def answer(self, t_s: float, plant: GantryPlant) -> bytes:
         """What the sketch has sent by now; the plant moves its home switch."""

@@ -1,10 +1,13 @@
-"""The plant's four hooks across a process boundary: named, not passed."""
+"""The plant's four hooks by name: a person's own module says what the simulation shall hide."""
 
+import functools
 import importlib
-from collections.abc import Mapping
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
 
 HOOKS = ("command_hook", "force_hook", "sensor_hook", "wake_hook")
 
@@ -12,9 +15,13 @@ HOOKS = ("command_hook", "force_hook", "sensor_hook", "wake_hook")
 def load_hooks(name: str) -> dict[str, Any]:
     """Call `MODULE:FUNCTION`, which returns a mapping of hook names to functions.
 
-    The module is looked for where Python looks, the current folder of a plant process included.
-    Raises UnusableInput when there is no such function, it fails, or it returns something else.
+    The module is looked for where Python looks, and first in the current folder. Raises
+    UnusableInput when there is no such function, it fails, or it returns something else. A hook
+    that fails later, in flight, raises CheckFailed with its name.
     """
+    here = str(Path.cwd())
+    if here not in sys.path and "" not in sys.path:
+        sys.path.insert(0, here)  # which an installed command's own folder replaces
     module_name, _, function_name = name.partition(":")
     try:
         function = getattr(importlib.import_module(module_name), function_name)
@@ -42,7 +49,22 @@ def _checked(hooks: Any, name: str) -> dict[str, Any]:
             raise UnusableInput(f"--hooks {name}: {hook!r} is none of {', '.join(HOOKS)}.")
         if not callable(function):
             raise UnusableInput(f"--hooks {name}: its {hook} is no function.")
-    return dict(hooks)
+    return {hook: _named(hook, function, name) for hook, function in hooks.items()}
+
+
+def _named(hook: str, function: Callable[..., Any], name: str) -> Callable[..., Any]:
+    """The hook, whose own errors say where they come from."""
+
+    @functools.wraps(function)
+    def called(t_s: float, *values: Any) -> Any:
+        try:
+            return function(t_s, *values)
+        except Exception as error:  # a person's function may raise anything
+            raise CheckFailed(
+                f"--hooks {name}: its {hook} fails at {t_s:.3f} s: {_told(error)}."
+            ) from error
+
+    return called
 
 
 def _told(error: BaseException) -> str:

@@ -1,5 +1,6 @@
 """The UNO's end of the wire: frames to the MCU's decisions and back, reboot included."""
 
+import math
 from collections import deque
 
 from runtime.mcu import Mcu, McuStatus, Outputs
@@ -48,12 +49,20 @@ class McuPort:
         self._started_s = t_s + self._boot_s
         self._restart()
 
-    def receive(self, t_s: float, data: bytes) -> None:
-        """Bytes from the host; whatever comes while the bootloader runs is lost."""
+    def receive(self, t_s: float, data: bytes, *, at_once: bool = False) -> None:
+        """Bytes from the host; whatever comes while the bootloader runs is lost.
+
+        They take the command's half of the round trip, unless they are there `at_once`.
+        """
         if t_s < self._started_s:
             return
         for frame in self._decoder.feed(data):
-            self._under_way.append((t_s + self._delay_s, frame))
+            self._under_way.append((t_s + (0.0 if at_once else self._delay_s), frame))
+
+    @property
+    def due_s(self) -> float:
+        """When the next frame arrives; infinite while none is under way."""
+        return self._under_way[0][0] if self._under_way else math.inf
 
     def answer(self, t_s: float, plant: GantryPlant) -> bytes:
         """Act on the frames that have arrived by now; the answers to them."""

@@ -11,10 +11,12 @@ import socket
 import sys
 import time
 import tty
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from runtime.range_source import STATUS_NO_TARGET, RangeReading
+from runtime.protocol import TIME_WRAP_US, FrameDecoder
+from runtime.range_source import PLANT_HANGS_S, STATUS_NO_TARGET, RangeReading
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import BOOT_S, McuPort
@@ -67,6 +69,30 @@ class PtyPort:
                 os.write(self._master, data)
 
 
+class FrameStamps:
+    """When the host sent what is read now: its frames say so, by the clock that both share.
+
+    A plant that the computer has not let run reads them late; they act when they were sent.
+    """
+
+    def __init__(self) -> None:
+        self._decoder = FrameDecoder()
+
+    def of(self, data: bytes, now_s: float) -> Iterator[tuple[float, bytes]]:
+        """Bytes frame by frame, each with its time [s, monotonic]; `now_s` where none is told."""
+        *whole, rest = data.split(b"\0")
+        for piece in (*(piece + b"\0" for piece in whole), rest):
+            if piece:
+                frames = list(self._decoder.feed(piece))
+                yield (_sent_s(frames[0].time_us, now_s) if frames else now_s), piece
+
+
+def _sent_s(time_us: int, now_s: float) -> float:
+    """The last time before now at which a clock in µs that wraps said `time_us` [s]."""
+    ago_s = 1e-6 * ((int(1e6 * now_s) - time_us) % TIME_WRAP_US)
+    return now_s - ago_s if ago_s < PLANT_HANGS_S else now_s
+
+
 class RangeServer:
     """Sends readings to whoever is connected."""
 
@@ -109,6 +135,7 @@ class VirtualGantry:
         self.port = PtyPort()
         self.ranges = RangeServer(folder)
         self._sample = NO_SAMPLE
+        self._stamps = FrameStamps()
         self._origin_s = time.monotonic()
 
     def run(self) -> None:
@@ -120,7 +147,7 @@ class VirtualGantry:
         if latest_s > LATE_S:
             sys.stderr.write(
                 f"The virtual gantry was up to {latest_s:.2f} s late: this computer is too slow or "
-                "too busy for it, and faults or errors of this run may come from that alone.\n"
+                "too busy to fly it in real time; without --wall-clock it need not be.\n"
             )
 
     def _serve_until(self, deadline_s: float) -> bool:
@@ -134,7 +161,8 @@ class VirtualGantry:
             if sys.stdin in ready:
                 return False
             if self.port in ready:
-                self._mcu.receive(time.monotonic() - self._origin_s, self.port.read())
+                for sent_s, data in self._stamps.of(self.port.read(), time.monotonic()):
+                    self._mcu.receive(sent_s - self._origin_s, data)
             if not ready or time.monotonic() >= deadline_s:
                 return True
 
@@ -162,6 +190,7 @@ class VirtualGantry:
                 plant.wake_force_n,
                 plant.hook_force_n,
                 plant.z_m,
+                int((self._origin_s + plant.t_s) * 1e6),
             )
         )
 

@@ -85,6 +85,7 @@ def test_a_log_of_a_real_rig_needs_no_other_file(files, random_flight, tmp_path)
     assert "latency.round_trip_s" in read_rig(files[0]).calibration
 
 
+@pytest.mark.wallclock
 def test_steps_at_a_port_asks_the_operator(files, tmp_path) -> None:
     rig, _ = files
     with VirtualGantryProcess(TRUTH, seed=0) as gantry:
@@ -101,6 +102,7 @@ def test_steps_at_a_port_asks_the_operator(files, tmp_path) -> None:
     assert set(log["sufferer_cmd_us"]) == {RIG.limits.pulse_us[0]}
 
 
+@pytest.mark.wallclock
 def test_the_log_of_a_refused_calibration_at_a_port_is_kept_and_named(files) -> None:
     rig, _ = files
     with VirtualGantryProcess(TRUTH, seed=0) as gantry:
@@ -126,12 +128,13 @@ def test_every_attempt_has_a_folder_of_its_own_and_one_without_a_log_leaves_none
     assert not second.exists()
 
 
+@pytest.mark.wallclock
 def test_ctrl_c_lands_and_leaves_the_file_as_it_was(files, tmp_path) -> None:
     rig, _ = files
     logs = tmp_path / "logs"
     code = "from wakedeploy.cli import main; main()"
     arguments = ["calibrate", "noise", "--virtual", "--rig", rig, "--out", tmp_path / "desk.toml",
-                 "--keep-logs", logs]  # fmt: skip
+                 "--keep-logs", logs, "--wall-clock"]  # fmt: skip
     run = subprocess.Popen(
         [sys.executable, "-c", code, *map(str, arguments)], stdout=-1, stderr=-1, text=True
     )

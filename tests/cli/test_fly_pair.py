@@ -57,7 +57,7 @@ def test_a_virtual_pair_is_two_tied_logs_and_a_table(here):
 
 
 def test_ctrl_c_in_the_first_flight_keeps_it_and_flies_no_second(here):
-    run = started("--virtual", "--seconds", 60)
+    run = started("--virtual", "--seconds", 3600)
     first, end_s = here / "pair" / "wake-off.mcap", time.monotonic() + 60.0
     while not (first.exists() and len(read_run_log(first)) > 40):
         assert time.monotonic() < end_s
@@ -74,6 +74,7 @@ def test_ctrl_c_in_the_first_flight_keeps_it_and_flies_no_second(here):
     assert [path.name for path in (here / "pair").iterdir()] == ["wake-off.mcap"]
 
 
+@pytest.mark.wallclock
 def test_at_a_port_the_operator_is_asked_between_the_flights(here):
     with VirtualGantryProcess(RIG, seed=1) as gantry:
         where = ("--port", gantry.port, "--range-socket", gantry.range_socket, "--trust-curve")

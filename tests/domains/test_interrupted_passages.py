@@ -7,7 +7,8 @@ import sys
 
 import pytest
 
-from wakedeploy.domains import processes, ship
+from wakedeploy import processes
+from wakedeploy.domains import ship
 
 SCRIPT = """
 import os

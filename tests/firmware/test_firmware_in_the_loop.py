@@ -11,8 +11,9 @@ from runtime import protocol
 from runtime.board import met_board
 from runtime.calibration.session import Site, resting
 from runtime.link import Link
+from runtime.place import opened_place
 from runtime.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
-from runtime.run import RunRequest, _plant
+from runtime.request import RunRequest
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
@@ -168,9 +169,9 @@ def test_a_real_board_has_its_own_firmware():
 def test_a_run_that_asks_for_the_sketch_gets_it(firmware, board):
     """The handshake alone: a busy computer may be too slow to fly a chip in real time."""
     with ExitStack() as opened:
-        port, _ = _plant(RunRequest(default_rig(), 6.0, firmware=firmware), opened)
-        with Link(port) as link:
-            assert met_board(link, may_be_virtual=True).metadata["board"] == board
+        request = RunRequest(default_rig(), 6.0, wall_clock=True, realtime=False, firmware=firmware)
+        place = opened_place(request, opened)
+        assert met_board(place.link, may_be_virtual=True).metadata["board"] == board
 
 
 def test_a_calibration_that_asks_for_the_sketch_asks_its_runs_for_it(monkeypatch, tmp_path):

@@ -14,7 +14,7 @@ class Bench(SimulatedGantry):
 
     def __init__(self, rig: Rig, **made) -> None:
         plant = GantryPlant(rig, seed=3, **made)
-        super().__init__(plant, model=rig, truth=rig, seed=3)
+        super().__init__(plant, truth=rig, seed=3)
         self.commands, self.applied_us, self.limits = [], [], None
         self.muted, self.changes = False, {}
 

@@ -33,7 +33,7 @@ class SimulatedSite:
     ) -> RunLog:
         truth = with_clip(self.truth, clip_kg)
         plant = GantryPlant(truth, seed=self.seed, spacer_m=spacer_m)
-        world = SimulatedGantry(plant, model=rig, truth=truth, seed=self.seed)
+        world = SimulatedGantry(plant, truth=truth, seed=self.seed)
         rows = Rows()
         loop = Loop(rig, world, world, plan, None, rows, world)
         loop.run()

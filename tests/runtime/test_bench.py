@@ -24,7 +24,7 @@ def package(tiny_package, tmp_path):
 def row(**changes):
     figures = {
         "arch": "gru", "ticks": 4000, "p50_ms": 1.0, "p99_ms": 2.0, "p999_ms": 3.0, "max_ms": 20.0,
-        "cpu_percent": 3.0, "rss_mb": 120.0, "first_call_ms": 1.5, "overruns": 0,
+        "cpu_percent": 3.0, "rss_mb": 120.0, "first_call_ms": 1.5, "overruns": 0, "realtime": False,
     }  # fmt: skip
     return BenchRow(**(figures | changes))
 
@@ -108,6 +108,6 @@ def test_the_command_states_the_verdict_and_its_json(rows, status, words, tmp_pa
     assert result["budget_ms"] == pytest.approx(13.25)
     assert set(result["rows"][0]) == {
         "arch", "p50_ms", "p99_ms", "p999_ms", "max_ms", "cpu_percent", "rss_mb", "first_call_ms",
-        "within_budget",
+        "realtime", "within_budget",
     }  # fmt: skip
     assert command_line.as_json(rows, 13.25)["rows"] == result["rows"]

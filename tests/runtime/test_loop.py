@@ -9,7 +9,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from world import RIG, World, resting_plan
 
-from runtime.link import Answer
+from runtime.conversation import Answer
 from runtime.loop import Loop, applied_s, arm_limits, budget_s, require_wait
 from runtime.prediction import Result
 from runtime.protocol import Command as WireCommand

@@ -6,7 +6,8 @@ import pytest
 from runtime.calibration.session import Site, resting
 from runtime.calibration.steps import driving
 from runtime.range_source import STATUS_NO_TARGET, RangeReading, resting_range_m
-from runtime.run import RunRequest, fly
+from runtime.request import RunRequest
+from runtime.run import fly
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import default_rig

@@ -6,7 +6,7 @@ import pytest
 from runtime.pair import fly_pairs, legs
 from runtime.pair_wake import PairWake, combined, compare
 from runtime.reference import hold_plan, random_plan
-from runtime.run import RunRequest
+from runtime.request import RunRequest
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.rig import default_rig

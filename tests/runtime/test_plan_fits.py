@@ -8,7 +8,8 @@ from runtime.calibration import noise, spool, thrust
 from runtime.calibration.session import resting
 from runtime.calibration.steps import driving
 from runtime.reference import ceiling_m, hold_plan, random_plan, require_plan_fits
-from runtime.run import RunRequest, fly
+from runtime.request import RunRequest
+from runtime.run import fly
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.manoeuvres import menu
 from wakedeploy.rig import default_rig

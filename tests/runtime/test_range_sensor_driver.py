@@ -19,7 +19,8 @@ from runtime.range_source import (
     SocketRangeSource,
     wait_for_first,
 )
-from runtime.run import RunRequest, fly
+from runtime.request import RunRequest
+from runtime.run import fly
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.rig import default_rig
@@ -192,6 +193,7 @@ def gantry_with_sensor(monkeypatch):
         plant.close()
 
 
+@pytest.mark.wallclock
 def test_the_loop_flies_by_the_real_driver_and_logs_age_and_repeats(gantry_with_sensor, tmp_path):
     gantry, chip = gantry_with_sensor
     # One measurement in 50 ms for a tick in 31 ms: some ticks have to repeat.
@@ -210,6 +212,7 @@ def test_the_loop_flies_by_the_real_driver_and_logs_age_and_repeats(gantry_with_
     assert (recorded["range_m"][1:][again] == recorded["range_m"][:-1][again]).all()
 
 
+@pytest.mark.wallclock
 def test_a_sensor_that_freezes_in_flight_ends_it_and_the_sentence_names_it(
     gantry_with_sensor, tmp_path
 ):

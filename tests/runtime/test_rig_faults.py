@@ -108,7 +108,7 @@ def failed(run, log):
     """What a run that ended in a failsafe says; its log is whole and its motors idle."""
     _, err = run.communicate(timeout=120)
     assert run.returncode == 1, err
-    assert err.count("\n") == 1
+    (err,) = (line for line in err.splitlines() if not line.startswith("Real time: "))
     assert "ended in a failsafe" in err
     recorded = read_run_log(log)
     assert "unfinished" not in recorded.metadata
@@ -155,6 +155,7 @@ def test_a_fault_of_the_plant_is_named_in_one_sentence(here, fault, cause, words
         assert recorded["true_z_m"].max() < RIG.sufferer.travel_m - 0.1
 
 
+@pytest.mark.wallclock
 def test_a_usb_cable_pulled_in_flight_leaves_idle_motors_and_a_whole_log(here):
     with VirtualGantryProcess(RIG, seed=0) as gantry:
         cable = Cable(gantry.port)
@@ -175,6 +176,7 @@ def test_a_usb_cable_pulled_in_flight_leaves_idle_motors_and_a_whole_log(here):
         cable.close()
 
 
+@pytest.mark.wallclock
 def test_a_battery_whose_voltage_goes_is_named_by_the_board_itself(here):
     # As behind a pressed stop, where capacitors hold the voltage up for a while.
     drained = (round(11_100 * 0.99**n) for n in itertools.count())
@@ -343,6 +345,7 @@ def test_a_missing_sensor_is_told_before_anything_moves(here, sensor, tmp_path):
     assert "check that it sees" in refused("--virtual", "--hooks", "faults:covered")
 
 
+@pytest.mark.wallclock
 def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, sensor):
     with VirtualGantryProcess(RIG, seed=0) as gantry:
         sensor.relay(gantry.range_socket)
@@ -356,7 +359,7 @@ def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, se
 def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
     CLI.insert(0, "nohup")
     try:
-        run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
+        run = started("--virtual", "--seconds", 3600, "--log", "f.mcap")
     finally:
         CLI.pop(0)
     until(lambda: has_flown(run, "f.mcap", 0))
@@ -380,7 +383,7 @@ def attended():
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
-    run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
+    run = started("--virtual", "--seconds", 3600, "--log", "f.mcap")
     until(lambda: has_flown(run, "f.mcap", 64))
     for _ in range(5):  # a closing terminal is told by its shell and by the kernel
         run.send_signal(number)
@@ -397,14 +400,16 @@ def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
     assert (log["sufferer_cmd_us"][landing][: landing.sum() // 2] > 1100.0).all()
 
 
+@pytest.mark.wallclock
 def test_ctrl_c_again_stops_the_motors_at_once(here):
-    run = started("--virtual", "--seconds", 60, "--log", "f.mcap")
+    run = started("--virtual", "--wall-clock", "--seconds", 60, "--log", "f.mcap")
     until(lambda: has_flown(run, "f.mcap", 64))
     run.send_signal(signal.SIGINT)
     until(lambda: "FAILSAFE" in read_run_log("f.mcap")["mode"])
     run.send_signal(signal.SIGINT)
     _, err = run.communicate(timeout=60)
-    assert (run.returncode, err) == (130, "Interrupted.\n")
+    assert run.returncode == 130
+    assert err.endswith("Interrupted.\n")
     log = read_run_log("f.mcap")
     assert "unfinished" not in log.metadata
     assert log["z_est_m"][-1] > 0.05  # it was in the air

@@ -81,7 +81,7 @@ def rig_file(tmp_path):
 
 @contextlib.contextmanager
 def started(manager, rig_file, *arguments, command=RUN):
-    line = [*command, "--baseline", "--virtual", "--rig", rig_file, *arguments]
+    line = [*command, "--baseline", "--virtual", "--wall-clock", "--rig", rig_file, *arguments]
     environment = os.environ | manager.environment
     run = subprocess.Popen(
         [str(word) for word in line], stdout=-1, stderr=-1, text=True, env=environment
@@ -141,6 +141,7 @@ def test_a_manager_that_does_not_listen_never_holds_up_a_tick(tmp_path):
     made.socket.close()
 
 
+@pytest.mark.wallclock
 def test_a_flight_is_ready_alive_and_says_how_it_ended(manager, rig_file):
     with started(manager, rig_file, "--seconds", 6) as run:
         first, *between, last = manager.heard_until("STOPPING=1")
@@ -152,6 +153,7 @@ def test_a_flight_is_ready_alive_and_says_how_it_ended(manager, rig_file):
     assert last == "STOPPING=1\nSTATUS=ended: whole"
 
 
+@pytest.mark.wallclock
 def test_a_loop_that_hangs_in_a_living_process_stops_the_beats(manager, rig_file):
     command = [sys.executable, "-c", HANGS, "run-gantry"]
     with started(manager, rig_file, "--seconds", 20, command=command) as run:
@@ -165,6 +167,7 @@ def test_a_loop_that_hangs_in_a_living_process_stops_the_beats(manager, rig_file
         assert run.poll() is None
 
 
+@pytest.mark.wallclock
 def test_a_standby_flies_once_and_only_for_a_new_word(manager, rig_file, tmp_path):
     word, flights = tmp_path / "fly", tmp_path / "flights"
     flights.mkdir()

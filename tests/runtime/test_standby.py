@@ -145,6 +145,7 @@ def gantry_package(tiny_package, seed):
     return make_package(model.SerializeToString(), manifest, example)
 
 
+@pytest.mark.wallclock
 def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
     word, current, log = tmp_path / "fly", tmp_path / "current.onnx", tmp_path / "flight.mcap"
     rig_file = tmp_path / "rig.toml"
@@ -153,7 +154,7 @@ def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
     write_package(before, current)
     arguments = ["--package", current, "--rig", rig_file, "--log", log, "--arm-file", word]
     run = subprocess.Popen(
-        [str(part) for part in (*CLI, "--virtual", "--seconds", 6, *arguments)],
+        [str(part) for part in (*CLI, "--virtual", "--wall-clock", "--seconds", 6, *arguments)],
         stdout=-1, stderr=-1, text=True,
     )  # fmt: skip
     assert "Standing by" in run.stderr.readline()
@@ -175,7 +176,10 @@ def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
 def standing_by(rig_file, word):
     arguments = ["--baseline", "--rig", rig_file, "--arm-file", word, "--seconds", 6]
     run = subprocess.Popen(
-        [str(part) for part in (*CLI, "--virtual", *arguments)], stdout=-1, stderr=-1, text=True
+        [str(part) for part in (*CLI, "--virtual", "--wall-clock", *arguments)],
+        stdout=-1,
+        stderr=-1,
+        text=True,
     )
     assert "Standing by" in run.stderr.readline()
     return run

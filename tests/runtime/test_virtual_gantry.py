@@ -27,7 +27,7 @@ from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import BOOT_S, McuPort
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.virtual.server import VirtualGantry
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig, default_rig_text, parse_rig
 
@@ -215,10 +215,18 @@ def test_a_board_with_another_stepper_takes_the_hosts_limits_too():
 
 
 def test_hooks_are_named_and_a_wrong_name_is_refused():
-    assert load_hooks(f"{__name__}:some_hooks") == {"force_hook": _no_force}
+    (hook,) = load_hooks(f"{__name__}:some_hooks").values()
+    assert hook(1.0, {}) == _no_force(1.0, {})
     for wrong in ("nowhere:f", f"{__name__}:missing", f"{__name__}:wrong_hooks", "plain"):
         with pytest.raises(UnusableInput, match="--hooks"):
             load_hooks(wrong)
+
+
+def test_a_hook_that_fails_in_flight_is_one_sentence_with_its_name_and_time():
+    force = load_hooks(f"{__name__}:broken_hooks")["force_hook"]
+    assert force(0.5, {}) == 0.0
+    with pytest.raises(CheckFailed, match=r"force_hook fails at 1\.500 s: ZeroDivisionError"):
+        force(1.5, {})
 
 
 @pytest.mark.parametrize(
@@ -258,6 +266,10 @@ def _no_force(t_s, state):
 
 def some_hooks():
     return {"force_hook": _no_force}
+
+
+def broken_hooks():
+    return {"force_hook": lambda t_s, state: 0.0 if t_s < 1.0 else 1.0 / 0.0}
 
 
 def wrong_hooks():

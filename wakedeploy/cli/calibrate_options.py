@@ -19,6 +19,7 @@ from wakedeploy.cli.flight_options import (
     place_options,
     require_place,
     shown_progress,
+    warn,
     with_options,
 )
 from wakedeploy.cli.output import print_table, write_json
@@ -64,7 +65,8 @@ class Request:
     plant_rig: Path | None
     range_socket: Path | None
     firmware: bool
-    realtime: bool
+    wall_clock: bool
+    realtime: bool | None
     logs: tuple[Path, ...]
     keep_logs: Path | None
     json_path: Path | None
@@ -88,13 +90,16 @@ class Request:
             port=self.port,
             virtual=self.virtual,
             firmware=self.firmware,
+            wall_clock=self.wall_clock,
+            realtime=self.realtime,
             plant_rig=self.plant_rig,
             range_socket=self.range_socket,
         )
+        if self.logs and (self.realtime is not None or self.wall_clock):
+            given = "--wall-clock" if self.wall_clock else "--realtime"
+            raise UnusableInput(f"{given} belongs to a new measurement; --log has been flown.")
         if self.keep_logs and self.logs:
             raise UnusableInput("--keep-logs belongs to a new measurement; --log has its own file.")
-        if self.realtime and self.logs:
-            raise UnusableInput("--realtime belongs to a new measurement; --log has been flown.")
         if self.virtual:
             self._require_another_file("The virtual gantry")
         from wakedeploy.rig import read_rig
@@ -135,9 +140,11 @@ class Request:
                 self.range_socket,
                 truth,
                 firmware=self.firmware,
+                wall_clock=self.wall_clock,
                 realtime=self.realtime,
                 tell=self._tell,
-                show=shown_progress(self.realtime),
+                show=shown_progress(),
+                warn=warn,
             )
 
     def _tell(self, tally: "Tally") -> None:

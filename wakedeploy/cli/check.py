@@ -69,7 +69,7 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
 def _fits(manifest: "Manifest", rig_path: Path) -> list[list[str]]:
     """What the package is for, once it is known to be for this rig's loop; UnusableInput if not."""
     from runtime.loop import require_wait
-    from runtime.run import require_fit
+    from runtime.request import require_fit
     from wakedeploy.rig import read_rig
 
     rig = read_rig(rig_path)

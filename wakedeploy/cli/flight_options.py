@@ -10,7 +10,7 @@ import click
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from runtime.run import RunRequest, Show
+    from runtime.request import RunRequest, Show
     from wakedeploy.rig import Rig
 
 FILE = click.Path(dir_okay=False, path_type=Path)
@@ -19,14 +19,21 @@ _DEFAULT_S = 20.0
 Command = Callable[..., Any]
 
 _PLACE = (
-    click.option("--virtual", is_flag=True, help="Fly the virtual gantry."),
+    click.option("--virtual", is_flag=True, help="Fly the virtual gantry, in simulated time."),
+    click.option(
+        "--wall-clock", is_flag=True, help="With --virtual: in real time, over a pseudo-terminal."
+    ),
     click.option("--firmware", is_flag=True, help="With --virtual: the sketch on a simulated UNO."),
     click.option("--port", help="Serial port of the UNO, such as /dev/ttyACM0."),
     click.option(
         "--range-socket", type=FILE, help="With --port: range samples from here, not I²C."
     ),
     click.option("--plant-rig", type=FILE, help="What the virtual gantry is in truth."),
-    click.option("--realtime", is_flag=True, help="SCHED_FIFO, locked memory, one core."),
+    click.option(
+        "--realtime/--no-realtime",
+        default=None,
+        help="SCHED_FIFO, locked memory, one core. Default: where the computer permits it.",
+    ),
 )
 _CURVE = click.option(
     "--trust-curve", is_flag=True, help="With --port: fly even on the default rig's thrust curve."
@@ -81,11 +88,20 @@ def require_place(
     port: str | None,
     virtual: bool,
     firmware: bool,
+    wall_clock: bool,
+    realtime: bool | None,
     plant_rig: Path | None,
     range_socket: Path | None,
     hooks: str | None = None,
 ) -> None:
     """UnusableInput when options belong to the other place, or to none."""
+    if not virtual and wall_clock:
+        raise UnusableInput("--wall-clock belongs to --virtual; at a port time is always real.")
+    if virtual and not wall_clock and realtime is not None:
+        given = "--realtime" if realtime else "--no-realtime"
+        raise UnusableInput(
+            f"{given} belongs to --port or --wall-clock; --virtual alone flies in simulated time."
+        )
     if port is None and range_socket:
         raise UnusableInput("--range-socket belongs to --port; --virtual has one of its own.")
     if not virtual and firmware:
@@ -130,11 +146,16 @@ def flight_request(
         raise UnusableInput("--allow-lead-mismatch belongs to --package; PID alone has no lead.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
-    own = {name: others[name] for name in ("firmware", "range_socket", "hooks")}
+    own = {
+        name: others[name]
+        for name in ("firmware", "range_socket", "hooks", "wall_clock", "realtime")
+    }
     require_place(port=port, virtual=virtual, plant_rig=plant_rig, **own)
+    if virtual and others.get("arm_file") and not others["wall_clock"]:
+        raise UnusableInput("--arm-file waits for a person, in real time: add --wall-clock.")
     if seconds is not None and others["reference"]:
         raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
-    from runtime.run import RunRequest
+    from runtime.request import RunRequest
     from wakedeploy.rig import default_rig, read_rig
 
     model = read_rig(rig) if rig else default_rig()
@@ -150,10 +171,9 @@ def flight_request(
     )
 
 
-def shown_progress(realtime: bool) -> "Show | None":
-    """The progress bar of a flight, where there is someone to see it and time to draw it."""
-    # Another thread at the loop's priority on the loop's core is what --realtime is to prevent.
-    return _show if sys.stderr.isatty() and not realtime else None
+def shown_progress() -> "Show | None":
+    """The progress bar of a flight, where there is someone to see it."""
+    return _show if sys.stderr.isatty() else None
 
 
 def warn(sentence: str) -> None:

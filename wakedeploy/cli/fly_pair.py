@@ -20,7 +20,7 @@ from wakedeploy.errors import UnusableInput
 if TYPE_CHECKING:
     from runtime.pair import Leg, Pair
     from runtime.pair_wake import PairWake
-    from runtime.run import Tell
+    from runtime.request import Tell
     from runtime.tally import Tally
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -72,7 +72,7 @@ def command(
         pairs,
         ask=None if yes or request.port is None else _ask,
         tell=_tell_of,
-        show=shown_progress(request.realtime),
+        show=shown_progress(),
         warn=warn,
     )
     logs = [(read_run_log(pair.off), read_run_log(pair.on)) for pair in flown]

@@ -13,7 +13,9 @@ from wakedeploy.cli.flight_options import (
     shown_progress,
     warn,
 )
+from wakedeploy.cli.many_flights import fly_and_tell
 from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
     from runtime.tally import Tally
@@ -31,9 +33,25 @@ if TYPE_CHECKING:
 @click.option("--watch-gap", is_flag=True,
               help="Warn when the rig file explains it no more (limits: the default rig's).",
 )  # fmt: skip
+@click.option(
+    "--flights",
+    type=click.IntRange(2, 10_000),
+    help="So many, of seeds from --seed on, PID beside the package; --log is a folder then.",
+)
+@workers_option("Processes for --flights.")
 @click.option("--json", "json_path", type=FILE, help="Also write the summary as JSON.")
-def command(log_path: Path | None, json_path: Path | None, **options: Any) -> None:
+def command(
+    log_path: Path | None,
+    flights: int | None,
+    workers: int,
+    json_path: Path | None,
+    **options: Any,
+) -> None:
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.
+
+    The virtual gantry flies in simulated time: loop, board and plant in lockstep, much faster than
+    real time and to the same digit everywhere. --wall-clock flies it in real time, over a
+    pseudo-terminal: latency is measured, and the rig is rehearsed.
 
     A reference file has the columns t_s, z_m, x_m, source_us; it begins and ends at rest.
 
@@ -45,29 +63,35 @@ def command(log_path: Path | None, json_path: Path | None, **options: Any) -> No
     \b
     Example:
         wakedeploy run-gantry --package gru.onnx --virtual --seconds 20 --log flight.mcap
+        wakedeploy run-gantry --package gru.onnx --virtual --flights 24
         wakedeploy run-gantry --baseline --rig rig.toml --port /dev/ttyACM0
     """
     request = flight_request(log=log_path, **options)
+    if flights is not None:
+        fly_and_tell(request, flights, workers, json_path)
+        return
+    from runtime.loop import budget_s
     from runtime.run import fly
 
     fly(
         request,
-        tell=lambda tally: _tell(tally, json_path),
-        show=shown_progress(request.realtime),
+        tell=lambda tally: _tell(tally, 1e3 * budget_s(request.rig), json_path),
+        show=shown_progress(),
         warn=warn,
     )
 
 
-def _tell(tally: "Tally", json_path: Path | None) -> None:
+def _tell(tally: "Tally", budget_ms: float, json_path: Path | None) -> None:
     end_progress()
-    print_table("Run", ["", ""], [[name, shown] for name, shown in _lines(tally)])
+    result = summary(tally, budget_ms)
+    print_table("Run", ["", ""], [[name, shown] for name, shown in _lines(result)])
     click.echo(f"Recorded in {tally.log}." if tally.log else "Not recorded; --log FILE does that.")
     if json_path:
-        write_json(json_path, summary(tally))
+        write_json(json_path, result)
 
 
-def summary(tally: "Tally") -> dict[str, Any]:
-    """The run in numbers, and how it ended."""
+def summary(tally: "Tally", budget_ms: float) -> dict[str, Any]:
+    """The run in numbers, and how it ended; `compute_*` and `budget_*` where time was real."""
     import numpy as np
 
     trips_ms = 1e3 * np.asarray(tally.round_trips_s)
@@ -80,11 +104,29 @@ def summary(tally: "Tally") -> dict[str, Any]:
         "overruns": tally.overruns,
         "round_trip_p50_ms": p50,
         "round_trip_p99_ms": p99,
-        "compute_p99_ms": 1e3 * float(np.percentile(tally.totals_s, 99)),
-        "compute_max_ms": 1e3 * float(np.max(tally.totals_s)),
+        **_computing(tally, budget_ms),
         "seconds_in_mode": {mode: tally.seconds_in(mode) for mode in tally.modes},
         "faults": dict(tally.faults),
     } | _gap(tally)
+
+
+def _computing(tally: "Tally", budget_ms: float) -> dict[str, Any]:
+    """From measurement to command against the budget, and when the computer stood still."""
+    import numpy as np
+
+    totals_ms = 1e3 * tally.totals_s
+    if not totals_ms.size:
+        return {"clock": "simulated"}
+    pause = tally.pause
+    return {
+        "clock": "real",
+        "budget_ms": budget_ms,
+        "over_budget": int(np.sum(totals_ms > budget_ms)),
+        "compute_p99_ms": float(np.percentile(totals_ms, 99)),
+        "compute_max_ms": float(np.max(totals_ms)),
+        "stood_still_ms": 1e3 * pause.length_s if pause else 0.0,
+        "stood_still_at_s": pause.at_s if pause else None,
+    }
 
 
 def _gap(tally: "Tally") -> dict[str, Any]:
@@ -99,25 +141,43 @@ def _gap(tally: "Tally") -> dict[str, Any]:
     }
 
 
-def _lines(tally: "Tally") -> list[tuple[str, str]]:
-    told = summary(tally)
-    modes = ", ".join(f"{mode} {s:.1f} s" for mode, s in told["seconds_in_mode"].items())
-    faults = ", ".join(f"{name} {count}" for name, count in told["faults"].items())
+def _lines(result: dict[str, Any]) -> list[tuple[str, str]]:
+    modes = ", ".join(f"{mode} {s:.1f} s" for mode, s in result["seconds_in_mode"].items())
+    faults = ", ".join(f"{name} {count}" for name, count in result["faults"].items())
     lines = [
-        ("Ended", told["ended"]),
-        ("Tracking RMSE (estimate)", f"{told['rmse_mm']:.1f} mm"),
-        ("Tracking RMSE (truth)", f"{told['true_rmse_mm']:.1f} mm"),
-        ("Overruns", f"{told['overruns']} of {told['ticks']} ticks"),
-        ("Round trip p50 / p99", f"{_ms(told, 'p50')} / {_ms(told, 'p99')} ms"),
-        ("Computing p99 / max", f"{told['compute_p99_ms']:.2f} / {told['compute_max_ms']:.2f} ms"),
+        ("Ended", result["ended"]),
+        ("Tracking RMSE (estimate)", f"{result['rmse_mm']:.1f} mm"),
+        ("Tracking RMSE (truth)", f"{result['true_rmse_mm']:.1f} mm"),
+        ("Round trip p50 / p99", f"{_ms(result, 'p50')} / {_ms(result, 'p99')} ms"),
+        *_timing_lines(result),
         ("Time in mode", modes),
         ("Faults", faults or "none"),
     ]
-    if "gap" in told:
-        lines.append(("Rig file", told["gap"]))
+    if "gap" in result:
+        lines.append(("Rig file", result["gap"]))
     return [line for line in lines if "nan" not in line[1]]
 
 
-def _ms(told: dict[str, Any], which: str) -> str:
-    trip_ms = told[f"round_trip_{which}_ms"]
+def _timing_lines(result: dict[str, Any]) -> list[tuple[str, str]]:
+    """What the computer took; in simulated time that is nothing."""
+    if result["clock"] == "simulated":
+        return [("Clock", "simulated; --wall-clock flies in real time")]
+    over, ticks, budget_ms = result["over_budget"], result["ticks"], result["budget_ms"]
+    verdict = f"{over} of {ticks} ticks over" if over else "every tick within"
+    lines = [
+        ("Overruns", f"{result['overruns']} of {ticks} ticks"),
+        (
+            "Computing p99 / max",
+            f"{result['compute_p99_ms']:.2f} / {result['compute_max_ms']:.2f} ms",
+        ),
+        ("Budget", f"{verdict} {budget_ms:.2f} ms"),
+    ]
+    if result["stood_still_at_s"] is not None:
+        stood = f"for {result['stood_still_ms']:.0f} ms at {result['stood_still_at_s']:.1f} s"
+        lines.append(("This computer stood still", stood))
+    return lines
+
+
+def _ms(result: dict[str, Any], which: str) -> str:
+    trip_ms = result[f"round_trip_{which}_ms"]
     return "nan" if trip_ms is None else f"{trip_ms:.1f}"

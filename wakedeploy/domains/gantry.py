@@ -17,9 +17,9 @@ from runtime.pilot import FORCE, OBSERVATION, LogValue, observation
 from runtime.prediction import Predictions
 from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, random_plan
-from runtime.run import metadata, require_fit
+from runtime.request import require_fit
+from runtime.run import metadata
 from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
-from wakedeploy.domains.processes import processes
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -31,8 +31,9 @@ from wakedeploy.physics.gantry import (
     SensorHook,
     WakeHook,
 )
+from wakedeploy.processes import processes
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, default_rig
-from wakedeploy.runlog import STAGES, RunLog
+from wakedeploy.runlog import RunLog
 
 WINDOW_S = 0.5
 EPISODE_S = 25.0
@@ -78,7 +79,7 @@ def record(
         wake_hook=wake_hook,
     )
     opened = read_package(Path(package)) if isinstance(package, str | Path) else package
-    world = SimulatedGantry(plant, model=model, truth=truth, seed=seed)
+    world = SimulatedGantry(plant, truth=truth, seed=seed)
     rows = _Rows()
     loop = Loop(
         model,
@@ -88,6 +89,7 @@ def record(
         _forecast(plant, opened, lead_oracle_s, model),
         rows,
         world,
+        is_timed=False,
     )
     loop.run()
     # A simulated flight happens at no time of day: the same seed gives the same file.
@@ -97,7 +99,7 @@ def record(
 
 
 class _Rows:
-    """Where the loop's rows go: a list, without the stage times that a simulation does not have."""
+    """Where the loop's rows go: a list."""
 
     error: str | None = None
 
@@ -106,7 +108,7 @@ class _Rows:
 
     def put(self, row: Mapping[str, LogValue]) -> None:
         """Keep one row."""
-        self.rows.append({name: value for name, value in row.items() if name not in STAGES})
+        self.rows.append(row)
 
 
 def _forecast(

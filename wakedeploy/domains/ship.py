@@ -15,7 +15,6 @@ from typing import Literal
 import numpy as np
 
 import wakedeploy
-from wakedeploy.domains.processes import processes
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
@@ -24,6 +23,7 @@ from wakedeploy.physics.ships.hull import Hull
 from wakedeploy.physics.ships.manoeuvring import Ship, State
 from wakedeploy.physics.ships.shallow import VortexShips, Waterway
 from wakedeploy.physics.ships.slender import Passing
+from wakedeploy.processes import processes
 
 RATE_HZ = 2.0
 WINDOW_S = 30.0  # in which a ship moves on by about its length

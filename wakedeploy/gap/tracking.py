@@ -75,7 +75,7 @@ def tracking_rmse_m(truth: Rig, rig: Rig, *, seconds: float, seed: int) -> float
     Infinite when a failsafe ends the flight.
     """
     plant = GantryPlant(truth, seed=seed)
-    world = SimulatedGantry(plant, model=rig, truth=truth, seed=seed)
+    world = SimulatedGantry(plant, truth=truth, seed=seed)
     plan = random_plan(rig, seconds, seed)
     loop = Loop(rig, world, world, plan, RigForecast(rig), None, world)
     tally = loop.run()

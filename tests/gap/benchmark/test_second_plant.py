@@ -195,7 +195,7 @@ def test_the_integrator_converges_with_its_tolerance() -> None:
 
 
 def fly(make: Callable[[], GantryPlant | SecondPlant], seed: int, seconds: float) -> RunLog:
-    world = SimulatedGantry(make(), model=RIG, truth=RIG, seed=seed)  # type: ignore[arg-type]
+    world = SimulatedGantry(make(), truth=RIG, seed=seed)  # type: ignore[arg-type]
     rows = _Rows()
     Loop(RIG, world, world, random_plan(RIG, seconds, seed), None, rows, world).run()
     return RunLog.from_rows(rows.rows)

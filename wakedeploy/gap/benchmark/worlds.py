@@ -155,11 +155,12 @@ def _second_flight(
     case: Case, seed: int, seconds: float, model: Rig, package: Path | None
 ) -> RunLog:
     plant: Any = SecondPlant(second_constants(case), seed=seed)
-    world = SimulatedGantry(plant, model=model, truth=case.model_rig, seed=seed)
+    world = SimulatedGantry(plant, truth=case.model_rig, seed=seed)
     opened = read_package(package) if package is not None else None
     forecast = _forecast(plant, opened, None, model)
     rows = _Rows()
-    Loop(model, world, world, random_plan(model, seconds, seed), forecast, rows, world).run()
+    plan = random_plan(model, seconds, seed)
+    Loop(model, world, world, plan, forecast, rows, world, is_timed=False).run()
     told = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
     return RunLog.from_rows(rows.rows, told)
 

@@ -1,0 +1,105 @@
+"""Where a run takes place: its wire, its range samples, its clock, its predictions.
+
+Three places: a rig at a port, the virtual gantry as a process in real time, and the virtual gantry
+in lockstep, in simulated time. The loop does not know which it is.
+"""
+
+import functools
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from runtime.conversation import Conversation
+from runtime.link import Link
+from runtime.loop import PERIOD_S
+from runtime.prediction import Predictions, PredictionWorker
+from runtime.predictor import PackagePredictor
+from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource
+from runtime.realtime import Clock, Priority, become_ordinary, quieten_interpreter, take_priority
+from runtime.request import RunRequest
+from runtime.simulated import PackageForecast, SimulatedGantry
+from runtime.virtual.firmware_port import FirmwarePort
+from runtime.virtual.hooks import load_hooks
+from runtime.virtual.process import VirtualGantryProcess
+from runtime.virtual.simulated_uno import SimulatedUno
+from wakedeploy.package import Package
+from wakedeploy.physics.gantry import GantryPlant
+
+
+@dataclass(frozen=True)
+class Place:
+    """Everything around the loop of one run; `priority` is None where time is simulated."""
+
+    link: Conversation
+    ranges: RangeSource
+    clock: Clock
+    priority: Priority | None = None
+
+    @property
+    def is_simulated_time(self) -> bool:
+        """Whether computing takes no time."""
+        return self.priority is None
+
+    @property
+    def is_realtime(self) -> bool:
+        """Whether the loop has real-time priority."""
+        return self.priority is not None and self.priority.is_realtime
+
+    def predictions(self, package: Package, opened: ExitStack) -> Predictions:
+        """The package at work: in a thread with deadlines, or at once where time is simulated."""
+        if self.is_simulated_time:
+            return PackageForecast(PackagePredictor(package))
+        worker = PredictionWorker(PackagePredictor(package), PERIOD_S)
+        opened.callback(worker.close)
+        return worker
+
+    def settle(self) -> None:
+        """Keep the interpreter's own work out of a flight in real time."""
+        if not self.is_simulated_time:
+            quieten_interpreter()
+
+
+def opened_place(request: RunRequest, opened: ExitStack) -> Place:
+    """Open what the request names; `opened` closes it again.
+
+    Raises UnusableInput for what is not there or cannot be used.
+    """
+    if request.in_lockstep:
+        world = _lockstep(request)
+        return Place(world, world, world)
+    port, range_socket = request.port, request.range_socket
+    if port is None:
+        gantry = VirtualGantryProcess(
+            request.truth,
+            seed=request.truth_seed,
+            hooks=request.hooks,
+            firmware=request.firmware,
+            spacer_m=request.spacer_m,
+        )
+        opened.callback(gantry.close)
+        port, range_socket = gantry.port, gantry.range_socket
+    priority = take_priority(request.realtime)  # after the plant, which would inherit it
+    if priority.is_realtime:
+        opened.callback(become_ordinary)
+    link = opened.enter_context(Link(port))
+    ranges = SocketRangeSource(range_socket) if range_socket else I2cRangeSource()
+    opened.callback(ranges.close)
+    return Place(link, ranges, time, priority)
+
+
+def _lockstep(request: RunRequest) -> SimulatedGantry:
+    truth = request.truth
+    board = None
+    if request.firmware:
+        board = FirmwarePort(truth, _the_uno())
+        # The sketch makes servo frames of its own; the plant must not wait for others.
+        truth = truth.changed(disturbance={"esc_frame_s": 0.0})
+    hooks = load_hooks(request.hooks) if request.hooks else {}
+    plant = GantryPlant(truth, seed=request.truth_seed, spacer_m=request.spacer_m, **hooks)
+    return SimulatedGantry(plant, truth=truth, seed=request.truth_seed, port=board)
+
+
+@functools.cache
+def _the_uno() -> SimulatedUno:
+    """A process can have one; opening its port resets it, as a board on the table."""
+    return SimulatedUno()
