@@ -51,6 +51,8 @@ from wakedeploy.validation import first_problem
 
 # Called after each epoch with the epochs done and the epochs asked for.
 OnEpoch = Callable[[int, int], None]
+# Called after each epoch with where the fit stands, all epochs before this one included.
+OnStanding = Callable[[Standing], None]
 
 _LEAD_KEY = "default_lead_s"  # what a rig's set states in its provenance
 
@@ -141,6 +143,7 @@ def train(
     root: Path,
     *,
     on_epoch: OnEpoch = lambda done, total: None,
+    on_standing: OnStanding = lambda standing: None,
     fresh: bool = False,
     device: str = "cpu",
 ) -> TrainedRun:
@@ -168,7 +171,8 @@ def train(
             ended = _solve(folder, config, data, predictor, device)
             on_epoch(1, 1)
         else:
-            ended = _descend(folder, config, data, predictor, device, on_epoch)
+            told = (on_epoch, on_standing)
+            ended = _descend(folder, config, data, predictor, device, *told)
         _finish(folder, config, data, ended, device)
         return load_run(folder)
 
@@ -288,6 +292,7 @@ def _descend(
     predictor: Predictor,
     device: str,
     on_epoch: OnEpoch,
+    on_standing: OnStanding,
 ) -> "_Ended":
     """Epoch by epoch, each saved whole: one file, so that weights and optimiser always agree."""
     fit = new_fit(config, predictor, *tapes(data, config.lead_s), device=device)
@@ -304,6 +309,7 @@ def _descend(
             write_tensors(folder / BEST, predictor.state_dict(), {"epoch": standing.epoch})
         facts = {**dataclasses.asdict(standing), "seconds": time.monotonic() - began}
         write_tensors(folder / LAST, fit.tensors(), facts)
+        on_standing(standing)
         on_epoch(standing.epoch, fit.settings.epochs)
     return _Ended(fit.standing, time.monotonic() - began)
 

@@ -1,5 +1,6 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
+import functools
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from trainers.preset import Preset
     from trainers.runs import RunConfig, TrainedRun
     from trainers.score import Score
+    from trainers.trackers import Tracker
     from wakedeploy.episodes import EpisodeSet
 
 
@@ -61,6 +63,11 @@ if TYPE_CHECKING:
 )
 @device_option
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
+@click.option(
+    "--tracker",
+    type=click.Choice(["tensorboard", "mlflow"]),
+    help="Also tell it: losses and learning rate of each epoch, settings, scores, pictures.",
+)
 @click.option("--no-pictures", is_flag=True, help="Numbers only.")
 @json_option
 def command(
@@ -76,6 +83,7 @@ def command(
     threads: int,
     device: str,
     fresh: bool,
+    tracker: str | None,
     no_pictures: bool,
     json_path: Path | None,
 ) -> None:
@@ -112,12 +120,13 @@ def command(
         for name in names
         for seed in range(seeds)
     ]
+    opened = _opened(tracker, out)
     runs = []
     for number, config in enumerate(configs, 1):
         what = f"Training {config.arch} s{config.seed} ({number} of {len(configs)})"
         with progress(what, int(config.settings["epochs"])) as bar:
             asked = {"on_epoch": bar.update, "fresh": fresh, "device": device}
-            runs.append(_trained(config, episodes, out, not no_pictures, asked))
+            runs.append(_trained(config, episodes, out, not no_pictures, opened, asked))
     nothing_learned = unlearned(episodes, "test", lead_s)
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
     rows = [_row(run) for run in runs]
@@ -136,30 +145,45 @@ def _trained(
     episodes: "EpisodeSet",
     out: Path,
     pictures: bool,
+    tracker: "Tracker | None",
     asked: Mapping[str, Any],
 ) -> "TrainedRun":
     """Train one run and draw it; of one that was interrupted or diverged, what there is."""
     from trainers.pictures import write_pictures, write_pictures_so_far
     from trainers.runs import run_folder
+    from trainers.trackers import following
     from trainers.training import train
 
-    try:
-        run = train(config, episodes, out, **asked)
-    except (KeyboardInterrupt, CheckFailed):
-        if pictures:
-            _drawn(lambda: write_pictures_so_far(run_folder(out, config), episodes))
-        raise
-    if pictures:
-        _drawn(lambda: write_pictures(run, episodes))
+    folder, warn = run_folder(out, config), functools.partial(click.echo, err=True)
+    with following(tracker, config, folder, fresh=asked["fresh"], warn=warn) as told:
+        try:
+            run = train(config, episodes, out, on_standing=told.stands, **asked)
+        except (KeyboardInterrupt, CheckFailed):
+            if pictures:
+                _drawn(lambda: write_pictures_so_far(folder, episodes))
+            raise
+        told.finished(run, _drawn(lambda: write_pictures(run, episodes)) if pictures else [])
     return run
 
 
-def _drawn(write: Callable[[], object]) -> None:
-    """A picture that cannot be written costs no result."""
+def _drawn(write: Callable[[], list[Path]]) -> list[Path]:
+    """What was drawn; a picture that cannot be written costs no result."""
     try:
-        write()
+        return write()
     except UnusableInput as error:
         click.echo(f"No pictures: {error}", err=True)
+        return []
+
+
+def _opened(tracker: str | None, out: Path) -> "Tracker | None":
+    """The tracker asked for; tells where it keeps what it is told."""
+    from trainers.trackers import open_tracker
+
+    if tracker is None:
+        return None
+    opened = open_tracker(tracker, out)
+    click.echo(opened.told, err=True)
+    return opened
 
 
 def _settings(

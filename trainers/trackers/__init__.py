@@ -1,0 +1,116 @@
+"""Where trainings are told of beside their folders: TensorBoard, MLflow; for those who have one.
+
+In: a run's configuration, where its fit stands, its scores and pictures. Out: event files, or runs
+in MLflow's store. Each library is imported by the module of its name alone. A run that is resumed,
+or was trained before, is told whole: what the tracker lacks of it is caught up.
+"""
+
+import contextlib
+import importlib.util
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Protocol
+
+from trainers.fit import Standing
+from trainers.runs import RunConfig, TrainedRun
+from wakedeploy.errors import UnusableInput, installs
+
+TRACKERS = ("tensorboard", "mlflow")
+FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"
+
+
+class Tracked(Protocol):
+    """One run in a tracker; nothing is written before the first call."""
+
+    def stands(self, standing: Standing) -> None:
+        """Tell the epochs that are not told yet."""
+
+    def finished(self, run: TrainedRun, pictures: Sequence[Path]) -> None:
+        """Tell a finished run: what is not told of its epochs, its scores, its pictures."""
+
+    def close(self, how: str) -> None:
+        """Nothing more comes; `how` is FINISHED, INTERRUPTED or FAILED."""
+
+
+class Tracker(Protocol):
+    """`told` says where it keeps things and how to look; `failures` is what it may raise."""
+
+    told: str
+    failures: tuple[type[Exception], ...]
+
+    def why(self, failure: Exception) -> str:
+        """A failure in one line, without a password that its address may hold."""
+
+    def track(self, config: RunConfig, folder: Path, fresh: bool) -> Tracked:
+        """A run in its folder; `fresh` forgets an earlier one that lay there."""
+
+
+def open_tracker(name: str, out: Path) -> Tracker:
+    """The tracker of that name for the runs below `out`.
+
+    Raises UnusableInput where its library is not installed or its store cannot be used.
+    """
+    if importlib.util.find_spec(name) is None:
+        raise UnusableInput(
+            f"--tracker {name}: {name} is not installed; install it: {installs(name)}."
+        )
+    if name == "tensorboard":
+        from trainers.trackers.tensorboard import TensorBoard
+
+        return TensorBoard(out)
+    from trainers.trackers.mlflow import MlFlow
+
+    return MlFlow(out)
+
+
+class Following:
+    """A run as it is told to a tracker, or to none. A tracker that fails costs no training."""
+
+    def __init__(
+        self, tracked: Tracked | None, tracker: Tracker | None, warn: Callable[[str], None]
+    ) -> None:
+        self._tracked, self._tracker, self._warn = tracked, tracker, warn
+
+    def stands(self, standing: Standing) -> None:
+        """As `Tracked.stands`."""
+        self._tell(lambda tracked: tracked.stands(standing))
+
+    def finished(self, run: TrainedRun, pictures: Sequence[Path]) -> None:
+        """As `Tracked.finished`."""
+        self._tell(lambda tracked: tracked.finished(run, pictures))
+
+    def close(self, how: str) -> None:
+        """As `Tracked.close`."""
+        self._tell(lambda tracked: tracked.close(how))
+
+    def _tell(self, call: Callable[[Tracked], None]) -> None:
+        if self._tracked is None or self._tracker is None:
+            return
+        try:
+            call(self._tracked)
+        except self._tracker.failures as error:
+            self._tracked = None
+            self._warn(
+                f"The tracker fails ({self._tracker.why(error)}); training goes on without it, and"
+                " the same command catches up what it lacks."
+            )
+
+
+@contextlib.contextmanager
+def following(
+    tracker: Tracker | None,
+    config: RunConfig,
+    folder: Path,
+    *,
+    fresh: bool,
+    warn: Callable[[str], None],
+) -> Iterator[Following]:
+    """Tell `tracker`, if there is one, of the run that is trained in the block."""
+    tracked = tracker.track(config, folder, fresh) if tracker is not None else None
+    told = Following(tracked, tracker, warn)
+    try:
+        yield told
+    except BaseException as error:
+        told.close(INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED)
+        raise
+    told.close(FINISHED)
