@@ -48,6 +48,14 @@ def test_the_effect_that_is_there_comes_first() -> None:
     assert last.gain_nats < 1.0
 
 
+def test_a_ranking_tells_how_far_it_is() -> None:
+    model, seen = Linear({"a": 0.8}, seed=5), []
+    rank(model, fit(model, (), EVERY), EFFECTS, steps=lambda done, total: seen.append(done / total))
+    assert len(seen) == len(EFFECTS)
+    assert seen == sorted(set(seen))
+    assert 0.0 < seen[0] < seen[-1] <= 1.0
+
+
 def test_nothing_gains_much_where_nothing_is_missing() -> None:
     best = []
     for seed in range(40):
@@ -135,7 +143,9 @@ def test_a_candidate_is_also_tried_with_the_calibration_put_straight() -> None:
     model = Valleys()
     bent = fit(model, (), range(4), np.array([0.7]))
     assert bent.value("shift") > 0.6  # it has taken the echo for the bump
-    found = rank(model, bent, ("echo",))[0]
+    seen: list[tuple[int, int]] = []
+    found = rank(model, bent, ("echo",), steps=lambda *at: seen.append(at))[0]
+    assert seen[-1][0] == seen[-1][1]  # the second climb is the rest
     assert found.fit.value("shift") == pytest.approx(0.5, abs=0.01)
     assert found.fit.value("echo.size") == pytest.approx(1.0, abs=0.1)
 

@@ -144,3 +144,18 @@ def test_runs_of_another_domain_are_refused_with_both_channel_lists(
     done = wakedeploy("evaluate", folder / "runs", "--data", folder / "other")
     assert done.exit_code == 2
     assert "u [N], idle [1], the set has idle [1], u [N]" in " ".join(done.output.split())
+
+
+def test_in_a_pipe_training_and_scoring_tell_how_far_they_are(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wakedeploy.cli.log_lines._SILENT_S", 0.0)
+    done = wakedeploy(
+        "train", "--data", folder / "set", "--arch", "agile-mlp,esn", "--epochs", 3,
+        "--out", tmp_path / "runs",
+    )  # fmt: skip
+    assert "Training agile-mlp s0 (1 of 2): done in " in done.stderr
+    assert "Training esn s0 (2 of 2): done in " in done.stderr
+    done = wakedeploy("evaluate", tmp_path / "runs", "--data", folder / "set")
+    assert "Reading the runs: done in " in done.stderr
+    assert "Evaluating: done in " in done.stderr

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
@@ -43,7 +43,8 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
     result: dict[str, Any] = {"arch": manifest.arch, "trainable": manifest.trainable}
     exported = manifest.parity.model_dump(include={"max_abs", "max_rel", "steps"})
     try:
-        replayed = replay(package)
+        with progress(f"Checking {file}", 1):
+            replayed = replay(package)
     except CheckFailed as error:
         _write(json_path, {"ok": False} | result | {"parity": exported, "why": str(error)})
         raise

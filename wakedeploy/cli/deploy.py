@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from wakedeploy.cli.output import progress
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -57,7 +58,9 @@ def command(
 
     site = Site(Remote(target, ssh_config), directory, remote_command)
     if package is None:
-        _tell(site, "Rolled back", site.roll_back(), "Forth again")
+        with progress(f"Going back on {target}", 1):
+            links = site.roll_back()
+        _tell(site, "Rolled back", links, "Forth again")
     else:
         _deploy(site, package)
 
@@ -68,7 +71,8 @@ def _deploy(site: "Site", file: Path) -> None:
     package = read_package(file)
     manifest = package.manifest
     what = f"{manifest.arch} for {manifest.domain}, {len(package.model_bytes) / 1000:.0f} kB"
-    links = site.deploy(package, file.name)
+    with progress(f"Copying to {site.remote.target}, and checking there", 1):
+        links = site.deploy(package, file.name)
     _tell(site, f"Copied and checked there: {file.name} ({what})", links, "Back to it")
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from wakedeploy.cli.output import json_option, print_table, write_json
+from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import installs
 
 if TYPE_CHECKING:
@@ -73,7 +73,7 @@ def command(rig_path: Path | None, json_path: Path | None) -> None:
         wakedeploy doctor --rig rig.toml
     """
     findings = calibrations(rig_path) if rig_path else []  # a file that is none is told first
-    findings = [finding for look in CHECKS for finding in look()] + findings
+    findings = _looked() + findings
     rows = [[f.name, f.state, f.found] for f in findings]
     print_table("This machine", ["what", "state", "found"], rows)
     for finding in findings:
@@ -83,6 +83,15 @@ def command(rig_path: Path | None, json_path: Path | None) -> None:
     if json_path:
         write_json(json_path, {"ok": not broken, "findings": [asdict(f) for f in findings]})
     raise click.exceptions.Exit(1 if broken else 0)
+
+
+def _looked() -> list[Finding]:
+    found: list[Finding] = []
+    with progress("Looking at this machine", len(CHECKS)) as bar:
+        for look in CHECKS:
+            found += look()
+            bar.advance()
+    return found
 
 
 def python_version() -> list[Finding]:

@@ -43,7 +43,11 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
     from wakedeploy.episodes import read_episode_set
 
     episodes = read_episode_set(data)
-    trained = [load_run(folder) for folder in _that_fit(finished_runs(runs), episodes, data)]
+    folders, trained = _that_fit(finished_runs(runs), episodes, data), []
+    with progress("Reading the runs", len(folders)) as bar:
+        for folder in folders:
+            trained.append(load_run(folder))
+            bar.advance()
     trained.sort(key=_place_in_table)
     warm_up = max(episodes.warm_up_steps, *(run.config.warm_up_steps for run in trained))
     rows = []

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from wakedeploy.cli.output import progress
 from wakedeploy.errors import UnusableInput
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
@@ -46,7 +47,9 @@ def _export_rig(rig_path: Path, out: Path) -> None:
     if out.exists() and not out.is_dir():
         raise UnusableInput(f"{out}: is a file; give a folder for the model.")
     effects = ", ".join(entry.name for entry in rig.effect) or "no effects"
-    for path in export_rig(rig, out):
+    with progress("Writing the model", 1):
+        paths = export_rig(rig, out)
+    for path in paths:
         click.echo(f"{path}: the rig's model with {effects}.")
 
 
@@ -55,8 +58,9 @@ def _export_log(log_path: Path, out: Path) -> None:
     from wakedeploy.runlog import read_run_log
 
     require_kind(out)
-    log = read_run_log(log_path)
-    write_log(log, out)
+    with progress(f"Writing {out}", 1):
+        log = read_run_log(log_path)
+        write_log(log, out)
     click.echo(f"{out}: {len(log)} ticks, {len(log.columns)} columns.")
 
 
@@ -65,7 +69,8 @@ def _export_set(set_path: Path, out: Path) -> None:
     from wakedeploy.gap.tables import require_kind, write_set
 
     require_kind(out)
-    made = read_episode_set(set_path)
-    write_set(made, out)
+    with progress(f"Writing {out}", 1):
+        made = read_episode_set(set_path)
+        write_set(made, out)
     samples = sum(map(len, made.episodes))
     click.echo(f"{out}: {len(made.episodes)} episodes, {samples} samples.")

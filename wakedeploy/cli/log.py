@@ -50,7 +50,11 @@ def show(
 
     if png is not None and len(files) > 1:
         raise UnusableInput("--png names one picture; leave it out for several files.")
-    logs = [read_run_log(path) for path in files]
+    logs = []
+    with progress("Reading the logs", len(files)) as bar:
+        for path in files:
+            logs.append(read_run_log(path))
+            bar.advance()
     summaries = [summarise(log) for log in logs]
     _print_summaries(files, summaries)
     for path, summary in zip(files, summaries, strict=True):

@@ -15,6 +15,7 @@ from wakedeploy.cli.study_options import (
     sets_of,
     study_options,
     train_with_bar,
+    write_page,
 )
 from wakedeploy.cli.study_pareto import pareto
 
@@ -54,7 +55,6 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.domains_figure import parts, summary
     from wakedeploy.study.domains_sentence import sentence
-    from wakedeploy.study.folder import write_study
 
     architectures = _architectures(arch)
     sets = sets_of(names, recordings, asked)
@@ -72,9 +72,8 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
     lines = [line.as_json() for own in told.values() for line in own]
     result = {"quick": asked.quick, "seeds": asked.seeds, "lines": lines}
     title = asked.titled("The architectures over the domains")
-    path = write_study(
-        asked.results("domains", names), title, parts(told), result, [*sets.values()]
-    )
+    folder = asked.results("domains", names)
+    path = write_page(folder, title, lambda: parts(told), result, [*sets.values()])
     for name, own in told.items():
         print_table(f"{name}: {sentence(name, own)}", *summary(own))
     click.echo(f"Figures, tables and the page: {path}")
@@ -103,7 +102,6 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.closed_loop import LIMITS, mean_force, sentence, track
     from wakedeploy.study.closed_loop_figure import parts, summary
-    from wakedeploy.study.folder import write_study
 
     architectures = _architectures(arch)
     data = sets_of("downwash", None, asked)["downwash"]
@@ -114,7 +112,8 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
     result |= {"rms_m": {line.name: line.rms_m.tolist() for line in lines}}
     title = asked.titled("Closed loop on the 2D downwash simulator")
-    path = write_study(asked.results("closed-loop"), title, parts(lines, chosen), result, [data])
+    folder = asked.results("closed-loop")
+    path = write_page(folder, title, lambda: parts(lines, chosen), result, [data])
     print_table(sentence(lines, chosen), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 
@@ -142,7 +141,6 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
     """
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.closed_loop import LIMITS, mean_force
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study.shift import FLOWN, TRAINED, Crew, fly_shifted, sentence, spread_set
     from wakedeploy.study.shift_figure import parts, summary
 
@@ -164,8 +162,8 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
         for one in (nominal, *told)
     }
     title = asked.titled("Trained on one physics, flown in another")
-    drawn = parts(nominal, told, chosen)
-    path = write_study(asked.results("shift"), title, drawn, result, [plain, varied])
+    folder = asked.results("shift")
+    path = write_page(folder, title, lambda: parts(nominal, told, chosen), result, [plain, varied])
     print_table(sentence(nominal, told, chosen), *summary(nominal, told))
     click.echo(f"Figures, tables and the page: {path}")
 

@@ -13,6 +13,7 @@ from wakedeploy.cli.study_options import (
     sets_of,
     study_options,
     train_with_bar,
+    write_page,
 )
 
 if TYPE_CHECKING:
@@ -44,7 +45,6 @@ def delay(asked: Asked) -> None:
         delay_summary,
         parts,
     )
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study.sets import DOMAINS
 
     whole = sets_of(",".join(_SIMULATED), None, asked)
@@ -59,8 +59,14 @@ def delay(asked: Asked) -> None:
     ]
     train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs, asked.epochs)
-    looks = [study.attended(case, made, *common) for case, made in nominal]
-    lines = [line for case, made in varied for line in study.learned(case, made, *common)]
+    looks, lines = [], []
+    with progress("Looking where models look", len(nominal) + len(varied)) as bar:
+        for case, made in nominal:
+            looks.append(study.attended(case, made, *common))
+            bar.advance()
+        for case, made in varied:
+            lines += study.learned(case, made, *common)
+            bar.advance()
     result = {
         "quick": asked.quick,
         "seeds": asked.seeds,
@@ -74,7 +80,7 @@ def delay(asked: Asked) -> None:
     }
     title = asked.titled("Learned and physical delays")
     used = [made for _, made in (*nominal, *varied)]
-    path = write_study(asked.results("delay"), title, parts(looks, lines), result, used)
+    path = write_page(asked.results("delay"), title, lambda: parts(looks, lines), result, used)
     print_table(attention_sentence(looks), *attention_summary(looks))
     print_table(delay_sentence(lines), *delay_summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
@@ -93,13 +99,13 @@ def basin(recordings: Path | None, asked: Asked) -> None:
     """
     from wakedeploy.study import basin as study
     from wakedeploy.study.basin_figure import parts, sentence, summary
-    from wakedeploy.study.folder import write_study
 
     data = sets_of("fish", recordings, asked)["fish"]
     wanted = study.planned(asked.seeds, asked.epochs, quick=asked.quick)
     train_with_bar([(data, one) for one in wanted], asked.runs)
     echo = study.echo_of(data)
-    ends = study.ended(data, wanted, asked.runs)
+    with progress("Looking where delays ended", 1):
+        ends = study.ended(data, wanted, asked.runs)
     result = {
         "quick": asked.quick,
         "seeds": asked.seeds,
@@ -108,7 +114,7 @@ def basin(recordings: Path | None, asked: Asked) -> None:
         "ends": [dataclasses.asdict(end) | {"at": study.where(end, echo)} for end in ends],
     }
     title = asked.titled("Where Delay Embedding ends, by where it starts")
-    path = write_study(asked.results("basin"), title, parts(ends, echo), result, [data])
+    path = write_page(asked.results("basin"), title, lambda: parts(ends, echo), result, [data])
     print_table(sentence(ends, echo), *summary(ends, echo))
     click.echo(f"Figures, tables and the page: {path}")
 
@@ -130,14 +136,14 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study import fish_scatter as study
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.fish_scatter_figure import parts, sentence, summary
-    from wakedeploy.study.folder import write_study
 
     data = sets_of("fish", recordings, asked)["fish"]
     jobs = [(data, one) for one in planned(data, [*ARCHITECTURES], asked.seeds, asked.epochs)]
     train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs)
-    lines = compare(data, [*ARCHITECTURES], *common, epochs=asked.epochs)
-    shown = study.shown(data, lines, asked.runs)
+    with progress("Scoring", 1):
+        lines = compare(data, [*ARCHITECTURES], *common, epochs=asked.epochs)
+        shown = study.shown(data, lines, asked.runs)
     result = {
         "quick": asked.quick,
         "seeds": asked.seeds,
@@ -145,8 +151,8 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
         "lines": [line.as_json() for line in lines],
     }
     title = asked.titled("The fish's flag, true and predicted")
-    drawn = parts(lines, shown, data.rate_hz)
-    path = write_study(asked.results("fish-scatter"), title, drawn, result, [data])
+    folder = asked.results("fish-scatter")
+    path = write_page(folder, title, lambda: parts(lines, shown, data.rate_hz), result, [data])
     print_table(sentence(shown), *summary(lines))
     click.echo(f"Figures, tables and the page: {path}")
 

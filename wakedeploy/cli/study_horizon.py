@@ -12,6 +12,7 @@ from wakedeploy.cli.study_options import (
     sets_of,
     study_options,
     train_with_bar,
+    write_page,
 )
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
         wakedeploy study window --domains downwash --quick
     """
     from wakedeploy.cli.train import _architectures
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study.sets import DOMAINS
     from wakedeploy.study.window import (
         measure,
@@ -69,8 +69,8 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     rates_hz = {name: made.rate_hz for name, made in sets.items()}
     title = asked.titled("How much of the past a predictor has to see")
     delays_s = {name: transport_delay_s(made) for name, made in sets.items()}
-    drawn = parts(told, mains, rates_hz, delays_s)
-    path = write_study(asked.results("window", names), title, drawn, result, [*sets.values()])
+    folder, drawn = asked.results("window", names), (told, mains, rates_hz, delays_s)
+    path = write_page(folder, title, lambda: parts(*drawn), result, [*sets.values()])
     print_table("The shortest past that suffices", *needed(told))
     for name, own in told.items():
         click.echo(sentence(name, own, rates_hz[name], delays_s[name]))
@@ -96,7 +96,6 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     """
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study import lead as study
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, sentence
     from wakedeploy.study.lead_figure import parts, summary
     from wakedeploy.study.sets import DOMAINS as SETS
@@ -124,7 +123,8 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
     points = [vars(point) for own in told.values() for point in own]
     result = {"quick": asked.quick, "flights": count, "seconds": seconds, "points": points}
     title = asked.titled("How far ahead to predict the force")
-    path = write_study(asked.results("lead"), title, parts(told), result, [*sets.values()])
+    folder = asked.results("lead")
+    path = write_page(folder, title, lambda: parts(told), result, [*sets.values()])
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own))
     click.echo(f"Figures, tables and the page: {path}")

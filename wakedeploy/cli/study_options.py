@@ -1,6 +1,6 @@
 """What all studies ask for: which models, how many seeds, where the recordings are."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.study.folder import Part
     from wakedeploy.study.runs import Wanted
 
 _QUICK_EPOCHS = 4
@@ -130,3 +131,17 @@ def train_with_bar(jobs: "Sequence[tuple[EpisodeSet, Wanted]]", runs: Path) -> N
     if left:
         with progress("Training", sum(work(*job) for job in left)) as bar:
             train_all(left, runs, on_run=bar.advance)
+
+
+def write_page(
+    folder: Path,
+    title: str,
+    parts: "Callable[[], Sequence[Part]]",
+    result: Mapping[str, Any],
+    sets: "Sequence[EpisodeSet]",
+) -> Path:
+    """Draw the parts and write the study; the page's path."""
+    from wakedeploy.study.folder import write_study
+
+    with progress("Drawing", 1):
+        return write_study(folder, title, parts(), result, sets)

@@ -13,6 +13,7 @@ from wakedeploy.cli.study_options import (
     sets_of,
     study_options,
     train_with_bar,
+    write_page,
 )
 
 if TYPE_CHECKING:
@@ -48,7 +49,6 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     """
     from wakedeploy.cli.train import _architectures
     from wakedeploy.study.domains import compare, planned
-    from wakedeploy.study.folder import write_study
     from wakedeploy.study.pareto import measure, sentence, unlearned
     from wakedeploy.study.pareto_figure import parts, summary
 
@@ -66,9 +66,10 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     told: dict[str, list[Point]] = {}
     beside: dict[str, dict[str, float]] = {}
     for name, made in sets.items():
-        lines = compare(
-            made, architectures, asked.seeds, asked.runs, epochs=asked.epochs, blinded=False
-        )
+        with progress(f"{name}: scoring", 1):
+            lines = compare(
+                made, architectures, asked.seeds, asked.runs, epochs=asked.epochs, blinded=False
+            )
         beside[name] = unlearned(lines)
         with progress(f"{name}: flying at 32 Hz", len(architectures) * ticks) as bar:
             told[name] = measure(made, lines, asked.runs, ticks=ticks, on_tick=bar.update)
@@ -76,8 +77,8 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
     result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
     result |= {"unlearned": beside}
     title = asked.titled("What accuracy costs")
-    drawn = parts(told, beside)
-    path = write_study(asked.results("pareto", names), title, drawn, result, [*sets.values()])
+    folder = asked.results("pareto", names)
+    path = write_page(folder, title, lambda: parts(told, beside), result, [*sets.values()])
     for name, own in told.items():
         print_table(sentence(name, own), *summary(own, beside[name]))
     click.echo(f"Figures, tables and the page: {path}")
