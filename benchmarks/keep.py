@@ -24,6 +24,11 @@ from wakedeploy.files import write_text_whole
 
 def main() -> None:
     """Read, stamp, write."""
+    options = vars(_options())
+    KINDS[options.pop("kind")](**options)
+
+
+def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     kinds = parser.add_subparsers(dest="kind", required=True)
     for kind in KINDS:
@@ -31,8 +36,7 @@ def main() -> None:
         one.add_argument("source", type=Path)
         if kind == "table":
             one.add_argument("name", help="the record's name")
-    options = vars(parser.parse_args())
-    KINDS[options.pop("kind")](**options)
+    return parser.parse_args()
 
 
 def table(source: Path, name: str) -> None:

@@ -76,6 +76,31 @@ def _parity(rows: list[Row]) -> str:
     )
 
 
+def demo(records: Records) -> Section:
+    """The main job end to end."""
+    result = records.json("demo.json")
+    lines = [
+        [name, f"{one['mean']:.1f} ± {one['standard_error']:.1f}", str(one["flights"])]
+        for name, one in result["rmse_mm"].items()
+    ]
+    gain = result["gain_mm"]
+    return Section(
+        "The demo",
+        "Altitude RMSE of the flights of `make demo` on the virtual gantry, mean ± standard error. "
+        "The GRU learned from a quarter of an hour of simulated flight.",
+        paragraphs(
+            "![Altitude, error and force of two of these flights](figures/demo.png)",
+            table(["controller", "error [mm]", "flights"], lines),
+            f"Flight by flight the feedforward gains {gain['mean']:.1f} ± "
+            f"{gain['standard_error']:.1f} mm. The whole demo took {result['seconds']:.0f} s.",
+        ),
+        (
+            "wakedeploy demo --json demo.json",
+            "python -m benchmarks.keep table demo.json demo",
+        ),
+    )
+
+
 def latency(records: Records) -> Section:
     """From measurement received to command written."""
     result = records.json("latency.json")

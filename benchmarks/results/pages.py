@@ -19,7 +19,7 @@ from wakedeploy.gap.benchmark.page import markdown_of
 from wakedeploy.gap.benchmark.table import summary
 
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
-    "In flight": (flight.tracking, flight.latency, flight.endings, flight.watch),
+    "In flight": (flight.demo, flight.tracking, flight.latency, flight.endings, flight.watch),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
         studies.domains,
@@ -101,7 +101,7 @@ class Pages:
     def _section(self, make: Callable[[Records], Section]) -> str:
         read = self._read()
         one = make(read)
-        commands = "\n".join(("```", *one.commands, "```"))
+        commands = "\n".join(("```sh", *one.commands, "```"))
         return paragraphs(
             f"### {one.title}", one.measured, one.body, commands, self._provenance(read, "records")
         )

@@ -1,22 +1,33 @@
-"""The table of results in README.md, between its two marks."""
+"""What README.md takes from the records: the end of the demo, and the table of results."""
 
-import re
+import contextlib
+import io
 import statistics
+from collections.abc import Callable
 
 from benchmarks.results.section import ARCHITECTURES, MEMORYLESS, Records, span, table
+from wakedeploy.cli.demo import tell
 from wakedeploy.gap.benchmark.table import summary
-
-MARKED = re.compile(
-    r"(<!-- results: made by `make results` -->\n).*?(<!-- end of results -->)", re.DOTALL
-)
 
 
 def filled(text: str, records: Records) -> str:
-    """The README with the table of the present records; ValueError where a mark is missing."""
-    new, times = MARKED.subn(lambda found: f"{found[1]}{results(records)}\n{found[2]}", text)
-    if times != 1:
-        raise ValueError("README.md: the marks around the table of results are missing")
-    return new
+    """The README with what the present records give; ValueError where a mark is missing."""
+    for name, made in PARTS.items():
+        begins, ends = f"<!-- {name}: made by `make results` -->\n", f"\n<!-- end of {name} -->"
+        before, begun, rest = text.partition(begins)
+        _, ended, after = rest.partition(ends.strip("\n"))
+        if not (begun and ended):
+            raise ValueError(f"README.md: the marks around the {name} are missing")
+        text = before + begins + made(records) + ends + after
+    return text
+
+
+def demo(records: Records) -> str:
+    """The end of what `make demo` prints."""
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        tell(records.json("demo.json"))
+    return f"```text\n{printed.getvalue().strip()}\n```"
 
 
 def results(records: Records) -> str:
@@ -44,7 +55,7 @@ def _tracking(records: Records) -> list[list[str]]:
 def _latency(records: Records) -> list[str]:
     told = records.json("latency.json")["busy, --realtime"]
     p999 = [row["p999_ms"] for row in told["rows"]]
-    what = "measurement to command, p99.9 of the eight on a busy laptop"
+    what = "from measurement to command, p99.9 of the eight, two busy cores"
     return [what, f"{span(p999, 1)} ms", f"{told['budget_ms']:.2f} ms"]
 
 
@@ -75,3 +86,6 @@ def _gap(records: Records) -> list[list[str]]:
         [what, f"{told[key]['count']} of {told[key]['of']}", bar]
         for key, (what, bar) in names.items()
     ]
+
+
+PARTS: dict[str, Callable[[Records], str]] = {"demo": demo, "results": results}

@@ -50,12 +50,15 @@ def test_every_picture_and_page_that_the_results_show_is_there(pages: Pages) -> 
             assert (folder / target).exists(), f"{path}: {target}"
 
 
-def test_the_table_of_the_readme_is_that_of_the_records_it_names(tmp_path: Path) -> None:
-    text = "before\n<!-- results: made by `make results` -->\nold\n<!-- end of results -->\nafter\n"
+def test_the_readme_has_the_demo_and_the_table_of_the_records() -> None:
+    marked = "<!-- {0}: made by `make results` -->\nold\n<!-- end of {0} -->\n"
+    text = "before\n" + marked.format("demo") + marked.format("results") + "after\n"
     filled = readme.filled(text, Records(records.FOLDER))
     rows = json.loads((records.FOLDER / "tracking.json").read_text())["rows"]
     (alone,) = [row["rmse_mm"] for row in rows if row["name"] == "PID alone"]
     assert f"PID alone | {alone:.1f} mm |" in filled
+    demo = json.loads((records.FOLDER / "demo.json").read_text())["rmse_mm"]["pid"]
+    assert re.search(rf"PID alone .* {demo['mean']:.1f} ± {demo['standard_error']:.1f} ", filled)
     assert "old" not in filled
     assert filled.startswith("before\n")
     assert filled.endswith("-->\nafter\n")

@@ -67,7 +67,7 @@ def command(
     result["latency"] = _latency(package)
     _draw(logs / f"pid-{_SEED:04d}.mcap", logs / f"feedforward-{_SEED:04d}.mcap", out / "demo.png")
     result |= {"picture": str(out / "demo.png"), "seconds": round(time.monotonic() - began, 1)}
-    _tell(result)
+    tell(result)
     if json_path:
         write_json(json_path, result)
     if not result["ok"]:
@@ -123,7 +123,8 @@ def _latency(package: Path) -> dict[str, Any]:
     }
 
 
-def _tell(result: dict[str, Any]) -> None:
+def tell(result: dict[str, Any]) -> None:
+    """Print what the demo ends with: both errors, the latency, and where the picture is."""
     pid, fed = result["rmse_mm"]["pid"], result["rmse_mm"]["feedforward"]
     click.echo()
     print_table(
