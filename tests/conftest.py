@@ -1,5 +1,7 @@
 """What all tests share: how examples are drawn, signals, packages to compute by hand."""
 
+import math
+import multiprocessing
 import signal
 from collections.abc import Callable
 
@@ -7,6 +9,7 @@ import hypothesis
 import needs
 import numpy as np
 import pytest
+import warm
 
 from wakedeploy.package import Example, Manifest, Package, make_package
 
@@ -37,6 +40,28 @@ def boards_boot_at_once():
     """An UNO's bootloader takes 1.7 s: one test waits for it, and so do whole commands."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("runtime.virtual.process.VirtualGantryProcess.boot_s", 0.1)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def workers_begin_warm():
+    """Importing torch takes each worker two seconds; commands started as programs spend them."""
+    ordinary, begun_warm = multiprocessing.get_context, warm.context()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("OMP_NUM_THREADS", "1")  # as workers do before they import
+        patch.setattr(
+            multiprocessing,
+            "get_context",
+            lambda method=None: begun_warm if method == "spawn" else ordinary(method),
+        )
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def nothing_tells_how_far_it_is():
+    """Commands in this process say it after two seconds: what they print hung on the machine."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("wakedeploy.cli.log_lines._SILENT_S", math.inf)
         yield
 
 

@@ -8,6 +8,8 @@ from wakedeploy.cli import log_lines
 from wakedeploy.cli.log_lines import LogLines, Stages, duration, stages
 from wakedeploy.cli.output import progress
 
+SILENT_S = log_lines._SILENT_S  # before the other tests' commands are silenced
+
 
 class Clock:
     now_s = 100.0
@@ -19,6 +21,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     clock = Clock()
+    monkeypatch.setattr(log_lines, "_SILENT_S", SILENT_S)
     monkeypatch.setattr("wakedeploy.cli.log_lines.time", clock)
     return clock
 

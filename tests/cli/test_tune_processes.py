@@ -13,6 +13,7 @@ import pytest
 from optuna.storages import JournalStorage
 from optuna.storages.journal import JournalFileBackend
 from optuna.trial import FrozenTrial, TrialState
+from said import sentences
 from small_tune import FAST, LIMIT_S, one_line, small_set, tune
 
 from trainers.tuning.report import Row, rows_of
@@ -96,7 +97,7 @@ def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:
     out = tmp_path / "out"
-    asked = ("--epochs", 60, "--pruner", "none", *SLOW)
+    asked = ("--epochs", 30, "--pruner", "none", *SLOW)
     process = started(out, "--trials", 10, "--workers", 2, *asked)
     until(lambda: len(in_training(out)) == 2)
     assert len({trial.user_attrs["worker"]["pid"] for trial in in_training(out)}) == 2
@@ -107,8 +108,8 @@ def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     printed, complained = process.communicate(timeout=LIMIT_S)
     assert process.returncode == 130, complained
     assert printed == ""
-    assert "the same command goes on" in complained
-    assert len(complained.strip().splitlines()) == 1, complained
+    (sentence,) = sentences(complained)
+    assert "the same command goes on" in sentence
     rows = rows_in(out)
     assert [row.number for row in rows if row.state == "lost"] == [victim.number]
     assert any(row.state == "interrupted" for row in rows), rows

@@ -1,20 +1,24 @@
 """Sweeps on a dask cluster: a real scheduler and workers, each a process on this machine."""
 
+import asyncio
 import os
 import platform
 import signal
-import subprocess
 import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import Any
 
 import pytest
+import warm
 
 pytest.importorskip("distributed", reason="dask is not installed: pip install '.[cluster]'")
 
 import distributed
+from distributed.cli import dask_worker
 from distributed.scheduler import KilledWorker
 
 import wakedeploy as package
@@ -48,50 +52,50 @@ class Machines:
     """A scheduler and workers, as processes of their own."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder, self.processes = folder, list[subprocess.Popen]()
+        self.folder, self.processes = folder, list[BaseProcess]()
         self.address = ""
 
-    def scheduler(self) -> subprocess.Popen:
+    def scheduler(self) -> BaseProcess:
         told = self.folder / "address"
-        code = (
-            "import asyncio, sys\n"
-            "from pathlib import Path\n"
-            "from distributed import Scheduler\n"
-            "async def main():\n"
-            "    async with Scheduler(host='127.0.0.1', port=0, dashboard=False) as one:\n"
-            "        Path(sys.argv[1] + '.new').write_text(one.address)\n"
-            "        Path(sys.argv[1] + '.new').rename(sys.argv[1])\n"
-            "        await one.finished()\n"
-            "asyncio.run(main())\n"
-        )
-        process = self._start("-c", code, str(told))
+        process = self._start(schedule, told)
         while not told.exists():
-            assert process.poll() is None
+            assert process.exitcode is None
             time.sleep(0.05)
         self.address = told.read_text()
         return process
 
-    def worker(self, *options: str) -> subprocess.Popen:
+    def worker(self, *options: str) -> BaseProcess:
         return self._start(
-            "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "2", "--no-nanny",
-            "--no-dashboard", "--host", "127.0.0.1", "--local-directory", str(self.folder),
-            *options,
+            do_its_jobs,
+            [self.address, "--nthreads", "2", "--no-nanny", "--no-dashboard",
+             "--host", "127.0.0.1", "--local-directory", str(self.folder), *options],
         )  # fmt: skip
 
-    def _start(self, *arguments: str) -> subprocess.Popen:
-        log = (self.folder / f"log{len(self.processes)}").open("w")
-        process = subprocess.Popen(
-            [sys.executable, *arguments], stdout=log, stderr=log, cwd=self.folder,
-            env=os.environ | {"PYTHONPATH": str(Path(package.__file__).parents[1])},
-        )  # fmt: skip
-        log.close()
-        self.processes.append(process)
-        return process
+    def _start(self, *work: Any) -> BaseProcess:
+        self.processes.append(warm.started(self.folder / f"log{len(self.processes)}", *work))
+        return self.processes[-1]
 
     def end(self) -> None:
         for process in self.processes:
             process.kill()
-            process.wait()
+            process.join()
+
+
+def do_its_jobs(options: list[str]) -> None:
+    """As `dask worker` does."""
+    dask_worker.main(options)
+
+
+def schedule(told: Path) -> None:
+    """A scheduler, which writes its address."""
+
+    async def serve() -> None:
+        async with distributed.Scheduler(host="127.0.0.1", port=0, dashboard=False) as one:
+            told.with_suffix(".new").write_text(one.address)
+            told.with_suffix(".new").rename(told)
+            await one.finished()
+
+    asyncio.run(serve())
 
 
 @pytest.fixture
@@ -257,7 +261,7 @@ def test_an_unusable_cluster_is_told_before_anything_is_written(
     )
     worker.kill()
     (tmp_path / "none.py").write_text("import sys\nsys.modules['wakedeploy'] = None\n")
-    worker.wait()
+    worker.join()
     machines.worker("--preload", str(tmp_path / "none.py"))
     assert "has no wakedeploy; install there" in sweep_there(machines.address)
 
@@ -355,7 +359,7 @@ def test_of_workers_that_join_later_those_that_fit_get_jobs(
     other.write_text(record.script.read_text() + "jobs.wakedeploy.__version__ = '0.0.9'\n")
     first = machines.worker("--preload", str(record.script))
     executor = Cluster(machines.address, told.append)
-    joined: list[subprocess.Popen] = []
+    joined: list[BaseProcess] = []
 
     def change(done: int, total: int) -> None:
         """An unfit worker joins; then the only fit one is lost, and another fit one joins."""

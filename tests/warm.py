@@ -1,0 +1,35 @@
+"""Processes of a test's own that begin warm: forked from one that has imported what takes seconds.
+
+What a user starts imports by itself, and so do the commands that tests start as programs.
+"""
+
+import multiprocessing
+import os
+from collections.abc import Callable
+from multiprocessing.context import ForkServerContext
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+
+IMPORTED = ("trainers.training", "wakedeploy.sweep.jobs", "distributed")
+
+
+def context() -> ForkServerContext:
+    """Where such processes come from, in the place of `multiprocessing.get_context("spawn")`."""
+    warm = multiprocessing.get_context("forkserver")
+    warm.set_forkserver_preload(list(IMPORTED))
+    return warm
+
+
+def started(log: Path, work: Callable[..., object], *arguments: object) -> BaseProcess:
+    """A process that does `work`, a function of a module, in the folder of its log."""
+    process = context().Process(target=_logged, args=(log, work, arguments))
+    process.start()
+    return process
+
+
+def _logged(log: Path, work: Callable[..., object], arguments: tuple[object, ...]) -> None:
+    with log.open("wb") as written:
+        for stream in (1, 2):
+            os.dup2(written.fileno(), stream)
+    os.chdir(log.parent)
+    work(*arguments)
