@@ -4,6 +4,7 @@ import importlib.util
 import json
 import math
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -145,6 +146,20 @@ def test_a_library_that_is_missing_is_one_sentence_with_what_installs_it(
     said = " ".join(done.output.split())
     assert f"{name} is not installed; install it: " in said
     assert f"'.[{name}]'" in said
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_library_that_does_not_work_with_another_is_told_before_anything_is_trained(
+    data_folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mlflow.py").write_text("raise ImportError('no Pool in sqlalchemy.pool')")
+    for name in [name for name in sys.modules if "mlflow" in name]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.syspath_prepend(tmp_path)
+    done = train(data_folder, tmp_path / "runs", *GRU, "--tracker", "mlflow")
+    assert done.exit_code == 2
+    said = " ".join(done.output.split())
+    assert "does not work as it is installed (no Pool in sqlalchemy.pool); install it anew" in said
     assert not (tmp_path / "runs").exists()
 
 

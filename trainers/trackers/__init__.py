@@ -13,7 +13,7 @@ from typing import Protocol
 
 from trainers.fit import Standing
 from trainers.runs import RunConfig, TrainedRun
-from wakedeploy.errors import UnusableInput, installs
+from wakedeploy.errors import UnusableInput, installs, one_line
 
 TRACKERS = ("tensorboard", "mlflow")
 FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"
@@ -54,6 +54,16 @@ def open_tracker(name: str, out: Path) -> Tracker:
         raise UnusableInput(
             f"--tracker {name}: {name} is not installed; install it: {installs(name)}."
         )
+    try:
+        return _opened(name, out)
+    except ImportError as error:  # of another library's version, found out when it is used
+        raise UnusableInput(
+            f"--tracker {name}: {name} does not work as it is installed ({one_line(error)});"
+            f" install it anew: {installs(name)}."
+        ) from error
+
+
+def _opened(name: str, out: Path) -> Tracker:
     if name == "tensorboard":
         from trainers.trackers.tensorboard import TensorBoard
 

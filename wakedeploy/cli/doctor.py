@@ -114,6 +114,8 @@ def extras() -> list[Finding]:
         "rig": "the range sensor on the Pi",
         "cluster": "tuning and sweeps on many machines",
         "tables": "Parquet",
+        "tensorboard": "train --tracker tensorboard",
+        "mlflow": "train --tracker mlflow",
     }
     return [finding for extra, use in uses.items() for finding in _extra(extra, use)]
 
