@@ -66,8 +66,8 @@ if TYPE_CHECKING:
 @click.option(
     "--tracker",
     type=click.Choice(["tensorboard", "mlflow"]),
-    help="Also tell it losses, learning rate, settings, scores and pictures. TensorBoard's events lie"
-    " with the runs; MLflow's store is MLFLOW_TRACKING_URI, else mlflow.db in --out.",
+    help="Also tell it losses, learning rate, settings, scores and pictures. TensorBoard's events"
+    " lie with the runs; MLflow's store is MLFLOW_TRACKING_URI, else mlflow.db in --out.",
 )
 @click.option("--no-pictures", is_flag=True, help="Numbers only.")
 @json_option
