@@ -22,7 +22,8 @@ from benchmarks import records
 from trainers.build import ARCHITECTURES
 from wakedeploy.domains.gantry import record
 from wakedeploy.episodes import stated_sha256
-from wakedeploy.package import Parity, read_package
+from wakedeploy.manifest import Parity
+from wakedeploy.package import read_package
 from wakedeploy.rig import default_rig
 
 FIRST_SEED = 900_000_000  # far from every training seed

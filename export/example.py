@@ -1,29 +1,42 @@
 """The example rollout that travels with a package: made inputs, never a recording."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import torch
 
+from export.limits import limited
 from trainers.model import Predictor
-from wakedeploy.package import Example, FloatArray, ObservationChannel
+from trainers.runs import RunConfig
+from wakedeploy.manifest import FloatArray, ForceChannel, ObservationChannel
+from wakedeploy.package import EXAMPLE_STEPS, Example
 
-STEPS = 512
 _FASTEST_HZ = 2.0
 
 
 def example_rollout(
-    predictor: Predictor, channels: tuple[ObservationChannel, ...], rate_hz: float, seed: int
+    predictor: Predictor, config: RunConfig, force: Sequence[ForceChannel]
 ) -> Example:
-    """512 seeded inputs inside the ranges seen in training; the training-time forward over them."""
-    observation = band_limited(channels, rate_hz, seed)  # (T, d)
+    """512 seeded inputs inside the ranges seen in training; the training-time forward over them.
+
+    Its force is limited as the exported graph's is.
+    """
+    observation = band_limited(config.observation, config.rate_hz, config.seed)  # (T, d)
+    told = rollout(predictor, observation)
+    return Example(config.seed, observation, limited(told, force))
+
+
+def rollout(predictor: Predictor, observation: FloatArray) -> FloatArray:
+    """The training-time forward from a cold start, (T, d) -> (T, o)."""
     with torch.no_grad():
-        force = predictor.rollout(torch.from_numpy(observation)[None])[0]  # (T, o)
-    return Example(seed, observation, force.numpy())
+        told: FloatArray = predictor.rollout(torch.from_numpy(observation)[None])[0].numpy()
+    return told
 
 
 def band_limited(channels: tuple[ObservationChannel, ...], rate_hz: float, seed: int) -> FloatArray:
     """Sums of five sines up to 2 Hz per channel, (T, d), scaled to stay within its range."""
     rng = np.random.default_rng(seed)
-    t = np.arange(STEPS)[:, None] / rate_hz  # (T, 1)
+    t = np.arange(EXAMPLE_STEPS)[:, None] / rate_hz  # (T, 1)
     columns = []
     for channel in channels:
         frequency = rng.uniform(0.05, _FASTEST_HZ, 5)  # (5,)

@@ -4,66 +4,67 @@ import contextlib
 import io
 import logging
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import onnx
 import torch
 from torch import Tensor, nn
 
+from export.limits import Limits
 from trainers.model import Predictor
 from wakedeploy.errors import CheckFailed
+from wakedeploy.manifest import ForceChannel
+from wakedeploy.onnx_graph import OPSET, ForbiddenGraph, read_graph
+from wakedeploy.onnx_shapes import cost_of
 
-OPSET = 20
-# A step is straight arithmetic: no branch or loop to stall a tick, nothing drawn at random.
-_REFUSED = {"If", "Loop", "Scan", "Dropout", "Bernoulli", "Multinomial"} | {
-    f"Random{kind}{like}" for kind in ("Normal", "Uniform") for like in ("", "Like")
-}
 _TRACED_BATCH = 2  # any number above 1: torch takes an axis of length 1 for a constant
 
 
 class _Stateless(nn.Module):
     """none and window: one tensor in, the force out."""
 
-    def __init__(self, predictor: Predictor) -> None:
+    def __init__(self, predictor: Predictor, limits: Limits) -> None:
         super().__init__()
-        self.predictor = predictor
+        self.predictor, self.limits = predictor, limits
 
     def forward(self, source: Tensor) -> Any:
-        return self.predictor.step(source)
+        return self.limits(self.predictor.step(source))
 
 
 class _Stateful(nn.Module):
     """state: the observation and every state in, the force and every next state out."""
 
-    def __init__(self, predictor: Predictor) -> None:
+    def __init__(self, predictor: Predictor, limits: Limits) -> None:
         super().__init__()
-        self.predictor = predictor
+        self.predictor, self.limits = predictor, limits
         self.names = list(predictor.memory.states)
 
     def forward(self, source: Tensor, *states: Tensor) -> tuple[Tensor, ...]:
         held = dict(zip(self.names, states, strict=True))
         force, following = self.predictor.step(source, held)
-        return force, *(following[name] for name in self.names)
+        return self.limits(force), *(following[name] for name in self.names)
 
 
-def graph_bytes(predictor: Predictor) -> bytes:
+def graph_bytes(predictor: Predictor, force: Sequence[ForceChannel]) -> bytes:
     """The ONNX model of one step, opset 20, weights inside, nothing of this machine in it.
 
-    Inputs and outputs are those that `wakedeploy.package.Manifest` derives from the memory.
+    Its force stays within what is possible by the channels. Inputs and outputs are those that
+    `wakedeploy.manifest.Manifest` derives from the memory.
     """
     kept = predictor.training
     try:
-        model = _exported(predictor.eval())
+        model = _exported(predictor.eval(), Limits(force).eval())
     finally:
         predictor.train(kept)
     _strip(model)
-    _require_plain(model)
     onnx.checker.check_model(model, full_check=True)
-    return bytes(model.SerializeToString())
+    graph = bytes(model.SerializeToString())
+    _require_plain(graph)
+    return graph
 
 
-def _exported(predictor: Predictor) -> onnx.ModelProto:
+def _exported(predictor: Predictor, limits: Limits) -> onnx.ModelProto:
     memory, d = predictor.memory, len(predictor.observation_mean)
     batch = torch.export.Dim("batch", min=1)
     states = [torch.zeros(_TRACED_BATCH, *shape) for shape in memory.states.values()]
@@ -74,7 +75,7 @@ def _exported(predictor: Predictor) -> onnx.ModelProto:
     source = "window" if memory.kind == "window" else "observation"
     with _quiet():
         program = torch.onnx.export(
-            _Stateful(predictor) if memory.kind == "state" else _Stateless(predictor),
+            (_Stateful if memory.kind == "state" else _Stateless)(predictor, limits),
             (torch.zeros(shape), *states),
             dynamo=True,
             opset_version=OPSET,
@@ -94,7 +95,8 @@ def _strip(model: onnx.ModelProto) -> None:
     model.doc_string = model.graph.doc_string = ""
     del model.metadata_props[:]
     del model.graph.metadata_props[:]
-    for part in (*model.graph.node, *model.graph.initializer, *model.graph.value_info):
+    del model.graph.value_info[:]  # whoever runs it knows them from the operators
+    for part in (*model.graph.node, *model.graph.initializer):
         part.doc_string = ""
         del part.metadata_props[:]
     for tensor in (*model.graph.input, *model.graph.output):
@@ -102,13 +104,15 @@ def _strip(model: onnx.ModelProto) -> None:
         del tensor.metadata_props[:]
 
 
-def _require_plain(model: onnx.ModelProto) -> None:
-    found = sorted({node.op_type for node in model.graph.node} & _REFUSED)
-    if found:
+def _require_plain(model: bytes) -> None:
+    """Nothing is written here that would be refused where it is to fly."""
+    try:
+        cost_of(read_graph(model), _TRACED_BATCH)
+    except ForbiddenGraph as error:
         raise CheckFailed(
-            f"The exported graph contains {', '.join(found)}, which a package must not; no file "
-            "was written. Report this with the versions that `wakedeploy doctor` prints."
-        )
+            f"The exported graph {error}; no file was written. Report this with the versions that"
+            " `wakedeploy doctor` prints."
+        ) from error
 
 
 @contextlib.contextmanager

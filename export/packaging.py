@@ -7,26 +7,34 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from pydantic import ValidationError
 
 import wakedeploy
 from export.example import example_rollout
 from export.graph import graph_bytes
+from export.limits import force_channels
 from export.parity import joined, measure, require_parity
+from runtime.replay import require_bounded
 from trainers.model import Predictor
 from trainers.runs import RunConfig, TrainedRun
 from wakedeploy.episodes import Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
-from wakedeploy.package import (
+from wakedeploy.manifest import (
     PARITY_LIMIT,
+    ForceChannel,
     Manifest,
     Memory,
-    Package,
     Parity,
     Scores,
     State,
+)
+from wakedeploy.package import (
+    Package,
     make_package,
+    package_from_bytes,
     write_package,
 )
+from wakedeploy.validation import first_problem
 
 Progress = Callable[[int, int], None]
 
@@ -39,50 +47,77 @@ def export_run(
 ) -> Package:
     """Export a finished run to `path`, parity proved on its test and validation episodes first.
 
-    `progress(done, total)` is called as it gets on. Raises UnusableInput when the set does not have
-    the run's channels, CheckFailed above the limit; neither leaves a file.
+    `progress(done, total)` is called as it gets on. Raises UnusableInput for another set than the
+    run was trained on, CheckFailed above the limit; neither leaves a file.
     """
-    asked = [channel.name for channel in run.config.observation]
-    given = [channel.name for channel in data.observation]
-    if asked != given:
+    if data.sha256 != run.config.data_sha256:
         raise UnusableInput(
-            f"The run observes {', '.join(asked)} and the set holds {', '.join(given)}; "
-            "give the set it was trained on with --data."
+            f"{run.folder} was trained on another set than the one given, and a package has to"
+            " say which forces were seen in training; give that set with --data."
         )
+    force = force_channels(run.config.force, [e.force for e in data.part("train")])
     episodes = data.part("test") + data.part("validation") + data.part("train")
     return export_predictor(
-        run.predictor, run.config, episodes, path, test=run.metrics.test, progress=progress
+        run.predictor, run.config, force, episodes, path, test=run.metrics.test, progress=progress
     )
 
 
 def export_predictor(
     predictor: Predictor,
     config: RunConfig,
+    force: tuple[ForceChannel, ...],
     episodes: tuple[Episode, ...],
     path: Path,
     *,
     test: Scores | None = None,
     progress: Progress | None = None,
 ) -> Package:
-    """The same for a predictor in memory, trained or not; `test` are its scores, if it has any."""
+    """The same for a predictor in memory, trained or not.
+
+    `force` says which forces were seen in training; `test` are its scores, if it has any.
+    """
     told = progress or (lambda done, total: None)
     observations = joined(episodes)
-    model = graph_bytes(predictor)
+    model = graph_bytes(predictor, force)
     told(1, 3)
-    example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
-    manifest = manifest_of(predictor, config, test)
+    manifest = manifest_of(predictor, config, force, test)
+    example = example_rollout(predictor, config, force)
     draft = make_package(model, manifest, example)
     parity = measure(draft, predictor, observations)
     told(2, 3)
     package = make_package(model, manifest.model_copy(update={"parity": parity}), example)
     require_parity(package, observations)
+    require_bounded(package)
+    package_from_bytes(package.model_bytes, path.name)  # nothing is written that would be refused
     write_package(package, path)
     told(3, 3)
     return package
 
 
-def manifest_of(predictor: Predictor, config: RunConfig, test: Scores | None) -> Manifest:
-    """What the package will say about itself, parity and graph hash still to be filled in."""
+def manifest_of(
+    predictor: Predictor,
+    config: RunConfig,
+    force: tuple[ForceChannel, ...],
+    test: Scores | None,
+) -> Manifest:
+    """What the package will say about itself, parity and graph hash still to be filled in.
+
+    Raises UnusableInput for what no package may be, such as a window of an hour.
+    """
+    try:
+        return _manifest(predictor, config, force, test)
+    except ValidationError as error:
+        raise UnusableInput(
+            f"This {config.arch} cannot become a package: {first_problem(error)}."
+        ) from error
+
+
+def _manifest(
+    predictor: Predictor,
+    config: RunConfig,
+    force: tuple[ForceChannel, ...],
+    test: Scores | None,
+) -> Manifest:
     return Manifest(
         arch=config.arch,
         hyper=dict(config.hyper),
@@ -90,7 +125,7 @@ def manifest_of(predictor: Predictor, config: RunConfig, test: Scores | None) ->
         rate_hz=config.rate_hz,
         lead_s=config.lead_s,
         observation=config.observation,
-        force=config.force,
+        force=force,
         memory=_memory(predictor),
         warm_up_steps=_warm_up_steps(predictor, config),
         trainable=predictor.trainable,
@@ -122,10 +157,7 @@ def _initial(predictor: Predictor, name: str) -> float | tuple[float, ...]:
 
 def _warm_up_steps(predictor: Predictor, config: RunConfig) -> int:
     """Observations until the memory is full: one, the window's span, or the domain's warm-up."""
-    memory = predictor.memory
-    if memory.kind == "none":
-        return 1
-    return (memory.k - 1) * memory.stride + 1 if memory.kind == "window" else config.warm_up_steps
+    return config.warm_up_steps if predictor.memory.kind == "state" else _memory(predictor).span
 
 
 def _versions() -> dict[str, str]:

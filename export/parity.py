@@ -5,16 +5,28 @@ one observation at a time and carries its memory. Both must tell the same force.
 """
 
 import copy
+import math
+from collections.abc import Sequence
 
 import numpy as np
 import torch
 
+from export.example import rollout
+from export.limits import limited
 from runtime.predictor import PackagePredictor
 from runtime.replay import Difference, compare, require_manners, rolled_out
 from trainers.model import Predictor
 from wakedeploy.episodes import Episode
 from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import PARITY_STEPS, FloatArray, Package, Parity, parity_limit
+from wakedeploy.manifest import (
+    PARITY_STEPS,
+    WORST_FLOAT32_ERROR,
+    FloatArray,
+    ForceChannel,
+    Parity,
+    parity_limit,
+)
+from wakedeploy.package import Package
 
 # The reservoir multiplies rounding errors through a thousand neurons: its own float32 error is the
 # yardstick there.
@@ -39,9 +51,16 @@ def joined(episodes: tuple[Episode, ...], steps: int = PARITY_STEPS) -> FloatArr
 
 def measure(package: Package, predictor: Predictor, observations: FloatArray) -> Parity:
     """Compare over (T, d) observations; the manifest's parity, passed or not."""
-    reference = _rollout(predictor, observations)
+    force = package.manifest.force
+    reference = limited(rollout(predictor, observations), force)
     difference = compare(rolled_out(PackagePredictor(package), observations), reference)
-    own = _float32_error(predictor, observations, reference)
+    own = _float32_error(predictor, force, observations, reference)
+    if not math.isfinite(difference.max_abs) or not (own or 0.0) <= WORST_FLOAT32_ERROR:
+        raise CheckFailed(
+            f"This {predictor.arch} cannot be computed in float32: its force is not finite, or off"
+            f" by {own or math.inf:.1e} against float64; no file was written. Choose another shape,"
+            " for a reservoir a smaller spectral_radius."
+        )
     return Parity(
         max_abs=difference.max_abs,
         max_rel=difference.max_rel,
@@ -63,19 +82,16 @@ def require_parity(package: Package, observations: FloatArray) -> None:
     require_manners(package, observations)
 
 
-def _rollout(predictor: Predictor, observations: FloatArray) -> FloatArray:
-    with torch.no_grad():
-        rolled: FloatArray = predictor.rollout(torch.from_numpy(observations)[None])[0].numpy()
-    return rolled
-
-
 def _float32_error(
-    predictor: Predictor, observations: FloatArray, reference: FloatArray
+    predictor: Predictor,
+    force: Sequence[ForceChannel],
+    observations: FloatArray,
+    reference: FloatArray,
 ) -> float | None:
     if predictor.arch != _SELF_MEASURED:
         return None
     wide = copy.deepcopy(predictor).double()
     with torch.no_grad():
         exact = wide.rollout(torch.from_numpy(observations).double()[None])[0].numpy()
-    error: Difference = compare(reference, exact)
+    error: Difference = compare(reference, limited(exact, force))
     return error.max_rel

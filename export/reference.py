@@ -10,11 +10,13 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from export.example import rollout
+from export.limits import force_channels
 from export.packaging import export_predictor
 from trainers.build import ARCHITECTURES
 from trainers.runs import RunConfig, new_predictor
 from wakedeploy.episodes import Episode
-from wakedeploy.package import PARITY_STEPS, ForceChannel, ObservationChannel
+from wakedeploy.manifest import PARITY_STEPS, ObservationChannel, Quantity
 
 RATE_HZ = 32.0
 WINDOW_S = 30.0 / RATE_HZ  # 31 snapshots, as in Table I
@@ -42,8 +44,9 @@ def _written(arch: str, path: Path) -> Path:
             if weights.requires_grad and not torch.any(weights):
                 weights.copy_(torch.from_numpy(0.1 * rng.standard_normal(weights.shape)))
     observation = rng.uniform(-1.0, 1.0, (PARITY_STEPS, INPUTS)).astype(np.float32)
-    force = np.zeros((PARITY_STEPS, OUTPUTS), dtype=np.float32)
-    export_predictor(predictor, config, (Episode("noise", observation, force),), path)
+    force = rollout(predictor, observation)
+    told = force_channels(config.force, [force])
+    export_predictor(predictor, config, told, (Episode("noise", observation, force),), path)
     return path
 
 
@@ -59,7 +62,7 @@ def reference_config(arch: str) -> RunConfig:
         window_s=WINDOW_S,
         warm_up_steps=round(WINDOW_S * RATE_HZ),
         observation=tuple(inputs),
-        force=tuple(ForceChannel(name=f"f{i}", unit="N") for i in range(OUTPUTS)),
+        force=tuple(Quantity(name=f"f{i}", unit="N") for i in range(OUTPUTS)),
         loss_weights=(1.0,) * OUTPUTS,
         data_sha256="0" * 64,
         seed=0,

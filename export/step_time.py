@@ -4,13 +4,15 @@ import time
 
 import numpy as np
 
-from export.example import example_rollout
+from export.example import band_limited, example_rollout, rollout
 from export.graph import graph_bytes
+from export.limits import force_channels
 from export.packaging import manifest_of
 from runtime.predictor import PackagePredictor
 from trainers.model import Predictor
 from trainers.runs import RunConfig
-from wakedeploy.package import FloatArray, Package, make_package
+from wakedeploy.manifest import FloatArray
+from wakedeploy.package import Package, make_package
 
 _ROUNDS, _STEPS, _WARM_UP = 5, 400, 64
 
@@ -28,9 +30,15 @@ def step_p99_us(predictor: Predictor, config: RunConfig, observations: FloatArra
 
 
 def unproved_package(predictor: Predictor, config: RunConfig) -> Package:
-    """A package to be timed and thrown away: it has not passed the parity gate."""
-    example = example_rollout(predictor, config.observation, config.rate_hz, config.seed)
-    return make_package(graph_bytes(predictor), manifest_of(predictor, config, None), example)
+    """A package to be timed and thrown away: it has not passed the parity gate.
+
+    The forces that it says were seen are those of its own example rollout.
+    """
+    observation = band_limited(config.observation, config.rate_hz, config.seed)
+    force = force_channels(config.force, [rollout(predictor, observation)])
+    manifest = manifest_of(predictor, config, force, None)
+    example = example_rollout(predictor, config, force)
+    return make_package(graph_bytes(predictor, force), manifest, example)
 
 
 def _timed_us(runner: PackagePredictor, series: FloatArray) -> list[float]:

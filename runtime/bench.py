@@ -30,7 +30,8 @@ from runtime.realtime import loop_core, quieten_interpreter, take_priority
 from runtime.reference import hold_plan
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import ObservationChannel, Package, read_package
+from wakedeploy.manifest import ObservationChannel
+from wakedeploy.package import Package, read_package
 from wakedeploy.rig import Rig, default_rig, parse_rig
 
 ENOUGH_TICKS = 3000  # for a p99.9

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from runtime.realtime import Pacer, yield_to_the_loop
 from wakedeploy.errors import CheckFailed
-from wakedeploy.package import Manifest
+from wakedeploy.manifest import Manifest
 
 FloatArray = npt.NDArray[np.float32]
 

@@ -10,8 +10,11 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.package import FloatArray, Manifest, Memory, Package
+from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.manifest import FloatArray, Manifest, Memory
+from wakedeploy.package import Package
+
+_LONGEST = 300  # letters of what onnxruntime says, which may quote the model
 
 
 def inference_session(model_bytes: bytes) -> ort.InferenceSession:
@@ -31,8 +34,8 @@ def inference_session(model_bytes: bytes) -> ort.InferenceSession:
         session = ort.InferenceSession(model_bytes, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's exceptions have no common base of their own
         raise UnusableInput(
-            f"onnxruntime {ort.__version__} cannot load the model ({one_line(error)}); upgrade"
-            " onnxruntime, or make the package again with `wakedeploy export`"
+            f"onnxruntime {ort.__version__} cannot load the model ({one_line(error)[:_LONGEST]});"
+            " upgrade onnxruntime, or make the package again with `wakedeploy export`"
         ) from error
     session._model_bytes = None  # kept for a change of provider, which never comes; megabytes
     return session
@@ -80,12 +83,19 @@ class PackagePredictor:
     def step(self, observation: npt.ArrayLike) -> FloatArray:
         """The force, float32 (o,), for the newest observation (d,); with a batch (B, o), (B, d).
 
-        SI units, channels in the manifest's order. Raises ValueError for another shape.
+        SI units, channels in the manifest's order. Raises ValueError for another shape, CheckFailed
+        where onnxruntime gives up.
         """
         newest = np.asarray(observation)
         self._require_shape(newest)
         self._source.push(newest, first=self._seen == 0)
-        self._session.run_with_iobinding(self._bindings[self._seen % 2])
+        try:
+            self._session.run_with_iobinding(self._bindings[self._seen % 2])
+        except Exception as error:  # onnxruntime's exceptions have no common base of their own
+            raise CheckFailed(
+                f"onnxruntime {ort.__version__} cannot compute a step of the model"
+                f" ({one_line(error)[:_LONGEST]}); make the package again with `wakedeploy export`."
+            ) from error
         self._seen += 1
         return self._force[0].copy() if newest.ndim == 1 else self._force.copy()
 

@@ -10,9 +10,13 @@ import numpy as np
 
 from runtime.predictor import PackagePredictor
 from wakedeploy.errors import CheckFailed
-from wakedeploy.package import PARITY_STEPS, FloatArray, Package, Parity
+from wakedeploy.manifest import PARITY_STEPS, FloatArray, Manifest, Parity
+from wakedeploy.package import Package
 
 _SHORT = 64  # steps of the checks that compare the runner with itself
+_DRIVEN_STEPS = 1024  # at each of the shares beyond the ranges
+_HELD = 16  # steps for which an input stays
+BEYOND = (0.0, 0.25)  # of a range, at both of its ends
 
 
 @dataclass(frozen=True)
@@ -27,10 +31,11 @@ class Difference:
 
 @dataclass(frozen=True)
 class Replay:
-    """How the example rollout came out."""
+    """How the example rollout came out, and in what share of other steps a force was limited."""
 
     difference: Difference
     steps: int
+    limited: float
 
 
 def compare(force: FloatArray, reference: FloatArray) -> Difference:
@@ -67,7 +72,7 @@ def replay(package: Package) -> Replay:
             "computes this graph differently here: do not fly it, make it again."
         )
     require_manners(package, example.observation)
-    return Replay(difference, len(example.observation))
+    return Replay(difference, len(example.observation), require_bounded(package))
 
 
 def _require_recorded_parity(parity: Parity) -> None:
@@ -97,3 +102,38 @@ def require_manners(package: Package, observations: FloatArray) -> None:
     pairs = np.stack([both.step(np.stack([-o, o]))[1] for o in series])
     if compare(pairs, first).max_rel > package.manifest.parity.limit:
         raise CheckFailed("In a batch, one series of the package changes another's forces.")
+
+
+def require_bounded(package: Package) -> float:
+    """The share of steps in which a force was at a limit; CheckFailed if one was beyond, or none.
+
+    The model is driven for 2,048 steps, without a reset, with inputs over their observed ranges and
+    a quarter of them beyond: corners of the ranges and points within, each held for 16 steps.
+    """
+    manifest = package.manifest
+    inputs = np.concatenate([_over(manifest, share) for share in BEYOND])  # (T, d)
+    forces = rolled_out(PackagePredictor(package), inputs)  # (T, o)
+    low, high = (np.array([getattr(c, end) for c in manifest.force]) for end in ("low", "high"))
+    possible = (forces >= low) & (forces <= high)  # (T, o); false where a force is no number
+    if not possible.all():
+        step, column = np.argwhere(~possible)[0]
+        channel = manifest.force[column]
+        raise CheckFailed(
+            f"Driven over its observed ranges and {BEYOND[-1]:.0%} beyond, the model gives a"
+            f" {channel.name} of {forces[step, column]:g} {channel.unit} at step {step}, where"
+            f" {channel.low:g} to {channel.high:g} is possible: do not fly it."
+        )
+    return float(np.mean(((forces == low) | (forces == high)).any(axis=1)))
+
+
+def _over(manifest: Manifest, share: float) -> FloatArray:
+    """Inputs (_DRIVEN_STEPS, d) over the observed ranges, widened at both ends by a share."""
+    low, high = (
+        np.array([getattr(c, end) for c in manifest.observation]) for end in ("min", "max")
+    )
+    draw = np.random.default_rng(0)
+    places = draw.random((_DRIVEN_STEPS // _HELD, len(low)))  # (N, d)
+    places[::2] = np.round(places[::2])  # every other one a corner
+    middle, half = 0.5 * (low + high), (0.5 + share) * (high - low)  # (d,)
+    inputs: FloatArray = (middle + (2.0 * places - 1.0) * half).astype(np.float32)
+    return np.repeat(inputs, _HELD, axis=0)

@@ -10,7 +10,8 @@ from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
 from runtime.tally import Tally
 from wakedeploy.errors import UnusableInput
-from wakedeploy.package import Manifest, Package, read_package
+from wakedeploy.manifest import Manifest
+from wakedeploy.package import Package, read_package
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, read_rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S

@@ -17,7 +17,7 @@ from runtime.protocol import Command, Message
 from runtime.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
-from wakedeploy.package import FloatArray
+from wakedeploy.manifest import FloatArray
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import Rig
 

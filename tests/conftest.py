@@ -1,4 +1,4 @@
-"""What all tests share: how examples are drawn, signals, packages to compute by hand."""
+"""What all tests share: how examples are drawn, signals, tiny packages."""
 
 import math
 import multiprocessing
@@ -7,11 +7,11 @@ from collections.abc import Callable
 
 import hypothesis
 import needs
-import numpy as np
 import pytest
 import warm
+from made_packages import package_of, tiny_manifest, tiny_model
 
-from wakedeploy.package import Example, Manifest, Package, make_package
+from wakedeploy.package import Package
 
 # The same examples in every run: a check that fails must fail again. `make explore` draws new ones.
 # How long an example takes depends on what else the machine does.
@@ -65,60 +65,15 @@ def nothing_tells_how_far_it_is():
         yield
 
 
-BODIES = {
-    # the force is the sum of the observation's two channels
-    "none": "t (float[B, 2] observation) => (float[B, 1] force)"
-    "{ axes = Constant <value_ints: ints = [1]> () force = ReduceSum (observation, axes) }",
-    # first channel: newest less oldest; second channel: all snapshots
-    "window": "t (float[B, 3, 2] window) => (float[B, 2] force)"
-    "{ force = Einsum <equation = 'bkd,kdo->bo'> (window, weights) }",
-    # a leaky sum of the observation's channels, which is also the force
-    "state": "t (float[B, 2] observation, float[B, 2] state_leaky)"
-    " => (float[B, 2] force, float[B, 2] next_state_leaky)"
-    "{ half = Constant <value_float: float = 0.5> () kept = Mul (state_leaky, half)"
-    "  next_state_leaky = Add (kept, observation) force = Identity (next_state_leaky) }",
-}
-MEMORIES: dict[str, dict] = {
-    "none": {"kind": "none"},
-    "window": {"kind": "window", "k": 3, "stride": 2},
-    "state": {"kind": "state", "states": {"leaky": {"shape": [2], "initial": [1.0, -1.0]}}},
-}
-
-
-def tiny_model(kind: str) -> bytes:
-    onnx = pytest.importorskip("onnx")
-    weights = np.zeros((3, 2, 2), np.float32)
-    weights[2, 0, 0], weights[0, 0, 0], weights[:, 1, 1] = 1.0, -1.0, 1.0
-    body = BODIES[kind].replace("'", '"')
-    model = onnx.parser.parse_model(f'<ir_version: 10, opset_import: ["" : 20]> {body}')
-    if kind == "window":
-        model.graph.initializer.append(onnx.numpy_helper.from_array(weights, "weights"))
-    onnx.checker.check_model(model, full_check=True)
-    return model.SerializeToString()
-
-
-def tiny_manifest(kind: str, **changes: object) -> Manifest:
-    channels = [{"name": n, "unit": "m", "min": -1.0, "max": 1.0} for n in ("dx_m", "dz_m")]
-    forces = [{"name": n, "unit": "N"} for n in ("fx_n", "fz_n")]
-    fields = {
-        "arch": "gru", "hyper": {"hidden": 2}, "domain": "gantry", "rate_hz": 32.0,
-        "lead_s": 0.09, "observation": channels, "force": forces[: 1 if kind == "none" else 2],
-        "memory": MEMORIES[kind], "warm_up_steps": {"none": 1, "window": 5, "state": 8}[kind],
-        "trainable": 12, "frozen": 0, "data_sha256": "0" * 64, "seed": 0, "test": None,
-        "parity": {"max_abs": 0.0, "max_rel": 0.0, "steps": 3200, "limit": 1e-5},
-        "versions": {"torch": "2.13.0"}, "graph_sha256": "0" * 64,
-    }  # fmt: skip
-    return Manifest.model_validate(fields | changes)
-
-
 @pytest.fixture(scope="session")
 def tiny_package() -> Callable[..., Package]:
-    """A function of the memory's kind, and of manifest fields that differ from the default."""
+    """A function of the memory's kind, and of manifest fields that differ from the default.
 
-    def make(kind: str, **changes: object) -> Package:
-        manifest = tiny_manifest(kind, **changes)
-        observation = np.linspace(-1, 1, 24, dtype=np.float32).reshape(12, 2)
-        example = Example(0, observation, np.zeros((12, len(manifest.force)), np.float32))
-        return make_package(tiny_model(kind), manifest, example)
+    With `ballast` it holds so many frozen weights more.
+    """
+
+    def make(kind: str, ballast: int = 0, **changes: object) -> Package:
+        manifest = tiny_manifest(kind, **({"frozen": ballast} | changes))
+        return package_of(tiny_model(kind, ballast), manifest)
 
     return make

@@ -10,11 +10,10 @@ from collections.abc import Callable
 from email import message_from_string as metadata_of
 from pathlib import Path
 
-import numpy as np
 import pytest
+from made_packages import sound
 
-from runtime.predictor import PackagePredictor
-from wakedeploy.package import Example, Package, make_package, write_package
+from wakedeploy.package import Package, write_package
 from wakedeploy.rig import default_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.install]
@@ -144,10 +143,7 @@ def test_the_virtual_gantry_flies_and_its_log_is_read(base: Path, tmp_path: Path
 @pytest.fixture
 def package(tiny_package: Callable[..., Package], tmp_path: Path) -> Path:
     """A package whose example rollout is what its graph computes here."""
-    made = tiny_package("state")
-    predictor, observation = PackagePredictor(made), made.example.observation
-    example = Example(0, observation, np.stack([predictor.step(o).copy() for o in observation]))
-    write_package(make_package(made.model_bytes, made.manifest, example), tmp_path / "tiny.onnx")
+    write_package(sound(tiny_package("state")), tmp_path / "tiny.onnx")
     return tmp_path / "tiny.onnx"
 
 

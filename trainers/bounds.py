@@ -25,7 +25,7 @@ _BOUNDS = {
     "kernel": Bound(2, 64),  # of one tap nothing is carried
     "blocks": Bound(1, 12),  # the dilation doubles with each
     "d_conv": Bound(2, 64),
-    "neurons": Bound(1, 10_000),  # N² recurrent weights
+    "neurons": Bound(1, 4000),  # N² recurrent weights: 64 MB, the largest package
     "spectral_radius": Bound(0, 10),
     "leak": Bound(0.001, 1),
     "density": Bound(0.001, 1),

@@ -21,8 +21,7 @@ from trainers.model import WakeModel
 from trainers.tcn import Tcn, TcnHyper
 from wakedeploy.episodes import window_shape
 from wakedeploy.errors import UnusableInput
-
-PARAMETER_BUDGET = 100_000  # trainable weights must stay below this (paper, § Model Architectures)
+from wakedeploy.manifest import PARAMETER_BUDGET
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from trainers.targets import shift_ahead
 from trainers.training import standing_in
 from wakedeploy import figures
 from wakedeploy.episodes import Episode, EpisodeSet
-from wakedeploy.package import ForceChannel, Scores
+from wakedeploy.manifest import Quantity, Scores
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -173,23 +173,21 @@ def _stretch(forces: Floats) -> tuple[float, slice]:
     return float(changes[start]), slice(start, start + count)
 
 
-def _forces(
-    axes: "Axes", shown: _Shown, at: int, channel: ForceChannel, test: Scores | None
-) -> None:
+def _forces(axes: "Axes", shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> None:
     axes.plot(shown.time_s, shown.true[:, at], color=figures.TRUE, label="true")
     axes.plot(shown.time_s, shown.predicted[:, at], color=figures.PREDICTED, label="predicted")
     axes.set(title=_told(shown, at, channel, test), ylabel=f"[{channel.unit}]")
     figures.legend(axes)
 
 
-def _residual(axes: "Axes", shown: _Shown, at: int, channel: ForceChannel) -> None:
+def _residual(axes: "Axes", shown: _Shown, at: int, channel: Quantity) -> None:
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.6)
     error = shown.predicted[:, at] - shown.true[:, at]
     axes.plot(shown.time_s, error, color=figures.MEASURED)
     axes.set_ylabel(f"predicted − true [{channel.unit}]", fontsize=7)
 
 
-def _told(shown: _Shown, at: int, channel: ForceChannel, test: Scores | None) -> str:
+def _told(shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> str:
     """The error over what is shown and, where it is known, over the whole split."""
     rmse = float(np.sqrt(np.mean((shown.predicted[:, at] - shown.true[:, at]) ** 2)))
     here = f"{channel.name}: RMSE {rmse:.3g} {channel.unit} here"

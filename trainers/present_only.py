@@ -12,10 +12,10 @@ import torch
 from torch import Tensor, nn
 
 from trainers.agile_mlp import mlp
-from trainers.build import PARAMETER_BUDGET
 from trainers.esn import Esn
 from trainers.model import State, StateModel, WakeModel
 from wakedeploy.errors import UnusableInput
+from wakedeploy.manifest import PARAMETER_BUDGET
 
 CODE = 16  # numbers in which the core tells of the past
 _HIDDEN, _LAYERS = 64, 2

@@ -23,7 +23,7 @@ from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.files import sha256_of, write_text_whole, write_whole
-from wakedeploy.package import ForceChannel, ObservationChannel, Scores
+from wakedeploy.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.validation import first_problem
 
 # Goes up when equal configurations are fitted to other weights than before: runs of other revisions
@@ -60,7 +60,7 @@ class RunConfig(_Record):
     window_s: float
     warm_up_steps: int
     observation: tuple[ObservationChannel, ...]
-    force: tuple[ForceChannel, ...]
+    force: tuple[Quantity, ...]
     loss_weights: tuple[float, ...]
     data_sha256: str
     seed: int

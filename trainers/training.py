@@ -46,7 +46,7 @@ from wakedeploy.episodes import SPLITS, EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.locks import one_at_a_time
-from wakedeploy.package import ForceChannel, ObservationChannel, Scores
+from wakedeploy.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.validation import first_problem
 
 # Called after each epoch with the epochs done and the epochs asked for.
@@ -85,7 +85,7 @@ def configure(
             window_s=data.window_s,
             warm_up_steps=data.warm_up_steps,
             observation=_observed(data),
-            force=tuple(ForceChannel(name=c.name, unit=c.unit) for c in data.force),
+            force=tuple(Quantity(name=c.name, unit=c.unit) for c in data.force),
             loss_weights=data.loss_weights,
             data_sha256=data.sha256,
             seed=seed,

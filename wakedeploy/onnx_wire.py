@@ -1,23 +1,21 @@
-"""The few fields of an ONNX file that a machine without the onnx package has to read and write.
+"""Protobuf, as far as a machine without the onnx package has to read and write it.
 
 An ONNX file is one protobuf message (`ModelProto` of onnx.proto3): a run of fields, each a tag,
 that is (number << 3 | wire type), and a value. Metadata is added, read and removed here without
-touching any other byte, so that a hash over the rest is the same on every machine.
+touching any other byte, so that a hash over the rest is the same on every machine. Whatever the
+bytes are, walking over them ends, calls nothing but itself once, and copies nothing.
 """
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 VARINT, FIXED64, LENGTH_DELIMITED, FIXED32 = 0, 1, 2, 5
-FLOAT32 = 1  # TensorProto.DataType
+MOST_ENTRIES = 64  # of metadata
+MOST_ENTRY_BYTES = 1 << 20  # the length of one; the largest example rollout has half of that
 
-# Field numbers of onnx.proto3.
 _MODEL_GRAPH, _MODEL_METADATA = 7, 14
 _ENTRY_KEY, _ENTRY_VALUE = 1, 2
-_GRAPH_INITIALIZER, _GRAPH_INPUT, _GRAPH_OUTPUT = 5, 11, 12
-_INITIALIZER_DATA_LOCATION, _EXTERNAL = 14, 1
-_VALUE_NAME, _VALUE_TYPE, _TYPE_TENSOR, _TENSOR_ELEMENT, _TENSOR_SHAPE = 1, 2, 1, 1, 2
-_SHAPE_DIM, _DIM_VALUE, _DIM_NAME = 1, 1, 2
+_MOST_FIELDS = 20_000  # of one message; a graph of 4,096 nodes and as many constants has fewer
 
 
 class MalformedModel(ValueError):
@@ -29,39 +27,36 @@ class Field:
     """One protobuf field: `value` is an int for a varint, else bytes; `raw` has the tag too."""
 
     number: int
+    wire: int
     value: int | memoryview
     raw: memoryview
-
-
-@dataclass(frozen=True)
-class Tensor:
-    """Name, element type and shape of a graph input or output; a dynamic axis is a string."""
-
-    name: str
-    element: int
-    shape: tuple[int | str, ...]
-
-
-@dataclass(frozen=True)
-class Signature:
-    """What a graph takes and gives, in its own order."""
-
-    inputs: tuple[Tensor, ...]
-    outputs: tuple[Tensor, ...]
-    external_data: bool
 
 
 def fields(data: bytes | memoryview) -> Iterator[Field]:
     """Walk over the fields of a message; raises MalformedModel where it is cut or foreign."""
     view = memoryview(data)
     position = 0
-    while position < len(view):
+    for _ in range(_MOST_FIELDS):
+        if position == len(view):
+            return
         start = position
         tag, position = _varint(view, position)
         if tag >> 3 == 0:
             raise MalformedModel("a field numbered 0")
         value, position = _value(view, position, tag & 7)
-        yield Field(tag >> 3, value, view[start:position])
+        yield Field(tag >> 3, tag & 7, value, view[start:position])
+    if position < len(view):
+        raise MalformedModel(f"a message of more than {_MOST_FIELDS} fields")
+
+
+def packed(data: memoryview, most: int) -> list[int]:
+    """Varints that stand one behind the other, `most` of them at most."""
+    values: list[int] = []
+    position = 0
+    while position < len(data) and len(values) < most:
+        value, position = _varint(data, position)
+        values.append(value)
+    return values
 
 
 def without_metadata(model: bytes) -> bytes:
@@ -78,58 +73,27 @@ def with_metadata(model: bytes, entries: Mapping[str, str]) -> bytes:
 
 
 def metadata(model: bytes) -> dict[str, str]:
-    """The model's metadata entries; the last of two with the same key counts."""
-    entries = [list(fields(_bytes(f))) for f in fields(model) if f.number == _MODEL_METADATA]
+    """The model's metadata entries; the last of two with the same key counts.
+
+    Raises MalformedModel where there is no graph beside them, for more than MOST_ENTRIES, and for
+    one of more than MOST_ENTRY_BYTES.
+    """
+    parts = list(fields(model))
+    if not any(field.number == _MODEL_GRAPH for field in parts):
+        raise MalformedModel("no graph")
+    found = [_bytes(field) for field in parts if field.number == _MODEL_METADATA]
+    if len(found) > MOST_ENTRIES or max(map(len, found), default=0) > MOST_ENTRY_BYTES:
+        raise MalformedModel(
+            f"more than {MOST_ENTRIES} metadata entries, or one above {MOST_ENTRY_BYTES} bytes"
+        )
+    entries = [list(fields(entry)) for entry in found]
     return {_text(entry, _ENTRY_KEY): _text(entry, _ENTRY_VALUE) for entry in entries}
 
 
-def signature(model: bytes) -> Signature:
-    """Inputs and outputs of the model's graph; raises MalformedModel where there is no graph."""
-    graphs = [field for field in fields(model) if field.number == _MODEL_GRAPH]
-    if len(graphs) != 1:
-        raise MalformedModel("no graph")
-    graph = list(fields(_bytes(graphs[0])))
-    return Signature(
-        inputs=tuple(_tensor(_bytes(f)) for f in graph if f.number == _GRAPH_INPUT),
-        outputs=tuple(_tensor(_bytes(f)) for f in graph if f.number == _GRAPH_OUTPUT),
-        external_data=any(_is_external(f) for f in graph if f.number == _GRAPH_INITIALIZER),
-    )
-
-
-def _tensor(value_info: memoryview) -> Tensor:
-    info = list(fields(value_info))
-    tensor = list(fields(_child(list(fields(_child(info, _VALUE_TYPE))), _TYPE_TENSOR)))
-    element = next((f.value for f in tensor if f.number == _TENSOR_ELEMENT), 0)
-    if not isinstance(element, int):
-        raise MalformedModel("an element type that is no number")
-    dims = fields(_child(tensor, _TENSOR_SHAPE))
-    shape = tuple(_dim(_bytes(f)) for f in dims if f.number == _SHAPE_DIM)
-    return Tensor(_text(info, _VALUE_NAME), element, shape)
-
-
-def _dim(data: memoryview) -> int | str:
-    for field in fields(data):
-        if field.number == _DIM_VALUE and isinstance(field.value, int):
-            return field.value
-        if field.number == _DIM_NAME:
-            return str(_bytes(field), "utf-8", "replace")
-    return "?"
-
-
-def _is_external(initializer: Field) -> bool:
-    return any(
-        field.number == _INITIALIZER_DATA_LOCATION and field.value == _EXTERNAL
-        for field in fields(_bytes(initializer))
-    )
-
-
-def _child(message: list[Field], number: int) -> memoryview:
-    return next((_bytes(f) for f in reversed(message) if f.number == number), memoryview(b""))
-
-
 def _text(message: list[Field], number: int) -> str:
+    found = [_bytes(field) for field in message if field.number == number]
     try:
-        return str(_child(message, number), "utf-8")
+        return str(found[-1], "utf-8") if found else ""
     except UnicodeDecodeError as error:
         raise MalformedModel("text that is not UTF-8") from error
 
@@ -163,8 +127,10 @@ def _varint(view: memoryview, position: int) -> tuple[int, int]:
         position += 1
         value |= (byte & 0x7F) << shift
         if byte < 0x80:
+            if value >> 64:
+                break
             return value, position
-    raise MalformedModel("a number of more than 70 bits")
+    raise MalformedModel("a number of more than 64 bits")
 
 
 def _message(number: int, content: str | bytes) -> bytes:

@@ -8,15 +8,13 @@ import sys
 import time
 from pathlib import Path
 
-import numpy as np
 import pytest
 from click.testing import CliRunner
+from made_packages import gantry_package, sound
 from rig_over_ssh import ROOT, needs_sshd, running_rig
 
-from runtime.pilot import OBSERVATION
-from runtime.predictor import PackagePredictor
 from wakedeploy.cli import main
-from wakedeploy.package import Example, make_package, read_package, write_package
+from wakedeploy.package import read_package, write_package
 from wakedeploy.rig import default_rig, default_rig_text
 
 pytestmark = needs_sshd
@@ -37,10 +35,7 @@ def packages(tiny_package, tmp_path):
 
     def write(name, **changes):
         made = tiny_package("state", **({"seed": len(list(tmp_path.glob("*.onnx")))} | changes))
-        predictor, observation = PackagePredictor(made), made.example.observation
-        force = np.stack([predictor.step(o).copy() for o in observation])
-        sound = make_package(made.model_bytes, made.manifest, Example(0, observation, force))
-        write_package(sound, tmp_path / name)
+        write_package(sound(made), tmp_path / name)
         return tmp_path / name
 
     return write
@@ -147,29 +142,11 @@ def test_a_package_that_fails_its_check_there_changes_nothing(rig, packages, tin
     assert_unchanged(rig, before)
 
 
-def gantry_package(tiny_package, path, lead_s):
-    """A sound package with the channels of the gantry's loop."""
-    onnx = pytest.importorskip("onnx")
-    body = (
-        f"t (float[B, {len(OBSERVATION)}] observation) => (float[B, 1] force)"
-        "{ axes = Constant <value_ints: ints = [1]> () force = ReduceSum (observation, axes) }"
-    )
-    model = onnx.parser.parse_model(f'<ir_version: 10, opset_import: ["" : 20]> {body}')
-    channels = [{"name": n, "unit": u, "min": -1.0, "max": 1.0} for n, u in OBSERVATION]
-    manifest = tiny_package("none", lead_s=lead_s, observation=channels).manifest
-    observation = np.linspace(-1, 1, 12 * len(channels), dtype=np.float32).reshape(12, -1)
-    force = observation.sum(axis=1, keepdims=True)
-    sound = make_package(model.SerializeToString(), manifest, Example(0, observation, force))
-    write_package(sound, path)
-    return path
-
-
-def test_a_sound_package_for_another_loop_does_not_become_current(
-    rig, packages, tiny_package, tmp_path
-):
+def test_a_sound_package_for_another_loop_does_not_become_current(rig, packages, tmp_path):
     lead_s = default_rig().default_lead_s
-    fits = gantry_package(tiny_package, tmp_path / "fits.onnx", lead_s)
-    early = gantry_package(tiny_package, tmp_path / "early.onnx", lead_s + 0.1)
+    fits, early = tmp_path / "fits.onnx", tmp_path / "early.onnx"
+    write_package(gantry_package(lead_s), fits)
+    write_package(gantry_package(lead_s + 0.1), early)
     assert deploy(rig, early).exit_code == 0  # without a rig file there nobody can know
     (rig.site / "rig.toml").write_text(default_rig_text())
     done = deploy(rig, fits)
@@ -208,7 +185,7 @@ def test_a_full_disk_is_named(rig, packages):
     if mounted.returncode:
         pytest.skip("no small disk can be mounted here")
     try:
-        done = deploy(rig, packages("large.onnx", hyper={"padding": "x" * 200_000}))
+        done = deploy(rig, packages("large.onnx", ballast=50_000))
         assert_refused(done, 1, "No space left on device", "free some space")
         assert_unchanged(rig, {})
     finally:
@@ -246,7 +223,7 @@ def test_a_line_that_is_cut_in_the_middle_changes_nothing(rig, packages):
     rig.command.write_text(PASSES)
     assert deploy(rig, packages("first.onnx")).exit_code == 0
     before = rig.links()
-    run, ssh = copying(rig, packages("large.onnx", hyper={"padding": "x" * 3_000_000}))
+    run, ssh = copying(rig, packages("large.onnx", ballast=750_000))
     os.kill(ssh, signal.SIGKILL)
     _, err = run.communicate(timeout=60)
     assert run.returncode == 2
@@ -256,7 +233,7 @@ def test_a_line_that_is_cut_in_the_middle_changes_nothing(rig, packages):
 
 
 def test_ctrl_c_in_the_middle_of_the_copy_changes_nothing(rig, packages):
-    run, _ = copying(rig, packages("large.onnx", hyper={"padding": "x" * 3_000_000}))
+    run, _ = copying(rig, packages("large.onnx", ballast=750_000))
     os.killpg(run.pid, signal.SIGINT)
     _, err = run.communicate(timeout=60)
     assert run.returncode == 130, err

@@ -39,6 +39,15 @@ def predictor_of(arch: str):
     return predictor
 
 
+def seen_by(predictor, config, episodes: tuple[Episode, ...]):
+    """The forces of an untrained predictor over the episodes, as if it had learned them."""
+    from export.example import rollout
+    from export.limits import force_channels
+
+    told = [rollout(predictor, episode.observation) for episode in episodes]
+    return force_channels(config.force, told)
+
+
 @pytest.fixture(scope="session")
 def episodes() -> tuple[Episode, ...]:
     rng = np.random.default_rng(0)
@@ -59,13 +68,9 @@ def exported_arch(
         from export.packaging import export_predictor
         from export.reference import reference_config
 
-        predictor, config, path = (
-            predictor_of(arch),
-            reference_config(arch),
-            folder / f"{arch}.onnx",
-        )
-        return Exported(
-            predictor, config, export_predictor(predictor, config, episodes, path), path
-        )
+        predictor, config = predictor_of(arch), reference_config(arch)
+        force, path = seen_by(predictor, config, episodes), folder / f"{arch}.onnx"
+        package = export_predictor(predictor, config, force, episodes, path)
+        return Exported(predictor, config, package, path)
 
     return export

@@ -136,14 +136,22 @@ def test_a_set_that_is_not_near_is_asked_for(
     assert "--data" in done.stderr
 
 
-def test_too_short_a_set_leaves_no_file(session: Path, tmp_path: Path) -> None:
-    a_set(100).write(tmp_path / "short")
+def test_another_set_than_the_runs_own_leaves_no_file(session: Path, tmp_path: Path) -> None:
+    """What was seen in training is written into the package, and only its set tells."""
+    a_set(1300).write(tmp_path / "other")
     run, out = session / "runs" / "walk" / "agile-mlp" / "s0", tmp_path / "m.onnx"
-    arguments = ("--arch", "agile-mlp", "--run", run, "--data", tmp_path / "short", "--out", out)
+    arguments = ("--arch", "agile-mlp", "--run", run, "--data", tmp_path / "other", "--out", out)
     done = wakedeploy("export", *arguments)
     assert done.exit_code == 2
-    assert "3200" in done.stderr
+    assert "was trained on another set" in done.stderr
+    assert "--data" in done.stderr
     assert not out.exists()
+
+
+def test_a_package_says_which_forces_were_seen_in_training(session: Path, exported: Path) -> None:
+    seen = [e.force for e in a_set(1200).part("train")]
+    (force,) = read_package(exported).manifest.force
+    assert (force.min, force.max) == (float(np.min(seen)), float(np.max(seen)))
 
 
 def test_an_unusable_file_exits_2_and_overwrites_an_older_verdict(

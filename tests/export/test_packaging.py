@@ -16,7 +16,8 @@ from trainers.build import ARCHITECTURES
 from trainers.model import Predictor
 from wakedeploy.episodes import Episode
 from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import Manifest, make_package, read_package, write_package
+from wakedeploy.manifest import Manifest
+from wakedeploy.package import make_package, read_package, write_package
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)
@@ -73,10 +74,12 @@ def test_a_graph_that_differs_leaves_no_file(
 ) -> None:
     """As if the exporter had got an equation wrong: another predictor's graph is written."""
     gru = exported_arch("gru")
-    monkeypatch.setattr("export.packaging.graph_bytes", lambda _: gru.package.model_bytes)
+    monkeypatch.setattr("export.packaging.graph_bytes", lambda *_: gru.package.model_bytes)
     path = tmp_path / "gru.onnx"
     with pytest.raises(CheckFailed, match="no file was written"):
-        export_predictor(copy_with_noise(gru.predictor), gru.config, episodes, path)
+        export_predictor(
+            copy_with_noise(gru.predictor), gru.config, gru.package.manifest.force, episodes, path
+        )
     assert not path.exists()
     assert not list(tmp_path.iterdir())
 
@@ -92,18 +95,20 @@ def test_too_few_samples_cannot_prove_parity(
     episodes: tuple[Episode, ...], exported_arch, tmp_path: Path
 ) -> None:
     gru = exported_arch("gru")
+    force = gru.package.manifest.force
     with pytest.raises(UnusableInput, match="3200"):
-        export_predictor(gru.predictor, gru.config, episodes[:2], tmp_path / "gru.onnx")
+        export_predictor(gru.predictor, gru.config, force, episodes[:2], tmp_path / "gru.onnx")
 
 
 def test_progress_is_told_to_the_end(
     episodes: tuple[Episode, ...], exported_arch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mlp, told = exported_arch("agile-mlp"), []
-    monkeypatch.setattr("export.packaging.graph_bytes", lambda _: mlp.package.model_bytes)
+    monkeypatch.setattr("export.packaging.graph_bytes", lambda *_: mlp.package.model_bytes)
     export_predictor(
         mlp.predictor,
         mlp.config,
+        mlp.package.manifest.force,
         episodes,
         tmp_path / "a.onnx",
         progress=lambda *at: told.append(at),

@@ -10,7 +10,7 @@ import pytest
 from runtime import prediction
 from runtime.prediction import PredictionWorker
 from wakedeploy.errors import CheckFailed
-from wakedeploy.package import ObservationChannel
+from wakedeploy.manifest import ObservationChannel
 
 OBSERVATION = np.zeros(1, np.float32)
 

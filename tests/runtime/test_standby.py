@@ -5,8 +5,8 @@ import subprocess
 import sys
 import time
 
-import numpy as np
 import pytest
+from made_packages import gantry_package
 
 from runtime.link import Link
 from runtime.loop import arm_limits
@@ -15,7 +15,7 @@ from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.standby import begin_standby, stand_by
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import Example, Manifest, make_package, write_package
+from wakedeploy.package import write_package
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
 
@@ -126,31 +126,12 @@ def test_a_word_that_cannot_be_taken_away_is_no_word(tmp_path):
         begin_standby(tmp_path / "fly")
 
 
-def gantry_package(tiny_package, seed):
-    """A package that fits the default gantry and predicts no force."""
-    onnx = pytest.importorskip("onnx")
-    names = ("dx_m", "dz_m", "vx_mps", "vz_mps", "source_command")
-    channels = [{"name": name, "unit": "1", "min": -9.0, "max": 9.0} for name in names]
-    made = tiny_package("none", seed=seed)
-    model = onnx.parser.parse_model(
-        '<ir_version: 10, opset_import: ["" : 20]>'
-        "t (float[B, 5] observation) => (float[B, 1] force)"
-        "{ axes = Constant <value_ints: ints = [1]> () sum = ReduceSum (observation, axes)"
-        "  force = Sub (sum, sum) }"
-    )
-    fields = made.manifest.model_dump(by_alias=True)
-    changed = {"observation": channels, "lead_s": RIG.default_lead_s}
-    example = Example(0, np.zeros((12, 5), np.float32), np.zeros((12, 1), np.float32))
-    manifest = Manifest.model_validate(fields | changed)
-    return make_package(model.SerializeToString(), manifest, example)
-
-
 @pytest.mark.wallclock
-def test_what_flies_is_what_is_current_when_asked_for(tmp_path, tiny_package):
+def test_what_flies_is_what_is_current_when_asked_for(tmp_path):
     word, current, log = tmp_path / "fly", tmp_path / "current.onnx", tmp_path / "flight.mcap"
     rig_file = tmp_path / "rig.toml"
     RIG.write(rig_file)
-    before, deployed = gantry_package(tiny_package, 1), gantry_package(tiny_package, 2)
+    before, deployed = (gantry_package(RIG.default_lead_s, seed=seed) for seed in (1, 2))
     write_package(before, current)
     arguments = ["--package", current, "--rig", rig_file, "--log", log, "--arm-file", word]
     run = subprocess.Popen(

@@ -7,9 +7,10 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from trainers.build import ARCHITECTURES, PARAMETER_BUDGET, build
+from trainers.build import ARCHITECTURES, build
 from trainers.model import Predictor, StateModel
 from wakedeploy.errors import UnusableInput
+from wakedeploy.manifest import PARAMETER_BUDGET
 
 TABLE_I = {
     "agile-mlp": 17_922,

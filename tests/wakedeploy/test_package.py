@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from made_packages import with_manifest
 
 from wakedeploy import onnx_wire
 from wakedeploy.errors import UnusableInput
@@ -16,19 +17,13 @@ from wakedeploy.package import (
     MANIFEST_KEY,
     Example,
     graph_sha256,
+    make_package,
     package_from_bytes,
     read_package,
     write_package,
 )
 
 KINDS = ("none", "window", "state")
-
-
-def with_manifest(model: bytes, **changes) -> bytes:
-    entries = onnx_wire.metadata(model)
-    manifest = json.loads(entries[MANIFEST_KEY]) | changes
-    manifest = {key: value for key, value in manifest.items() if value != "absent"}
-    return onnx_wire.with_metadata(model, entries | {MANIFEST_KEY: json.dumps(manifest)})
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -73,25 +68,28 @@ def altered(tiny_package, kind: str = "state") -> dict[str, tuple[bytes, str]]:
     model = tiny_package(kind).model_bytes
     entries = onnx_wire.metadata(model)
     fewer = [{"name": "dx_m", "unit": "m", "min": 0, "max": 1}]
-    memory = {"kind": "window", "k": 3, "stride": 2}
+    window = {"memory": {"kind": "window", "k": 3, "stride": 2}, "warm_up_steps": 5}
     bad_range = [{"name": "dx_m", "unit": "m", "min": 2, "max": 1}] * 2
     no_example = {MANIFEST_KEY: entries[MANIFEST_KEY]}
     long_example = Example(0, np.zeros((4, 3), np.float32), np.zeros((4, 2), np.float32))
-    weak = {"max_abs": 1, "max_rel": 1, "steps": 3200, "limit": 2}
+    weak = {"max_abs": 1, "max_rel": 1, "steps": 3200, "limit": 0.001}
     return {
         "empty": (b"", "not an ONNX model"),
         "text": (b"# a README, not a model\n", "not an ONNX model"),
         "foreign": (onnx_wire.without_metadata(model), "without a wakedeploy manifest"),
-        "newer": (with_manifest(model, schema=2), "newer release"),
+        "newer": (with_manifest(model, schema=3), "newer release"),
         "no schema": (with_manifest(model, schema="absent"), "no schema version"),
         "no rate": (with_manifest(model, rate_hz="absent"), "rate_hz"),
         "bad rate": (with_manifest(model, rate_hz=-1), "rate_hz"),
         "unknown key": (with_manifest(model, secret=1), "secret"),
         "bad range": (with_manifest(model, observation=bad_range), "min 2.0 lies above max 1.0"),
-        "weak limit": (with_manifest(model, parity=weak), "limit 2.0 where 1e-05 follows"),
+        "weak limit": (with_manifest(model, parity=weak), "limit 0.001 where 1e-05 follows"),
         "other channels": (with_manifest(model, observation=fewer), "its graph takes"),
-        "other memory": (with_manifest(model, memory=memory), "its graph takes"),
-        "other forces": (with_manifest(model, force=[{"name": "f", "unit": "N"}]), "graph gives"),
+        "other memory": (with_manifest(model, **window), "its graph takes"),
+        "other forces": (
+            with_manifest(model, force=[{"name": "f", "unit": "N", "min": 0, "max": 1}]),
+            "graph gives",
+        ),
         "other hash": (with_manifest(model, graph_sha256="1" * 64), "damaged or altered"),
         "no example": (onnx_wire.with_metadata(model, no_example), "example rollout"),
         "bad example": (
@@ -132,10 +130,12 @@ def test_a_changed_weight_is_noticed(tiny_package):
 
 def test_a_fixed_batch_axis_is_refused(tiny_package):
     onnx = pytest.importorskip("onnx")
-    model = onnx.load_from_string(tiny_package("none").model_bytes)
+    made = tiny_package("none")
+    model = onnx.load_from_string(made.model_bytes)
     model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+    fixed = make_package(model.SerializeToString(), made.manifest, made.example)
     with pytest.raises(UnusableInput, match="batch axis"):
-        package_from_bytes(model.SerializeToString(), "p.onnx")
+        package_from_bytes(fixed.model_bytes, "p.onnx")
 
 
 @settings(max_examples=60, deadline=None)

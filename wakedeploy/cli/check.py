@@ -9,7 +9,7 @@ from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.package import Manifest
+    from wakedeploy.manifest import Manifest
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -19,7 +19,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option("--rig", "rig_path", type=_FILE, help="Also: can the loop of this rig fly it?")
 @click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
 def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
-    """Verify the package FILE on this machine: manifest, hash, signature, rollout, manners.
+    """Verify the package FILE on this machine: manifest, hash, graph, rollout, manners, limits.
 
     Its example rollout is replayed and compared with what the training-time forward gave. With
     --rig its rate, channels and lead have to be those of that rig's loop. Exit status 1 when a
@@ -55,15 +55,17 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
         raise
     difference = replayed.difference
     rows = [
-        ["manifest, hash and signature", "agree"],
+        ["manifest, hash and graph", "agree"],
         ["reset, two runners, a batch", "keep apart"],
         ["example rollout here", f"{difference.max_rel:.1e} over {replayed.steps} steps"],
+        ["driven over its ranges, 25 % beyond", f"limited in {100 * replayed.limited:.1f} %"],
         ["parity when exported", f"{exported['max_rel']:.1e} over {exported['steps']} steps"],
         ["limit", f"{manifest.parity.limit:.1e}"],
         *fits,
     ]
     print_table(f"{file}: {manifest.arch} for {manifest.domain}, as promised", ["", ""], rows)
     here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}
+    here |= {"limited": replayed.limited}
     _write(json_path, {"ok": True} | result | {"parity": exported, "replay": here})
 
 

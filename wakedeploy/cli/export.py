@@ -24,7 +24,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 @click.option(
     "--runs", type=_FOLDER, default=Path("runs"), show_default=True, help="Where to look for it."
 )
-@click.option("--data", type=_FOLDER, help="Episodes to prove parity on. Default: the run's own.")
+@click.option("--data", type=_FOLDER, help="The set it was trained on. Default: looked for nearby.")
 @click.option("--out", type=_FILE, help="Default: ARCH.onnx.")
 @click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
 def command(
@@ -87,6 +87,10 @@ def _tell(package: "Package", path: Path) -> None:
         ["parameters", f"{manifest.trainable:,} trainable, {manifest.frozen:,} frozen"],
         ["memory", f"{memory.kind}{window}, full after {manifest.warm_up_steps} steps"],
         ["rate, lead", f"{manifest.rate_hz:g} Hz, {manifest.lead_s:g} s"],
+        *(
+            [f"{c.name} in training", f"{c.min:.3g} to {c.max:.3g} {c.unit}"]
+            for c in manifest.force
+        ),
         ["parity", f"{parity.max_rel:.1e} of {parity.limit:.1e} over {parity.steps} steps"],
     ]
     if parity.float64_rel is not None:

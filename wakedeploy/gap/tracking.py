@@ -14,7 +14,7 @@ from runtime.loop import Loop
 from runtime.prediction import Result
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
-from wakedeploy.package import FloatArray
+from wakedeploy.manifest import FloatArray
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet, drag_force
