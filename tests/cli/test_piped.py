@@ -1,4 +1,4 @@
-"""In a pipe, commands that take their time tell on stderr how far they are, and stdout is theirs."""
+"""In a pipe, commands that take their time tell on stderr how far they are."""
 
 from pathlib import Path
 

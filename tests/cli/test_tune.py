@@ -210,7 +210,7 @@ def test_cuda_that_torch_does_not_see_is_one_sentence_and_leaves_no_trace(
     ("arguments", "says"),
     [
         (["--dimension", "hiden=3"], "gru has no dimension 'hiden'; it has hidden, dropout"),
-        (["--arch", "mlp"], "There is no architecture 'mlp'; choose agile-mlp"),
+        (["--arch", "mlp"], "--arch: 'mlp' is no architecture; choose agile-mlp"),
         (["--objective", "speed"], "--objective speed: choose rmse or rmse,latency"),
         (["--epochs", "9"], "was made with epochs = 2, not 9; repeat its options"),
         (["--lead", "0.2"], "was made with lead_s = 0.0, not 0.2"),

@@ -69,5 +69,5 @@ def test_quick_looks_and_chosen_domains_lie_apart() -> None:
     whole, quick = (Asked(3, Path("out"), quick) for quick in (False, True))
     assert whole.results("domains") == Path("out/domains")
     assert quick.results("domains") == Path("out/domains-quick")
-    assert whole.results("domains", "gantry, fish") == Path("out/domains-gantry-fish")
-    assert quick.results("domains", "gantry") == Path("out/domains-gantry-quick")
+    assert whole.results("domains", ("gantry", "fish")) == Path("out/domains-gantry-fish")
+    assert quick.results("domains", ("gantry",)) == Path("out/domains-gantry-quick")

@@ -18,7 +18,7 @@ from wakedeploy.study.domains import SOURCE_ONLY, compare, planned
 from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.domains_sentence import sentence
 from wakedeploy.study.runs import Wanted, train_all, work
-from wakedeploy.study.sets import DOMAINS, Domain, chosen, obtain
+from wakedeploy.study.sets import DOMAINS, Domain, obtain
 
 
 def delayed_set(episodes: int = 6) -> EpisodeSet:
@@ -105,7 +105,6 @@ def test_the_past_of_own_motion_is_hidden_where_a_set_names_it(tmp_path) -> None
 def test_recordings_that_are_not_there_are_left_out(tmp_path) -> None:
     fish = DOMAINS["fish"]
     assert obtain(fish, tmp_path, tmp_path / "none", quick=True, progress=lambda d, t: None) is None
-    assert [d.name for d in chosen("gantry,fish,gantry")] == ["gantry", "fish"]
 
 
 def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:

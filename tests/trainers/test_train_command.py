@@ -120,7 +120,7 @@ def test_runs_of_other_settings_are_not_averaged_as_seeds(folder: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--arch", "mlp"], "choose all or agile-mlp"),
+        (["--arch", "mlp"], "choose all, agile-mlp"),
         (["--arch", "gru", "--hyper", "tcn.kernel=3"], "ARCH.NAME=VALUE for one of gru"),
         (["--arch", "gru", "--hyper", "gru.hidden=many"], "is not a number"),
         (["--arch", "gru", "--hyper", "gru.hidden=220"], "budget is fewer than 100,000"),

@@ -12,6 +12,7 @@ from typing import Any
 import click
 
 import wakedeploy
+from wakedeploy.cli.groups import Group, answered
 from wakedeploy.errors import WakedeployError, installs, one_line
 
 COMMANDS = (
@@ -44,7 +45,7 @@ _UNUSABLE = (
 )
 
 
-class _Commands(click.Group):
+class _Commands(Group):
     """Loads a command's file when it is asked for, and tells failures in one sentence."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -63,6 +64,8 @@ class _Commands(click.Group):
         """Run a command; what it raises becomes one line and an exit status."""
         try:
             return super().invoke(ctx)
+        except click.UsageError as error:
+            raise answered(error) from error
         except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except KeyboardInterrupt:

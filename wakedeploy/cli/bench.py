@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import CheckFailed
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Measure this machine against the loop's budget.
 

@@ -4,9 +4,10 @@ import click
 
 from wakedeploy.cli.calibrate_options import Request, shared_options
 from wakedeploy.cli.flight_options import curve_option, require_curve
+from wakedeploy.cli.groups import Group
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Measure a rig's constants and write them, with spread and date, into the rig file.
 

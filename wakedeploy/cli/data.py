@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
@@ -22,7 +23,7 @@ _OUT = click.option(
 _COUNTED = ("files", "independent")  # recordings of each split, where a set's provenance tells
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Make episodes by simulation, import recordings, describe a set.
 
@@ -117,7 +118,7 @@ def make_downwash(
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @click.option(
     "--level",
-    type=click.Choice(["slender", "vortex"]),
+    type=click.Choice(["slender", "vortex"], case_sensitive=False),
     default="vortex",
     show_default=True,
     help="Slender bodies (no memory, added mass of deep water), or vortices with wakes.",

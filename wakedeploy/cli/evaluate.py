@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
 @click.option(
     "--split",
-    type=click.Choice(["test", "validation", "train", "all"]),
+    type=click.Choice(["test", "validation", "train", "all"], case_sensitive=False),
     default="test",
     show_default=True,
     help="all: a set of unseen recordings.",

@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
@@ -29,7 +31,7 @@ _STEPS = ("close", "find", "name", "add", "show")
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
 
-class _Steps(click.Group):
+class _Steps(Group):
     """The four steps here, the other commands in files of their own, loaded when asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
@@ -184,7 +186,12 @@ def name_gap(
 
 @command.command("add", cls=_Many)
 @_inputs
-@click.option("--effect", "only", help="Add this effect of the ranking, as one member of a class.")
+@click.option(
+    "--effect",
+    "only",
+    type=EFFECT,
+    help="Add this effect of the ranking, as one member of a class.",
+)
 @click.option("--from-symbolic", is_flag=True, help="Add the expression of an unknown effect.")
 def add_effect(
     rig_path: Path,

@@ -11,7 +11,10 @@ from wakedeploy.cli.recordings import recordings_folder
 
 
 @click.command("domain")
-@click.argument("name", type=click.Choice(["motor", "fish", "quadrotor", "downwash"]))
+@click.argument(
+    "name",
+    type=click.Choice(["motor", "fish", "quadrotor", "downwash"], case_sensitive=False),
+)
 @click.argument("path", type=click.Path(path_type=Path), required=False)
 @click.option(
     "--out",

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
 from wakedeploy.errors import CheckFailed, UnusableInput, one_line
@@ -21,7 +22,9 @@ _RIG = click.option("--rig", "rig_path", type=_FILE, help="Default: the default 
 
 @click.command()
 @_RIG
-@click.option("--class", "names", multiple=True, help="An effect of the class; at least two.")
+@click.option(
+    "--class", "names", type=EFFECT, multiple=True, help="An effect of the class; at least two."
+)
 @click.option(
     "--out", type=_FOLDER, help="Read the class from result.json here; write plan.json here."
 )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 _FILES = click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Look at recorded runs.
 

@@ -5,11 +5,12 @@ from typing import Any
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, write_json
 from wakedeploy.errors import UnusableInput
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Start a rig file (a gantry's constants), or check one.
 

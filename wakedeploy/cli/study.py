@@ -5,12 +5,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import print_table, progress
 from wakedeploy.cli.study_delay import basin, delay, fish_scatter
 from wakedeploy.cli.study_horizon import lead, window
 from wakedeploy.cli.study_options import (
     Asked,
-    arch_option,
+    domains_option,
     recordings_option,
     sets_of,
     study_options,
@@ -18,6 +19,7 @@ from wakedeploy.cli.study_options import (
     write_page,
 )
 from wakedeploy.cli.study_pareto import pareto
+from wakedeploy.cli.training_options import architectures_option
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from wakedeploy.study.domains import Line
 
 
-@click.group()
+@click.group(cls=Group)
 def command() -> None:
     """Repeat the paper's comparisons: tables, figures and a page for each.
 
@@ -37,11 +39,13 @@ def command() -> None:
 
 
 @command.command("domains")
-@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
-@arch_option
+@domains_option
+@architectures_option()
 @recordings_option("quadrotor", "fish", "crazyflie")
 @study_options
-def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> None:
+def domains(
+    names: tuple[str, ...], arch: tuple[str, ...], recordings: Path | None, asked: Asked
+) -> None:
     """Compare the architectures over the domains, on episodes never trained on.
 
     A stopped study goes on where it was. Domains whose recordings are not there are left out.
@@ -51,12 +55,11 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
         wakedeploy study domains --recordings ../data --seeds 3 --out study
         wakedeploy study domains --domains gantry,ship --arch agile-mlp,gru --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.domains_figure import parts, summary
     from wakedeploy.study.domains_sentence import sentence
 
-    architectures = _architectures(arch)
+    architectures = list(arch)
     sets = sets_of(names, recordings, asked)
     told: dict[str, list[Line]] = {}
     jobs = [
@@ -80,7 +83,7 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
 
 
 @command.command("closed-loop")
-@arch_option
+@architectures_option()
 @click.option(
     "--flights",
     type=click.IntRange(2, 1000),
@@ -89,7 +92,7 @@ def domains(names: str, arch: str, recordings: Path | None, asked: Asked) -> Non
     help="Flights of 20 s; 4 of 5 s with --quick.",
 )
 @study_options
-def closed_loop(arch: str, flights: int, asked: Asked) -> None:
+def closed_loop(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     """Fly the 2D simulator with no compensation, with the truth and with each architecture.
 
     Trains what `study domains` has not trained into the same folder yet.
@@ -99,12 +102,11 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study closed-loop --seeds 3 --out study
         wakedeploy study closed-loop --arch agile-mlp,gru --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study.closed_loop import LIMITS, mean_force, sentence, track
     from wakedeploy.study.closed_loop_figure import parts, summary
 
-    architectures = _architectures(arch)
-    data = sets_of("downwash", None, asked)["downwash"]
+    architectures = list(arch)
+    data = sets_of(("downwash",), None, asked)["downwash"]
     models, chosen = _models(data, architectures, asked)
     count, seconds = (4, 5.0) if asked.quick else (flights, 20.0)
     with progress("Flying", len(LIMITS) + len(architectures) * asked.seeds) as bar:
@@ -119,7 +121,7 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
 
 
 @command.command("shift")
-@arch_option
+@architectures_option()
 @click.option(
     "--flights",
     type=click.IntRange(2, 1000),
@@ -128,7 +130,7 @@ def closed_loop(arch: str, flights: int, asked: Asked) -> None:
     help="Flights of 20 s; 2 of 4 s with --quick.",
 )
 @study_options
-def shift(arch: str, flights: int, asked: Asked) -> None:
+def shift(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     """Train where the physics varies by ±10 %, and fly where it varies by ±10, ±50 and ±75 %.
 
     Wake speed, diffusivity and separation differ from flight to flight; no model is told. Beside
@@ -139,13 +141,12 @@ def shift(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study shift --seeds 3 --out study
         wakedeploy study shift --arch agile-mlp,gru --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study.closed_loop import LIMITS, mean_force
     from wakedeploy.study.shift import FLOWN, TRAINED, Crew, fly_shifted, sentence, spread_set
     from wakedeploy.study.shift_figure import parts, summary
 
-    architectures = _architectures(arch)
-    plain = sets_of("downwash", None, asked)["downwash"]
+    architectures = list(arch)
+    plain = sets_of(("downwash",), None, asked)["downwash"]
     with progress("Flying what is learned from", 1) as bar:
         varied = spread_set(asked.out / "sets", quick=asked.quick, progress=bar.update)
     models, chosen = _models(varied, architectures, asked)

@@ -47,7 +47,7 @@ def delay(asked: Asked) -> None:
     )
     from wakedeploy.study.sets import DOMAINS
 
-    whole = sets_of(",".join(_SIMULATED), None, asked)
+    whole = sets_of(_SIMULATED, None, asked)
     nominal = [(study.nominal(name, DOMAINS[name]), made) for name, made in whole.items()]
     varied = [(case, _made(case, asked)) for case in study.cases(quick=asked.quick)]
     attending = study.planned(study.ATTENDING, asked.seeds, asked.epochs)
@@ -100,7 +100,7 @@ def basin(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study import basin as study
     from wakedeploy.study.basin_figure import parts, sentence, summary
 
-    data = sets_of("fish", recordings, asked)["fish"]
+    data = sets_of(("fish",), recordings, asked)["fish"]
     wanted = study.planned(asked.seeds, asked.epochs, quick=asked.quick)
     train_with_bar([(data, one) for one in wanted], asked.runs)
     echo = study.echo_of(data)
@@ -137,7 +137,7 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.fish_scatter_figure import parts, sentence, summary
 
-    data = sets_of("fish", recordings, asked)["fish"]
+    data = sets_of(("fish",), recordings, asked)["fish"]
     jobs = [(data, one) for one in planned(data, [*ARCHITECTURES], asked.seeds, asked.epochs)]
     train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs)

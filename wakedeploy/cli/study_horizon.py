@@ -8,12 +8,14 @@ import click
 from wakedeploy.cli.output import print_table, progress
 from wakedeploy.cli.study_options import (
     Asked,
+    domains_option,
     recordings_option,
     sets_of,
     study_options,
     train_with_bar,
     write_page,
 )
+from wakedeploy.cli.training_options import architectures_option
 
 if TYPE_CHECKING:
     from wakedeploy.study.lead import Point
@@ -21,11 +23,13 @@ if TYPE_CHECKING:
 
 
 @click.command("window")
-@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
-@click.option("--arch", default="history-mlp,gru", show_default=True, help="all, or NAME[,NAME…].")
+@domains_option
+@architectures_option("history-mlp,gru")
 @recordings_option("quadrotor", "fish", "crazyflie")
 @study_options
-def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None:
+def window(
+    names: tuple[str, ...], arch: tuple[str, ...], recordings: Path | None, asked: Asked
+) -> None:
     """Find the shortest past that a predictor has to see, domain by domain.
 
     Window models are trained for every length, from none (agile-mlp) to 1.5 of the domain's usual
@@ -37,7 +41,6 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
         wakedeploy study window --recordings ../data --seeds 3 --out study
         wakedeploy study window --domains downwash --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study.sets import DOMAINS
     from wakedeploy.study.window import (
         measure,
@@ -48,7 +51,7 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
     )
     from wakedeploy.study.window_figure import needed, parts
 
-    architectures = with_memory(_architectures(arch))
+    architectures = with_memory(list(arch))
     sets = sets_of(names, recordings, asked)
     jobs = [
         job
@@ -78,12 +81,10 @@ def window(names: str, arch: str, recordings: Path | None, asked: Asked) -> None
 
 
 @click.command("lead")
-@click.option(
-    "--arch", default="agile-mlp,history-mlp,gru", show_default=True, help="all, or NAME[,NAME…]."
-)
+@architectures_option("agile-mlp,history-mlp,gru")
 @click.option("--flights", type=click.IntRange(2, 1000), default=8, show_default=True)
 @study_options
-def lead(arch: str, flights: int, asked: Asked) -> None:
+def lead(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     """Find how far ahead to predict the force, on the gantry and on the 2D downwash simulator.
 
     Trains each architecture at each lead, scores the force and flies it on unseen seeds, beside no
@@ -94,14 +95,13 @@ def lead(arch: str, flights: int, asked: Asked) -> None:
         wakedeploy study lead --seeds 3 --out study
         wakedeploy study lead --arch agile-mlp,gru --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study import lead as study
     from wakedeploy.study.lead import DOMAINS, LEADS_S, QUICK_LEADS_S, sentence
     from wakedeploy.study.lead_figure import parts, summary
     from wakedeploy.study.sets import DOMAINS as SETS
 
-    architectures = _architectures(arch)
-    sets = sets_of(",".join(DOMAINS), None, asked)
+    architectures = list(arch)
+    sets = sets_of(DOMAINS, None, asked)
     leads_s = QUICK_LEADS_S if asked.quick else LEADS_S
     count, seconds = (2, 6.0) if asked.quick else (flights, 20.0)
     lines = study.asked(architectures, leads_s, asked.seeds, asked.epochs)

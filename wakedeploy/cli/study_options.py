@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.names import SOME_DOMAINS
 from wakedeploy.cli.output import progress
 from wakedeploy.cli.recordings import VARIABLE, recordings_folder
 from wakedeploy.commit import present_commit
 from wakedeploy.errors import UnusableInput
+from wakedeploy.names import DOMAINS
 
 if TYPE_CHECKING:
     from wakedeploy.episodes import EpisodeSet
@@ -39,9 +41,9 @@ class Asked:
         """How long to train, None for as usual."""
         return _QUICK_EPOCHS if self.quick else None
 
-    def results(self, study: str, domains: str = "all") -> Path:
+    def results(self, study: str, domains: Sequence[str] = DOMAINS) -> Path:
         """Where a study's results lie: those of a quick look or of chosen domains apart."""
-        chosen = [] if domains == "all" else [name.strip() for name in domains.split(",")]
+        chosen = [] if set(domains) == set(DOMAINS) else domains
         return self.out / "-".join([study, *chosen, *["quick"] * self.quick])
 
     def titled(self, title: str) -> str:
@@ -92,16 +94,22 @@ def recordings_option(*names: str) -> Decorator:
     )
 
 
-arch_option: Decorator = click.option(
-    "--arch", default="all", show_default=True, help="all, or NAME[,NAME…]."
+domains_option: Decorator = click.option(
+    "--domains",
+    "names",
+    type=SOME_DOMAINS,
+    metavar="all|NAME[,NAME…]",
+    default="all",
+    show_default=True,
+    help=f"Of {', '.join(DOMAINS)}.",
 )
 
 
-def sets_of(names: str, recordings: Path | None, asked: Asked) -> "dict[str, EpisodeSet]":
+def sets_of(names: Sequence[str], recordings: Path | None, asked: Asked) -> "dict[str, EpisodeSet]":
     """The chosen domains' sets, as far as their recordings are there; says what is left out."""
-    from wakedeploy.study.sets import chosen, obtain
+    from wakedeploy.study.sets import DOMAINS, obtain
 
-    domains = chosen(names)
+    domains = [DOMAINS[name] for name in names]
     if any(domain.recordings for domain in domains):
         recordings = recordings_folder(recordings)
     sets = {}

@@ -8,13 +8,14 @@ import click
 from wakedeploy.cli.output import print_table, progress
 from wakedeploy.cli.study_options import (
     Asked,
-    arch_option,
+    domains_option,
     recordings_option,
     sets_of,
     study_options,
     train_with_bar,
     write_page,
 )
+from wakedeploy.cli.training_options import architectures_option
 
 if TYPE_CHECKING:
     from wakedeploy.study.pareto import Point
@@ -23,8 +24,8 @@ _QUICK_TICKS = 128
 
 
 @click.command("pareto")
-@click.option("--domains", "names", default="all", show_default=True, help="all, or NAME[,NAME…].")
-@arch_option
+@domains_option
+@architectures_option()
 @click.option(
     "--ticks",
     type=click.IntRange(64),
@@ -34,7 +35,9 @@ _QUICK_TICKS = 128
 )
 @recordings_option("quadrotor", "fish", "crazyflie")
 @study_options
-def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: Asked) -> None:
+def pareto(
+    names: tuple[str, ...], arch: tuple[str, ...], ticks: int, recordings: Path | None, asked: Asked
+) -> None:
     """Set each architecture's error against its parameters and against its step's time.
 
     The step is timed in the loop, paced at 32 Hz, as `bench latency` does it: 50 s for each
@@ -47,12 +50,11 @@ def pareto(names: str, arch: str, ticks: int, recordings: Path | None, asked: As
         wakedeploy study pareto --recordings ../data --seeds 3 --out study
         wakedeploy study pareto --domains gantry --arch agile-mlp,gru --quick
     """
-    from wakedeploy.cli.train import _architectures
     from wakedeploy.study.domains import compare, planned
     from wakedeploy.study.pareto import measure, sentence, unlearned
     from wakedeploy.study.pareto_figure import parts, summary
 
-    architectures = _architectures(arch)
+    architectures = list(arch)
     sets = sets_of(names, recordings, asked)
     ticks = _QUICK_TICKS if asked.quick else ticks
     train_with_bar(

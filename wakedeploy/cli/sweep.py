@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.names import PRESET
 from wakedeploy.cli.output import (
     json_option,
     mean_and_spread,
@@ -16,9 +17,10 @@ from wakedeploy.cli.output import (
     what_differs,
     write_json,
 )
-from wakedeploy.cli.training_options import device_option
+from wakedeploy.cli.training_options import architectures_option, device_option
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.interruption import interruptible
+from wakedeploy.names import ARCHITECTURES, meant
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.executor import Executor
@@ -31,11 +33,12 @@ _PLAN_FILE = click.Path(dir_okay=False, path_type=Path)
 @click.command()
 @click.argument("plan", type=_PLAN_FILE, required=False)
 @click.option("--data", help="SET[,SET…]: folders of sets, or names of sets that PLAN generates.")
-@click.option("--arch", help="all, or NAME[,NAME…]. Default: all.")
+@architectures_option(None, otherwise="all")
 @click.option("--seeds", type=click.IntRange(1, 1000), help="How many. Default: 1.")
 @click.option("--lead", help="Seconds[,…] ahead. Default: what the set states, or 0.")
 @click.option(
     "--preset",
+    type=PRESET,
     metavar="reference|tuned|FILE[,…]",
     help="What the other options change; a file is for its architecture. Default: reference.",
 )
@@ -146,7 +149,7 @@ def _options(asked: dict[str, Any]) -> dict[str, Any]:
     if asked["data"]:
         plan["data"] = _names(asked["data"])
     if asked["arch"]:
-        plan["arch"] = _names(asked["arch"])
+        plan["arch"] = list(asked["arch"])
     if asked["seeds"]:
         plan["seeds"] = asked["seeds"]
     if asked["preset"]:
@@ -162,7 +165,7 @@ def _options(asked: dict[str, Any]) -> dict[str, Any]:
         arch, dot, name = place.partition(".")
         if not (equals and dot and arch and name):
             raise UnusableInput(f"--hyper {entry}: write ARCH.NAME=VALUE[,VALUE…].")
-        values = _values(f"--hyper {entry}", text)
+        arch, values = meant(arch, ARCHITECTURES) or arch, _values(f"--hyper {entry}", text)
         plan.setdefault("hyper", {}).setdefault(arch, {})[name] = values
     return plan
 

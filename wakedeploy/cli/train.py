@@ -2,12 +2,13 @@
 
 import functools
 import json
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from wakedeploy.cli.names import PRESET
 from wakedeploy.cli.output import (
     json_option,
     mean_and_spread,
@@ -16,8 +17,9 @@ from wakedeploy.cli.output import (
     what_differs,
     write_json,
 )
-from wakedeploy.cli.training_options import device_option, lead_option
+from wakedeploy.cli.training_options import architectures_option, device_option, lead_option
 from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.names import ARCHITECTURES, meant
 
 if TYPE_CHECKING:
     from trainers.fit import FitSettings
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
-@click.option("--arch", help="all, or NAME[,NAME…]. Default: all, or the one of the --preset.")
+@architectures_option(None, otherwise="all, or the one of the --preset")
 @click.option("--seeds", type=click.IntRange(1, 1000), default=1, show_default=True)
 @lead_option
 @click.option(
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--preset",
+    type=PRESET,
     default="reference",
     show_default=True,
     metavar="reference|tuned|FILE",
@@ -65,7 +68,7 @@ if TYPE_CHECKING:
 @click.option("--fresh", is_flag=True, help="Replace runs that lie in --out already.")
 @click.option(
     "--tracker",
-    type=click.Choice(["tensorboard", "mlflow"]),
+    type=click.Choice(["tensorboard", "mlflow"], case_sensitive=False),
     help="Also tell it losses, learning rate, settings, scores and pictures. TensorBoard's events"
     " lie with the runs; MLflow's store is MLFLOW_TRACKING_URI, else mlflow.db in --out.",
 )
@@ -73,7 +76,7 @@ if TYPE_CHECKING:
 @json_option
 def command(
     data: Path,
-    arch: str | None,
+    arch: tuple[str, ...] | None,
     seeds: int,
     lead_s: float | None,
     out: Path,
@@ -108,7 +111,7 @@ def command(
     from trainers.training import chosen_lead_s, configure
     from wakedeploy.episodes import read_episode_set
 
-    names = _architectures(arch or _arch_of(preset))
+    names = arch or _archs_of(preset)
     overrides = _hyper(hyper, names)
     torch.set_num_threads(threads)
     episodes = read_episode_set(data)
@@ -230,32 +233,21 @@ def _preset(asked: str, arch: str, episodes: "EpisodeSet", lead_s: float) -> "Pr
     return found
 
 
-def _arch_of(preset: str) -> str:
+def _archs_of(preset: str) -> tuple[str, ...]:
     """The architecture of a preset's file; all of them where none is given."""
     from trainers.preset import REFERENCE, TUNED, read_preset
 
-    return "all" if preset in (REFERENCE, TUNED) else read_preset(Path(preset)).arch
+    return ARCHITECTURES if preset in (REFERENCE, TUNED) else (read_preset(Path(preset)).arch,)
 
 
-def _architectures(asked: str) -> list[str]:
-    from trainers.build import ARCHITECTURES
-
-    names = list(ARCHITECTURES) if asked == "all" else [name.strip() for name in asked.split(",")]
-    for name in names:
-        if name not in ARCHITECTURES:
-            raise UnusableInput(
-                f"--arch {name}: is not an architecture; choose all or {', '.join(ARCHITECTURES)}."
-            )
-    return list(dict.fromkeys(names))
-
-
-def _hyper(asked: Iterable[str], names: list[str]) -> dict[str, dict[str, Any]]:
+def _hyper(asked: Iterable[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The overrides by architecture; every architecture that is trained has an entry."""
     overrides: dict[str, dict[str, Any]] = {name: {} for name in names}
     for entry in asked:
         place, equals, text = entry.partition("=")
-        arch, dot, name = place.partition(".")
-        if not equals or not dot or arch not in overrides:
+        given, dot, name = place.partition(".")
+        arch = meant(given, names)
+        if not equals or not dot or arch is None:
             raise UnusableInput(
                 f"--hyper {entry}: write ARCH.NAME=VALUE for one of {', '.join(names)}."
             )

@@ -1,6 +1,11 @@
 """Options that commands share which train."""
 
+from collections.abc import Callable
+from typing import Any
+
 import click
+
+from wakedeploy.cli.names import EIGHT, SOME_ARCHITECTURES
 
 lead_option = click.option(
     "--lead",
@@ -11,8 +16,23 @@ lead_option = click.option(
 
 device_option = click.option(
     "--device",
-    type=click.Choice(["auto", "cpu", "cuda"]),
+    type=click.Choice(["auto", "cpu", "cuda"], case_sensitive=False),
     default="auto",
     show_default=True,
     help="auto: CUDA where torch sees it and the work is large enough.",
 )
+
+
+def architectures_option(
+    default: str | None = "all", otherwise: str | None = None
+) -> Callable[..., Any]:
+    """`--arch`: one or several architectures, or all; `otherwise` says what None stands for."""
+    told = "" if otherwise is None else f" Default: {otherwise}."
+    return click.option(
+        "--arch",
+        type=SOME_ARCHITECTURES,
+        metavar="all|NAME[,NAME…]",
+        default=default,
+        show_default=default is not None,
+        help=f"Of {EIGHT}.{told}",
+    )

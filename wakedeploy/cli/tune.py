@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from wakedeploy.cli.names import ARCHITECTURE, PRESET
 from wakedeploy.cli.output import (
     Bar,
     json_option,
@@ -50,7 +51,7 @@ Dimensions:
 
 @click.command(epilog=_DIMENSIONS)
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
-@click.option("--arch", required=True, help="One architecture, of those below.")
+@click.option("--arch", type=ARCHITECTURE, required=True, help="One architecture, of those below.")
 @click.option(
     "--trials",
     type=click.IntRange(1, 1_000_000),
@@ -90,6 +91,7 @@ Dimensions:
 @click.option(
     "--start",
     "starts",
+    type=PRESET,
     multiple=True,
     metavar="PRESET",
     help="A preset's file, or tuned (what ships): one of the first trials; may be repeated. The"
@@ -97,7 +99,7 @@ Dimensions:
 )
 @click.option(
     "--pruner",
-    type=click.Choice(["median", "hyperband", "none"]),
+    type=click.Choice(["median", "hyperband", "none"], case_sensitive=False),
     default="median",
     show_default=True,
     help="What ends a trial that is behind; not with two objectives.",
@@ -170,7 +172,7 @@ def command(
         lead_s=chosen_lead_s(episodes, lead_s),
         epochs=epochs,
         budget=budget,
-        objective=tuple(name.strip() for name in objective.split(",")),
+        objective=tuple(name.strip().lower() for name in objective.split(",")),
         seed=seed,
         asked=dimensions,
     )

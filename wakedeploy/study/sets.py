@@ -176,12 +176,3 @@ def _require_recordings(
         known = any(str(new).endswith(name) for name in files)
         if not known and not new.name.startswith("."):
             raise UnusableInput(f"{place} was imported without {new.name}; {advice}.")
-
-
-def chosen(names: str) -> list[Domain]:
-    """The domains of a comma-separated list, or all. Raises UnusableInput for an unknown one."""
-    asked = list(DOMAINS) if names == "all" else [name.strip() for name in names.split(",")]
-    for name in asked:
-        if name not in DOMAINS:
-            raise UnusableInput(f"{name!r} is no domain; choose all or {', '.join(DOMAINS)}.")
-    return [DOMAINS[name] for name in dict.fromkeys(asked)]

@@ -8,7 +8,7 @@ import dataclasses
 import itertools
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -22,6 +22,7 @@ from trainers.fit import FitSettings
 from trainers.preset import REFERENCE, TUNED, read_preset
 from wakedeploy.episodes import DESCRIPTION
 from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.names import ALL, DOMAINS, meant
 from wakedeploy.sweep.generate import Generate, checked
 from wakedeploy.validation import first_problem
 
@@ -160,9 +161,26 @@ def _file(path: Path) -> tuple[str, dict[str, Any]]:
         why = getattr(error, "strerror", None) or one_line(error)
         raise UnusableInput(f"{path}: cannot be read as a plan ({why}).") from error
     try:
-        return text, tomllib.loads(text)
+        return text, _spelled(tomllib.loads(text))
     except tomllib.TOMLDecodeError as error:
         raise UnusableInput(f"{path}: not valid TOML: {one_line(error)}.") from error
+
+
+def _spelled(document: dict[str, Any]) -> dict[str, Any]:
+    """The document with architectures and domains as they are spelled here."""
+    told = dict(document)
+    if "arch" in told:
+        told["arch"] = [_name(one, (ALL, *ARCHITECTURES)) for one in _listed(told["arch"])]
+    if isinstance(told.get("hyper"), dict):
+        told["hyper"] = {_name(arch, ARCHITECTURES): own for arch, own in told["hyper"].items()}
+    for entry in _listed(told.get("generate", ())):
+        if isinstance(entry, dict) and "domain" in entry:
+            entry["domain"] = _name(entry["domain"], DOMAINS)
+    return told
+
+
+def _name(given: Any, names: Iterable[str]) -> Any:
+    return meant(given, names) or given if isinstance(given, str) else given
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,0 +1,180 @@
+"""What is mistyped, or spelled as elsewhere, is understood, or answered with what exists."""
+
+import click
+import pytest
+from click.testing import CliRunner, Result
+
+from trainers.build import ARCHITECTURES as BUILT
+from wakedeploy.cli import main
+from wakedeploy.cli.groups import COMMANDS, ELSEWHERE, OPTIONS
+from wakedeploy.cli.names import SOME_ARCHITECTURES
+from wakedeploy.errors import UnusableInput
+from wakedeploy.names import ARCHITECTURES, DOMAINS, meant, near, unknown
+from wakedeploy.study.sets import DOMAINS as STUDIED
+
+
+def typed(line: str) -> Result:
+    return CliRunner().invoke(main, line.split(), prog_name="wakedeploy")
+
+
+def every_command(
+    group: click.Group = main, path: tuple[str, ...] = ()
+) -> dict[tuple[str, ...], click.Command]:
+    found: dict[tuple[str, ...], click.Command] = {}
+    context = click.Context(group)
+    for name in group.list_commands(context):
+        command = group.get_command(context, name)
+        assert command is not None
+        found[(*path, name)] = command
+        if isinstance(command, click.Group):
+            found |= every_command(command, (*path, name))
+    return found
+
+
+EVERY = every_command()
+
+
+def test_the_names_are_those_that_there_are() -> None:
+    assert tuple(BUILT) == ARCHITECTURES
+    assert tuple(STUDIED) == DOMAINS
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("trian", "Did you mean 'wakedeploy train'?"),
+        ("fit --data x", "Did you mean 'wakedeploy train'?"),
+        ("data maek gantry", "Did you mean 'wakedeploy data make'?"),
+        ("data make gantri", "Did you mean 'wakedeploy data make gantry'?"),
+        ("gap clsoe", "Did you mean 'wakedeploy gap close'?"),
+        ("log sho", "Did you mean 'wakedeploy log show'?"),
+        ("study closed_lop", "Did you mean 'wakedeploy study closed-loop'?"),
+        ("calibrate nois", "Did you mean 'wakedeploy calibrate noise'?"),
+        ("bench latncy", "Did you mean 'wakedeploy bench latency'?"),
+        ("rig shwo", "Did you mean 'wakedeploy rig show'?"),
+        ("smooth flight.mcap", "Did you mean 'wakedeploy log smooth'?"),
+        ("frobnicate", "No such command 'frobnicate'."),
+    ],
+)
+def test_a_mistyped_command_is_answered_with_the_one_that_is_meant(line: str, told: str) -> None:
+    answer = typed(line)
+    assert answer.exit_code == 2
+    assert told in answer.stderr
+
+
+@pytest.mark.parametrize("path", EVERY, ids=" ".join)
+def test_every_command_is_found_with_two_letters_exchanged(path: tuple[str, ...]) -> None:
+    *groups, name = path
+    wrong = name[:-2] + name[-1] + name[-2] if name[-1] != name[-2] else name[:-1]
+    answer = typed(" ".join([*groups, wrong]))
+    assert answer.exit_code == 2
+    assert f"'wakedeploy {' '.join(path)}'" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("train --lr 0.1", "Did you mean '--learning-rate'?"),
+        ("train --learning_rat 0.1", "'--learning-rate'"),
+        ("train --epoch 3", "'--epochs'"),
+        ("train --model gru", "Did you mean '--arch'?"),
+        ("train --dataset x", "Did you mean '--data'?"),
+        ("train --batch-size 32", "--preset FILE"),
+        ("train --resume", "goes on by itself"),
+        ("train -o runs", "Did you mean '--out'?"),
+        ("tune --n-trials 5", "Did you mean '--trials'?"),
+        ("tune --batch_size 32", "--dimension batch=VALUE"),
+        ("sweep --n-jobs 2", "Did you mean '--workers'?"),
+        ("data make gantry --output x", "Did you mean '--out'?"),
+        ("export --model gru", "Did you mean '--arch'?"),
+        ("export --output-file a.onnx", "Did you mean '--out'?"),
+        ("run-gantry --model a.onnx", "Did you mean '--package'?"),
+        ("run-gantry --tty /dev/ttyACM0", "Did you mean '--port'?"),
+        ("gap close --logs a.mcap", "Did you mean '--measured'?"),
+        ("evaluate --run runs", "wakedeploy evaluate runs --data"),
+        ("doctor --frobnicate", "No such option '--frobnicate'."),
+    ],
+)
+def test_an_option_as_it_is_called_elsewhere_is_answered_with_ours(line: str, told: str) -> None:
+    answer = typed(line)
+    assert answer.exit_code == 2
+    assert told in answer.stderr
+
+
+def test_all_that_is_suggested_exists() -> None:
+    there = {name for command in EVERY.values() for p in command.params for name in p.opts}
+    for asked, suggested in OPTIONS.items():
+        assert set(suggested) <= there, asked
+        assert asked not in suggested
+    assert {command for command, _ in ELSEWHERE} <= {path[-1] for path in EVERY}
+    assert {tuple(path.split()) for path in COMMANDS.values()} <= set(EVERY)
+    assert not {(name,) for name in COMMANDS} & set(EVERY)
+
+
+@pytest.mark.parametrize("given", ["GRU", " gru", "Gru"])
+def test_a_name_is_meant_in_any_case(given: str) -> None:
+    assert meant(given, ARCHITECTURES) == "gru"
+    assert meant("History_MLP", ARCHITECTURES) == meant("history mlp", ARCHITECTURES)
+    assert meant("grue", ARCHITECTURES) is None
+
+
+def test_what_is_near_is_told() -> None:
+    assert near("attention", ARCHITECTURES) == ["cross-attention"]
+    assert near("hist", ARCHITECTURES) == ["history-mlp"]
+    assert near("x", ARCHITECTURES) == []
+    assert unknown("grru", "architecture", ("gru", "tcn")) == (
+        "'grru' is no architecture; did you mean gru? Choose gru, tcn"
+    )
+    assert unknown("cnn", "network", ("gru", "esn")) == "'cnn' is no network; choose gru, esn"
+
+
+def test_several_names_are_taken_once_each() -> None:
+    assert SOME_ARCHITECTURES.convert("GRU, history_mlp,gru", None, None) == ("gru", "history-mlp")
+    assert SOME_ARCHITECTURES.convert("ALL", None, None) == ARCHITECTURES
+    with pytest.raises(UnusableInput, match="'grru' is no architecture; did you mean gru"):
+        SOME_ARCHITECTURES.convert("tcn,grru", None, None)
+
+
+@pytest.mark.parametrize(
+    "line",
+    ["train --data x --arch GRU", "train --data x --arch History_MLP,gru", "TRAIN --data x",
+     "tune --data x --arch Mamba", "sweep --data x --arch GRU --hyper GRU.hidden=8",
+     "train --data x --device CPU", "evaluate x --data x --split Test",
+     "train --data x --preset Tuned", "tune --data x --arch gru --pruner Median"],
+)  # fmt: skip
+def test_names_in_another_case_get_as_far_as_the_missing_set(line: str) -> None:
+    answer = typed(line)
+    assert answer.exit_code == 2
+    assert "episode set" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("line", "told"),
+    [
+        ("train --data x --arch gruu", "did you mean gru?"),
+        ("tune --data x --arch gruu", "did you mean gru?"),
+        ("sweep --data x --arch gruu", "did you mean gru?"),
+        ("study domains --domains gantri", "did you mean gantry?"),
+        ("study lead --arch esm", "did you mean esn?"),
+        ("gap plan --class stikction --class stiction", "did you mean stiction?"),
+    ],
+)
+def test_an_unknown_name_is_answered_with_a_near_one(line: str, told: str) -> None:
+    answer = typed(line)
+    assert answer.exit_code == 2
+    assert told in answer.stderr
+
+
+@pytest.mark.parametrize(
+    "path", [(), *(path for path, one in EVERY.items() if isinstance(one, click.Group))]
+)
+def test_help_cuts_no_summary(path: tuple[str, ...]) -> None:
+    shown = typed(" ".join([*path, "--help"])).output
+    listed = shown.partition("\nCommands:\n")[2]
+    assert listed
+    assert "..." not in listed
+    for below, command in EVERY.items():
+        if below[:-1] == path:
+            summary = command.get_short_help_str(10_000)
+            assert summary in " ".join(listed.split()), below
+            assert summary.endswith("."), below

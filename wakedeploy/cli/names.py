@@ -1,0 +1,111 @@
+"""Options that take names: in any case, checked at once, completed by Tab."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import click
+from click.shell_completion import CompletionItem
+
+from wakedeploy.errors import UnusableInput
+from wakedeploy.names import ALL, ARCHITECTURES, DOMAINS, meant, unknown
+
+Names = Callable[[], Sequence[str]]
+
+
+class OneName(click.ParamType[str]):
+    """One of some names."""
+
+    name = "name"
+
+    def __init__(self, what: str, names: Names) -> None:
+        self._what, self._names = what, names
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The name as it is spelled here."""
+        found = meant(value, self._names())
+        if found is None:
+            raise _refused(param, unknown(value, self._what, self._names()))
+        return found
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem[str]]:
+        """The names that begin so."""
+        return [CompletionItem(name) for name in _begun(incomplete, self._names())]
+
+
+class SeveralNames(click.ParamType[tuple[str, ...]]):
+    """Names with commas between them, or all; each once."""
+
+    name = "names"
+
+    def __init__(self, what: str, names: Names) -> None:
+        self._what, self._names = what, names
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, ...]:
+        """The names as they are spelled here."""
+        if isinstance(value, tuple):
+            return value
+        if meant(value, [ALL]):
+            return tuple(self._names())
+        found = []
+        for name in value.split(","):
+            known = meant(name, self._names())
+            if known is None:
+                raise _refused(param, unknown(name.strip(), self._what, [ALL, *self._names()]))
+            found.append(known)
+        return tuple(dict.fromkeys(found))
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem[str]]:
+        """The names that the last one may become, behind those that are there."""
+        before, comma, last = incomplete.rpartition(",")
+        left = [name for name in self._names() if name not in before.split(",")]
+        begun = _begun(last, left if comma else [*left, ALL])
+        return [CompletionItem(f"{before}{comma}{name}") for name in begun]
+
+
+class FileOrName(click.ParamType[str]):
+    """A file, or one of some names in any case; several with commas between them."""
+
+    name = "text"
+
+    def __init__(self, *names: str) -> None:
+        self._names = names
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """The same, names as they are spelled here."""
+        return ",".join(meant(one, self._names) or one for one in value.split(","))
+
+    def shell_complete(
+        self, ctx: click.Context, param: click.Parameter, incomplete: str
+    ) -> list[CompletionItem[str]]:
+        """The names that begin so, or files."""
+        begun = [CompletionItem(name) for name in _begun(incomplete, self._names)]
+        return begun or [CompletionItem(incomplete, type="file")]
+
+
+def _refused(param: click.Parameter | None, why: str) -> UnusableInput:
+    return UnusableInput(f"{param.opts[0]}: {why}." if param else f"{why}.")
+
+
+def _begun(incomplete: str, names: Sequence[str]) -> list[str]:
+    begun = incomplete.lower().replace("_", "-")
+    return [name for name in names if name.startswith(begun)]
+
+
+def _effects() -> list[str]:
+    from wakedeploy.physics.effects import LIBRARY
+
+    return list(LIBRARY)
+
+
+ARCHITECTURE = OneName("architecture", lambda: ARCHITECTURES)
+SOME_ARCHITECTURES = SeveralNames("architecture", lambda: ARCHITECTURES)
+SOME_DOMAINS = SeveralNames("domain", lambda: DOMAINS)
+EFFECT = OneName("effect", _effects)
+PRESET = FileOrName("reference", "tuned")
+EIGHT = f"{', '.join(ARCHITECTURES[:-1])} or {ARCHITECTURES[-1]}"  # for help texts
