@@ -135,9 +135,10 @@ def page(told: dict[str, dict[str, float]]) -> str:
     lines += [
         "",
         f"The error without memory is {min(ratios):.1f} to {max(ratios):.1f} times the error with "
-        f"({first[f'{plain} share'] / first[f'{memory} share']:.1f} as chosen), and the model with "
-        f"memory reaches {min(gains):.0f} to {max(gains):.0f} % of the oracle's gain "
-        f"(the one without {min(others):.0f} to {max(others):.0f} %).",
+        f"memory; it is {first[f'{plain} share'] / first[f'{memory} share']:.1f} times as chosen.",
+        "",
+        f"In flight the model with memory reaches {min(gains):.0f} to {max(gains):.0f} % of the "
+        f"oracle's gain, and the one without {min(others):.0f} to {max(others):.0f} %.",
         "",
     ]
     return "\n".join(lines)

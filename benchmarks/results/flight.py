@@ -34,10 +34,8 @@ def tracking(records: Records) -> Section:
     gains = {n: oracle_mm / errors[n, leads[-1]]["rmse_mm"] for n in ARCHITECTURES}
     better = sum(gains[name] > 1.0 for name in ARCHITECTURES if name != MEMORYLESS)
     text = (
-        f"With a lead of {1e3 * leads[-1]:.0f} ms, {better} of {len(ARCHITECTURES) - 1} "
-        "architectures with memory track better than the true force at lead 0. "
-        f"{_best(gains)} Without memory the error is "
-        f"{errors[MEMORYLESS, leads[-1]]['rmse_mm']:.1f} mm."
+        f"With the longer lead, {better} of {len(ARCHITECTURES) - 1} architectures with memory "
+        f"track better than the true force at lead 0. {_best(gains)}"
     )
     head = ["feedforward", *(f"lead {1e3 * lead:.0f} ms [mm]" for lead in leads)]
     return Section(

@@ -68,9 +68,9 @@ def hidden_effects(records: Records) -> Section:
     lines = records.lines("gap-benchmark.jsonl")
     return Section(
         "Hidden effects",
-        f"{len(lines)} cases in two plants, one of which imports nothing of the project; the judge "
-        "knows what is hidden. Strength is the gain in log-likelihood on held-out flights, in "
-        "nats. Brackets: Wilson's 95 % intervals.",
+        f"{len(lines)} cases in two plants. The second plant imports nothing of the project. The "
+        "judge knows what is hidden. Strength is the gain in log-likelihood on held-out flights, "
+        "in nats. Brackets: Wilson's 95 % intervals.",
         paragraphs(
             headline(summary(lines)),
             "[results/gap-benchmark.md](results/gap-benchmark.md) has the tables behind these.",

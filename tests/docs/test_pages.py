@@ -8,7 +8,8 @@ from shell_lines import FENCE, PAGES, ROOT, fences
 
 from wakedeploy.rig import default_rig_text, parse_rig
 
-WRITTEN = [page for page in PAGES if "/docs/results" not in f"/{page.relative_to(ROOT)}"]
+# The studies' own sentences are as the studies write them.
+WRITTEN = [page for page in PAGES if page.name != "studies.md" or page.parent.name != "results"]
 LINK = re.compile(r"\]\(([^)#\s]*)(?:#([^)\s]*))?\)")
 MOST_NUMBERS = 5  # of a paragraph
 
@@ -48,7 +49,7 @@ def paragraphs(page: Path) -> list[str]:
     text = FENCE.sub("", page.read_text("utf-8"))
     text = re.sub(r"<!--.*?-->", "", text, flags=re.DOTALL)
     parts = re.split(r"\n\n|\n(?=\s*(?:- |\d+\. ))", text)
-    prose = [part for part in parts if not part.lstrip().startswith(("|", "#"))]
+    prose = [part for part in parts if not part.lstrip().startswith(("|", "#", "Records "))]
     return [re.sub(r"`[^`]*`|\]\([^)]*\)", "", part) for part in prose]
 
 

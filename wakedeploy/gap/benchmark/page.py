@@ -123,7 +123,7 @@ def _closed(told: Summary) -> str:
     text = (
         "The share closed is (before² − after²) / (before² − floor²). These are errors 0.25 s "
         "ahead on sealed flights, for effects of 50 nats and above and for pairs. The floor is the "
-        "error of the judge, who fits the hidden effect to the other flights. "
+        "error of the judge, who fits the hidden effect to the other flights.\n\n"
         f"{unseen['count']} of {unseen['of']} cases have no share: the hidden effect does not show "
         "in that error beyond its scatter."
     )
