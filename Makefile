@@ -27,7 +27,7 @@ help:
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
-	@echo "make results  the pages of results, from the records in docs/records"
+	@echo "make results  the pages of results, from the records in docs/records, and the tables of effects"
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from benchmarks import downwash_estimates, records, tuned
 from benchmarks.results import (
+    effects,
     flight,
     flown,
     gap,
@@ -86,6 +87,8 @@ class Pages:
         self.texts["README.md"] = readme.filled(
             (records.ROOT / "README.md").read_text("utf-8"), self._read()
         )
+        manual = "docs/effects.md"
+        self.texts[manual] = effects.filled((records.ROOT / manual).read_text("utf-8"))
 
     def _results(self) -> str:
         parts = [

@@ -54,8 +54,9 @@ def test_trainable_counts_are_those_of_table_1(arch: str, count: int) -> None:
     assert built.frozen == (1_008_000 if arch == "esn" else 0)
 
 
-def test_there_are_eight_architectures() -> None:
-    assert set(ARCHITECTURES) == set(TABLE_I)
+def test_the_papers_eight_architectures_are_there() -> None:
+    assert len(TABLE_I) == 8
+    assert set(ARCHITECTURES) >= set(TABLE_I)
 
 
 @pytest.mark.parametrize(

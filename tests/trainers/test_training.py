@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 import torch
 
-from trainers.build import ARCHITECTURES
 from trainers.fit import FitSettings, learning_rate
 from trainers.loss import WeightedMse
 from trainers.runs import (
@@ -176,7 +175,7 @@ def test_a_run_of_another_revision_of_the_code_is_told(echo: EpisodeSet, tmp_pat
         trained(echo, tmp_path, "agile-mlp")
 
 
-@pytest.mark.parametrize("arch", ARCHITECTURES)
+@pytest.mark.parametrize("arch", ENDS[TRAINING])
 def test_fits_end_where_this_revision_ends(arch: str, echo: EpisodeSet, tmp_path: Path) -> None:
     """To 0.1 %: machines differ by less, every change of what is fitted by more."""
     settings = dataclasses.replace(SHORT, epochs=2)

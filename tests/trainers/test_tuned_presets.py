@@ -24,9 +24,10 @@ from benchmarks.tuned import (
     scored,
     ship,
 )
-from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED, Preset, read_preset, write_preset
 
+PAPER = ("agile-mlp", "history-mlp", "delay-embedding", "gru", "tcn", "mamba", "esn")
+PAPER += ("cross-attention",)
 SHIPPED_FILES = sorted(SHIPPED.glob("*/*.toml"))
 
 
@@ -229,11 +230,9 @@ def test_a_preset_that_ships_is_that_of_the_record(path: Path) -> None:
     assert bool(preset.hyper) == (told["ships"] != "reference")
 
 
-def test_every_architecture_on_every_domain_has_a_preset_and_a_row_and_the_page_is_of_them() -> (
-    None
-):
+def test_the_papers_eight_have_a_preset_and_a_row_on_every_domain_and_the_page_is_of_them() -> None:
     rows = read_rows(RECORD)
-    assert set(rows) == set(itertools.product(TRIALS, ARCHITECTURES))
+    assert set(rows) >= set(itertools.product(TRIALS, PAPER))
     assert {(path.parent.name, path.stem) for path in SHIPPED_FILES} == set(rows)
     assert page(list(rows.values())).count("| esn | ") == len(TRIALS)
     assert all(len(one[preset]["errors"]) == 3 for one in rows.values()

@@ -69,7 +69,7 @@ def changes(chain: Chain, m: Motion) -> dict[str, np.ndarray]:
 
 
 def test_the_library_is_complete_and_in_the_order_in_which_effects_act() -> None:
-    assert tuple(LIBRARY) == REQUIRED
+    assert tuple(name for name in LIBRARY if name in REQUIRED) == REQUIRED
     stages = [STAGES.index(one.stage) for one in LIBRARY.values()]
     assert stages == sorted(stages)
 
