@@ -95,11 +95,15 @@ def _tell_of(leg: "Leg") -> "Tell":
         end_progress()
         ended = tally.ended if tally.ended == "whole" else f"ended early ({tally.ended})"
         click.echo(
-            f"{leg.log}: {ended}, tracking RMSE {1e3 * tally.rmse_m:.1f} mm, "
-            f"{tally.overruns} overruns in {tally.ticks} ticks."
+            f"{leg.log}: {ended}, tracking RMSE {1e3 * tally.rmse_m:.1f} mm{_overruns(tally)}."
         )
 
     return tell
+
+
+def _overruns(tally: "Tally") -> str:
+    """How many ticks were late; in simulated time none can be."""
+    return f", {tally.overruns} overruns in {tally.ticks} ticks" if tally.totals_s.size else ""
 
 
 def _tell_wakes(flown: Sequence["Pair"], wakes: Sequence["PairWake"]) -> None:
