@@ -303,13 +303,19 @@ def _errors(errors: Sequence[float]) -> str:
     return f"{mean:.3f} ± {spread:.3f}"
 
 
+def tuned_architectures(rows: Sequence[Row]) -> list[str]:
+    """Those that rows are of, in the project's order."""
+    present = {row["arch"] for row in rows}
+    return [arch for arch in ARCHITECTURES if arch in present]
+
+
 def gains(rows: Sequence[Row]) -> "Figure":
     """One column for each domain, one mark for each architecture."""
     domains = [d for d in TRIALS if any(row["domain"] == d for row in rows)]
     with figures.style():
         drawn, axes = figures.figure(1, len(domains), size=(1.6 + 1.7 * len(domains), 3.2),
                                      sharey=True, squeeze=False)  # fmt: skip
-        names = list(ARCHITECTURES)
+        names = tuned_architectures(rows)
         for panel, domain in zip(axes[0], domains, strict=True):
             for row in (row for row in rows if row["domain"] == domain):
                 middle, low, high = ratio(row)
@@ -327,9 +333,13 @@ def gains(rows: Sequence[Row]) -> "Figure":
 
 def importances(rows: Sequence[Row]) -> "Figure":
     """One map for each architecture: domains down, its dimensions across."""
+    tuned = tuned_architectures(rows)
+    down = math.ceil(len(tuned) / 2)
     with figures.style():
-        drawn, axes = figures.figure(4, 2, size=(10.0, 11.0))
-        for panel, arch in zip(axes.ravel(), ARCHITECTURES, strict=True):
+        drawn, axes = figures.figure(down, 2, size=(10.0, 2.75 * down), squeeze=False)
+        for panel in axes.ravel()[len(tuned) :]:
+            panel.set_axis_off()
+        for panel, arch in zip(axes.ravel(), tuned, strict=False):
             own = [row for row in rows if row["arch"] == arch]
             names = sorted({name for row in own for name in row["importances"]})
             shares = [[row["importances"].get(name, math.nan) for name in names] for row in own]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import keep, records
+from benchmarks import keep, records, tuned
 from benchmarks.results import flight, readme
 from benchmarks.results.pages import SECTIONS, Pages
 from benchmarks.results.section import Records
@@ -123,3 +123,12 @@ def test_parity_is_told_of_the_package_that_comes_nearest_its_limit(tmp_path: Pa
     body = flight.tracking(Records(tmp_path)).body
     assert "differ most for gru, by 9.0e-06" in body
     assert "each of the 4 packages" in body
+
+
+def test_pictures_of_tuning_show_what_was_tuned_and_no_empty_panels() -> None:
+    rows = Records(records.FOLDER).json("tuned.json")["rows"]
+    some = [row for row in rows if row["arch"] in ("gru", "tcn", "esn")]
+    drawn = tuned.importances(some)
+    titles = [axes.get_title(loc="left") for axes in drawn.axes if axes.axison]
+    labels = [label.get_text() for label in tuned.gains(some).axes[0].get_yticklabels()]
+    assert titles == labels == ["gru", "tcn", "esn"]
