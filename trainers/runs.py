@@ -85,7 +85,7 @@ class RunMetrics(_Record):
 
     `training_history` is the loss that each epoch descended, as `trainers.fit.Standing` tells it,
     `ridge` what a solved readout was chosen by. `device` is where it was fitted; scores are always
-    computed on the CPU.
+    computed on the CPU. `data_folder` is where the set lay, if it was read from a folder.
     """
 
     finished_utc: str
@@ -102,6 +102,7 @@ class RunMetrics(_Record):
     test_r2_ceiling: dict[str, float] | None
     weights_sha256: str
     device: str = "cpu"
+    data_folder: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,14 +178,19 @@ def finished_runs(root: Path) -> list[Path]:
     return folders
 
 
-def newest_run(root: Path, arch: str) -> Path:
-    """The folder of the run of `arch` that was finished last. Raises UnusableInput without one."""
-    of_arch = [folder for folder in finished_runs(root) if read_config(folder).arch == arch]
-    if not of_arch:
+def runs_of(root: Path, arch: str | None = None) -> list[Path]:
+    """The finished runs at or below `root`, of one architecture or of all, the newest last.
+
+    Raises UnusableInput when there is none.
+    """
+    folders = finished_runs(root)
+    if arch is not None:
+        folders = [folder for folder in folders if read_config(folder).arch == arch]
+    if not folders:
         raise UnusableInput(
             f"{root} holds no finished run of {arch}; make one with `wakedeploy train`."
         )
-    return max(of_arch, key=lambda folder: read_metrics(folder).finished_utc)
+    return sorted(folders, key=lambda folder: read_metrics(folder).finished_utc)
 
 
 def read_config(folder: Path) -> RunConfig:

@@ -361,5 +361,6 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         test_r2_ceiling=test.ceiling,
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,
+        data_folder=None if data.folder is None else str(data.folder),
     )
     write_record(folder / METRICS, metrics)

@@ -93,7 +93,8 @@ class EpisodeSet:
     """Episodes of one domain that share channels and rate, each assigned to a split.
 
     `window_s` is the history that a window model sees here; `loss_weights` has one weight for each
-    force channel; `provenance` is any JSON (seeds, generator, source files).
+    force channel; `provenance` is any JSON (seeds, generator, source files). `folder` is where the
+    set was read from.
     Raises ValueError when the parts do not fit together.
     """
 
@@ -106,6 +107,7 @@ class EpisodeSet:
     split: Mapping[str, str]
     episodes: tuple[Episode, ...]
     provenance: Mapping[str, JsonValue] = field(default_factory=dict)
+    folder: Path | None = None
 
     def __post_init__(self) -> None:
         _check_description(self)
@@ -166,6 +168,7 @@ def read_episode_set(folder: Path) -> EpisodeSet:
             split=document.split,
             episodes=episodes,
             provenance=document.provenance,
+            folder=folder.absolute(),
         )
     except ValueError as error:
         raise UnusableInput(f"{path}: {error}; make or import the set again.") from error

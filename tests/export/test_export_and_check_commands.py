@@ -126,16 +126,6 @@ def test_a_run_of_another_kind_is_refused(session: Path) -> None:
     assert not (session / "gru.onnx").exists()
 
 
-def test_a_set_that_is_not_near_is_asked_for(
-    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    run = session / "runs" / "walk" / "agile-mlp" / "s0"
-    monkeypatch.chdir(tmp_path)
-    done = wakedeploy("export", "--arch", "agile-mlp", "--run", run)
-    assert done.exit_code == 2
-    assert "--data" in done.stderr
-
-
 def test_another_set_than_the_runs_own_leaves_no_file(session: Path, tmp_path: Path) -> None:
     """What was seen in training is written into the package, and only its set tells."""
     a_set(1300).write(tmp_path / "other")

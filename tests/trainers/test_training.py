@@ -20,8 +20,8 @@ from trainers.runs import (
     TrainedRun,
     finished_runs,
     load_run,
-    newest_run,
     read_tensors,
+    runs_of,
     write_tensors,
 )
 from trainers.score import score
@@ -239,13 +239,15 @@ def test_an_unfinished_run_cannot_be_used(echo: EpisodeSet, tmp_path: Path) -> N
         finished_runs(tmp_path)
 
 
-def test_the_newest_run_of_an_architecture_is_found(echo: EpisodeSet, tmp_path: Path) -> None:
+def test_runs_are_found_the_newest_last(echo: EpisodeSet, tmp_path: Path) -> None:
     trained(echo, tmp_path, "agile-mlp", seed=1)
     trained(echo, tmp_path, "agile-mlp", seed=0)
     trained(echo, tmp_path, "history-mlp", seed=2)
-    assert newest_run(tmp_path, "agile-mlp") == tmp_path / "echo" / "agile-mlp" / "s0"
+    own = [tmp_path / "echo" / "agile-mlp" / seed for seed in ("s1", "s0")]
+    assert runs_of(tmp_path, "agile-mlp") == own
+    assert runs_of(tmp_path) == [*own, tmp_path / "echo" / "history-mlp" / "s2"]
     with pytest.raises(UnusableInput, match="no finished run of gru"):
-        newest_run(tmp_path, "gru")
+        runs_of(tmp_path, "gru")
 
 
 def test_a_configuration_survives_its_file(echo: EpisodeSet) -> None:

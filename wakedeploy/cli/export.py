@@ -1,34 +1,42 @@
 """`wakedeploy export`: a trained run as one checked .onnx file."""
 
-import contextlib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+from click.core import ParameterSource
 
+from wakedeploy.cli.names import ARCHITECTURE
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from trainers.runs import TrainedRun
     from wakedeploy.episodes import EpisodeSet
     from wakedeploy.package import Package
 
 _DEPTH = 4  # how many folders down the set of a run is looked for
+_MOST_LISTED = 12
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
-@click.option("--arch", required=True, help="One of the eight names.")
-@click.option("--run", "run", type=_FOLDER, help="A run's folder. Default: the newest of ARCH.")
+@click.option("--run", "run", type=_FOLDER, help="A run's folder, also as it is called in --runs.")
+@click.option("--arch", type=ARCHITECTURE, metavar="NAME", help="The newest run of this one.")
 @click.option(
-    "--runs", type=_FOLDER, default=Path("runs"), show_default=True, help="Where to look for it."
+    "--runs",
+    type=_FOLDER,
+    default=Path("runs"),
+    show_default=True,
+    help="Where runs lie; one that holds a single run says enough.",
 )
-@click.option("--data", type=_FOLDER, help="The set it was trained on. Default: looked for nearby.")
+@click.option("--data", type=_FOLDER, help="The set it was trained on. Default: the run knows.")
 @click.option("--out", type=_FILE, help="Default: ARCH.onnx.")
 @click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
 def command(
-    arch: str,
+    arch: str | None,
     run: Path | None,
     runs: Path,
     data: Path | None,
@@ -37,27 +45,31 @@ def command(
 ) -> None:
     """Turn a trained predictor into one self-contained file that the Pi runs.
 
+    Without options it is the newest run in ./runs, on the set that it was trained on.
+
     The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
     difference above the limit leaves no file and exits with 1.
 
     \b
     Example:
-        wakedeploy export --arch gru
-        wakedeploy export --arch gru --run runs/gantry/gru/s0 --out gru.onnx --json gru.json
+        wakedeploy export
+        wakedeploy export --arch gru --out gru.onnx --json gru.json
+        wakedeploy export --run runs/gantry/gru/s0
     """
     from export.packaging import export_run
-    from trainers.runs import load_run, newest_run
+    from trainers.runs import load_run
 
-    chosen = run or newest_run(runs, arch)
+    is_bare = run is None and arch is None and not _is_given("runs")
+    chosen, which = _chosen(run, runs, arch, is_bare=is_bare)
     trained = load_run(chosen)
-    if trained.config.arch != arch:
+    if arch not in (None, trained.config.arch):
         raise UnusableInput(
             f"{chosen} is a run of {trained.config.arch}, not of {arch}; give another --run or"
             " --arch."
         )
-    click.echo(f"Exporting {chosen}, finished {trained.metrics.finished_utc}.")
-    path = out or Path(f"{arch}.onnx")
-    episodes = _episodes(trained.config.data_sha256, data, chosen)
+    click.echo(f"Exporting {chosen}, {which}finished {trained.metrics.finished_utc}.")
+    path = out or Path(f"{trained.config.arch}.onnx")
+    episodes = _episodes(trained, data)
     with progress("Exporting", 1) as bar:
         package = export_run(trained, episodes, path, bar.update)
     _tell(package, path)
@@ -65,18 +77,69 @@ def command(
         write_json(json_path, _json(package, path))
 
 
-def _episodes(data_sha256: str, data: Path | None, run: Path) -> "EpisodeSet":
-    """The set given, or the one below this folder that the run was trained on."""
-    from wakedeploy.episodes import DESCRIPTION, read_episode_set, stated_sha256
+def _is_given(option: str) -> bool:
+    source = click.get_current_context().get_parameter_source(option)
+    return source is not ParameterSource.DEFAULT
+
+
+def _chosen(run: Path | None, runs: Path, arch: str | None, *, is_bare: bool) -> tuple[Path, str]:
+    """The run that is asked for, and what tells it from the others there, with a comma behind it.
+
+    UnusableInput lists the runs where none of several is asked for.
+    """
+    from trainers.runs import CONFIG, runs_of
+
+    place = runs
+    if run is not None:
+        named = next((path for path in (run, runs / run) if (path / CONFIG).is_file()), None)
+        if named is not None:
+            return named, ""
+        place = run if run.is_dir() else runs / run
+    found = runs_of(place, arch)
+    if len(found) > 1 and arch is None and not is_bare:
+        raise UnusableInput(
+            f"{place} holds {len(found)} finished runs: {_listed(found, place)}; pick one by --run,"
+            " or the newest of an architecture by --arch."
+        )
+    kind = "" if arch is None else f" of {arch}"
+    return found[-1], f"the newest of {len(found)} runs{kind}, " if len(found) > 1 else ""
+
+
+def _listed(runs: Sequence[Path], place: Path) -> str:
+    """The newest runs below a folder, as `--run` takes them."""
+    names = [str(run.relative_to(place)) for run in reversed(runs)]
+    more = len(names) - _MOST_LISTED
+    return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+def _episodes(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
+    """The set given, the one that the run knows, or one below this folder with its hash."""
+    from wakedeploy.episodes import DESCRIPTION, read_episode_set
 
     if data is not None:
         return read_episode_set(data)
+    known, wanted = run.metrics.data_folder, run.config.data_sha256
+    places = [] if known is None else [Path(known)]
     for depth in range(1, _DEPTH + 1):
-        for description in sorted(Path().glob(f"{'*/' * depth}{DESCRIPTION}")):
-            with contextlib.suppress(UnusableInput):  # not every dataset.json here is a set
-                if stated_sha256(description.parent) == data_sha256:
-                    return read_episode_set(description.parent)
-    raise UnusableInput(f"The set that {run} was trained on is not near this folder; pass --data.")
+        places += sorted(path.parent for path in Path().glob(f"{'*/' * depth}{DESCRIPTION}"))
+    found = next((place for place in places if _hash_of(place) == wanted), None)
+    if found is not None:
+        return read_episode_set(found)
+    where = f"The set that {run.folder} was trained on is not near this folder"
+    if known is not None:
+        happened = "is no longer there" if _hash_of(Path(known)) is None else "has changed since"
+        where = f"The set that {run.folder} was trained on lay in {known} and {happened}"
+    raise UnusableInput(f"{where}; say where it is now: --data FOLDER.")
+
+
+def _hash_of(folder: Path) -> str | None:
+    """The content hash that a set states; None for what is no set, as many a dataset.json."""
+    from wakedeploy.episodes import stated_sha256
+
+    try:
+        return stated_sha256(folder)
+    except UnusableInput:
+        return None
 
 
 def _tell(package: "Package", path: Path) -> None:

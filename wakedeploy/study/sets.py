@@ -126,7 +126,7 @@ def obtain(
         made = domain.read(path, progress)
     made = replace(made, provenance={**made.provenance, _MADE_BY: _made_by(domain, made)})
     made.write(place)
-    return made
+    return replace(made, folder=place.absolute())
 
 
 def _made_by(domain: Domain, made: EpisodeSet) -> str:
