@@ -136,7 +136,7 @@ def test_the_virtual_gantry_flies_and_its_log_is_read(base: Path, tmp_path: Path
     default_rig().changed(disturbance={"rest_s": 0.2}).write(tmp_path / "rig.toml")
     fly = ["run-gantry", "--baseline", "--virtual", "--rig", "rig.toml", "--seconds", "6"]
     run(base / "wakedeploy", *fly, "--log", "flight.mcap", cwd=tmp_path)
-    run(base / "wakedeploy", "log", "export", "flight.mcap", "--csv", "flight.csv", cwd=tmp_path)
+    run(base / "wakedeploy", "log", "export", "flight.mcap", "--out", "flight.csv", cwd=tmp_path)
     assert (tmp_path / "flight.csv").read_text().startswith("tick,t_s,range_m")
 
 

@@ -4,7 +4,9 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pyarrow.parquet as parquet
 import pytest
+import scipy.io
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
@@ -70,12 +72,30 @@ def test_a_cut_off_recording_is_shown_with_a_note(flights: list[Path], tmp_path:
 
 
 def test_export_gives_the_same_log_as_csv(flights: list[Path], tmp_path: Path) -> None:
-    done = run("log", "export", flights[0], "--csv", tmp_path / "flight.csv")
+    done = run("log", "export", flights[0], "--out", tmp_path / "flight.csv")
     assert done.exit_code == 0, done.output
+    assert f"{tmp_path / 'flight.csv'}: 576 ticks" in done.output
     given, told = read_run_log(flights[0]), read_run_log(tmp_path / "flight.csv")
     for name in given.columns:
         np.testing.assert_array_equal(given[name], told[name])
     assert given.metadata == told.metadata
+
+
+def test_export_takes_the_format_from_the_name(flights: list[Path], tmp_path: Path) -> None:
+    for name in ("flight.parquet", "flight.MAT"):
+        assert run("log", "export", flights[0], "--out", tmp_path / name).exit_code == 0
+    given = read_run_log(flights[0])
+    table = parquet.read_table(tmp_path / "flight.parquet")
+    assert table.column("z_est_m").to_pylist() == given["z_est_m"].tolist()
+    assert table.schema.field("z_est_m").metadata == {b"unit": b"m"}
+    read = scipy.io.loadmat(tmp_path / "flight.MAT", simplify_cells=True)
+    np.testing.assert_array_equal(read["z_est_m"], given["z_est_m"])
+
+
+def test_gap_export_writes_a_log_as_csv_as_well(flights: list[Path], tmp_path: Path) -> None:
+    for name, command in (("a.csv", ("log", "export")), ("b.csv", ("gap", "export", "--log"))):
+        assert run(*command, flights[0], "--out", tmp_path / name).exit_code == 0
+    assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 def test_smooth_makes_a_set_with_ceiling(flights: list[Path], tmp_path: Path) -> None:
@@ -98,7 +118,8 @@ def test_smooth_makes_a_set_with_ceiling(flights: list[Path], tmp_path: Path) ->
         (["smooth", "{foreign}", "--out", "{out}"], "not an MCAP run log"),
         (["smooth", "{flight}", "{flight}", "--out", "{out}"], "given twice"),
         (["smooth", "{flight}", "--rig", "{foreign}", "--out", "{out}"], "foreign.mcap"),
-        (["export", "{flight}", "--csv", "{out}"], "ends in .csv"),
+        (["export", "{flight}", "--out", "{out}"], "ends in .csv, .parquet or .mat"),
+        (["export", "{flight}", "--out", "{out}.xlsx"], "ends in .csv, .parquet or .mat"),
     ],
 )
 def test_unusable_input_is_one_sentence_and_status_2(

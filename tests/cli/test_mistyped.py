@@ -86,6 +86,7 @@ def test_every_command_is_found_with_two_letters_exchanged(path: tuple[str, ...]
         ("tune --batch_size 32", "--dimension batch=VALUE"),
         ("sweep --n-jobs 2", "Did you mean '--workers'?"),
         ("data make gantry --output x", "Did you mean '--out'?"),
+        ("log export a.mcap --csv a.csv", "Did you mean '--out'?"),
         ("export --model gru", "Did you mean '--arch'?"),
         ("export --output-file a.onnx", "Did you mean '--out'?"),
         ("run-gantry --model a.onnx", "Did you mean '--package'?"),

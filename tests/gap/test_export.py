@@ -299,7 +299,7 @@ def test_names_become_short_valid_and_different():
     ("arguments", "sentence"),
     [
         (["--out", "x"], "one of --rig FILE, --log FILE and --set FOLDER"),
-        (["--log", "{log}", "--out", "x.txt"], "ends in .parquet or .mat"),
+        (["--log", "{log}", "--out", "x.txt"], "ends in .csv, .parquet or .mat"),
         (["--log", "missing.mcap", "--out", "x.mat"], "there is no such run log"),
     ],
 )

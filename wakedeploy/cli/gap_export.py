@@ -20,7 +20,7 @@ def export(rig_path: Path | None, log_path: Path | None, set_path: Path | None, 
     """Take a model, a run log or an episode set to another program.
 
     A rig becomes gantry_model.py (numpy alone) and gantry_model.m (MATLAB or Octave), its effects
-    with their equations and values included. Logs and sets become Parquet or .mat.
+    with their equations and values included. Logs and sets become Parquet or .mat; logs also CSV.
 
     \b
     Example:
@@ -34,7 +34,7 @@ def export(rig_path: Path | None, log_path: Path | None, set_path: Path | None, 
     if rig_path is not None:
         _export_rig(rig_path, out)
     elif log_path is not None:
-        _export_log(log_path, out)
+        export_log(log_path, out)
     else:
         _export_set(given[0], out)
 
@@ -53,11 +53,12 @@ def _export_rig(rig_path: Path, out: Path) -> None:
         click.echo(f"{path}: the rig's model with {effects}.")
 
 
-def _export_log(log_path: Path, out: Path) -> None:
-    from wakedeploy.gap.tables import require_kind, write_log
+def export_log(log_path: Path, out: Path) -> None:
+    """Write a run log as CSV, Parquet or .mat, as the name of `out` ends, and say so."""
+    from wakedeploy.gap.tables import LOG_KINDS, require_kind, write_log
     from wakedeploy.runlog import read_run_log
 
-    require_kind(out)
+    require_kind(out, LOG_KINDS)
     with progress(f"Writing {out}", 1):
         log = read_run_log(log_path)
         write_log(log, out)

@@ -1,4 +1,4 @@
-"""`wakedeploy log`: look at a run, hand it on as CSV, measure the force in it."""
+"""`wakedeploy log`: look at a run, hand it on to other programs, measure the force in it."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -71,21 +71,22 @@ def show(
 
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--csv", "csv_path", required=True, type=click.Path(path_type=Path), help="Output.")
-def export_csv(file: Path, csv_path: Path) -> None:
-    """Write a run as CSV, its metadata beside it as OUT.meta.json.
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="FILE.csv, .parquet or .mat."
+)
+def export(file: Path, out: Path) -> None:
+    """Write a run for other programs: CSV, Parquet or MATLAB's .mat, as the name of OUT ends.
+
+    CSV has the run's metadata beside it: flight.meta.json beside flight.csv.
 
     \b
     Example:
-        wakedeploy log export flight.mcap --csv flight.csv
+        wakedeploy log export flight.mcap --out flight.csv
+        wakedeploy log export flight.mcap --out flight.parquet
     """
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.cli.gap_export import export_log
 
-    if csv_path.suffix.lower() != ".csv":
-        raise UnusableInput(f"{csv_path}: give the output a name that ends in .csv.")
-    log = read_run_log(file)
-    log.write_csv(csv_path)
-    click.echo(f"{csv_path}: {len(log)} ticks, {len(log.columns)} columns.")
+    export_log(file, out)
 
 
 @command.command("smooth")

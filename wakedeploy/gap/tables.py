@@ -1,4 +1,4 @@
-"""Run logs and episode sets as tables for other programs: Parquet, or MATLAB's .mat.
+"""Run logs and episode sets as tables for other programs: Parquet or MATLAB's .mat; logs as CSV.
 
 In: a `RunLog` or an `EpisodeSet`. Out: one file. Parquet needs pyarrow, which comes with
 `wakedeploy[tables]`; .mat needs what wakedeploy needs in any case.
@@ -6,7 +6,7 @@ In: a `RunLog` or an `EpisodeSet`. Out: one file. Parquet needs pyarrow, which c
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,27 +20,33 @@ from wakedeploy.runlog import COLUMN, RunLog
 
 Array = npt.NDArray[Any]
 KINDS = (".parquet", ".mat")
+LOG_KINDS = (".csv", *KINDS)
 LONGEST_NAME = 31  # that every version of the .mat format takes
 
 
-def require_kind(path: Path) -> str:
-    """The file's kind by its name; UnusableInput for any other than Parquet and .mat."""
+def require_kind(path: Path, kinds: Sequence[str] = KINDS) -> str:
+    """The file's kind by its name; UnusableInput for any other than `kinds`."""
     kind = path.suffix.lower()
-    if kind not in KINDS:
-        raise UnusableInput(f"{path}: give the output a name that ends in .parquet or .mat.")
+    if kind not in kinds:
+        endings = f"{', '.join(kinds[:-1])} or {kinds[-1]}"
+        raise UnusableInput(f"{path}: give the output a name that ends in {endings}.")
     if kind == ".parquet":
         _pyarrow()
     return kind
 
 
 def write_log(log: RunLog, path: Path) -> None:
-    """A run log: one row per tick, missing values as null (Parquet) or NaN (.mat).
+    """A run log: one row per tick, missing values as null (Parquet), NaN (.mat) or empty (CSV).
 
-    Parquet keeps each column's unit and the run's metadata as text; .mat has one variable per
+    CSV has the metadata in a file beside it; Parquet keeps each column's unit and the run's metadata as text; .mat has one variable per
     column and the structs `units` and `metadata`.
     """
     units = {name: COLUMN[name].unit for name in log.columns}
-    if require_kind(path) == ".parquet":
+    kind = require_kind(path, LOG_KINDS)
+    if kind == ".csv":
+        log.write_csv(path)
+        return
+    if kind == ".parquet":
         columns = {name: _log_column(name, values) for name, values in log.columns.items()}
         _write_parquet(path, columns, units, log.metadata)
         return
