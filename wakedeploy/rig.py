@@ -1,8 +1,8 @@
 """A gantry's constants and effects: `rig.toml`, read, checked and written here and nowhere else.
 
 In: a TOML file. Out: a frozen `Rig` in SI units (pulse widths in µs). Any constant may be written
-as `{value, spread, unit, date}`; its spread, the calibration uncertainty, is kept in
-`Rig.calibration`.
+as `{value, spread, unit, date}`, in any unit of its dimension; its spread, the calibration
+uncertainty, is kept in `Rig.calibration`.
 """
 
 import functools
@@ -20,7 +20,7 @@ from pydantic import Field
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of, write_text_whole
 from wakedeploy.physics.expression import expression_of
-from wakedeploy.units import same_unit, unit_of
+from wakedeploy.rig_units import in_own_units
 from wakedeploy.validation import first_problem
 
 SCHEMA = 1
@@ -395,15 +395,17 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
         )
     if "calibration" in raw:
         raise UnusableInput(f"{name}: [calibration] is not a section; spreads stand at constants.")
+    try:
+        raw = in_own_units(raw)
+    except ValueError as error:
+        raise UnusableInput(f"{name}: {error}.") from None
     effects = raw.get("effect", ())
     calibration: dict[str, dict[str, Any]] = {}
     plain = _without_calibration({k: v for k, v in raw.items() if k != "effect"}, "", calibration)
     try:
-        rig = Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
+        return Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
     except pydantic.ValidationError as error:
         raise UnusableInput(f"{name}: {first_problem(error)}.") from error
-    _check_units(rig.calibration, name)
-    return rig
 
 
 def _without_calibration(
@@ -425,15 +427,6 @@ def _without_calibration(
 
 def _plain_date(entry: Any) -> Any:
     return entry.isoformat() if hasattr(entry, "isoformat") else entry
-
-
-def _check_units(calibration: Mapping[str, Calibration], name: str) -> None:
-    for path, known in calibration.items():
-        expected = unit_of(path.rsplit(".", 1)[-1])
-        if known.unit is not None and expected and not same_unit(known.unit, expected):
-            raise UnusableInput(
-                f"{name}: {path} is in {expected}, but its unit says {known.unit!r}; convert it."
-            )
 
 
 def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

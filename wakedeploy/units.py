@@ -1,8 +1,15 @@
-"""Units: the one that a constant's name ends in, and whether two spellings mean the same."""
+"""Units: the one that a constant's name ends in, and numbers in others of the same dimension.
 
+In: a unit as people write it ("m/s²", "N s/m", "mps"). Out: what a number in it is multiplied by to
+be in another. Factors are exact, so that 450 g is 0.45 kg to the last digit.
+"""
+
+import math
 import re
+from fractions import Fraction
+from typing import NamedTuple
 
-_UNIT_OF_SUFFIX = {
+_UNIT_OF_NAME = {  # of the last parts of a name
     "m": "m",
     "kg": "kg",
     "s": "s",
@@ -19,14 +26,112 @@ _UNIT_OF_SUFFIX = {
     "n_per_ms": "N/(m s)",
     "ns_per_m": "N s/m",
     "n_per_mps": "N s/m",
+    "strength": "m/s^2",
+    "scale": "1",
+    "exponent": "1",
+    "fraction": "1",
+    "probability": "1",
 }
+_UNDERSTOOD = {  # what a sentence offers; the other prefixes and products are understood, too
+    "m": "m, cm, mm, um, in or ft",
+    "kg": "kg, g, mg, lb or oz",
+    "s": "s, ms, us or min",
+    "us": "us, ms or s",
+    "N": "N, mN, kN, gf, kgf or lbf",
+    "m/s": "m/s, cm/s, mm/s, km/h or mps",
+    "m/s^2": "m/s^2, cm/s^2, mm/s^2 or mps2",
+    "1/s": "1/s, Hz or 1/min",
+    "us/s": "us/s, us/ms or ms/s",
+    "1": "1 or %",
+    "rad": "rad, mrad or deg",
+    "V": "V or mV",
+}
+
+
+class Quantity(NamedTuple):
+    """A unit as a factor to SI units, and the powers of metre, kilogram, second, step and volt."""
+
+    factor: Fraction
+    powers: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+
+    def __mul__(self, other: "Quantity") -> "Quantity":  # type: ignore[override]
+        """The product of two units."""
+        m, kg, s, step, v = (a + b for a, b in zip(self.powers, other.powers, strict=True))
+        return Quantity(self.factor * other.factor, (m, kg, s, step, v))
+
+    def raised(self, power: int) -> "Quantity":
+        """The unit to a power."""
+        m, kg, s, step, v = (power * a for a in self.powers)
+        return Quantity(self.factor**power, (m, kg, s, step, v))
+
+
+def _one(factor: Fraction | int | str, **powers: int) -> Quantity:
+    m, kg, s, step, v = (powers.get(name, 0) for name in ("m", "kg", "s", "step", "v"))
+    return Quantity(Fraction(factor), (m, kg, s, step, v))
+
+
+_G = Fraction("9.80665")  # m/s², of which gram-force and pound-force are made
+_POUND = Fraction("0.45359237")
+_PREFIXED = {  # as they are, and with one of _PREFIXES before them
+    "m": _one(1, m=1),
+    "g": _one(Fraction(1, 1000), kg=1),
+    "s": _one(1, s=1),
+    "N": _one(1, m=1, kg=1, s=-2),
+    "Ns": _one(1, m=1, kg=1, s=-1),
+    "Nm": _one(1, m=2, kg=1, s=-2),
+    "gf": _one(_G / 1000, m=1, kg=1, s=-2),
+    "Hz": _one(1, s=-1),
+    "V": _one(1, v=1),
+    "rad": _one(1),
+    "mps": _one(1, m=1, s=-1),
+}
+_ALONE = {
+    "1": _one(1),
+    "-": _one(1),
+    "": _one(1),
+    "%": _one(Fraction(1, 100)),
+    "deg": _one(Fraction(math.pi / 180.0)),
+    "°": _one(Fraction(math.pi / 180.0)),
+    "min": _one(60, s=1),
+    "h": _one(3600, s=1),
+    "in": _one("0.0254", m=1),
+    "ft": _one("0.3048", m=1),
+    "lb": _one(_POUND, kg=1),
+    "oz": _one(_POUND / 16, kg=1),
+    "lbf": _one(_POUND * _G, m=1, kg=1, s=-2),
+    "step": _one(1, step=1),
+    "steps": _one(1, step=1),
+    "mps2": _one(1, m=1, s=-2),
+    "m2ps": _one(1, m=2, s=-1),
+}
+_PREFIXES = {
+    "M": Fraction(10**6),
+    "k": Fraction(1000),
+    "d": Fraction(1, 10),
+    "c": Fraction(1, 100),
+    "m": Fraction(1, 1000),
+    "u": Fraction(1, 10**6),
+    "n": Fraction(1, 10**9),
+}
+_SYMBOLS = {
+    prefix + name: Quantity(size * one.factor, one.powers)
+    for prefix, size in _PREFIXES.items()
+    for name, one in _PREFIXED.items()
+}
+_SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
+_IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
+_SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
+_PART = re.compile(
+    r"\s*(?P<sign>[/*·⋅]?)\s*"
+    r"(?:\((?P<group>[^()]*)\)|(?P<name>[A-Za-zµμ%°]+|1(?![0-9])|-)(?:\^?(?P<power>-?[0-9]))?)"
+)
 
 
 def unit_of(name: str) -> str | None:
     """The unit a constant's name ends in (`mass_kg` → "kg"), or None if it carries none."""
     parts = name.split("_")
     for start in range(len(parts)):  # from the whole name on: steps_per_m is not in metres
-        unit = _UNIT_OF_SUFFIX.get("_".join(parts[start:]))
+        unit = _UNIT_OF_NAME.get("_".join(parts[start:]))
         if unit:
             return unit
     return None
@@ -34,10 +139,51 @@ def unit_of(name: str) -> str | None:
 
 def same_unit(one: str, other: str) -> bool:
     """Whether two spellings mean one unit: "m/s²" and "m/s^2"."""
-    return _folded(one) == _folded(other)
+    try:
+        return one == other or conversion(one, other) == 1
+    except ValueError:
+        return False
 
 
-def _folded(unit: str) -> str:
-    """A unit with the usual spellings folded together."""
-    plain = unit.replace("²", "^2").replace("µ", "u").replace("·", " ").replace("**", "^")
-    return re.sub(r"\s+", "", plain).lower()
+def conversion(given: str, wanted: str) -> Fraction:
+    """What a number in the unit `given` is multiplied by to be in `wanted`.
+
+    Raises ValueError with a clause that says what is understood.
+    """
+    own, target = _read(given), _read(wanted)
+    understood = _UNDERSTOOD.get(wanted, f"{wanted}, or the same with other prefixes")
+    if own is None or target is None:
+        raise ValueError(f"{given!r} is not known; give {understood}")
+    if own.powers != target.powers:
+        raise ValueError(f"{given!r} is of another dimension; give {understood}")
+    return own.factor / target.factor
+
+
+def converted(value: float, factor: Fraction) -> float:
+    """A number times an exact factor, rounded once: 450 times 1/1000 is 0.45."""
+    return float(Fraction(repr(value)) * factor) if math.isfinite(value) else value
+
+
+def _read(text: str) -> Quantity | None:
+    """A unit's text as a quantity; None where it is not understood."""
+    plain = re.sub("[⁻¹²³⁴]+", lambda power: f"^{power[0].translate(_SUPERSCRIPTS)}", text)
+    plain = plain.replace("**", "^").replace(" per ", "/").strip()
+    whole, at = _ALONE.get(plain, _one(1)), 0
+    while plain not in _ALONE and at < len(plain):
+        part = _PART.match(plain, at)
+        read = None if part is None else _part(part)
+        if part is None or read is None:
+            return None
+        whole, at = whole * (read.raised(-1) if part["sign"] == "/" else read), part.end()
+    return whole
+
+
+def _part(part: "re.Match[str]") -> Quantity | None:
+    if part["group"] is not None:
+        return _read(part["group"])
+    name = part["name"].replace("µ", "u").replace("μ", "u")
+    read = _SYMBOLS.get(name + (part["power"] or ""))  # mps2 is no square of mps
+    if read is not None:
+        return read
+    read = _SYMBOLS.get(name) or _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
+    return read.raised(int(part["power"] or 1)) if read is not None else None

@@ -55,7 +55,7 @@ def test_the_thrust_curve_and_its_inverse_undo_each_other(pulse_us: float) -> No
         ({"wake": {"speed_mps": -1.0}}, ("wake.speed_mps", "-1.0", "0.1")),
         ({"sufferer": {"mas_kg": 0.4}}, ("mas_kg", "not known")),
         ({"sufferer": {"mass_kg": "heavy"}}, ("mass_kg", "heavy")),
-        ({"sufferer": {"mass_kg": {"value": 0.4, "unit": "g"}}}, ("mass_kg", "kg", "'g'")),
+        ({"sufferer": {"mass_kg": {"value": 0.4, "unit": "N"}}}, ("mass_kg", "kg", "'N'")),
         ({"sufferer": {"mass_kg": {"value": 0.4, "spread": -1.0}}}, ("spread", "-1.0")),
         ({"sufferer": {"travel_m": 3.0}}, ("travel_m", "height_m")),
         ({"sufferer": {"mass_kg": 2.0}}, ("thrust.sufferer", "19.62 N")),

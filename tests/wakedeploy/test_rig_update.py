@@ -62,7 +62,25 @@ def test_a_calibration_is_renewed_and_curves_bias_and_lags_find_their_places(rig
 def test_a_constant_whose_whole_name_is_a_unit_has_that_unit():
     assert unit_of("steps_per_m") == "steps/m"
     assert unit_of("range_m") == "m"
-    assert unit_of("scale") is None
+    assert unit_of("scale") == "1"
+    assert unit_of("has_divider") is None
+
+
+def test_what_stands_in_other_units_stays_so_beside_what_is_calibrated(rig_file):
+    text = rig_file.read_text()
+    text = text.replace("mass_kg = 0.45\n", 'mass_kg = { value = 450, unit = "g" }\n')
+    text = text.replace("[range_sensor]\n", '[range_sensor]\nbias_m = { value = 3, unit = "mm" }\n')
+    rig_file.write_text(text)
+    before = read_rig(rig_file)
+    assert (before.sufferer.mass_kg, before.range_sensor.bias_m) == (0.45, 0.003)
+    bias = {"range_sensor.bias_m": Calibrated(0.0042, 0.0002, "m")}
+    after, kept = update_rig(rig_file, bias, DATE)
+    assert kept
+    assert 'mass_kg = { value = 450, unit = "g" }' in rig_file.read_text()
+    assert 'bias_m = { value = 0.0042, spread = 0.0002, unit = "m"' in rig_file.read_text()
+    again = read_rig(rig_file)
+    assert again == after
+    assert (again.sufferer.mass_kg, again.range_sensor.bias_m) == (0.45, 0.0042)
 
 
 GAIN = "parameters.gain = { value = 0.1, unit = '1' }\n"

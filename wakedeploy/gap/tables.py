@@ -38,8 +38,8 @@ def require_kind(path: Path, kinds: Sequence[str] = KINDS) -> str:
 def write_log(log: RunLog, path: Path) -> None:
     """A run log: one row per tick, missing values as null (Parquet), NaN (.mat) or empty (CSV).
 
-    CSV has the metadata in a file beside it; Parquet keeps each column's unit and the run's metadata as text; .mat has one variable per
-    column and the structs `units` and `metadata`.
+    CSV has the run's metadata in a file beside it. Parquet keeps them as text, and each column's
+    unit; .mat has one variable per column and the structs `units` and `metadata`.
     """
     units = {name: COLUMN[name].unit for name in log.columns}
     kind = require_kind(path, LOG_KINDS)

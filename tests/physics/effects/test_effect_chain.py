@@ -33,8 +33,8 @@ def rig_with(toml: str) -> Rig:
             r"no parameter 'volts'; it has sag_per_s",
         ),
         (
-            '[[effect]]\nname = "range-bias"\nparameters = {bias_m = {value = 5.0, unit = "mm"}}',
-            r"bias_m is in m, .*'mm'",
+            '[[effect]]\nname = "range-bias"\nparameters = {bias_m = {value = 5.0, unit = "ms"}}',
+            r"bias_m is in m, .*'ms'",
         ),
         (
             '[[effect]]\nname = "range-bias"\nparameters = {bias_m = {value = 5.0, unit = "m"}}',
