@@ -62,11 +62,16 @@ def test_a_paragraph_has_few_numbers_and_plain_words(page: Path) -> None:
 
 
 def test_the_rig_file_that_a_page_shows_is_read() -> None:
-    (block,) = [b for w, _, b, _ in fences(ROOT / "docs" / "rig-file.md") if w == "toml"]
-    start = default_rig_text().index("[sufferer]")
-    end = default_rig_text().index("[thrust.source]")
-    rig = parse_rig(default_rig_text()[:start] + block + default_rig_text()[end:])
+    plain, in_units = [b for w, _, b, _ in fences(ROOT / "docs" / "rig-file.md") if w == "toml"]
+    before, _, rest = default_rig_text().partition("[sufferer]")
+    source = "[thrust.source]" + rest.partition("[thrust.source]")[2]
+    rig = parse_rig(before + plain + source)
     assert rig.sufferer.mass_kg == 0.452
+    source, _, rest = source.partition("[thrust.sufferer]")
+    converted = parse_rig(f"{before}{in_units}\n{source}[{rest.partition('[')[2]}")
+    assert converted.sufferer == rig.sufferer
+    assert converted.thrust.sufferer.pulse_us == (1000.0, 1300.0, 1600.0, 2000.0)
+    assert converted.thrust.sufferer.thrust_n == pytest.approx((0.0, 0.81, 3.24, 9.0), abs=0.01)
     (battery,) = [b for w, _, b, _ in fences(ROOT / "docs" / "rig.md") if w == "toml"]
     lines = "\n".join(line.strip() for line in battery.splitlines())
     assert parse_rig(f"{default_rig_text()}\n{lines}").battery.has_divider
