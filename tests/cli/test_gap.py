@@ -147,7 +147,10 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("wakedeploy.gap.close.retrain_shown", interrupted)
-    told = gap(folder, "close", "flight.csv", more=("--retrain",))
+    for i in range(3):
+        write_csv(record(default_rig(), seconds=12, seed=8 + i), folder / f"flight{i}.csv")
+    flights = ["flight.csv", *(f"flight{i}.csv" for i in range(3))]
+    told = gap(folder, "close", *flights, more=("--retrain",))
     assert told.exit_code == 130, told.output
     assert done == ["find", "name", "add", "show", "result", "training"]
     assert "the result stands; `wakedeploy gap show --retrain` trains" in told.stderr

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from wakedeploy.gap.naming import sealed_count
 from wakedeploy.physics.effects import LIBRARY
 
 _PAIR = ["spool-lag-sufferer", "command-latency"]
@@ -49,7 +50,7 @@ def spectrum(rng, coloured):
     return {"frequency_hz": list(hz), "density": list(density), "low": 0.5, "high": 1.67}
 
 
-def find_artefact(rng, maps=12):
+def find_artefact(rng, maps=12, count=7):
     places = [
         {"channel": "force", "coordinate": "height", "exogenous": False, "low": 0.0, "high": 0.25,
          "residual": 0.41, "unit": "N", "coordinate_unit": "m", "q_value": 0.001,
@@ -58,15 +59,16 @@ def find_artefact(rng, maps=12):
          "low": 2.0, "high": 3.5, "residual": -0.12, "unit": "N", "coordinate_unit": "N",
          "q_value": 0.004},
     ]  # fmt: skip
-    flights = [f"flight{i}" for i in range(7)]
+    flights = [f"flight{i}" for i in range(count)]
+    kept = count - sealed_count(count)
     return {
-        "rig_sha256": "ab" * 32,
+        "rig": "rig.toml", "rig_sha256": "ab" * 32,
         "logs": [
             {"path": f"logs/{name}.mcap", "sha256": "cd" * 32, "seconds": 20.0, "samples": 640,
-             "notes": ["2 outliers"] if name == "flight3" else []}
-            for name in flights
+             "notes": ["2 outliers"] if name == "flight3" else [], "seed": i, "simulated": False}
+            for i, name in enumerate(flights)
         ],
-        "split": {"fit": flights[:5], "sealed": flights[5:]},
+        "split": {"fit": flights[:kept], "sealed": flights[kept:]},
         "white": white(rng, False), "places": places if maps else [],
         "maps": [fabricated_map(rng, i) for i in range(maps)],
         "spectrum": spectrum(rng, 1.0),
@@ -118,6 +120,7 @@ def name_artefact(rng, verdict):
         if verdict == "unknown" else None,
         "white": white(rng, verdict != "unknown"),
         "noise": {"range noise": {"value": 0.004, "unit": "m"}}, "seconds": 31.0,
+        "fitted_flights": 5,
     }  # fmt: skip
 
 
@@ -159,10 +162,10 @@ def show_artefact(rng):
     }  # fmt: skip
 
 
-def fabricate(out: Path, verdict="named", maps=12, upto="result"):
+def fabricate(out: Path, verdict="named", maps=12, upto="result", flights=7):
     rng = np.random.default_rng(3)
     name = name_artefact(rng, verdict)
-    artefacts = {"find": find_artefact(rng, maps), "name": name}
+    artefacts = {"find": find_artefact(rng, maps, flights), "name": name}
     if verdict != "none":
         artefacts |= {"add": add_artefact(), "show": show_artefact(rng)}
     artefacts["result"] = {k: name[k] for k in ("verdict", "effects", "class")} | {"plan": {}}

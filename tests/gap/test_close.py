@@ -195,7 +195,7 @@ def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
     left = content(out, "name") | {"verdict": "class", "effects": [], "class": [ADDED, "esc-frame"]}
     forget(out, "name")
     write_step(out, "name", left)
-    assert read_steps(out).option == f" --effect {ADDED}"
+    assert read_steps(out).missing == "plan"
     case = open_case(*world, thresholds=THRESHOLDS)
     with pytest.raises(UnusableInput, match="--effect"):
         add(case, out)
@@ -252,5 +252,5 @@ def test_beside_a_sure_effect_the_class_is_still_to_be_settled() -> None:
     sure, one = {"effects": [{"name": "spool-lag"}]}, {"effects": [{"name": "a"}]}
     assert left() == ("add", "")
     assert left(add=sure) == ("show", "")
-    assert left(add=sure, show={"gap": {"x": 1}}) == ("add", " --effect a")
+    assert left(add=sure, show={"gap": {"x": 1}}) == ("plan", "")
     assert left(add=one, show={"gap": {"x": 1}}) == (None, "")

@@ -185,9 +185,10 @@ def test_the_share_of_promises_kept_is_the_benchmarks() -> None:
     assert (measured["cases"], round(measured["named"], 2)) == (KEPT_OF, KEPT)
 
 
-def test_one_flight_is_too_few() -> None:
-    with pytest.raises(UnusableInput, match="3 flights to fit to"):
-        power(RIG, flights=1, seconds=10.0)
+def test_fewer_flights_than_confirm_an_effect_are_refused() -> None:
+    for flights, words in ((1, "One flight"), (3, "Three flights")):
+        with pytest.raises(UnusableInput, match=f"{words} cannot confirm .* at least 4"):
+            power(RIG, flights=flights, seconds=10.0)
 
 
 def test_commands_say_in_one_sentence_what_they_need(tmp_path) -> None:

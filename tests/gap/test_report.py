@@ -102,7 +102,7 @@ def test_the_page_tells_verdict_value_and_share_closed(full):
 def test_an_unfinished_folder_says_which_step_comes_next(tmp_path):
     fabricate(tmp_path, maps=1, upto="find")
     text = "".join(read_page(write_report(tmp_path)).text)
-    assert "Next step: wakedeploy gap name" in text
+    assert "Next step: name the effect that explains it.wakedeploy gap name" in text
     for upto, step in (("name", "add"), ("add", "show"), ("show", None)):
         fabricate(tmp_path, upto=upto)
         assert read_steps(tmp_path).missing == step
@@ -110,7 +110,8 @@ def test_an_unfinished_folder_says_which_step_comes_next(tmp_path):
 
 def test_an_empty_folder_begins_with_find(tmp_path):
     text = "".join(read_page(write_report(tmp_path)).text)
-    assert "Next step: wakedeploy gap find" in text
+    assert "Next step: find where simulation and measurement disagree.wakedeploy gap find" in text
+    assert "Nothing: the rig file stays." not in text
     assert not (tmp_path / "figures").exists()
 
 
@@ -191,12 +192,12 @@ def test_the_account_of_each_verdict(tmp_path, verdict, expected):
 
 
 def test_every_open_class_is_told():
-    open_ones = [["viscous-friction", "coulomb-friction"], ["battery-sag"]]
+    open_ones = [["viscous-friction", "coulomb-friction"], ["battery-sag", "range-drift"]]
     result = {"verdict": "class", "class": ["range-bias", "range-scale"], "more_classes": open_ones}
     told = account(result).splitlines()[0]
     assert "either range-bias or range-scale; these flights cannot tell which." in told
     assert "Besides, viscous-friction or coulomb-friction is missing." in told
-    assert "Besides, most likely battery-sag is missing." in told
+    assert "Besides, battery-sag or range-drift is missing." in told
 
 
 def test_the_account_needs_no_more_than_a_verdict():
@@ -205,10 +206,11 @@ def test_the_account_needs_no_more_than_a_verdict():
 
 
 def test_the_account_says_how_little_it_rests_on():
-    told = account({"verdict": "named", "effects": [{"name": "stiction"}], "logs": [{}],
-                    "in_sample": True})  # fmt: skip
+    told = account({"verdict": "named", "effects": [{"name": "stiction", "confidence": 0.999}],
+                    "flights": 3, "cross_validated": True})  # fmt: skip
     assert "too few flights to seal" in told
-    assert "a hint, not a finding" in told
+    assert "Three flights say so; one more has to confirm it." in told
+    assert "sure" not in told
 
 
 def test_the_account_says_what_was_assumed_and_how_far_it_is_from_what_was_tried():
@@ -351,14 +353,6 @@ def test_markup_escapes_everything_but_markup():
     assert cell in table(["<"], [[cell]])
 
 
-def test_a_class_of_one_is_no_name_and_no_choice():
-    told = account({"verdict": "class", "class": ["stiction"], "split_by": "a sensor"})
-    assert "most likely stiction" in told
-    assert "one of" not in told
-    assert "a sensor" not in told
-    assert "A name takes 3 flights: fly more." in told
-
-
 def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():
     error = {"before": 0.012, "after": 0.006, "noise_floor": 0.005, "unit": "m"}
     gap = {"height 0.25 s ahead": error}
@@ -400,7 +394,7 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     for place in left["find"]["places"]:
         place["words"] = "at a height"  # of real flights each has some
     (tmp_path / "find.json").write_text(json.dumps(left["find"]), "utf-8")
-    case = SimpleNamespace(flights=("a", "b"), sealed=("c",))
+    case = SimpleNamespace(flights=("a", "b", "c", "d", "e"), sealed=("f", "g"))
     monkeypatch.setattr("wakedeploy.cli.gap._case", lambda *_: case)
     function = "show_gap" if step == "show" else step
     monkeypatch.setattr(f"wakedeploy.gap.close.{function}", lambda *_, **__: left[step])
@@ -411,6 +405,8 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     assert f"Report: {tmp_path / 'report.html'}" in run.output
     told = json.loads((tmp_path / "result.json").read_text("utf-8"))
     assert json.loads((tmp_path / "told.json").read_text("utf-8")) == told
-    assert (told["verdict"], told["flights"]) == ("named", 3)
+    assert (told["verdict"], told["flights"]) == ("named", 7)
+    assert told["headline"] == "Effect missing from the model: spool-lag-sufferer."
+    assert told["next"] is None
     assert [e["name"] for e in told["effects"]] == [e["name"] for e in left["name"]["effects"]]
     assert "Next:" not in run.output

@@ -91,7 +91,7 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,
-                     help="Run logs, MCAP or CSV; the last is only shown (from six on, two)."),
+                     help="Run logs, four or more; the last is only shown (from six on, two)."),
         click.option("--rig", "rig_path", type=_FILE, required=True,
                      help="The rig file that the flights were flown with."),
     ):  # fmt: skip
@@ -122,6 +122,7 @@ def close_gap(
     """
     from wakedeploy.cli.output import write_json
     from wakedeploy.gap.account import account
+    from wakedeploy.gap.advice import advice
     from wakedeploy.gap.close import close
     from wakedeploy.gap.steps import read_steps
 
@@ -131,7 +132,10 @@ def close_gap(
     except KeyboardInterrupt:
         _say_what_is_left(out)
         raise
-    click.echo(account(read_steps(out).summary))
+    steps = read_steps(out)
+    click.echo(account(steps.summary))
+    if after := advice(steps, out):
+        click.echo(f"\n{after.text}")
     click.echo(f"\nReport: {out / 'report.html'}")
     if json_path is not None:
         write_json(json_path, told)
@@ -152,6 +156,7 @@ def find_gap(
 
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
+    _say_if_few(out)
     click.echo(found["sentence"])
     for place in found["places"]:
         click.echo(f"  {place['words']}")
@@ -169,19 +174,30 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.account import verdict_sentence
+    from wakedeploy.gap.account import leading_sentences, verdict_sentence
     from wakedeploy.gap.close import name
     from wakedeploy.gap.steps import read_steps
 
     case = _case(rig_path, measured, out, workers)
     told = name(case, out, _progress)
-    click.echo(verdict_sentence(read_steps(out).summary))  # which knows how many flights there were
+    summary = read_steps(out).summary
+    for sentence in (verdict_sentence(summary), *leading_sentences(summary)):
+        click.echo(sentence)
     for searched in told["rounds"]:
-        given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
-        click.echo(f"Gain on held-out flights{given} (threshold {searched['threshold_nats']:.1f}):")
+        click.echo(f"{_gain_of(told, searched)}:")
         for entry in searched["ranking"][:5]:
             click.echo(f"  {entry['name']:<26} {entry['gain_nats']:8.1f} nats")
     _finish(case, out, json_path)
+
+
+def _gain_of(told: dict[str, Any], searched: dict[str, Any]) -> str:
+    """What the gains of a round are, on top of what, and what they have to pass where known."""
+    given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
+    least = searched["threshold_nats"]
+    passing = "" if least is None else f" (threshold {least:.1f})"
+    if told["fitted_flights"] == 1:
+        return f"Gain in this one flight, a nat per parameter taken off{passing}"
+    return f"Gain on held-out flights{given}{passing}"
 
 
 @command.command("add", cls=_Many)
@@ -211,6 +227,8 @@ def add_effect(
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
     from wakedeploy.gap.close import add
+    from wakedeploy.gap.few_flights import caution
+    from wakedeploy.gap.steps import read_steps
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
@@ -218,6 +236,8 @@ def add_effect(
     told = add(case, out, from_symbolic=from_symbolic, only=only)
     names = ", ".join(e["name"] for e in told["effects"])
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
+    if doubt := caution(read_steps(out).flights):
+        click.echo(doubt)
     _finish(case, out, json_path)
 
 
@@ -249,6 +269,7 @@ def show_gap(
     case = _case(rig_path, measured, out, workers)
     train = _trainer(minutes, workers) if retrain else None
     show(case, out, progress=_progress, retrain=train)
+    _say_if_few(out)
     for line in channel_lines(read_steps(out).summary):
         click.echo(line)
     _finish(case, out, json_path)
@@ -266,6 +287,7 @@ def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -
 def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     """Bring result and report up to date with the step."""
     from wakedeploy.cli.output import write_json
+    from wakedeploy.gap.advice import advice
     from wakedeploy.gap.close import result
     from wakedeploy.gap.report import write_report
     from wakedeploy.gap.steps import read_steps
@@ -273,12 +295,21 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     _progress("drawing the report")
     told = result(case, out)
     write_report(out)
-    steps = read_steps(out)
-    if steps.missing is not None:
-        click.echo(f"Next: wakedeploy gap {steps.missing}{steps.option}")
+    if after := advice(read_steps(out), out):
+        click.echo(after.text)
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
         write_json(json_path, told)
+
+
+def _say_if_few(out: Path) -> None:
+    """The sentence that stands above whatever so few flights show."""
+    from wakedeploy.gap.few_flights import cannot_tell, headline
+    from wakedeploy.gap.steps import read_steps
+
+    flights = read_steps(out).flights
+    if cannot_tell(flights):
+        click.echo(headline(flights))
 
 
 def _say_what_is_left(out: Path) -> None:
@@ -287,7 +318,8 @@ def _say_what_is_left(out: Path) -> None:
 
     steps = read_steps(out)
     if steps.result and steps.missing is None:
-        click.echo(f"{out}: the result stands; `wakedeploy gap show --retrain` trains.", err=True)
+        trains = "; `wakedeploy gap show --retrain` trains" if steps.add else ""
+        click.echo(f"{out}: the result stands{trains}.", err=True)
     elif steps.find and steps.missing is not None:
         click.echo(
             f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"

@@ -145,14 +145,14 @@ def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
 
 def _keep(made: "Plan", out: Path) -> None:
     """plan.json, and where they are of this class, a result and a report that tell of it."""
-    from wakedeploy.gap.close import planned
+    from wakedeploy.gap.close import planned, write_result
     from wakedeploy.gap.report import write_report
-    from wakedeploy.gap.steps import read_steps, write_step
+    from wakedeploy.gap.steps import read_steps
 
     write_json(out / "plan.json", made.as_json())
     told = read_steps(out).result
     if told.get("class") == list(made.names):
-        write_step(out, "result", {**told, "plan": planned(told, out)})
+        write_result(out, {**told, "plan": planned(told, out)})
         write_report(out)
 
 

@@ -9,9 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.gap.finding import FALSE_DISCOVERIES
-from wakedeploy.gap.naming import FEWEST_FLIGHTS
-from wakedeploy.gap.shrinking import gap_channel, placebo, shrinking
+from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, these, unconfirmed
+from wakedeploy.gap.finding import FALSE_DISCOVERIES, forbids_none
+from wakedeploy.gap.shrinking import flight_count, gap_channel, placebo, shrinking
 from wakedeploy.gap.telling import (
     confidence,
     counted,
@@ -32,6 +32,7 @@ from wakedeploy.physics.effects import LIBRARY
 _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place's own words
 _NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
 _MUCH_MORE = 3.0  # times what the thresholds were simulated for
+_CLAIMS = ("named", "class", "unknown")  # verdicts by which something is missing
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
@@ -44,7 +45,18 @@ def account(result: Mapping[str, Any]) -> str:
 
 
 def verdict_sentence(result: Mapping[str, Any]) -> str:
-    """What is missing, in one sentence."""
+    """What is missing, in one sentence; of too few flights, how many it takes to tell."""
+    flights = flight_count(result)
+    if cannot_tell(flights):
+        return headline(flights)
+    told = _verdict_of(result)
+    if unconfirmed(flights) and result.get("verdict") in _CLAIMS:
+        told += f" {in_words(flights).capitalize()} say so; one more has to confirm it."
+    return told
+
+
+def _verdict_of(result: Mapping[str, Any]) -> str:
+    """The sentence of a verdict, whatever it rests on."""
     verdict = result.get("verdict")
     names = [str(effect.get("name")) for effect in entries(result.get("effects"))]
     if verdict == "named" and names:
@@ -55,8 +67,6 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
         members, others = texts(result.get("class")), texts(result.get("others"))
         more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
         return _class_sentence(members, names) + more + _more_classes(result)
-    if verdict == "unknown" and _flights(result) == 1:
-        return "Something is missing from the model; one flight cannot tell what."
     if verdict == "unknown" and entries(result.get("beside")):
         return "Something is missing from the model, and known effects explain only a part of it."
     if verdict == "unknown":
@@ -69,6 +79,8 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
 def evidence(result: Mapping[str, Any]) -> list[str]:
     """The sentences that follow the verdict, in the order in which a reader asks for them."""
     verdict = result.get("verdict")
+    if cannot_tell(flight_count(result)):
+        return _hints(result)
     told = _values(result)
     if verdict == "class":
         told += _splitting(result)
@@ -78,13 +90,68 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
     told += _place(result)
     told += shrinking(result) + placebo(result) + _retraining(result)
     if verdict == "none":
-        told += _detectable(result)
+        told += _fitted_anew(result) + _detectable(result)
     return told + _caveats(result) + _doubts(result)
 
 
+def _hints(result: Mapping[str, Any]) -> list[str]:
+    """What too few flights show, none of it a conclusion."""
+    told = leading_sentences(result) + _sizes_if(result) + _place(result) + _more_than_noise(result)
+    told += shrinking(result)
+    if mapping(result.get("leading")).get("clear"):
+        told.append("In brackets: 90 % intervals.")
+        told.append("Nothing was held out: the error with it may look smaller than it is.")
+    return told + _bent(result) + _doubts(result)
+
+
+def leading_sentences(result: Mapping[str, Any]) -> list[str]:
+    """Which effect explains the most of few flights, by how much, and why that is not enough."""
+    leading = mapping(result.get("leading"))
+    names, gain = texts(leading.get("names")), number(leading.get("gain_nats"))
+    if not names or math.isnan(gain):
+        return []
+    flights, several = flight_count(result), bool(names[1:])
+    if gain <= 0.0:
+        return [f"No effect stands out: none gains anything in {these(flights)}."]
+    gains = f"{quantity(gain, 'nats')} in {these(flights)}"
+    if not leading.get("clear"):
+        return [f"No effect stands out: the best, {names[0]}, gains {gains}{_by_chance(leading)}."]
+    others = texts(leading.get("others"))
+    more = f" ({listed(others)} nearly as much)" if others else ""
+    told = f"{listed(names)} lead: they gain about" if several else f"{names[0]} leads: it gains"
+    after = f", the next, {leading['next']}, " if leading.get("next") else ""
+    after += quantity(leading.get("next_nats"), "") if after else ""
+    what = "which it is" if several else "it"
+    verb = "tell" if several else "confirm"
+    return [
+        f"{told} {gains}{more}{after}{_by_chance(leading)}. "
+        f"{in_words(flights).capitalize()} cannot {verb} {what}."
+    ]
+
+
+def _by_chance(leading: Mapping[str, Any]) -> str:
+    """What an effect has to gain before it is more than chance, where the rig's is known."""
+    least = number(leading.get("threshold_nats"))
+    return "" if math.isnan(least) else f"; chance alone gives up to {least:.1f}"
+
+
+def _fitted_anew(result: Mapping[str, Any]) -> list[str]:
+    """Why nothing is missing although the first fit of the rig file left more than noise."""
+    if mapping(result.get("white_before")).get("passes") is not False:
+        return []
+    return ["Noise and calibration, fitted anew beside the effects tried, leave only noise."]
+
+
+def _more_than_noise(result: Mapping[str, Any]) -> list[str]:
+    """That few flights as a whole do not look like noise under the rig file as it is."""
+    white = mapping(result.get("white_before"))
+    if white.get("passes") is not False:
+        return []
+    whole = f"Taken as a whole, {these(flight_count(result))} left more than noise"
+    return [f"{whole} under the rig file as it is ({whiteness_words(white)})."]
+
+
 def _class_sentence(members: list[str], named: list[str]) -> str:
-    if len(members) == 1:
-        return f"Missing from the model: most likely {members[0]}; more flights have to confirm it."
     sure = [name for name in named if name not in members]
     several = "either" if len(members) == 2 else "one of"
     one = f"{several} {listed(members, 'or')}; these flights cannot tell which."
@@ -96,7 +163,7 @@ def _class_sentence(members: list[str], named: list[str]) -> str:
 def _more_classes(result: Mapping[str, Any]) -> str:
     """What else is missing, and cannot be told from rivals of its own."""
     classes = [texts(each) for each in result.get("more_classes") or ()]
-    told = [f"most likely {c[0]}" if len(c) == 1 else listed(c, "or") for c in classes if c]
+    told = [listed(each, "or") for each in classes if each]
     return "".join(f" Besides, {each} is missing." for each in told)
 
 
@@ -107,11 +174,17 @@ def _values(result: Mapping[str, Any]) -> list[str]:
         name = str(effect.get("name"))
         values = [f"{spoken(each)} {value}" for each, value in parameters_of(effect)]
         sure = number(effect.get("confidence"))
-        if not math.isnan(sure):
+        if not math.isnan(sure) and not unconfirmed(flight_count(result)):
             values.append(f"{confidence(sure)} sure")
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{name}: {', '.join(values) or 'without parameters'}.{physics}")
         told += _at_bound(effect) + _may_be_nothing(effect)
+    return told + _sizes_if(result)
+
+
+def _sizes_if(result: Mapping[str, Any]) -> list[str]:
+    """The sizes of each effect of a class, or of those that lead."""
+    told = []
     for member in entries(result.get("members")):
         values = [f"{spoken(each)} {value}" for each, value in parameters_of(member)]
         told.append(f"If it is {member.get('name')}: {', '.join(values) or 'without parameters'}.")
@@ -143,8 +216,6 @@ def _at_bound(effect: Mapping[str, Any]) -> list[str]:
 
 
 def _splitting(result: Mapping[str, Any]) -> list[str]:
-    if len(texts(result.get("class"))) == 1:
-        return [f"A name takes {FEWEST_FLIGHTS} flights: fly more."]
     plan = mapping(result.get("plan"))
     split_by = str(plan.get("sentence") or result.get("split_by") or "").rstrip(".")
     asked = "`wakedeploy gap plan`, with the same --rig and --out,"
@@ -193,16 +264,25 @@ def _rest(unknown: Mapping[str, Any]) -> list[str]:
 
 
 def _place(result: Mapping[str, Any]) -> list[str]:
-    """Where the disagreement is strongest."""
+    """Where the disagreement is strongest, in words that the verdict can stand beside."""
     places = entries(result.get("places")) or entries(result.get("where"))
     places = [place for place in places if number(place.get("q_value")) <= FALSE_DISCOVERIES]
+    few = cannot_tell(flight_count(result))
+    claims = result.get("verdict") in _CLAIMS and not few
     if not places:
-        return []
+        known = "places" in result or "where" in result
+        return ["No single place stands out: it shows in the flights as a whole."] * (
+            known and claims
+        )
     words = place_words(places[0])
     at = "" if words.startswith(_NEEDS_NO_AT) else "at "
-    if result.get("verdict") == "none":
-        return [f"Too little to say that something is missing ({_q(places[0])}): {words}."]
-    return [f"It shows most ({_q(places[0])}) {at}{words}."]
+    if claims:
+        return [f"It shows most ({_q(places[0])}) {at}{words}."]
+    if few and forbids_none(places):
+        where = f"{these(flight_count(result))} disagree{'s' * (flight_count(result) == 1)}"
+        told = f"{where} most with the rig file ({_q(places[0])}) {at}{words}"
+        return [f"{told[0].upper()}{told[1:]}; whether others would, they cannot tell."]
+    return [f"Too little to say that something is missing ({_q(places[0])}): {words}."]
 
 
 def place_words(place: Mapping[str, Any]) -> str:
@@ -305,10 +385,6 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
         told.append("In brackets: 90 % intervals.")
     if result.get("in_sample") or result.get("cross_validated"):
         told.append("There were too few flights to seal any: the gap may look smaller than it is.")
-    if _flights(result) == 1:
-        told.append(
-            "With a single flight nothing can be held out: a hint, not a finding. Fly more."
-        )
     used = texts(mapping(result.get("split")).get("fit"))
     logs = [log for log in entries(result.get("logs")) if log.get("path") in used]
     flown_s = sum(number(log.get("seconds")) for log in logs)
@@ -328,11 +404,16 @@ def _caveats(result: Mapping[str, Any]) -> list[str]:
 
 def _bent(result: Mapping[str, Any]) -> list[str]:
     """Constants that had to be bent: errors are those of the rig file as recalibrated by this."""
+    flights = flight_count(result)
+    few = cannot_tell(flights)
+    agree = (
+        f"{these(flights).capitalize()} agree{'s' * (flights == 1)}" if few else "The flights agree"
+    )
     return [
-        f"The flights agree only with {one.get('name')} at {number(one.get('fitted')):.3g}, where "
+        f"{agree} only with {one.get('name')} at {number(one.get('fitted')):.3g}, where "
         f"the rig file has {number(one.get('stated')):.3g} ± {number(one.get('spread')):.2g} "
-        f"({number(one.get('away_sd')):.1f} of its spreads away); errors told here are with it. "
-        "Calibrate it again."
+        f"({number(one.get('away_sd')):.1f} of its spreads away); errors told here are with it."
+        f"{'' if few else ' Calibrate it again.'}"
         for one in entries(result.get("calibration"))
     ]
 
@@ -356,11 +437,6 @@ def whiteness_words(white: Mapping[str, Any]) -> str:
         return probability("p", white.get("p_value"))
     statistic, limit = (quantity(white.get(key), "") for key in ("statistic", "limit"))
     return f"statistic {statistic}, of noise alone at most {limit}"
-
-
-def _flights(result: Mapping[str, Any]) -> int:
-    stated = number(result.get("flights"))
-    return len(entries(result.get("logs"))) if math.isnan(stated) else round(stated)
 
 
 def coordinate(symbol: str) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from wakedeploy.gap.detecting import detectable
 from wakedeploy.gap.found import Found
 from wakedeploy.gap.inference import Fit
-from wakedeploy.gap.naming import MOST_IN_CLASS, Answer, Round, Thresholds
+from wakedeploy.gap.naming import MOST_IN_CLASS, Answer, Round
 from wakedeploy.gap.separation import gather, loss_nats
 from wakedeploy.gap.steps import forget, write_step
 from wakedeploy.gap.threshold import FLIGHTS, SECONDS
@@ -22,18 +22,27 @@ _CONFUSED = 14  # effects in the picture of what can be told apart
 _BENT_SD = 3.0  # of twenty constants, chance bends one as far in one rig of twenty
 
 
-def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
-    """Write `name.json`, and the fits beside it; the search began at `started_s`, monotonic."""
+def write_answer(
+    answer: Answer, out: Path, started_s: float, is_simulated: bool = True
+) -> dict[str, Any]:
+    """Write `name.json`, and the fits beside it; the search began at `started_s`, monotonic.
+
+    `is_simulated` says that the thresholds are the rig's own. What only a verdict can stand on, as
+    how sure a name is and what would have been detected, an inconclusive answer leaves out.
+    """
+    concluded = answer.verdict != "inconclusive"
     told = {
         "verdict": answer.verdict,
         "effects": [_effect(answer, n) for n in answer.effects],
         "class": list(answer.members),
         "more_classes": [list(members) for members in answer.classes[1:]],
         "others": _others(answer),
+        "leading": None if concluded else _leading(answer, is_simulated),
+        "untried": [] if concluded else _untried(answer),
         "split_by": _split_by(answer),
-        "rounds": [_round(r, answer.thresholds) for r in answer.rounds],
-        "confusion": _confusion(answer),
-        "detectable": detectable(answer),
+        "rounds": [_round(r, concluded, is_simulated) for r in answer.rounds],
+        "confusion": _confusion(answer) if concluded else {},
+        "detectable": detectable(answer) if concluded else {},
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
         "rest": answer.rest.as_json() if answer.rest is not None else None,
         "together": [
@@ -44,6 +53,7 @@ def write_answer(answer: Answer, out: Path, started_s: float) -> dict[str, Any]:
         "beside": [{"name": n, "parameters": sizes_of(answer.fit, n)} for n in _beside(answer)],
         "calibration": bent(answer.fit),
         "white": answer.white.as_json(answer.thresholds.whiteness),
+        "fitted_flights": answer.model.episodes,
         "threshold_of_s": FLIGHTS * SECONDS,
         "noise": _noise(answer.fit),
         "seconds": time.monotonic() - started_s,
@@ -101,7 +111,31 @@ def _beside(answer: Answer) -> list[str]:
     return [n for n in answer.fit.hypothesis if n in LIBRARY and answer.verdict == "unknown"]
 
 
-def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
+def _leading(answer: Answer, is_simulated: bool) -> dict[str, Any]:
+    """The effects that few flights speak for most and do not tell apart, and what comes after.
+
+    `clear` says that they gain more than noise and calibration alone.
+    """
+    (searched,) = answer.rounds
+    after = next((c for c in searched.ranking if c not in searched.near), None)
+    return {
+        "clear": bool(searched.found),
+        "names": [c.name for c in searched.rivals],
+        "others": [c.name for c in searched.near[MOST_IN_CLASS:]],
+        "gain_nats": searched.near[0].gain_nats,
+        "next": after.name if after is not None else None,
+        "next_nats": after.gain_nats if after is not None else None,
+        "threshold_nats": searched.least_nats if is_simulated else None,
+    }
+
+
+def _untried(answer: Answer) -> list[str]:
+    """Effects of the library that neither the ranking nor the rig file has."""
+    known = {c.name for c in answer.rounds[0].ranking} | {e.name for e in answer.model.rig.effect}
+    return [name for name in LIBRARY if name not in known]
+
+
+def _round(searched: Round, concluded: bool, is_simulated: bool) -> dict[str, Any]:
     ranking = []
     for c in searched.ranking:
         ends = (end if np.isfinite(end) else None for end in c.gain_interval())
@@ -110,7 +144,7 @@ def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
                 "name": c.name,
                 "gain_nats": c.gain_nats,
                 "interval": list(ends),
-                "confidence": searched.confidence(c),
+                "confidence": searched.confidence(c) if concluded else None,
                 "parameters": sizes_of(c.fit, c.name),
             }
         )
@@ -118,7 +152,7 @@ def _round(searched: Round, thresholds: Thresholds) -> dict[str, Any]:
         "given": list(searched.given),
         "found": searched.found,
         "near_nats": searched.near_nats,
-        "threshold_nats": thresholds.effect_nats,
+        "threshold_nats": searched.least_nats if is_simulated else None,
         "ranking": ranking,
     }
 

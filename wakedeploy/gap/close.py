@@ -17,11 +17,15 @@ import numpy as np
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
+from wakedeploy.gap.account import verdict_sentence
+from wakedeploy.gap.advice import advice
 from wakedeploy.gap.answered import sizes_of, write_answer
+from wakedeploy.gap.few_flights import cannot_tell, headline
 from wakedeploy.gap.finding import find_places, forbids_none
 from wakedeploy.gap.flight import Flight, read_flights
 from wakedeploy.gap.found import Found
 from wakedeploy.gap.gantry import GantryModel
+from wakedeploy.gap.glance import UNSIMULATED, glance
 from wakedeploy.gap.inference import Fit, extended, fit
 from wakedeploy.gap.naming import (
     Thresholds,
@@ -44,8 +48,8 @@ from wakedeploy.gap.steps import (
     write_step,
 )
 from wakedeploy.gap.symbolic import to_effect
-from wakedeploy.gap.telling import texts
-from wakedeploy.gap.threshold import thresholds_for
+from wakedeploy.gap.telling import mapping, texts
+from wakedeploy.gap.threshold import known_thresholds, thresholds_for
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
@@ -55,12 +59,17 @@ Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """A rig file and its flights, some of them sealed: nothing is fitted to those."""
+    """A rig file and its flights, some of them sealed: nothing is fitted to those.
+
+    `is_simulated` says that the thresholds are this rig's own, `rig_path` where its file lies.
+    """
 
     rig: Rig
     flights: tuple[Flight, ...]
     sealed: tuple[Flight, ...]
     thresholds: Thresholds
+    is_simulated: bool = True
+    rig_path: Path | None = None
 
     @property
     def in_sample(self) -> bool:
@@ -94,14 +103,20 @@ def open_case(
     progress: Progress = quiet,
     thresholds: Thresholds | None = None,
 ) -> Case:
-    """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once."""
+    """Read rig and logs; the last flights are sealed. The rig's thresholds are simulated once.
+
+    That takes minutes, for which flights too few for a verdict do not wait.
+    """
     rig = read_rig(rig_path)
     flights = read_flights(measured, rig)
     split = len(flights) - sealed_count(len(flights))
 
     steps = functools.partial(progress, "simulating this rig's thresholds, once")
-    known = thresholds or thresholds_for(rig, workers=workers, progress=steps)
-    return Case(rig, tuple(flights[:split]), tuple(flights[split:]), known)
+    known = thresholds or known_thresholds(rig)
+    if known is None and not cannot_tell(len(flights)):
+        known = thresholds_for(rig, workers=workers, progress=steps)
+    fitted, sealed = tuple(flights[:split]), tuple(flights[split:])
+    return Case(rig, fitted, sealed, known or UNSIMULATED, known is not None, rig_path)
 
 
 def find(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
@@ -111,6 +126,7 @@ def find(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
     progress("mapping what it leaves")
     found = find_places(model, base, case.thresholds.whiteness, case.thresholds.places)
     header = {
+        "rig": None if case.rig_path is None else str(case.rig_path),
         "rig_sha256": case.rig.sha256,
         "logs": [
             {
@@ -119,6 +135,8 @@ def find(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
                 "seconds": f.airborne_s,
                 "samples": int(f.counted.sum()),
                 "notes": list(f.notes),
+                "seed": f.seed,
+                "simulated": f.simulated,
             }
             for f in (*case.flights, *case.sealed)
         ],
@@ -134,13 +152,17 @@ def find(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
 def name(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
     """Which effect explains it; writes `name.json` and the fits beside it.
 
-    UnusableInput where `find` has not run.
+    Of too few flights it says which effect leads, and concludes nothing. UnusableInput where `find`
+    has not run.
     """
     require(out, "find", case.rig.sha256, case.recordings)
     started = time.monotonic()
     disagrees = forbids_none(read_steps(out).find.get("places", ()))
     progress("fitting the rig file as it is")
     model, base = case.base
+    if cannot_tell(len(case.flights)):
+        answer = glance(model, base, case.thresholds, progress, disagrees=disagrees)
+        return write_answer(answer, out, started, case.is_simulated)
     answer = name_effects(
         case.rig,
         model,
@@ -162,12 +184,16 @@ def add(
     `only` adds one effect of the ranking, as a member of a class, with what is sure, all refitted
     together as `show_gap` does it; `from_symbolic` adds the expression of an unknown effect, with
     the effects that are needed beside it.
-    Raises UnusableInput where there is nothing to add.
+    Raises UnusableInput where there is nothing to add; of too few flights only what `only` asks for
+    is added.
     """
     require(out, "name", case.rig.sha256, case.recordings)
     named = read_steps(out).name
     digest = sha256_of("".join(f.sha256 for f in case.flights).encode())
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
+    if cannot_tell(len(case.recordings)) and only is None:
+        few = headline(len(case.recordings))
+        raise UnusableInput(f"{out / 'name.json'}: nothing was concluded, none to add. {few}")
     if from_symbolic:
         if not named.get("unknown"):
             raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
@@ -275,9 +301,21 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "in_sample": shown.get("in_sample"),
         "cross_validated": shown.get("cross_validated"),
         "detectable": named.get("detectable", {}),
+        "leading": named.get("leading"),
         "flights": len(case.flights) + len(case.sealed),
     }
-    return write_step(out, "result", told)
+    return write_result(out, told)
+
+
+def write_result(out: Path, told: Mapping[str, Any]) -> dict[str, Any]:
+    """`result.json`, with the sentence that heads the report and what it advises to do next."""
+    steps = replace(read_steps(out), result=told)
+    after = advice(steps, out)
+    words = {
+        "headline": verdict_sentence(steps.summary),
+        "next": None if after is None else after.as_json(),
+    }
+    return write_step(out, "result", {**told, **words})
 
 
 def close(
@@ -302,7 +340,7 @@ def close(
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
     named = name(case, out, progress)
-    if named["effects"]:
+    if named["effects"] and case.sealed:  # what no flight can confirm is added when asked for
         add(case, out)
     show_gap(case, out, progress)
     if plan and len(named["class"]) > 1:
@@ -335,7 +373,9 @@ def _members(named: Mapping[str, Any]) -> list[dict[str, Any]]:
         for searched in named.get("rounds", ())
         for entry in searched["ranking"]
     }
-    return [ranked[name] for name in texts(named.get("class")) if name in ranked]
+    leading = mapping(named.get("leading"))
+    names = texts(leading.get("names")) if leading.get("clear") else texts(named.get("class"))
+    return [ranked[name] for name in names if name in ranked]
 
 
 def planned(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
@@ -391,7 +431,8 @@ def _corrected(
     if texts(named.get("class")) and set(added) <= settled:
         return found.model, found.fit  # the best member stands for its class
     if not added:
-        return found.model, None
+        as_if = found.fit if found.fit.hypothesis and named["verdict"] != "unknown" else None
+        return found.model, as_if
     hypothesis = tuple(added)
     free = found.model.free(hypothesis)
     ranked = {

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.gap.few_flights import cannot_tell, these
 from wakedeploy.gap.flight import FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
@@ -71,15 +72,16 @@ def find_places(
         [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)], limits
     )
     white = [samples(score) for score in base.slopes.scores]
+    rest = whiteness(base)
     return {
-        "white": whiteness(base).as_json(limit),
+        "white": rest.as_json(limit),
         "places": places,
         "maps": maps,
         "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
         "replay": [_replay(model, base, h) for h in HORIZONS_S],
         "noise_floor": _noise_floors(maps),
         "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
-        "sentence": _sentence(places),
+        "sentence": _sentence(places, rest.passes(limit), model.episodes),
     }
 
 
@@ -358,9 +360,16 @@ def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
     return any(p["channel"] != INNOVATION and p["q_value"] <= FORBIDS_NONE for p in places)
 
 
-def _sentence(places: Sequence[dict[str, Any]]) -> str:
-    if not places:
-        return "Simulation and measurement agree everywhere to within noise."
-    if all(place["q_value"] > FORBIDS_NONE for place in places):
-        return f"What stands out most may be chance: {places[0]['words']}."
-    return f"They disagree beyond noise: {places[0]['words']}."
+def _sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:
+    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
+    if not places and is_white:
+        told = "no place stands out from noise"
+    elif not places:
+        told = "no single place stands out, but as a whole more than noise is left"
+    elif forbids_none(places):
+        told = f"they disagree beyond noise: {places[0]['words']}"
+    else:
+        told = f"no place disagrees clearly beyond noise; the clearest is {places[0]['words']}"
+    scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
+    told = scope + told
+    return f"{told[0].upper()}{told[1:]}."

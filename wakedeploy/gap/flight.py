@@ -6,7 +6,7 @@ airborne. Columns `true_*` are dropped on reading.
 """
 
 import functools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -89,6 +89,8 @@ class Flight:
     notes: tuple[str, ...] = ()
     references: FloatArray | None = None  # (3, n) height, carriage, source command, at the samples
     reported_frame_s: FloatArray | None = None
+    seed: int | None = None  # of the plan that it flew, where the log says so
+    simulated: bool = False
 
     @functools.cached_property
     def counted(self) -> npt.NDArray[np.bool_]:
@@ -170,9 +172,16 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         notes=(*notes, *_doubts(log, rig, frames, x_m, flying)),
         references=_references(log, fresh),
         reported_frame_s=frames.reported_s,
+        seed=_seed(log.metadata),
+        simulated=log.metadata.get("simulated") == "true",
     )
     _require_content(flight, log, flying)
     return flight
+
+
+def _seed(metadata: Mapping[str, str]) -> int | None:
+    stated = metadata.get("seed", "")
+    return int(stated) if stated.isdecimal() else None
 
 
 def _require_same_rig(log: RunLog, rig: Rig, name: str) -> None:

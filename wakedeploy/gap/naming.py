@@ -1,12 +1,13 @@
 """Which effect explains the disagreement: a name, a class, "unknown" or "none".
 
-In: a model of the flights to fit, and thresholds. Out: an `Answer`. Every effect is tried alone and
-on top of those found, ranked on flights held out; what is found is refitted together, and dropped
-when it is no longer needed. What no effect explains is looked for as an expression, beside which an
-effect may no longer be needed either.
+In: a model of three flights or more to fit (`glance` is for fewer), and thresholds. Out: an
+`Answer`. Every effect is tried alone and on top of those found, ranked on flights held out; what is
+found is refitted together, and dropped when it is no longer needed. What no effect explains is
+looked for as an expression, beside which an effect may no longer be needed either.
 """
 
 import functools
+import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -33,13 +34,13 @@ from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.rig import Rig
 
-Verdict = Literal["named", "class", "unknown", "none"]
+Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
 CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
 MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
-FEWEST_FLIGHTS = 3  # to fit to; with fewer, leaving one out says too little for a name
+FEWEST_FLIGHTS = 3  # to fit to; of two, each is judged by one other and their spread by one number
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
@@ -55,6 +56,12 @@ def sealed_count(flights: int) -> int:
     Of three, none: two would be too few to find anything in. Each is then left out in turn.
     """
     return _SEALED.get(flights, _MOST_SEALED)
+
+
+# Enough to fit to, and one beside them that confirms what was found in those.
+FEWEST_IN_ALL = next(
+    n for n in itertools.count(1) if sealed_count(n) and n - sealed_count(n) >= FEWEST_FLIGHTS
+)
 
 
 @dataclass(frozen=True)
@@ -187,7 +194,7 @@ def name_effects(
     share: float = 1.0,
     disagrees: bool = False,
 ) -> Answer:
-    """Find, refit, drop, and decide. One or two flights are never enough for a name.
+    """Find, refit, drop, and decide. ValueError for fewer flights than `FEWEST_FLIGHTS`.
 
     `base` is the rig file as it is, fitted around the motion of a `model` with terms, where that is
     known already (`fitted_base`).
@@ -196,6 +203,8 @@ def name_effects(
     that there are places where flights and rig file disagree beyond noise: then something is
     missing, even where the noise that is fitted to it looks white and no form explains it.
     """
+    if model.episodes < FEWEST_FLIGHTS:
+        raise ValueError(f"{model.episodes} flights; a verdict takes {FEWEST_FLIGHTS}")
     if base is None:
         progress("fitting the rig file as it is")
         model, base = fitted_base(with_terms(model))
@@ -297,7 +306,7 @@ class _Search:
         self.rounds.append(Round(given, tuple(ranked), found, self._near_nats, least))
         if best is None:
             return False
-        self.model, self.current = _settled(self.model, best.fit)
+        self.model, self.current = settled(self.model, best.fit)
         self._gains[best.name] = best.gain_nats
         return True
 
@@ -346,7 +355,7 @@ def with_terms(model: GantryModel) -> GantryModel:
     return GantryModel(model.rig, model.flights, TERMS)
 
 
-def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
+def settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     """The found hypothesis, everything refitted around the motion that it explains."""
     around = refitted(model, found)
     starts = scanned_starts(around[0], found)
@@ -356,9 +365,9 @@ def _settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
     best = max(fits, key=lambda f: f.objective).objective
     near = [f for f in fits if f.objective > best - CLASS_NATS]
-    settled = [around, *(refitted(around[0], f) for f in near)]
-    line, highest = max(settled, key=lambda p: p[1].objective)
-    as_high = (f for _, f in settled if f.objective > highest.objective - _SAME_SUMMIT_NATS)
+    reached = [around, *(refitted(around[0], f) for f in near)]
+    line, highest = max(reached, key=lambda p: p[1].objective)
+    as_high = (f for _, f in reached if f.objective > highest.objective - _SAME_SUMMIT_NATS)
     return line, replace(highest, summits=tuple(f for f in as_high if f is not highest))
 
 
@@ -425,10 +434,9 @@ def _verdict(
 
 
 def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
-    """The rounds whose effect cannot be told from others; with few flights, all of them."""
+    """The rounds whose effect cannot be told from others."""
     settling = [r for r in rounds if r.found in current.hypothesis]
-    few = len(current.episodes) < FEWEST_FLIGHTS
-    return [searched for searched in settling if few or len(searched.rivals) > 1]
+    return [searched for searched in settling if len(searched.rivals) > 1]
 
 
 def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[str, ...]:

@@ -15,10 +15,11 @@ import numpy as np
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
+from wakedeploy.gap.few_flights import in_words
 from wakedeploy.gap.flight import Flight, flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, FloatArray
-from wakedeploy.gap.naming import FEWEST_FLIGHTS, fitted_base, sealed_count
+from wakedeploy.gap.naming import FEWEST_IN_ALL, fitted_base
 from wakedeploy.gap.plan import MARGIN_NATS, plausible_size
 from wakedeploy.gap.rates import (
     SURE,
@@ -194,9 +195,10 @@ def power(
     `progress(stage, done, total)` is called as things finish. Raises UnusableInput for fewer
     flights than a name takes, or for a rig that cannot fly them.
     """
-    if flights - sealed_count(flights) < FEWEST_FLIGHTS:
+    if flights < FEWEST_IN_ALL:
         raise UnusableInput(
-            f"A name takes {FEWEST_FLIGHTS} flights to fit to: plan as many at least."
+            f"{in_words(flights).capitalize()} cannot confirm an effect: plan at least "
+            f"{FEWEST_IN_ALL}."
         )
     chosen = _chosen(rig, names)
     with ProcessPoolExecutor(max_workers=workers) as pool:

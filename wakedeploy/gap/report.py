@@ -12,6 +12,8 @@ from wakedeploy import figures
 from wakedeploy.files import write_text_whole
 from wakedeploy.gap import report_figures, report_maps
 from wakedeploy.gap.account import evidence, verdict_sentence
+from wakedeploy.gap.advice import Advice, advice
+from wakedeploy.gap.few_flights import cannot_tell, caution, in_words, unconfirmed
 from wakedeploy.gap.report_tables import (
     added_effects,
     detectable_table,
@@ -25,9 +27,11 @@ from wakedeploy.gap.report_tables import (
 )
 from wakedeploy.gap.shrinking import (
     closed_words,
+    flight_count,
     gap_channel,
     gap_value,
     noise_unknown,
+    shrinking,
     unchanged,
 )
 from wakedeploy.gap.steps import TITLE, Steps, read_steps
@@ -84,7 +88,9 @@ PICTURES = (
         "spectrum",
         "Innovations, the part of each measurement that the model did not foresee. If only noise "
         "is left, spectrum and autocorrelation stay within the shaded bands.",
-        lambda steps: report_figures.draw_spectrum(steps.find, steps.show),
+        lambda steps: report_figures.draw_spectrum(
+            steps.find, {} if cannot_tell(steps.flights) and not steps.add else steps.show
+        ),
     ),
     Picture(
         "ranking",
@@ -138,12 +144,14 @@ PICTURES = (
     ),
 )
 
-_NEXT = {
-    "find": "where simulation and measurement disagree",
-    "name": "which effect explains the disagreement",
-    "add": "put the effect into a new rig file",
-    "show": "the gap before and after, on flights that took no part in finding it",
-}
+# Of too few flights no others are drawn, and their ranking is nothing like a held-out one.
+_OF_FEW = ("maps_exogenous", "maps_fed_back", "replay", "spectrum", "ranking")
+_RANKED_ON_FEW = (
+    "What each effect gains on so few flights. Of two, each is judged by sizes fitted to the "
+    "other; of one nothing can be left out, and each parameter costs a nat instead (Akaike 1974). "
+    "Blue: above the threshold, more than calibration errors alone can gain on this rig; grey: "
+    "below. Neither is a finding."
+)
 
 
 def write_report(out: Path) -> Path:
@@ -154,7 +162,7 @@ def write_report(out: Path) -> Path:
     """
     steps = read_steps(out)
     pictures = draw_pictures(steps, out / "figures")
-    body = [_opening(steps), _where(steps, pictures), _which(steps, pictures)]
+    body = [_opening(steps, out), _where(steps, pictures), _which(steps, pictures)]
     body += [_added(steps), _shown(steps, pictures), _data(steps)]
     path = out / "report.html"
     write_text_whole(path, page(TITLE, *body))
@@ -164,19 +172,22 @@ def write_report(out: Path) -> Path:
 def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
     """Draw every figure there is something for, as PNG, and embed it; others are removed."""
     drawn = {}
+    few = cannot_tell(steps.flights)
+    left_out = () if not few or steps.add else {each.name for each in PICTURES} - {*_OF_FEW}
     for each in PICTURES:
         path = folder / f"{each.name}.png"
         with figures.style():
-            figure = each.draw(steps)
+            figure = None if each.name in left_out else each.draw(steps)
         if figure is None:
             path.unlink(missing_ok=True)  # of an earlier run
             continue
         figures.save(figure, path)
-        drawn[each.name] = picture(path, each.caption)
+        caption = _RANKED_ON_FEW if few and each.name == "ranking" else each.caption
+        drawn[each.name] = picture(path, caption)
     return drawn
 
 
-def _opening(steps: Steps) -> Markup:
+def _opening(steps: Steps, out: Path) -> Markup:
     """The account in plain words, the numbers that matter, and what comes next."""
     summary = steps.summary
     sentences = [verdict_sentence(summary), *evidence(summary)]
@@ -187,7 +198,7 @@ def _opening(steps: Steps) -> Markup:
         element("nav", *(element("a", text, href=f"#{to}") for to, text in links)),
         element("div", *(element("p", each) for each in sentences), class_="account"),
         _tiles(summary),
-        _next(steps),
+        _next(advice(steps, out)),
     )
 
 
@@ -204,9 +215,13 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
         for parameter, value in parameters_of(effect):
             tiles.append((f"{effect.get('name')}, {spoken(parameter)}", value))
     name, channel = gap_channel(summary)
-    if channel:
+    if channel and cannot_tell(flight_count(summary)):
+        tiles.append((f"error of the {name}", gap_value(channel, "before")))
+    elif channel:
         tiles.append((f"{name}, before", gap_value(channel, "before")))
-        tiles.append(("after", gap_value(channel, "after")))
+        members = texts(summary.get("as_if"))
+        after = f"after, if it is {listed(members)}" if members else "after"
+        tiles.append((after, gap_value(channel, "after")))
         tiles.append(("noise alone", gap_value(channel, "noise_floor")))
         tiles.append(("of the gap closed", closed_words(channel) or UNKNOWN))
         if unchanged(channel):
@@ -219,12 +234,12 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
     return element("div", *boxes, class_="tiles") if boxes else Markup()
 
 
-def _next(steps: Steps) -> Markup:
-    step = steps.missing
-    if step is None:
+def _next(after: Advice | None) -> Markup:
+    if after is None:
         return Markup()
-    command = element("code", f"wakedeploy gap {step}{steps.option}")
-    return element("p", "Next step: ", command, f", {_NEXT[step]}.", class_="next")
+    commands = element("pre", element("code", "\n".join(after.commands)))
+    why = element("p", f"Next step: {after.why}.")
+    return element("div", why, commands, class_="next")
 
 
 def _where(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
@@ -251,7 +266,8 @@ def _which(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
         "which",
         "Which effect explains it",
         _paragraph(verdict_sentence(steps.summary)),
-        whiteness(mapping(name.get("white")), "the model with what was found"),
+        _rest_white(steps),
+        _paragraph(_untried(name)),
         unknown_effect(mapping(name.get("unknown"))),
         _shown_pictures(pictures, "ranking"),
         ranking_table(name),
@@ -261,12 +277,33 @@ def _which(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
     )
 
 
+def _rest_white(steps: Steps) -> Markup:
+    """Whether the answer leaves more than noise; nothing where the answer is the rig as it is."""
+    white, leading = mapping(steps.name.get("white")), mapping(steps.name.get("leading"))
+    if not cannot_tell(steps.flights):
+        fitted = "the rig as it is, fitted anew" if steps.name.get("verdict") == "none" else ""
+        return whiteness(white, fitted or "the model with what was found")
+    if not leading.get("clear"):
+        return Markup()
+    return whiteness(white, f"the rig as if {texts(leading.get('names'))[0]} were in it")
+
+
+def _untried(name: Mapping[str, Any]) -> str:
+    left = texts(name.get("untried"))
+    if not left:
+        return ""
+    return (
+        f"Not tried, as nothing stands out: {listed(left)}. Of their hundreds of sizes, some fit "
+        "the noise of so few flights."
+    )
+
+
 def _added(steps: Steps) -> Markup:
     add = steps.add
     if not add:
-        if steps.missing == "add":
+        if steps.missing in ("find", "name", "add"):
             return _not_yet("added", "What was added")
-        return _section("added", "What was added", _paragraph("Nothing: the rig file stays."))
+        return _section("added", "What was added", _paragraph(_nothing_added(steps)))
     hashes = (str(add.get(f"{which}_sha256") or "–")[:12] for which in ("old", "new"))
     old, new = (element("code", short) for short in hashes)
     rig = element("code", str(add.get("rig")))
@@ -275,7 +312,18 @@ def _added(steps: Steps) -> Markup:
         "What was added",
         element("p", "New rig file ", rig, " (", old, " → ", new, "); the old one stays as it is."),
         added_effects(entries(add.get("effects"))),
+        _paragraph(caution(steps.flights)),
     )
+
+
+def _nothing_added(steps: Steps) -> str:
+    if cannot_tell(steps.flights):
+        why = f"{in_words(steps.flights)} cannot confirm what to add"
+    elif unconfirmed(steps.flights) and steps.name.get("verdict") != "none":
+        why = "no flight was kept apart to confirm what to add"
+    else:
+        return "Nothing: the rig file stays."
+    return f"Nothing: {why}. The rig file stays."
 
 
 def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
@@ -285,6 +333,9 @@ def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
             nothing = "Nothing was added, so there is nothing to compare."
             return _section("shown", "The gap before and after", _paragraph(nothing))
         return _not_yet("shown", "The gap before and after")
+    if cannot_tell(steps.flights) and not steps.add:
+        told = (_paragraph(each) for each in shrinking(steps.summary))
+        return _section("shown", "The gap before and after", *told)
     white = mapping(show.get("white"))
     return _section(
         "shown",

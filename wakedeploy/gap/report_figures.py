@@ -86,7 +86,10 @@ def draw_ranking(name: Artefact) -> "Figure | None":
     for axes, round_, ranking in zip(grid[:, 0], rounds, rankings, strict=True):
         _round(axes, round_, ranking, found, rivals)
     _threshold_legend(grid[0, 0])
-    grid[-1, 0].set_xlabel("gain in held-out log density over the model so far [nats]")
+    gain = "gain in held-out log density over the model so far [nats]"
+    if number(name.get("fitted_flights")) == 1.0:
+        gain = "gain in log density over the rig as it is, less a nat per parameter [nats]"
+    grid[-1, 0].set_xlabel(gain)
     return drawn
 
 

@@ -61,7 +61,10 @@ def ranking_table(name: Artefact) -> Markup:
     rounds = entries(name.get("rounds"))
     ranking = ranked(rounds[0]) if rounds else []
     rows = [_ranked(candidate) for candidate in ranking[:_MOST_RANKED]]
-    return table(["effect alone", "gain [nats]", "confidence", "values"], rows)
+    titles = ["effect alone", "gain [nats]", "confidence", "values"]
+    if all(math.isnan(number(each.get("confidence"))) for each in ranking):
+        titles, rows = [*titles[:2], titles[3]], [[*row[:2], row[3]] for row in rows]
+    return table(titles, rows)
 
 
 def ranked(round_: Artefact) -> list[Artefact]:

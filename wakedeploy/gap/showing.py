@@ -15,6 +15,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.answered import bent
+from wakedeploy.gap.few_flights import cannot_tell
 from wakedeploy.gap.finding import BLOCK_S, HORIZONS_S, bin_means, blocks_of
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.found import Found, Tried
@@ -85,7 +86,8 @@ def show(
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added),
     `members` the class that was named, if any.
     `in_sample` says that the flights shown are those that were fitted, none being sealed: each is
-    then left out in turn, unless there is but one.
+    then left out in turn, unless there is but one. A placebo beside what cannot be confirmed would
+    confirm nothing: of so few flights there is none.
     """
     crossed = in_sample and len(sealed) > 1
     begin = _line(GantryModel(found.model.rig, sealed, found.model.extra), found.base)
@@ -105,7 +107,9 @@ def show(
         "cross_validated": crossed,
         "gap": gaps(before, after),
         "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": _placebo(found, after.fit.hypothesis, members, before, gain, crossed),
+        "placebo": {}
+        if in_sample and cannot_tell(len(sealed))
+        else _placebo(found, after.fit.hypothesis, members, before, gain, crossed),
         "white": {"before": white(before), "after": white(after)},
         "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
         "traces": _traces(before, after),

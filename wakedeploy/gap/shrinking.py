@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from wakedeploy.gap.few_flights import cannot_tell, in_words
 from wakedeploy.gap.telling import (
     counted,
     entries,
@@ -61,8 +62,15 @@ def unchanged(channel: Mapping[str, Any]) -> bool:
 
 
 def noise_unknown(result: Mapping[str, Any]) -> bool:
-    """Whether something is missing and nothing was added: the fitted noise has swallowed some."""
-    return result.get("verdict") == "unknown" and unchanged(gap_channel(result)[1])
+    """Whether something is or may be missing and nothing was added: the fitted noise has it."""
+    open_ = result.get("verdict") == "unknown" or cannot_tell(flight_count(result))
+    return open_ and unchanged(gap_channel(result)[1])
+
+
+def flight_count(result: Mapping[str, Any]) -> int:
+    """How many flights a result is of, sealed ones included; 0 where it does not say."""
+    stated = number(result.get("flights"))
+    return len(entries(result.get("logs"))) if math.isnan(stated) else round(stated)
 
 
 def shrinking(result: Mapping[str, Any]) -> list[str]:
@@ -73,6 +81,10 @@ def shrinking(result: Mapping[str, Any]) -> list[str]:
     before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
     if math.isnan(number(channel.get("after"))) or unchanged(channel):
         told = f"{_judged_on(result)}, the error of the {name} is {before}"
+        if cannot_tell(flight_count(result)):
+            return [
+                f"{told}; how much of it is noise, {in_words(flight_count(result))} cannot tell."
+            ]
         if noise_unknown(result):
             return [f"{told}; how much of it is noise is not known while something is missing."]
         return [f"{told}; noise alone: {floor}."]
@@ -140,10 +152,13 @@ def channel_lines(result: Mapping[str, Any]) -> list[str]:
 
 def _judged_on(result: Mapping[str, Any]) -> str:
     sealed = texts(result.get("sealed"))
+    nothing = unchanged(gap_channel(result)[1])
+    fitted = "noise and calibration" if nothing else "sizes"
     if result.get("in_sample"):
-        return "On the very flights that it was fitted to"
+        flights = "flight" if flight_count(result) == 1 else "flights"
+        return f"On the very {flights} that {fitted} were fitted to"
     if result.get("cross_validated"):
-        return "On each flight, with sizes fitted to the others"
+        return f"On each flight, with {fitted} fitted to the others"
     if not sealed:
         return "In these flights"
     return f"On {counted(len(sealed), 'flight')} that took no part in finding it"

@@ -15,6 +15,7 @@ import numpy as np
 
 from wakedeploy.errors import UnusableInput, one_line
 from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.telling import entries, mapping, texts
 
 Artefact = Mapping[str, Any]
@@ -30,7 +31,7 @@ PICTURES = (
 _OF_FIND = ("places", "logs", "split")
 _OF_NAME = (
     *("verdict", "effects", "class", "more_classes", "others", "split_by"),
-    *("unknown", "rest", "beside"),
+    *("unknown", "rest", "beside", "leading"),
     *("detectable", "white", "threshold_of_s"),
 )
 _OF_SHOW = (
@@ -50,29 +51,40 @@ class Steps:
     result: Artefact
 
     @property
+    def flights(self) -> int:
+        """How many were read, sealed ones included; 0 where `find` has not run."""
+        return len(entries(self.find.get("logs")))
+
+    @property
     def missing(self) -> str | None:
-        """The step that comes next; None when nothing is left to do."""
+        """The step that comes next, `plan` for an open class; None when nothing is left to do.
+
+        Nothing is to be added that no flight can confirm, unless a person asks for it.
+        """
         if not self.find:
             return "find"
         if not self.name:
             return "name"
-        if not self.add and self._can_add:
-            return "add"
         if self.add and not self.show:
             return "show"
-        return "add" if self._class_is_open else None
+        if cannot_tell(self.flights) or unconfirmed(self.flights):
+            return None
+        if not self.add and self._can_add:
+            return "add"
+        return "plan" if self._class_is_open else None
 
     @property
     def option(self) -> str:
         """What the step that comes next needs beside its name, or ""."""
-        if self.missing != "add" or (self.name.get("effects") and not self.add):
-            return ""
-        members = texts(self.name.get("class"))
-        return f" --effect {members[0]}" if members else " --from-symbolic"
+        by_expression = self.missing == "add" and not self.name.get("effects")
+        return " --from-symbolic" if by_expression else ""
 
     @property
     def summary(self) -> dict[str, Any]:
-        """`result.json`, and the steps' own artefacts, which say more."""
+        """`result.json`, and the steps' own artefacts, which say more.
+
+        `white` is of what was found, `white_before` of the rig file as it is.
+        """
         told: dict[str, Any] = {}
         for artefact, keys in (
             (self.result, tuple(self.result)),
@@ -81,23 +93,22 @@ class Steps:
             (self.show, _OF_SHOW),
         ):
             told |= {key: artefact[key] for key in keys if artefact.get(key) is not None}
-        return told
+        return told | {"white_before": mapping(self.find.get("white"))}
 
     @property
     def _class_is_open(self) -> bool:
-        """What was sure is in the rig file, and of a class beside it nothing."""
+        """Of a class nothing is in the rig file."""
         added = {str(effect.get("name")) for effect in entries(self.add.get("effects"))}
         members = texts(self.name.get("class"))
-        return bool(self.add and members) and added.isdisjoint(members)
+        return bool(members) and added.isdisjoint(members)
 
     @property
     def _can_add(self) -> bool:
-        """There is an effect, one of a class, or an expression that a rig could be given."""
-        return self.name.get("verdict") != "none" and bool(
-            self.name.get("effects")
-            or texts(self.name.get("class"))
-            or mapping(self.name.get("unknown")).get("expression")
-        )
+        """There is an effect, or an expression, that a rig could be given. Of a class, none is."""
+        if self.name.get("effects"):
+            return True
+        unknown = self.name.get("verdict") == "unknown"
+        return unknown and bool(mapping(self.name.get("unknown")).get("expression"))
 
 
 def read_plan(folder: Path) -> Artefact:

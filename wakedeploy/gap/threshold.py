@@ -47,7 +47,7 @@ _FIRST_SEED = 600_000_000
 _INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
 VERSION = 10  # of what is simulated; thresholds of another one are not used
-_LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
+LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
 
@@ -139,7 +139,7 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
     if len(null) < 10:
         raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
     columns = np.array([[getattr(n, one) for one in _NAMING] for n in null])  # (S, 4)
-    least = np.array([getattr(_LEAST, one) for one in _NAMING])
+    least = np.array([getattr(LEAST, one) for one in _NAMING])
     limits = least
     for share in np.linspace(0.90, 0.999, 200):
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
@@ -147,9 +147,9 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
             break
     residuals = {
         channel: _gumbel(np.array([n.places[channel] for n in null]), 1.0 - FALSE_ALARMS / 3.0)
-        for channel in _LEAST.places
+        for channel in LEAST.places
     }
-    floors = [max(residuals[channel], least) for channel, least in _LEAST.places.items()]
+    floors = [max(residuals[channel], least) for channel, least in LEAST.places.items()]
     return Thresholds(*(float(limit) for limit in limits), *floors)
 
 
@@ -235,7 +235,7 @@ def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) ->
 
 
 def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    sizes = dict.fromkeys(_LEAST.places, 0.0)
+    sizes = dict.fromkeys(LEAST.places, 0.0)
     for place in places:
         sizes[place["channel"]] = max(sizes.get(place["channel"], 0.0), abs(place["residual"]))
     return sizes
@@ -254,13 +254,13 @@ def _shipped() -> dict[str, dict[str, float]]:
     shipped = json.loads(source.read_text("utf-8"))
     if shipped["version"] != VERSION:
         return {}
-    return {sha: {k: float(v[k]) for k in asdict(_LEAST)} for sha, v in shipped["rigs"].items()}
+    return {sha: {k: float(v[k]) for k in asdict(LEAST)} for sha, v in shipped["rigs"].items()}
 
 
 def _cached(rig: Rig) -> dict[str, float] | None:
     try:
         known = json.loads(_cache_path(rig).read_text("utf-8"))
-        return {name: float(known[name]) for name in asdict(_LEAST)}
+        return {name: float(known[name]) for name in asdict(LEAST)}
     except (OSError, ValueError, KeyError, TypeError):
         return None  # never simulated, or unreadable: it is simulated again
 

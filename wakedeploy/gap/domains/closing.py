@@ -21,14 +21,13 @@ from wakedeploy.gap.domains.coloured import ResponseModel
 from wakedeploy.gap.domains.places import Place, find_places, whiteness
 from wakedeploy.gap.domains.shown import shown
 from wakedeploy.gap.inference import Fit, Hypothesis, extended, fit, held_out
-from wakedeploy.gap.naming import CLASS_NATS, MOST_IN_CLASS
+from wakedeploy.gap.naming import CLASS_NATS, FEWEST_IN_ALL, MOST_IN_CLASS
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.ranking import Candidate, rank
 
 SEALED_EVERY = 4
 MOST_EFFECTS = 6
 SIMULATIONS = 19  # the largest of 19 is exceeded by one further draw in twenty
-_FEWEST_EPISODES = 4
 
 
 @dataclass(frozen=True)
@@ -62,10 +61,10 @@ def close(
 
     Raises UnusableInput for fewer than four episodes.
     """
-    if model.episodes < _FEWEST_EPISODES:
+    if model.episodes < FEWEST_IN_ALL:
         raise UnusableInput(
             f"{model.name}: {model.episodes} episodes; effects are ranked on episodes that they "
-            f"were not fitted to, which takes at least {_FEWEST_EPISODES}."
+            f"were not fitted to, which takes at least {FEWEST_IN_ALL}."
         )
     sealed = tuple(range(SEALED_EVERY - 1, model.episodes, SEALED_EVERY))
     used = tuple(e for e in range(model.episodes) if e not in sealed)
