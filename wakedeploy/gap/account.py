@@ -100,7 +100,7 @@ def _hints(result: Mapping[str, Any]) -> list[str]:
     told += shrinking(result)
     if mapping(result.get("leading")).get("clear"):
         told.append("In brackets: 90 % intervals.")
-        told.append("Nothing was held out: the error with it may look smaller than it is.")
+        told.append("No flight was kept apart: the error with it may look smaller than it is.")
     return told + _bent(result) + _doubts(result)
 
 
@@ -113,20 +113,24 @@ def leading_sentences(result: Mapping[str, Any]) -> list[str]:
     flights, several = flight_count(result), bool(names[1:])
     if gain <= 0.0:
         return [f"No effect stands out: none gains anything in {these(flights)}."]
-    gains = f"{quantity(gain, 'nats')} in {these(flights)}"
+    gains = f"{_nats(gain)} nats in {these(flights)}"
     if not leading.get("clear"):
         return [f"No effect stands out: the best, {names[0]}, gains {gains}{_by_chance(leading)}."]
     others = texts(leading.get("others"))
     more = f" ({listed(others)} nearly as much)" if others else ""
     told = f"{listed(names)} lead: they gain about" if several else f"{names[0]} leads: it gains"
     after = f", the next, {leading['next']}, " if leading.get("next") else ""
-    after += quantity(leading.get("next_nats"), "") if after else ""
+    after += _nats(number(leading.get("next_nats"))) if after else ""
     what = "which it is" if several else "it"
     verb = "tell" if several else "confirm"
     return [
         f"{told} {gains}{more}{after}{_by_chance(leading)}. "
         f"{in_words(flights).capitalize()} cannot {verb} {what}."
     ]
+
+
+def _nats(gain: float) -> str:
+    return f"{gain:.{0 if abs(gain) >= 10.0 else 1}f}".replace("-", "−")
 
 
 def _by_chance(leading: Mapping[str, Any]) -> str:
@@ -279,9 +283,10 @@ def _place(result: Mapping[str, Any]) -> list[str]:
     if claims:
         return [f"It shows most ({_q(places[0])}) {at}{words}."]
     if few and forbids_none(places):
-        where = f"{these(flight_count(result))} disagree{'s' * (flight_count(result) == 1)}"
-        told = f"{where} most with the rig file ({_q(places[0])}) {at}{words}"
-        return [f"{told[0].upper()}{told[1:]}; whether others would, they cannot tell."]
+        one = flight_count(result) == 1
+        subject = f"{these(flight_count(result)).capitalize()} disagree{'s' * one}"
+        told = f"{subject} most with the rig file ({_q(places[0])}) {at}{words}"
+        return [f"{told}; whether others would, {'it' if one else 'they'} cannot tell."]
     return [f"Too little to say that something is missing ({_q(places[0])}): {words}."]
 
 

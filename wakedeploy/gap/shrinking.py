@@ -78,32 +78,43 @@ def shrinking(result: Mapping[str, Any]) -> list[str]:
     name, channel = gap_channel(result)
     if not channel:
         return []
-    before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
     if math.isnan(number(channel.get("after"))) or unchanged(channel):
-        told = f"{_judged_on(result)}, the error of the {name} is {before}"
-        if cannot_tell(flight_count(result)):
-            return [
-                f"{told}; how much of it is noise, {in_words(flight_count(result))} cannot tell."
-            ]
-        if noise_unknown(result):
-            return [f"{told}; how much of it is noise is not known while something is missing."]
-        return [f"{told}; noise alone: {floor}."]
-    share = closed_share(channel)
-    closed = "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
-    if share > 1.0:  # the noise that a model expects of itself is an estimate, mostly a high one
-        closed = ": no more is left than noise"
-    if number(channel.get("after")) > number(channel.get("before")):
-        closed = ": the gap did not shrink"
+        return [_as_it_is(result)]
+    before, after, floor = (gap_value(channel, k) for k in ("before", "after", "noise_floor"))
     members = texts(result.get("as_if"))
-    condition = f"If it is {listed(members)}: " if members else ""
     judged = _judged_on(result)
-    judged = judged[0].lower() + judged[1:] if condition else judged
+    if members:
+        judged = f"If it is {listed(members)}: {judged[0].lower()}{judged[1:]}"
+    told = f"{judged}, the error of the {name} goes from {before} to {after}"
+    if cannot_tell(flight_count(result)):
+        return [f"{told}."]
     hardly = number(channel.get("after")) > _HARDLY * number(channel.get("before"))
     return [
-        f"{condition}{judged}, the error of the {name} goes from {before} to {after}, "
-        f"where noise alone gives {floor}{closed}.",
+        f"{told}, where noise alone gives {floor}{_closed(channel)}.",
         *(_instead(result) if hardly else []),
     ]
+
+
+def _as_it_is(result: Mapping[str, Any]) -> str:
+    """The error where nothing was added, and what is known of the noise in it."""
+    name, channel = gap_channel(result)
+    told = f"{_judged_on(result)}, the error of the {name} is {gap_value(channel, 'before')}"
+    flights = flight_count(result)
+    if cannot_tell(flights):
+        return f"{told}; how much of it is noise, {in_words(flights)} cannot tell."
+    if noise_unknown(result):
+        return f"{told}; how much of it is noise is not known while something is missing."
+    return f"{told}; noise alone: {gap_value(channel, 'noise_floor')}."
+
+
+def _closed(channel: Mapping[str, Any]) -> str:
+    """How much of a gap that was judged is closed."""
+    share = closed_share(channel)
+    if number(channel.get("after")) > number(channel.get("before")):
+        return ": the gap did not shrink"
+    if share > 1.0:  # the noise that a model expects of itself is an estimate, mostly a high one
+        return ": no more is left than noise"
+    return "" if math.isnan(share) else f": {closed_words(channel)} of the gap closed"
 
 
 def _instead(result: Mapping[str, Any]) -> list[str]:
