@@ -142,7 +142,7 @@ def test_without_a_sealed_flight_each_is_left_out_and_it_says_so(answer, tmp_pat
     assert told["sealed"] == []
     seen = float((answer.fit.per_episode - answer.base.per_episode).sum())
     # Unseen, either model is less likely; which loses more depends on how far the base is bent.
-    assert 0.5 * seen < told["log_density_gain_nats"] < 1.1 * seen
+    assert 0.25 * seen < told["log_density_gain_nats"] < 1.1 * seen
     assert told["shown_on"] == ["flight 40", "flight 41"]
     assert [str(p) for p in scored] == told["retrain"]["scored_on"] == told["shown_on"]
     words = account(told | {"verdict": "named", "effects": [{"name": HIDDEN}]})
