@@ -7,7 +7,7 @@ from recorded import RIG, flown, with_effects
 from wakedeploy.gap.flight import DT_S
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, fit
-from wakedeploy.gap.naming import _settled, fitted_base
+from wakedeploy.gap.naming import fitted_base, settled
 from wakedeploy.gap.parameters import NOISE
 from wakedeploy.gap.ranking import rank, scanned_starts
 from wakedeploy.gap.sensors import _carriage_error
@@ -119,7 +119,7 @@ def test_the_play_of_a_belt_is_found() -> None:
     truth = with_effects(belt_backlash={"backlash_m": (0.05, "m")})
     near, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in SEEDS]))
     (candidate,) = rank(near, base, ("belt-backlash",))
-    _, found = _settled(near, candidate.fit)
+    _, found = settled(near, candidate.fit)
     low, high = found.interval("belt-backlash.backlash_m", 0.99)
     assert low < 0.05 < high
     size_m = found.value("belt-backlash.backlash_m")
@@ -249,7 +249,7 @@ def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
     model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])
     near, base = fitted_base(model)
     (candidate,) = rank(near, base, ("pwm-dead-band",))
-    _, found = _settled(near, candidate.fit)
+    _, found = settled(near, candidate.fit)
     assert (
         found.objective
         >= fit(
