@@ -68,7 +68,8 @@ def test_the_rig_file_that_a_page_shows_is_read() -> None:
     rig = parse_rig(before + plain + source)
     assert rig.sufferer.mass_kg == 0.452
     source, _, rest = source.partition("[thrust.sufferer]")
-    converted = parse_rig(f"{before}{in_units}\n{source}[{rest.partition('[')[2]}")
+    rest = "[spool.source]" + rest.partition("[spool.source]")[2]
+    converted = parse_rig(f"{before}{in_units}\n{source}{rest}")
     assert converted.sufferer == rig.sufferer
     assert converted.thrust.sufferer.pulse_us == (1000.0, 1300.0, 1600.0, 2000.0)
     assert converted.thrust.sufferer.thrust_n == pytest.approx((0.0, 0.81, 3.24, 9.0), abs=0.01)
