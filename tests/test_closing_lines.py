@@ -12,11 +12,11 @@ ROOT = Path(__file__).parents[1]
 
 def printed_of(*what: str, **variables: str) -> list[str]:
     """What pytest prints of these tests on a machine that has no program at all."""
+    found = {"PATH": "", "PYTHONPATH": f"{ROOT}:{ROOT}/tests", "HOME": str(Path.home())}
     ended = subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *what],
         cwd=ROOT,
-        env={"PATH": "", "PYTHONPATH": f"{ROOT}:{ROOT}/tests", "HOME": str(Path.home()), **variables},
-        capture_output=True, text=True, check=False,
+        env=found | variables, capture_output=True, text=True, check=False,
     )  # fmt: skip
     assert ended.returncode == 0, ended.stdout
     return ended.stdout.splitlines()

@@ -40,6 +40,7 @@ def test_enough_ticks_are_judged_by_p999_and_too_few_by_their_maximum():
     assert row(ticks=2999, max_ms=13.0).within(13.25)
 
 
+@pytest.mark.wallclock
 def test_a_package_is_measured_in_the_real_loop_whatever_its_channels(package):
     seen = []
     (measured,) = bench_latency(

@@ -1,7 +1,4 @@
-"""Reference files: written and read back, refused with one sentence, and flown for real."""
-
-import subprocess
-import sys
+"""Reference files: written and read back, refused with one sentence, and flown."""
 
 import numpy as np
 import pytest
@@ -17,7 +14,6 @@ from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
-CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "run-gantry"]
 
 
 def smooth(t_s, start_s, length_s):
@@ -140,16 +136,9 @@ def test_the_virtual_gantry_flies_a_reference(tmp_path) -> None:
     RIG.write(rig_file)
     columns = table(seconds=6.0)
     write(reference, columns)
-    flown = subprocess.run(
-        [
-            *CLI,
-            *("--baseline", "--virtual", "--rig", rig_file, "--reference", reference, "--log", log),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=60,
-    )
-    assert flown.returncode == 0, flown.stderr
+    asked = ("--baseline", "--virtual", "--rig", rig_file, "--reference", reference, "--log", log)
+    flown = CliRunner().invoke(main, ["run-gantry", *map(str, asked)])
+    assert flown.exit_code == 0, flown.output
     recorded = read_run_log(log)
     flying = recorded.flying
     assert flying.sum() == len(columns[0])

@@ -21,11 +21,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cable import Cable
+from click.testing import CliRunner
+from growing import written_so_far
 
+from runtime.conversation import Conversation
 from runtime.protocol import Command, Fault, Frame, HelloReply, Status, encode_frame
-from runtime.range_source import RangeReading
+from runtime.range_source import RangeReading, wait_for_first
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.errors import UnusableInput
+from wakedeploy.cli import main
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import read_run_log
 
@@ -92,16 +95,26 @@ def started(*arguments):
     return subprocess.Popen([*CLI, "--trust-curve", *told], stdout=-1, stderr=-1, text=True)
 
 
-def refused(*arguments):
-    """What a run that cannot begin says."""
-    run = started("--log", "refused.mcap", *arguments)
-    _, err = run.communicate(timeout=120)
-    assert run.returncode == 2, err
-    assert err.count("\n") == 1
-    assert err.startswith("Error: ")
-    log = Path("refused.mcap")
-    assert not log.exists() or "unfinished" not in read_run_log(log).metadata
-    return err
+@pytest.fixture
+def refused(here, monkeypatch):
+    """What a run that cannot begin says; it waits a second for a board and for a sensor."""
+    monkeypatch.setattr(Conversation.handshake, "__defaults__", (1.0,))
+    monkeypatch.setattr(wait_for_first, "__defaults__", (time, 1.0))
+    monkeypatch.syspath_prepend(str(here))
+    monkeypatch.delitem(sys.modules, "faults", raising=False)
+
+    def invoked(*arguments):
+        place = [*map(str, arguments), *(["--no-realtime"] if "--port" in arguments else [])]
+        told = ["--baseline", "--trust-curve", "--rig", "rig.toml", "--log", "refused.mcap"]
+        run = CliRunner().invoke(main, ["run-gantry", *told, *place])
+        assert run.exit_code == 2, run.output
+        assert run.stderr.count("\n") == 1
+        assert run.stderr.startswith("Error: ")
+        log = Path("refused.mcap")
+        assert not log.exists() or "unfinished" not in read_run_log(log).metadata
+        return run.stderr
+
+    return invoked
 
 
 def failed(run, log):
@@ -128,9 +141,9 @@ def until(condition, limit_s=60.0):
 
 def has_flown(run, log, ticks):
     """Whether so many ticks are on the disk, or the run has ended before it could."""
-    with contextlib.suppress(UnusableInput):  # there is no file yet, or none that can be read
-        return int(read_run_log(log).flying.sum()) > ticks or run.poll() is not None
-    return run.poll() is not None
+    written = written_so_far(log)
+    flown = 0 if written is None else int(written.flying.sum())
+    return flown > ticks or run.poll() is not None
 
 
 @pytest.mark.parametrize(
@@ -284,14 +297,14 @@ def sensor():
     ],
     ids=["silent", "echo", "modem", "firmware of another version"],
 )
-def test_a_wrong_board_is_named_with_what_to_do(here, sensor, answer, words):
+def test_a_wrong_board_is_named_with_what_to_do(refused, sensor, answer, words):
     device = Device(answer)
     err = refused("--port", device.port, "--range-socket", sensor.path)
     device.close()
     assert all(word in err for word in words)
 
 
-def test_a_port_that_another_process_uses_is_busy(here, sensor):
+def test_a_port_that_another_process_uses_is_busy(refused, sensor):
     device = Device(lambda data: b"")
     script = "import serial, sys; p = serial.Serial(sys.argv[1], exclusive=True); input()"
     other = subprocess.Popen([sys.executable, "-c", script, device.port], stdin=subprocess.PIPE)
@@ -329,11 +342,11 @@ def test_a_port_without_permission_says_which_group(tmp_path):
     assert "no permission; add yourself to the group dialout" in run.stdout, run.stderr
 
 
-def test_a_port_that_is_not_there_says_where_to_look(here):
+def test_a_port_that_is_not_there_says_where_to_look(refused):
     assert "no such port; plug the board in" in refused("--port", "/dev/ttyACM97")
 
 
-def test_a_missing_sensor_is_told_before_anything_moves(here, sensor, tmp_path):
+def test_a_missing_sensor_is_told_before_anything_moves(refused, sensor, tmp_path):
     with VirtualGantryProcess(RIG, seed=0) as gantry:
         # No socket, a sensor that says nothing, and one that sees nothing.
         err = refused("--port", gantry.port, "--range-socket", tmp_path / "none.sock")
@@ -359,7 +372,7 @@ def test_a_sensor_whose_process_ends_in_flight_is_told_by_its_own_words(here, se
 def test_a_terminal_that_closes_is_nobodys_concern_under_nohup(here):
     CLI.insert(0, "nohup")
     try:
-        run = started("--virtual", "--seconds", 3600, "--log", "f.mcap")
+        run = started("--virtual", "--seconds", 900, "--log", "f.mcap")
     finally:
         CLI.pop(0)
     until(lambda: has_flown(run, "f.mcap", 0))
@@ -383,7 +396,7 @@ def attended():
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_polite_kill_lands_and_closes_the_log(here, attended, number):
-    run = started("--virtual", "--seconds", 3600, "--log", "f.mcap")
+    run = started("--virtual", "--seconds", 900, "--log", "f.mcap")
     until(lambda: has_flown(run, "f.mcap", 64))
     for _ in range(5):  # a closing terminal is told by its shell and by the kernel
         run.send_signal(number)
