@@ -3,6 +3,7 @@
 import math
 import multiprocessing
 import signal
+import sys
 from collections.abc import Callable
 
 import hypothesis
@@ -41,6 +42,26 @@ def boards_boot_at_once():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("runtime.virtual.process.VirtualGantryProcess.boot_s", 0.1)
         yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def boards_may_take_their_time():
+    """A busy machine lets a board's process or thread answer later than half a second."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("runtime.conversation.ANSWER_LIMIT_S", 5.0)
+        yield
+
+
+@pytest.fixture(autouse=True)
+def what_a_test_imports_from_its_own_folder_is_forgotten(tmp_path_factory):
+    """Hooks of the same name in another test's folder are others."""
+    path, modules, folders = list(sys.path), set(sys.modules), str(tmp_path_factory.getbasetemp())
+    yield
+    sys.path[:] = path
+    for name in set(sys.modules) - modules:
+        file = getattr(sys.modules[name], "__file__", None) or ""
+        if file.startswith(folders):
+            del sys.modules[name]
 
 
 @pytest.fixture(autouse=True, scope="session")
