@@ -1,4 +1,4 @@
-"""What commands say on stderr, apart from how far they are, which hangs on the machine's speed."""
+"""What commands say on stderr, but for how far they are, which hangs on the machine's speed."""
 
 import re
 
