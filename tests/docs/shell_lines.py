@@ -53,6 +53,7 @@ OTHERS = {
     "printf": "changes the system",
     "mkdir": "of a line that needs a Pi",
     "touch": "needs the service",
+    "systemd-analyze": "needs the service; tests/deployment ask it about the unit file",
     ".": "enters the environment",
     "eval": "is for an interactive shell; test_commands.py gives it to one",
     "pytest": "is the test suite itself",

@@ -178,7 +178,7 @@ def flown(packages: list[Path], *, ticks: int, progress, rounds: list[int]) -> l
     noise = 0.0 if len(rounds) == 3 else 0.4  # one round was quiet
     cost = {"agile-mlp": 0.05 + noise, "history-mlp": 0.06 + noise}
     return [
-        BenchRow(arch, ticks, 1.0, 1.2, 1.3, 1.4, 3.0, 140.0, 5.0, 0,
+        BenchRow(arch, ticks, 1.0, 1.2, 1.3, 1.4, 3.0, 140.0, 5.0, 0, False,
                  {"t_predict_s": {"p50": 0.01, "p99": cost[arch], "p999": 1.0, "max": 1.0}})
         for arch in archs
     ]  # fmt: skip
