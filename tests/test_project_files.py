@@ -115,3 +115,15 @@ def test_ci_runs_the_checks_on_every_python_that_is_supported():
     ]
     assert job["strategy"]["matrix"]["python"] == supported
     assert job["steps"][-1]["run"] == "bash .ci/run"
+
+
+def test_what_the_guide_for_contributors_names_is_there():
+    guide = (ROOT / "CONTRIBUTING.md").read_text()
+    named = [*re.findall(r"`((?:\w+/)+[\w.]*)`", guide), *re.findall(r"\]\(([^)#]+)", guide)]
+    paths = [path for path in named if not re.search("NAME|STAGE", path)]
+    assert len(paths) > 15
+    assert [path for path in paths if not (ROOT / path).exists()] == []
+    asked = set(re.findall(r"`make ([a-z]+)`", guide))
+    targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
+    assert {"venv", "lock", "results"} <= asked <= set(targets)
+    assert len(guide.splitlines()) < 80

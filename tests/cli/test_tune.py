@@ -365,7 +365,7 @@ def test_help_names_every_architecture_with_its_dimensions() -> None:
         )
         assert set(lines[arch]) == {d.name for d in known.dimensions} - of_fit
         assert of_fit <= {d.name for d in known.dimensions}
-    assert "the other four batch, and but for agile-mlp history_s" in " ".join(told.split())
+    assert "without a state batch, and but for agile-mlp history_s" in " ".join(told.split())
 
 
 def test_help_loads_no_heavy_library() -> None:

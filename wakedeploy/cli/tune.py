@@ -45,7 +45,7 @@ Dimensions:
     cross-attention  embed heads
     all but esn      learning_rate weight_decay
     gru, tcn, mamba  lanes chunk_steps
-    the other four   batch, and but for agile-mlp history_s
+    without a state  batch, and but for agile-mlp history_s
 """
 
 
