@@ -5,12 +5,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from runtime.loop import PERIOD_S, require_wait
-from runtime.pilot import OBSERVATION
+from runtime.pilot import FORCE, OBSERVATION
 from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
 from runtime.tally import Tally
+from runtime.trial import require_trial
 from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import Manifest
+from wakedeploy.manifest import ForceChannel, Manifest
 from wakedeploy.package import Package, read_package
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, read_rig
 
@@ -90,8 +91,14 @@ class RunRequest:
         return replace(self, rig=read_rig(self.rig_path), plant_rig=self.truth)
 
 
-def wanted(request: RunRequest) -> tuple[FlightPlan, Package | None]:
-    """What is to be flown and with what, read and judged."""
+def wanted(
+    request: RunRequest, waiting: Callable[[], None] = lambda: None
+) -> tuple[FlightPlan, Package | None]:
+    """What is to be flown and with what, read, judged and tried; `waiting` is called meanwhile.
+
+    A package that nobody checked on this computer is as good as one that fails its check. Its trial
+    takes a second or two with the motors off, once for each package in a process.
+    """
     plan = _plan(request)
     require_plan_fits(plan, request.rig)
     if request.package is None:
@@ -99,27 +106,43 @@ def wanted(request: RunRequest) -> tuple[FlightPlan, Package | None]:
     package = read_package(request.package)
     require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
     require_wait(request.rig)
+    require_trial(package, waiting)
     return plan, package
 
 
 def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False) -> None:
-    """UnusableInput when a package cannot serve this loop: rate, channels, or lead."""
+    """UnusableInput when a package cannot serve this loop: rate, channels, forces, or lead."""
     if abs(manifest.rate_hz - LOOP_RATE_HZ) > 1e-6:
         raise UnusableInput(
             f"The package runs at {manifest.rate_hz:g} Hz and the gantry's loop at "
             f"{LOOP_RATE_HZ:g} Hz; train one on gantry data."
         )
-    names = tuple(channel.name for channel in manifest.observation)
-    if names != tuple(name for name, _ in OBSERVATION) or len(manifest.force) != 1:
-        raise UnusableInput(
-            f"The package observes {', '.join(names)}: it is not for the gantry; train one on "
-            "gantry data."
-        )
+    for word, given, needed in (
+        ("observes", manifest.observation, OBSERVATION),
+        ("predicts", manifest.force, FORCE),
+    ):
+        if tuple((channel.name, channel.unit) for channel in given) != needed:
+            named = ", ".join(f"{channel.name} [{channel.unit}]" for channel in given)
+            raise UnusableInput(
+                f"The package {word} {named}: it is not for the gantry; train one on gantry data."
+            )
+    _require_possible_force(manifest.force[0], rig)
     if abs(manifest.lead_s - rig.default_lead_s) > LEAD_TOLERANCE_S and not allow_lead_mismatch:
         raise UnusableInput(
             f"The package predicts {manifest.lead_s:g} s ahead and this rig's commands act after "
             f"{rig.default_lead_s:g} s; train with --lead {rig.default_lead_s:g}, or fly it all "
             "the same with --allow-lead-mismatch."
+        )
+
+
+def _require_possible_force(force: ForceChannel, rig: Rig) -> None:
+    """A wake does not push harder than what makes it, nor is a harder push to be answered."""
+    strongest_n = max(curve.thrust_n[-1] for curve in (rig.thrust.source, rig.thrust.sufferer))
+    largest_n = max(abs(force.min), abs(force.max))
+    if largest_n > strongest_n:
+        raise UnusableInput(
+            f"The package was trained on forces of up to {largest_n:g} N, and no motor of this rig "
+            f"gives more than {strongest_n:g} N: train one on this rig's data."
         )
 
 

@@ -69,7 +69,7 @@ def fly(
         if request.arm_file is not None:
             _stand_by(request.arm_file, place, manager, warn, _may_be_virtual(request))
             request = request.current()  # what is current now, not when the standby began
-            plan, package = wanted(request)
+            plan, package = wanted(request, manager.beat)
         forecast = place.predictions(package, opened) if package is not None else None
         board = met_board(link, may_be_virtual=_may_be_virtual(request))
         if warn is not None and board.warning is not None:

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 import pytest
 from click.testing import CliRunner
 from growing import written_so_far
+from made_packages import gantry_package
 
 from runtime.calibration.session import resting
 from runtime.protocol import FIRMWARE, Fault
@@ -30,6 +31,7 @@ from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
 from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.failsafes import HINTS
+from wakedeploy.manifest import ForceChannel
 from wakedeploy.package import write_package
 from wakedeploy.rig import default_rig, parse_rig
 from wakedeploy.runlog import read_run_log
@@ -256,22 +258,22 @@ def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_packa
 
 
 def manifest(**changes):
-    names = ("dx_m", "dz_m", "vx_mps", "vz_mps", "source_command")
-    stated = {
-        "rate_hz": 32.0,
-        "lead_s": RIG.default_lead_s,
-        "observation": [SimpleNamespace(name=name) for name in names],
-        "force": [SimpleNamespace(name="force_z_n")],
-    }
-    return SimpleNamespace(**(stated | changes))
+    return gantry_package(RIG.default_lead_s).manifest.model_copy(update=changes)
+
+
+def a_force(name: str = "force_z_n", unit: str = "N", largest: float = 1.0) -> ForceChannel:
+    return ForceChannel(name=name, unit=unit, min=-largest, max=0.0)
 
 
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
         ({"rate_hz": 30.0}, "runs at 30 Hz"),
-        ({"observation": [SimpleNamespace(name="foil_angle_deg")]}, "not for the gantry"),
-        ({"force": []}, "not for the gantry"),
+        ({"observation": (a_force("foil_angle"),)}, r"observes foil_angle \[N\]: it is not for"),
+        ({"force": ()}, "not for the gantry"),
+        ({"force": (a_force("force_x_n"),)}, r"predicts force_x_n \[N\]: it is not for"),
+        ({"force": (a_force(unit="kN"),)}, r"predicts force_z_n \[kN\]: it is not for"),
+        ({"force": (a_force(largest=50.0),)}, "forces of up to 50 N, and no motor of this rig"),
         ({"lead_s": 0.0}, "train with --lead"),
     ],
 )

@@ -21,52 +21,55 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
     """Verify the package FILE on this machine: manifest, hash, graph, rollout, manners, limits.
 
-    Its example rollout is replayed and compared with what the training-time forward gave. With
-    --rig its rate, channels and lead have to be those of that rig's loop. Exit status 1 when a
-    check fails, 2 when FILE is no usable package, or none for that rig.
+    A package may come from anyone. Whatever it asks for is bounded before it is run; then it is
+    tried in a process of its own, which ends at 120 s of processor time or 1 GiB of memory. Its
+    example rollout is replayed and compared with what the training-time forward gave, and it is
+    driven over the ranges of its inputs and a quarter beyond. With --rig its rate, channels, forces
+    and lead have to be those of that rig's loop. Exit status 1 when a check fails, 2 when FILE is
+    no usable package, or none for that rig.
 
     \b
     Example:
         wakedeploy check gru.onnx --json check.json
         wakedeploy check gru.onnx --rig rig.toml
     """
-    from runtime.replay import replay
+    result: dict[str, Any] = {"ok": False, **dict.fromkeys(("arch", "trainable", "parity"))}
+    try:
+        rows = _checked(file, rig_path, result)
+    except (UnusableInput, CheckFailed) as error:
+        _write(json_path, result | {"why": str(error)})
+        raise
+    title = f"{file}: {result['arch']} for {result['domain']}, as promised"
+    print_table(title, ["", ""], rows)
+    _write(json_path, result | {"ok": True})
+
+
+def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
+    """The table of a package that passes; `result` is filled with what is known by then."""
+    from runtime.trial import tried
     from wakedeploy.package import read_package
 
-    try:
-        package = read_package(file)
-    except UnusableInput as error:
-        unknown = dict.fromkeys(("arch", "trainable", "parity"))
-        _write(json_path, {"ok": False} | unknown | {"why": str(error)})
-        raise
+    package = read_package(file)
     manifest = package.manifest
-    result: dict[str, Any] = {"arch": manifest.arch, "trainable": manifest.trainable}
     exported = manifest.parity.model_dump(include={"max_abs", "max_rel", "steps"})
-    try:
-        with progress(f"Checking {file}", 1):
-            replayed = replay(package)
-    except CheckFailed as error:
-        _write(json_path, {"ok": False} | result | {"parity": exported, "why": str(error)})
-        raise
-    try:
-        fits = _fits(manifest, rig_path) if rig_path else []
-    except UnusableInput as error:
-        _write(json_path, {"ok": False} | result | {"parity": exported, "why": str(error)})
-        raise
+    result |= {"arch": manifest.arch, "trainable": manifest.trainable, "parity": exported}
+    result |= {"domain": manifest.domain}
+    with progress(f"Checking {file}", 1):
+        replayed = tried(package)
+    fits = _fits(manifest, rig_path) if rig_path else []
     difference = replayed.difference
-    rows = [
+    here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}
+    result |= {"replay": here | {"limited": replayed.limited}}
+    return [
         ["manifest, hash and graph", "agree"],
         ["reset, two runners, a batch", "keep apart"],
         ["example rollout here", f"{difference.max_rel:.1e} over {replayed.steps} steps"],
-        ["driven over its ranges, 25 % beyond", f"limited in {100 * replayed.limited:.1f} %"],
         ["parity when exported", f"{exported['max_rel']:.1e} over {exported['steps']} steps"],
         ["limit", f"{manifest.parity.limit:.1e}"],
+        *([f"possible {c.name}", f"{c.low:.3g} to {c.high:.3g} {c.unit}"] for c in manifest.force),
+        ["at a limit, driven over its ranges", f"{100 * replayed.limited:.1f} % of the steps"],
         *fits,
     ]
-    print_table(f"{file}: {manifest.arch} for {manifest.domain}, as promised", ["", ""], rows)
-    here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}
-    here |= {"limited": replayed.limited}
-    _write(json_path, {"ok": True} | result | {"parity": exported, "replay": here})
 
 
 def _fits(manifest: "Manifest", rig_path: Path) -> list[list[str]]:
@@ -78,7 +81,7 @@ def _fits(manifest: "Manifest", rig_path: Path) -> list[list[str]]:
     rig = read_rig(rig_path)
     require_fit(manifest, rig)
     require_wait(rig)
-    return [[f"rate, channels and lead of {rig_path}", f"fit, {manifest.lead_s:g} s ahead"]]
+    return [[f"rate, channels, forces and lead of {rig_path}", f"fit, {manifest.lead_s:g} s ahead"]]
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:

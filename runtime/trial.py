@@ -1,0 +1,177 @@
+"""A package is tried in a process of its own, with an end to its time and its memory.
+
+In: a package that has been read, so that its graph is known to be bounded. Out: how its replay came
+out, or CheckFailed that says which limit it exceeded. What its bytes do to onnxruntime, a crash or
+a hang, ends that process and not the one that is about to fly; Ctrl-C ends it at once.
+"""
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from runtime.realtime import become_ordinary
+from runtime.replay import Difference, Replay, replay
+from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.package import Package, package_from_bytes
+
+_MIB = 1 << 20
+_LOOK_S = 0.1  # how often who waits is heard
+_OWN_END_S = 1.0  # after the limit, should nobody be left to end it
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a trial may take: seconds, processor time, and memory beyond what libraries take.
+
+    A reservoir of 4,000 neurons, the largest package, takes a quarter of the memory.
+    """
+
+    seconds: float = 240.0
+    cpu_s: float = 120.0
+    memory_mib: int = 1024
+
+
+LIMITS = Limits()
+_passed: dict[str, Replay] = {}
+
+
+def require_trial(package: Package, waiting: Callable[[], None] = lambda: None) -> Replay:
+    """`tried`, but once for each package in this process: of many flights the first one pays."""
+    if package.sha256 not in _passed:
+        _passed[package.sha256] = tried(package, waiting=waiting)
+    return _passed[package.sha256]
+
+
+def tried(
+    package: Package, limits: Limits = LIMITS, waiting: Callable[[], None] = lambda: None
+) -> Replay:
+    """Replay a package in a process of its own; `waiting` is called again and again meanwhile.
+
+    Raises CheckFailed where a check fails, where a limit is exceeded or the process dies, and
+    UnusableInput where onnxruntime does not take the model.
+    """
+    process = _started(package.model_bytes, limits)
+    try:
+        out, err = _ended(process, limits, waiting)
+    except BaseException:  # Ctrl-C as well
+        process.kill()
+        process.communicate()
+        raise
+    return _answer(process.returncode, out, err, limits)
+
+
+def _started(model: bytes, limits: Limits) -> "subprocess.Popen[bytes]":
+    asked = json.dumps(asdict(limits))
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    with tempfile.TemporaryFile() as file:
+        file.write(model)
+        file.seek(0)
+        return subprocess.Popen(  # noqa: S603
+            [sys.executable, "-P", "-m", "runtime.trial", asked],
+            stdin=file,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # a terminal's Ctrl-C is for the parent, which ends it
+            env=os.environ
+            | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": paths},
+        )
+
+
+def _ended(
+    process: "subprocess.Popen[bytes]", limits: Limits, waiting: Callable[[], None]
+) -> tuple[bytes, bytes]:
+    """What the process wrote, once it has ended by itself."""
+    end_s = time.monotonic() + limits.seconds
+    while time.monotonic() < end_s:
+        try:
+            return process.communicate(timeout=_LOOK_S)
+        except subprocess.TimeoutExpired:
+            waiting()
+    raise CheckFailed(
+        f"The package's trial had not ended after {limits.seconds:g} s: do not fly it; or, if the"
+        " computer is busy, try again."
+    )
+
+
+def _answer(status: int, out: bytes, err: bytes, limits: Limits) -> Replay:
+    if status == -signal.SIGXCPU:
+        raise CheckFailed(
+            f"The package's trial took more than {limits.cpu_s:g} s of processor time: do not fly"
+            " it, its steps are too slow for this computer."
+        )
+    if status != 0:
+        raise CheckFailed(f"The package's trial {_why(status, err)}: do not fly it.")
+    told: dict[str, Any] = json.loads(out)
+    if "unusable" in told:
+        raise UnusableInput(told["unusable"])
+    if "failed" in told:
+        raise CheckFailed(told["failed"])
+    if "memory" in told:
+        raise CheckFailed(
+            f"The package's trial took more than {limits.memory_mib} MiB of memory: do not fly it."
+        )
+    return Replay(Difference(**told.pop("difference")), **told)
+
+
+def _why(status: int, err: bytes) -> str:
+    """How a trial ended that should not have, from the signal or from its last words."""
+    lines = err.decode(errors="replace").split("\n")
+    last = next((line.strip() for line in reversed(lines) if line.strip()), "no word")
+    said = last[:200] if last.isprintable() else repr(last)[:200]
+    if status >= 0:
+        return f"ended with exit status {status} ({said})"
+    return f"was ended by {signal.Signals(-status).name} ({said})"
+
+
+def main() -> None:
+    """In the process of its own: limits, then the package from standard input, then the answer."""
+    limits = Limits(**json.loads(sys.argv[1]))
+    if hasattr(os, "sched_getscheduler"):
+        become_ordinary()  # the loop that tries its package anew may have real-time priority
+    _limit(limits)
+    sys.stdout.write(json.dumps(_told(sys.stdin.buffer.read())))
+
+
+def _limit(limits: Limits) -> None:
+    """Let the kernel end this process; libraries have been loaded and do not count."""
+    if sys.platform == "win32":
+        return
+    import resource
+
+    signal.alarm(math.ceil(limits.seconds + _OWN_END_S))
+    cpu_s = math.ceil(time.process_time() + limits.cpu_s)
+    resource.setrlimit(resource.RLIMIT_CPU, (cpu_s, cpu_s + 1))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if sys.platform == "linux":  # elsewhere the kernel does not count it
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
+        most = pages * resource.getpagesize() + limits.memory_mib * _MIB
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+
+
+def _told(model: bytes) -> dict[str, Any]:
+    try:
+        return asdict(replay(package_from_bytes(model, "the package")))
+    except MemoryError:
+        return {"memory": "exceeded"}
+    except (UnusableInput, CheckFailed) as error:
+        if _is_want_of_memory(error.__cause__):
+            return {"memory": "exceeded"}
+        return {"unusable" if isinstance(error, UnusableInput) else "failed": str(error)}
+
+
+def _is_want_of_memory(cause: BaseException | None) -> bool:
+    """Whether onnxruntime gave up for want of it: std::bad_alloc, or its allocator's words."""
+    return "bad_alloc" in str(cause) or "allocate memory" in str(cause).lower()
+
+
+if __name__ == "__main__":
+    main()
