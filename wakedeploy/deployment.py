@@ -13,14 +13,16 @@ from dataclasses import dataclass
 
 from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
 from wakedeploy.package import Package
-from wakedeploy.remote import Ended, Remote
+from wakedeploy.remote import ANSWER_LIMIT_S, Ended, Remote
 
 HASH_LETTERS = 16  # of a package's SHA-256, which name its file
 _MARK = "wakedeploy-link "  # tells our lines from what a login there may print
 
 # Exit statuses of the lines of shell below, beside those of what they run.
 _NOT_WRITTEN, _DAMAGED, _IN_THE_WAY, _NOTHING_BEFORE, _NOT_SWAPPED = 70, 71, 72, 73, 74
-_NOT_EXECUTABLE, _NOT_FOUND, _KILLED = 126, 127, 128
+_TIMED_OUT, _NOT_EXECUTABLE, _NOT_FOUND, _KILLED = 124, 126, 127, 128
+CHECK_LIMIT_S = 300  # the check there ends itself before, unless the machine hangs
+_END_S = 5  # between asking it to end and ending it
 
 
 @dataclass(frozen=True)
@@ -92,9 +94,11 @@ class Site:
         path, rig = (shlex.quote(f"{self._folder}/{file}") for file in (where, "rig.toml"))
         # Not the last command of the line: a shell that becomes its last command would hand over
         # a death by signal, which ssh cannot tell from a lost connection.
+        limited = f"timeout -k {_END_S} {CHECK_LIMIT_S} {command}"
         ended = self.remote.run(
-            f"if [ -e {rig} ]; then {command} check {path} --rig {rig}; "
-            f"else {command} check {path}; fi; exit $?"
+            f"if [ -e {rig} ]; then {limited} check {path} --rig {rig}; "
+            f"else {limited} check {path}; fi; exit $?",
+            limit_s=ANSWER_LIMIT_S + CHECK_LIMIT_S + _END_S,
         )
         if ended.status == 0:
             return
@@ -105,10 +109,16 @@ class Site:
                 f"({_said(ended)}); install it there, or name it with --command, "
                 "such as --command venv/bin/wakedeploy."
             )
+        if ended.status == _TIMED_OUT:
+            raise CheckFailed(
+                f"{target}: `{self.command} check` had not ended after {CHECK_LIMIT_S} s and was"
+                f" ended there; try `{self.command} doctor` there."
+            )
         if ended.status > _KILLED:
             raise CheckFailed(
                 f"{target}: `{self.command} check` was ended there by "
-                f"{_signal_name(ended.status - _KILLED)}; try `{self.command} doctor` there."
+                f"{_signal_name(ended.status - _KILLED)}{_reason(ended.status - _KILLED)}; "
+                f"try `{self.command} doctor` there."
             )
         said = _said(ended).replace(where.rpartition("/")[2], name)
         raise CheckFailed(f"{target}: `{self.command} check` failed there: {said}")
@@ -185,6 +195,13 @@ def _path(path: str) -> str:
 
 def _said(ended: Ended) -> str:
     return ended.last_words or f"exit status {ended.status}, without a word"
+
+
+def _reason(number: int) -> str:
+    """Who sends a signal that no program sends itself."""
+    if number != signal.SIGKILL:
+        return ""
+    return f", for want of memory or because it went on after {CHECK_LIMIT_S} s"
 
 
 def _signal_name(number: int) -> str:

@@ -14,6 +14,8 @@ from pathlib import Path
 from wakedeploy.errors import UnusableInput
 
 CONNECT_LIMIT_S = 10
+ANSWER_LIMIT_S = 60.0  # a line of shell that takes longer hangs, on a disk most likely
+_SLOWEST_BYTES_PER_S = 20_000  # at which a package is still worth waiting for
 _OWN_FAILURE = 255  # ssh's exit status where it failed itself, rather than what it ran
 _OPTIONS = {
     "BatchMode": "yes",  # a question would wait for ever where nobody sits
@@ -68,11 +70,13 @@ class Remote:
     target: str
     ssh_config: Path | None = None
 
-    def run(self, script: str, data: bytes | None = None) -> Ended:
+    def run(self, script: str, data: bytes = b"", limit_s: float = ANSWER_LIMIT_S) -> Ended:
         """Run a line of POSIX shell in the home folder there, with `data` as its input.
 
-        Raises UnusableInput when there is no ssh here, no way there, or no way back.
+        Raises UnusableInput when there is no ssh here, no way there, or no way back, and when the
+        line has not ended after `limit_s` and what a slow connection needs for the data.
         """
+        limit_s += len(data) / _SLOWEST_BYTES_PER_S
         config = [] if self.ssh_config is None else ["-F", str(self.ssh_config)]
         options = [f"-o{name}={value}" for name, value in _OPTIONS.items()]
         # The login shell there may be any; what it has to understand is one quoted word.
@@ -80,14 +84,20 @@ class Remote:
         try:
             ended = subprocess.run(  # noqa: S603
                 ["ssh", "-T", *config, *options, "--", self.target, line],  # noqa: S607
-                input=data if data is not None else b"",
+                input=data,
                 capture_output=True,
                 check=False,
+                timeout=limit_s,
                 env=os.environ | {"LC_ALL": "C"},  # reasons are recognised by their words
             )
         except FileNotFoundError as error:
             raise UnusableInput(
                 "There is no ssh on this computer; install it (Debian: openssh-client)."
+            ) from error
+        except subprocess.TimeoutExpired as error:
+            raise UnusableInput(
+                f"{self.target}: it lets ssh in, but had done nothing after {limit_s:.0f} s; see"
+                " there what hangs, its disk most likely, and start again."
             ) from error
         told = Ended(
             ended.returncode,

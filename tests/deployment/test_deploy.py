@@ -14,7 +14,9 @@ from made_packages import gantry_package, sound
 from rig_over_ssh import ROOT, needs_sshd, running_rig
 
 from wakedeploy.cli import main
+from wakedeploy.errors import UnusableInput
 from wakedeploy.package import read_package, write_package
+from wakedeploy.remote import Remote
 from wakedeploy.rig import default_rig, default_rig_text
 
 pytestmark = needs_sshd
@@ -177,6 +179,33 @@ def test_a_wakedeploy_that_is_missing_or_dies_there_is_named(rig, packages):
     rig.command.unlink()
     assert_refused(deploy(rig, second), 2, "to check the package with", "--command")
     assert_unchanged(rig, before)
+
+
+def test_a_check_that_hangs_there_is_ended_there(rig, packages, monkeypatch, tmp_path):
+    monkeypatch.setattr("wakedeploy.deployment.CHECK_LIMIT_S", 1)
+    rig.command.write_text(f"#!/bin/sh\necho $$ > '{tmp_path}/checking'; exec sleep 60\n")
+    done = deploy(rig, packages("first.onnx"))
+    assert_refused(done, 1, "check` had not ended after 1 s and was ended there", "doctor` there")
+    assert_unchanged(rig, {})
+    assert not Path("/proc", (tmp_path / "checking").read_text().strip()).exists()
+
+
+def test_a_check_that_does_not_hear_is_ended_all_the_same(rig, packages, monkeypatch):
+    monkeypatch.setattr("wakedeploy.deployment.CHECK_LIMIT_S", 1)
+    monkeypatch.setattr("wakedeploy.deployment._END_S", 0.5)
+    rig.command.write_text("#!/bin/sh\ntrap '' TERM; while :; do sleep 0.1; done\n")
+    assert_refused(deploy(rig, packages("first.onnx")), 1, "by SIGKILL", "it went on after 1 s")
+    assert_unchanged(rig, {})
+
+
+def test_a_machine_that_hangs_is_told_in_a_sentence(tmp_path, monkeypatch):
+    (tmp_path / "ssh").write_text("#!/bin/sh\nexec sleep 60\n")
+    (tmp_path / "ssh").chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    began_s = time.monotonic()
+    with pytest.raises(UnusableInput, match="rig: it lets ssh in, but had done nothing after 2 s"):
+        Remote("rig").run("true", b"x" * 20_000, limit_s=1.0)
+    assert time.monotonic() - began_s < 4.0
 
 
 def test_a_full_disk_is_named(rig, packages):

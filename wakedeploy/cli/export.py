@@ -151,7 +151,7 @@ def _tell(package: "Package", path: Path) -> None:
         ["memory", f"{memory.kind}{window}, full after {manifest.warm_up_steps} steps"],
         ["rate, lead", f"{manifest.rate_hz:g} Hz, {manifest.lead_s:g} s"],
         *(
-            [f"{c.name} in training", f"{c.min:.3g} to {c.max:.3g} {c.unit}"]
+            [f"{c.name} in training", f"{c.min + 0.0:.3g} to {c.max + 0.0:.3g} {c.unit}"]
             for c in manifest.force
         ),
         ["parity", f"{parity.max_rel:.1e} of {parity.limit:.1e} over {parity.steps} steps"],
