@@ -68,6 +68,12 @@ def read_page(path: Path) -> Reader:
     return reader
 
 
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages without their pictures, which take most of the time."""
+    monkeypatch.setattr("wakedeploy.gap.report.PICTURES", ())
+
+
 @pytest.fixture(scope="module")
 def full(tmp_path_factory):
     out = tmp_path_factory.mktemp("full")
@@ -263,6 +269,7 @@ def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     assert "a sensor" not in planned
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
     left = fabricate(tmp_path, "class")
     names = tuple(left["result"]["class"])
@@ -371,6 +378,7 @@ def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
     assert "not white noise (statistic 90" in told
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize(("verdict", "told"), [("named", True), ("unknown", False)])
 def test_what_noise_alone_leaves_is_not_told_while_something_is_missing(tmp_path, verdict, told):
     """Nothing was added: what the fitted noise swallowed would stand there as noise."""
@@ -387,6 +395,7 @@ def test_what_noise_alone_leaves_is_not_told_while_something_is_missing(tmp_path
     assert ("13.2 mm" in shown) is told
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("step", ["find", "name", "add", "show"])
 def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypatch, step):
     """The commands around the steps, which are played by artefacts of the right shape."""
