@@ -223,7 +223,7 @@ def test_a_sensor_that_freezes_in_flight_ends_it_and_the_sentence_names_it(
         chip.frozen = done_s > 2.2
 
     with pytest.raises(CheckFailed, match=r"sensor_lost.*has not measured"):
-        fly(RunRequest(RIG, 8.0, port=gantry.port, log=log), show=freeze)
+        fly(RunRequest(RIG, 8.0, port=gantry.port, log=log, realtime=False), show=freeze)
     recorded = read_run_log(log)
     assert recorded["mode"][-1] == "FAILSAFE"
     assert recorded["sufferer_cmd_us"][-1] == RIG.limits.pulse_us[0]
