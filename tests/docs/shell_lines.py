@@ -42,6 +42,7 @@ NOT_RUN = {
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
     r" --firmware": "needs the AVR compiler; tests/firmware fly the sketch on a simulated chip",
     r" (.* --wall-clock|bench latency)": "needs a quiet machine; the tests marked wallclock do it",
+    r" --install-completion": "writes into the home; tests/cli/test_completion.py has one to give",
     r" (--storage|--scheduler) ": "needs a database or a cluster, as in tests/cli and tests/sweep",
 }
 # Lines of other programs: the first word, and why they are not run.

@@ -61,7 +61,8 @@ def test_our_commands_have_these_options(page: Path) -> None:
         for option in command.params:
             assert not option.required or option.name in values, f"{line}: {option.name}"
             given = values.get(option.name)
-            if given is not None and isinstance(option.type, click.Choice | click.IntRange):
+            is_word = isinstance(given, str | list | tuple)  # and not an option without its value
+            if is_word and isinstance(option.type, click.Choice | click.IntRange):
                 for one in given if option.multiple else [given]:
                     option.type.convert(one, option, context)
 

@@ -7,11 +7,13 @@ functions, so that `wakedeploy --help` stays fast.
 
 import errno
 import importlib
+import os
 from typing import Any
 
 import click
 
 import wakedeploy
+from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
 from wakedeploy.errors import WakedeployError, installs, one_line
 
@@ -36,6 +38,8 @@ COMMANDS = (
     "doctor",
 )
 TRAIN_LIBRARIES = {"torch", "onnx", "onnxscript", "optuna", "numba", "safetensors"}
+_AUTO = "auto"
+shells.register()
 _UNUSABLE = (
     FileNotFoundError,
     FileExistsError,
@@ -107,8 +111,34 @@ def _missing_library(error: Exception) -> str | None:
     return name if name not in ("", "wakedeploy", "trainers", "export", "runtime") else None
 
 
+def _install_completion(ctx: click.Context, param: click.Parameter, shell: str | None) -> None:
+    """Write the completion of a shell, and end."""
+    if shell is None or ctx.resilient_parsing:
+        return
+    from wakedeploy.cli.completion import install, shell_of
+
+    try:
+        chosen = shell_of(os.environ) if shell == _AUTO else shell
+        told = install(chosen, ctx.command, os.environ)
+    except (WakedeployError, OSError) as error:
+        raise _Told(error) from error
+    click.echo("\n".join(told))
+    ctx.exit()
+
+
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.version_option(wakedeploy.__version__, prog_name="wakedeploy")
+@click.option(
+    "--install-completion",
+    type=click.Choice([_AUTO, "bash", "zsh", "fish"], case_sensitive=False),
+    is_flag=False,
+    flag_value=_AUTO,
+    metavar="[bash|zsh|fish]",
+    is_eager=True,
+    expose_value=False,
+    callback=_install_completion,
+    help="Write completion by Tab for your shell, and say how to undo it.",
+)
 @click.option("--debug", is_flag=True, help="Show the traceback of an error.")
 def main(debug: bool) -> None:
     """Predict wake forces with small models, and fly them on a gantry.
