@@ -123,7 +123,7 @@ def test_what_the_guide_for_contributors_names_is_there():
     paths = [path for path in named if not re.search("NAME|STAGE", path)]
     assert len(paths) > 15
     assert [path for path in paths if not (ROOT / path).exists()] == []
-    asked = set(re.findall(r"`make ([a-z]+)`", guide))
+    asked = set(re.findall(r"(?:^|`)make ([a-z]+)", guide, re.MULTILINE))
     targets = re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), re.MULTILINE)
     assert {"venv", "lock", "results"} <= asked <= set(targets)
     assert len(guide.splitlines()) < 80
