@@ -360,6 +360,15 @@ def test_an_older_answer_about_one_flight_is_not_repeated() -> None:
         assert told == "Cannot tell from one flight: fly at least 4."
 
 
+def test_what_chance_gives_is_said_to_be_unknown_before_it_is_simulated() -> None:
+    leading = {"names": ["stiction"], "gain_nats": 4.0, "clear": False, "threshold_nats": None}
+    told = account({"verdict": "inconclusive", "flights": 1, "leading": leading})
+    assert "the best, stiction, gains 4.0 nats in this one flight; what chance alone gives" in told
+    known = leading | {"threshold_nats": 6.5}
+    told = account({"verdict": "inconclusive", "flights": 1, "leading": known})
+    assert "gains 4.0 nats in this one flight; chance alone gives up to 6.5." in told
+
+
 def test_nothing_is_added_of_one_flight_unasked(flights, closed) -> None:
     case = open_case(flights["rig"][0], flights[HIDDEN][:1], thresholds=LIMITS)
     with pytest.raises(UnusableInput, match="Cannot tell from one flight"):

@@ -293,7 +293,10 @@ def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
     edges = np.array(told["edges"])
     assert edges == pytest.approx(np.quantile(height, np.linspace(0, 1, len(edges))))
     bins = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, len(edges) - 2)
+    length = round(finding.BLOCK_S[made[0].channel] / float(np.median(np.diff(made[0].at_s))))
+    blocks = finding.blocks_of(made, length)
     for k in range(len(edges) - 1):
+        assert told["blocks"][k] == sum((bins[block] == k).any() for block in blocks)
         assert told["count"][k] == (bins == k).sum()
         assert told["mean"][k] == pytest.approx(value[bins == k].mean())
         assert told["low"][k] < 0.3 * height[bins == k].mean() + 0.1

@@ -134,9 +134,11 @@ def _nats(gain: float) -> str:
 
 
 def _by_chance(leading: Mapping[str, Any]) -> str:
-    """What an effect has to gain before it is more than chance, where the rig's is known."""
+    """What an effect has to gain before it is more than chance."""
     least = number(leading.get("threshold_nats"))
-    return "" if math.isnan(least) else f"; chance alone gives up to {least:.1f}"
+    if math.isnan(least):
+        return "; what chance alone gives on this rig is not simulated yet"
+    return f"; chance alone gives up to {least:.1f}"
 
 
 def _fitted_anew(result: Mapping[str, Any]) -> list[str]:

@@ -155,7 +155,11 @@ def _map(
     # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
     shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
     p_value, clarity = _judged(strength, shuffled)
-    means, errors, counts = bin_means(value, bins, blocks_of(series, length), len(edges) - 1)
+    blocks = blocks_of(series, length)
+    means, errors, counts = bin_means(value, bins, blocks, len(edges) - 1)
+    visits = np.array(
+        [np.bincount(bins[b][bins[b] >= 0], minlength=len(edges) - 1) for b in blocks]
+    )
     return {
         "channel": series[0].channel,
         "coordinate": name,
@@ -167,6 +171,7 @@ def _map(
         "low": (means - 1.645 * errors).tolist(),
         "high": (means + 1.645 * errors).tolist(),
         "count": counts.tolist(),
+        "blocks": (visits > 0).sum(0).tolist(),
         "p_value": p_value,
         "clarity": clarity,
         "strength": strength / max(mean_square(centred) * len(value), 1e-300),

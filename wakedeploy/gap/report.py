@@ -66,9 +66,10 @@ PICTURES = (
     Picture(
         "maps_exogenous",
         "Where they disagree, against what was known beforehand: mean residual (line) and its 90 % "
-        "interval (band) per bin. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A "
-        "place is listed only if it exceeds what the model's approximations leave on this rig; an "
-        "innovation (sd: standard deviations of a reading's forecast) counts by q alone.",
+        "interval (band) per bin; dotted, a bin that was passed through once: its interval is not "
+        "known. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A place is listed only "
+        "if it exceeds what the model's approximations leave on this rig; an innovation (sd: "
+        "standard deviations of a reading's forecast) counts by q alone.",
         lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
     ),
     Picture(
@@ -149,8 +150,8 @@ _OF_FEW = ("maps_exogenous", "maps_fed_back", "replay", "spectrum", "ranking")
 _RANKED_ON_FEW = (
     "What each effect gains on so few flights. Of two, each is judged by sizes fitted to the "
     "other; of one nothing can be left out, and each parameter costs a nat instead (Akaike 1974). "
-    "Blue: above the threshold, more than calibration errors alone can gain on this rig; grey: "
-    "below. Neither is a finding."
+    "Blue: above the threshold, which is what calibration errors alone can gain on this rig, where "
+    "that is simulated; grey: below. Neither is a finding."
 )
 
 

@@ -104,7 +104,10 @@ def _map(axes: "Axes", map_: Map) -> None:
     widths = np.diff(edges)
     axes.bar(edges[:-1], factor * (high - low), widths, factor * low, align="edge", color=colour,
              alpha=0.3, linewidth=0)  # fmt: skip
-    axes.hlines(factor * mean, edges[:-1], edges[1:], color=colour, linewidth=1.8)
+    lone = _as_long(numbers(map_.get("blocks")), mean) == 1.0
+    for chosen, line in ((~lone, "-"), (lone, ":")):
+        axes.hlines((factor * mean)[chosen], edges[:-1][chosen], edges[1:][chosen], color=colour,
+                    linewidth=1.8, linestyle=line)  # fmt: skip
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     weight, ink = ("bold", colour) if significant else ("normal", "#777777")
     title = probability("q", map_.get("q_value"))
