@@ -68,9 +68,9 @@ def _parity(rows: list[Row]) -> str:
         return ""
     name, worst = max(stated, key=lambda one: one[1]["max_rel"] / one[1]["limit"])
     return (
-        f"Parity: the exported graph and the training-time forward differ most for {name}, by "
-        f"{worst['max_rel']:.1e} of the largest force (limit {worst['limit']:.1e}), over "
-        f"{worst['steps']:,} carried steps of each of the {len(stated)} packages."
+        f"Parity: of the {len(stated)} packages, one of {name} comes nearest its limit. Its graph "
+        f"differs from the training-time forward by {100 * worst['max_rel'] / worst['limit']:.0f} % "
+        f"of that limit, over {worst['steps']:,} carried steps."
     )
 
 
