@@ -67,9 +67,10 @@ def _parity(rows: list[Row]) -> str:
     if not stated:
         return ""
     name, worst = max(stated, key=lambda one: one[1]["max_rel"] / one[1]["limit"])
+    share = 100.0 * worst["max_rel"] / worst["limit"]
     return (
         f"Parity: of the {len(stated)} packages, one of {name} comes nearest its limit. Its graph "
-        f"differs from the training-time forward by {100 * worst['max_rel'] / worst['limit']:.0f} % "
+        f"differs from the training-time forward by {share:.0f} % "
         f"of that limit, over {worst['steps']:,} carried steps."
     )
 
