@@ -316,10 +316,8 @@ def _read(
 def _values(field: onnx_wire.Field, entry: _Entry) -> Sequence[int | memoryview]:
     if field.wire == entry.wire:
         return [field.value]
-    if isinstance(field.value, memoryview) and (entry.wire, field.wire) == (
-        VARINT,
-        LENGTH_DELIMITED,
-    ):
+    is_packed = entry.most > 1 and (entry.wire, field.wire) == (VARINT, LENGTH_DELIMITED)
+    if is_packed and isinstance(field.value, memoryview):
         return onnx_wire.packed(field.value, entry.most + 1)
     raise MalformedModel(f"{entry.name} of another type")
 
