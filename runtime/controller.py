@@ -8,6 +8,9 @@ from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Rig
 
+# Of the gains, where commands act up to 0.2 s later than the rig file says: half the bandwidth.
+_GENTLE = {"kp_n_per_m": 0.25, "ki_n_per_ms": 0.15, "kd_ns_per_m": 0.5}
+
 
 @dataclass(frozen=True, slots=True)
 class Command:
@@ -42,20 +45,29 @@ class Controller:
     def __init__(self, rig: Rig, period_s: float) -> None:
         self._rig, self._period_s = believed(rig), period_s
         self._hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
+        self._gentle = rig.control.model_copy(
+            update={name: share * getattr(rig.control, name) for name, share in _GENTLE.items()}
+        )
 
     def initial(self) -> ControlState:
         """At rest, motors idle."""
         return ControlState(0.0, self._rig.limits.pulse_us[0])
 
     def step(
-        self, state: ControlState, estimate: Estimate, aim: Reference, feedforward_n: float
+        self,
+        state: ControlState,
+        estimate: Estimate,
+        aim: Reference,
+        feedforward_n: float,
+        *,
+        gently: bool = False,
     ) -> tuple[ControlState, Command, Terms]:
         """One tick: thrust demand in newtons, through the inverse thrust curve, limits and slew.
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
-        derivative otherwise acts on the measurement alone.
+        derivative otherwise acts on the measurement alone. `gently` lands where commands act late.
         """
-        gains = self._rig.control
+        gains = self._gentle if gently else self._rig.control
         error_m = aim.z_m - estimate.z_m
         p_n = gains.kp_n_per_m * error_m
         d_n = gains.kd_ns_per_m * (aim.vz_mps - estimate.vz_mps)

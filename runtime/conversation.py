@@ -6,7 +6,6 @@ bytes and how time passes is the wire's business: a serial port (`runtime.link`)
 """
 
 from abc import ABC, abstractmethod
-from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -57,7 +56,7 @@ class Conversation(ABC):
         self.port = port
         self._decoder = FrameDecoder()
         self._sequence = 0
-        self._sent_s: OrderedDict[int, float] = OrderedDict()
+        self._sent_s: dict[int, float] = {}  # by sequence, oldest first
         self._reply: HelloReply | None = None
         self._first_bytes = b""
         self._echoes = 0
@@ -85,6 +84,12 @@ class Conversation(ABC):
     def failure(self) -> str | None:
         """Why nothing can be sent or received any more, as one sentence; None while all is well."""
         return self._failure
+
+    @property
+    def unanswered_since_s(self) -> float | None:
+        """When the oldest frame left that neither it nor a later one was answered; None: none."""
+        times_s = tuple(self._sent_s.values())  # at once: a link's thread takes answers meanwhile
+        return times_s[0] if times_s else None
 
     @property
     def malformed(self) -> int:
@@ -171,7 +176,7 @@ class Conversation(ABC):
         leaves_s = self._leaves_s(message)
         self._sent_s[self._sequence] = leaves_s  # before the answer can be there
         if len(self._sent_s) > _REMEMBERED:
-            self._sent_s.popitem(last=False)
+            del self._sent_s[next(iter(self._sent_s))]
         if self._failure is None:
             frame = Frame(self._sequence, int(leaves_s * 1e6), message)
             self._transmit(encode_frame(frame), message)
@@ -188,11 +193,26 @@ class Conversation(ABC):
         if isinstance(frame.message, HelloReply):
             self._reply = frame.message
         elif isinstance(frame.message, Status):
-            trip_s = now_s - self._sent_s.pop(frame.sequence, float("nan"))
-            self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
-            self._last_answered = frame.sequence
+            if not self._is_overtaken(frame.sequence):
+                trip_s = now_s - self._answered(frame.sequence)
+                self._answer = Answer(frame.message, frame.time_us, now_s, trip_s)
+                self._last_answered = frame.sequence
         else:
             self._echoes += 1  # no board says what only a host does
+
+    def _is_overtaken(self, sequence: int) -> bool:
+        """Whether a later frame has been answered already."""
+        if self._last_answered is None:
+            return False
+        return (sequence - self._last_answered) % SEQUENCE_WRAP > SEQUENCE_WRAP // 2
+
+    def _answered(self, sequence: int) -> float:
+        """When the frame left [s], NaN where that is not known; it and older ones are done with."""
+        sent_s = self._sent_s.get(sequence, float("nan"))
+        for older in tuple(self._sent_s):
+            if (sequence - older) % SEQUENCE_WRAP < SEQUENCE_WRAP // 2:
+                del self._sent_s[older]
+        return sent_s
 
     def _require_alive(self, kind: type[CheckFailed] | type[UnusableInput]) -> None:
         if self._failure is not None:

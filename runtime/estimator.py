@@ -31,13 +31,19 @@ _PERSISTENT = 4  # that many rejected samples in a row are no outliers
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
-    """What one tick read: newest range sample (NaN: none), its age, its repeats; step count."""
+    """What one tick read: newest range sample (NaN: none), its age, its repeats; step count.
+
+    The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one. A
+    range that `is_stale` is no news.
+    """
 
     t_s: float
     range_m: float
     range_age_s: float
     range_repeats: int
     steps: int
+    steps_repeats: int = 0
+    is_stale: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,6 +71,11 @@ class Estimate:
     def vz_mps(self) -> float:
         """Vertical speed [m/s]."""
         return float(self.height[1])
+
+    @property
+    def disturbance_n(self) -> float:
+        """The force [N] that known thrust, weight, friction and forecast leave over."""
+        return float(self.height[2])
 
     @property
     def x_m(self) -> float:
@@ -121,8 +132,9 @@ class Estimator:
         this time, if it was; the disturbance is what that leaves over.
         """
         predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
-        laterally = self._update_lateral(predicted, measured.steps)
-        return self._update_height(laterally, measured)
+        if measured.steps_repeats == 0:
+            predicted = self._update_lateral(predicted, measured.steps)
+        return self._update_height(predicted, measured)
 
     def _predict(
         self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
@@ -198,7 +210,7 @@ class Estimator:
 
     def _update_height(self, now: Estimate, measured: Measurement) -> Estimate:
         unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan, jumped_m=0.0)
-        if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
+        if not math.isfinite(measured.range_m) or measured.range_repeats > 0 or measured.is_stale:
             return unseen
         age = measured.range_age_s + self._range_delay_s
         range_m = (measured.range_m - self._range_bias_m) / self._range_scale

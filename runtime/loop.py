@@ -4,31 +4,39 @@ In: an open link, a range source, a plan, optionally a predictor. Out: commands,
 and a tally. The steps between are `runtime.pilot`'s, the same that simulated flights take.
 """
 
+import contextlib
 import math
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol
 
 from runtime import safety
+from runtime.blind import BlindPlanner, BlindPulses, Reckoned, ladder_pulse, ladder_s, on_the_stop
 from runtime.controller import Command, Terms
 from runtime.conversation import Answer
+from runtime.descent import BLINDING, Descent, descent_reference, has_landed
 from runtime.estimator import Measurement
-from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
+from runtime.forecasting import Forecasting, Prediction
+from runtime.pilot import LogValue, Pilot, PilotState, resting_reference, tick_row
 from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
+from runtime.readings import RangeDoor, Seen
 from runtime.realtime import Clock, Laps, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
-from runtime.safety import Event, Findings, Gate, Mode, SafetyState
+from runtime.safety import Event, Findings, Mode, SafetyState
 from runtime.signs import SignReader, Signs
 from runtime.tally import Tally
+from runtime.trim import TrimReader
 from runtime.watch import GapWatch
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
+DEADMAN_S = 4.0 * PERIOD_S  # without commands, after which the board begins its own descent
+STEPS_OLD = 4  # ticks without a new step count, after which the carriage stops
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
 Row = dict[str, LogValue]
@@ -54,17 +62,6 @@ def require_wait(rig: Rig) -> None:
         )
 
 
-@dataclass(frozen=True, slots=True)
-class Prediction:
-    """What became of one tick's prediction; `force_n` is None where it must not be used."""
-
-    logged_n: float | None = None
-    force_n: float | None = None
-    late: bool = False
-    bad_prediction: bool = False
-    bad_observation: bool = False
-
-
 class RowSink(Protocol):
     """Where rows go: `runtime.recorder.Recorder`."""
 
@@ -86,6 +83,10 @@ class Wire(Protocol):
     @property
     def failure(self) -> str | None:
         """Why no more statuses will come; None while all is well."""
+
+    @property
+    def unanswered_since_s(self) -> float | None:
+        """When the oldest frame left that neither it nor a later one was answered; None: none."""
 
     def arm(self, limits: Arm) -> Status:
         """Arm with these limits; the board's answer."""
@@ -128,13 +129,19 @@ class Loop:
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
         self._limits = arm_limits(rig, plan.motors_off)
-        self._safety, self._gate = SafetyState(), Gate()
+        self._forecasting = Forecasting(rig, self._pilot, worker)
+        self._safety = SafetyState()
         self._last_tick_s: float | None = None
         self._sign_reader, self._signs = SignReader(rig), Signs()
-        self._descent: safety.Descent | None = None
-        self._last_range_us, self._range_repeats = -1, 0
+        self._trim, self._planner, self._reckoned = TrimReader(rig), BlindPlanner(rig), Reckoned()
+        self._blind = self._planner.idle
+        self._descent: Descent | None = None
+        self._door = RangeDoor(rig)
         self._last_sequence: int | None = None
+        self._last_source_us, self._steps_repeats = rig.limits.pulse_us[0], 0
+        self._late_answers = self._late_commands = 0
         self._finished = False
+        self.error: Exception | None = None  # of the program, after which the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
         self.stop_asked = False
         self.tally = Tally(PERIOD_S)
@@ -160,12 +167,13 @@ class Loop:
         self._require_battery(armed)
         self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
-        self._origin_s = self._range_seen_s = self._clock.monotonic()
+        self._origin_s = self._clock.monotonic()
+        self._door.opened(self._origin_s)
         self._state = self._pilot.initial(0.0)
         try:
             pacer = Pacer(PERIOD_S, self._clock)
             while not self._finished:
-                self._tick(pacer.wait())
+                self._guarded_tick(pacer.wait())
                 if self._beat is not None:
                     self._beat()
         except Exception:
@@ -177,15 +185,16 @@ class Loop:
             self._look_for_a_reboot()
             self.tally.ended = self._ending()
             self.tally.gap = self._watch.report if self._watch is not None else None
+        if self.error is not None:
+            raise self.error
         return self.tally
 
     def _let_the_deadman_land(self) -> None:
-        """Without commands the board brings the motors to idle on ramps; disarmed, they stop."""
+        """Without commands the board brings the sufferer down by itself; disarmed, it drops it."""
         if not self._flies:
             return
         limits = self._rig.limits
-        ramp_s = max(limits.source_descent_s, limits.sufferer_descent_s)
-        self._clock.sleep(safety.LINK_LOST_S + ramp_s)
+        self._clock.sleep(DEADMAN_S + max(limits.source_descent_s, ladder_s(limits)))
 
     def _look_for_a_reboot(self) -> None:
         """A board that restarted answers no command, as behind a cut cable; a greeting it does."""
@@ -226,49 +235,93 @@ class Loop:
             )
         self._signs = replace(self._signs, armed_v=armed.battery_mv / 1000.0)
 
+    def _guarded_tick(self, tick: Tick) -> None:
+        """A tick, and what is left of it where the program fails in flight: the way down.
+
+        From the first error on nothing is predicted, and no log or watch can end a tick. What fails
+        even so leaves the pulses of a blind descent.
+        """
+        try:
+            self._tick(tick)
+        except Exception as error:
+            if not self._flies:
+                raise
+            is_first = self.error is None
+            self.error = self.error or error
+            with contextlib.suppress(Exception):
+                if is_first:
+                    self._tick(tick)
+                    return
+            self._sink()
+
     def _tick(self, tick: Tick) -> None:
         """The order of everything."""
         laps = Laps(self._clock)
-        reading, answer, measured = self._read()
+        reading, seen, answer, measured = self._read()
         laps.mark("t_read_s")
-        self._state = self._pilot.estimate(self._state, measured)
+        before, self._state = self._state, self._pilot.estimate(self._state, measured)
         aim = self._aim(tick.index)
         laps.mark("t_estimate_s")
-        prediction = self._predict(aim, tick.start_s + self._wait_s)
+        prediction = self._predict(aim, measured.t_s, tick.start_s + self._wait_s)
         laps.mark("t_predict_s")
-        self._supervise(prediction, reading, answer, measured)
-        aim, command, terms = self._control(aim, measured.t_s, prediction)
+        self._supervise(prediction, reading, seen, answer, measured)
+        aim, command, terms = self._control(aim, before, measured, prediction)
         laps.mark("t_control_s")
         self._write(command)
         laps.mark("t_write_s")
         row = tick_row(tick.index, measured, self._state, aim, command, terms)
         row |= laps.times_s if self._is_timed else {}
         row |= self._reported(reading, answer, prediction)
-        if self._watch is not None:  # the command is on its way; nothing waits for the score
+        with contextlib.suppress(*(() if self.error is None else (Exception,))):
+            self._told(row, tick)
+
+    def _told(self, row: Row, tick: Tick) -> None:
+        """The command is on its way: nothing waits for the score and the log."""
+        if self._watch is not None:
             row["gap_score"] = self._watch.step(row)
         self._record(row, tick)
 
-    def _read(self) -> tuple[RangeReading, Answer, Measurement]:
+    def _sink(self) -> None:
+        """The pulses of a blind descent and nothing else; the board's own where they do not go out."""
+        t_s = self._clock.monotonic() - self._origin_s
+        before = self._descent
+        if before is None or before.blind is None:
+            now = self._state.estimate
+            self._descent = before = Descent(t_s, now.z_m, now.x_m, self._blind)
+            self._safety = safety.watch(self._safety, Findings(tick_failed=True), self._rig.limits)
+        assert before.blind is not None
+        self._finished |= has_landed(before, t_s, math.nan, self._rig.limits)
+        pulse_us = ladder_pulse(before.blind, t_s - before.start_s, self._rig.limits)
+        with contextlib.suppress(Exception):
+            self._write(Command(self._rig.limits.pulse_us[0], pulse_us, 0.0))
+
+    def _read(self) -> tuple[RangeReading, Seen, Answer, Measurement]:
         """The newest range sample and the newest status; neither is waited for."""
         now_s = self._clock.monotonic()
         reading, answer = self._ranges.newest, self._link.answer
         assert reading is not None  # the first one was waited for before arming
         assert answer is not None  # arming was answered
-        if reading.sensor_time_us == self._last_range_us:
-            self._range_repeats += 1
-        else:
-            self._range_repeats, self._last_range_us = 0, reading.sensor_time_us
-            if reading.status == 0:
-                self._range_seen_s = now_s
-        age_s = now_s - reading.sensor_time_s
+        seen = self._door.step(reading, now_s)
+        fresh = answer.status.sequence != self._last_sequence
+        self._last_sequence = answer.status.sequence
+        self._steps_repeats = 0 if fresh else self._steps_repeats + 1
+        if fresh:
+            self._count_lateness(answer.round_trip_s - self._rig.latency.round_trip_s)
         measured = Measurement(
             now_s - self._origin_s,
-            reading.range_m,
-            age_s,
-            self._range_repeats,
+            seen.range_m,
+            seen.age_s,
+            seen.repeats,
             answer.status.steps,
+            self._steps_repeats,
+            seen.is_stale,
         )
-        return reading, answer, measured
+        return reading, seen, answer, measured
+
+    def _count_lateness(self, extra_s: float) -> None:
+        """Answers in a row that took longer than the rig file's round trip."""
+        self._late_answers = self._late_answers + 1 if extra_s > safety.LATE_ANSWER_S else 0
+        self._late_commands = self._late_commands + 1 if extra_s > safety.LATE_COMMAND_S else 0
 
     def _aim(self, index: int) -> Reference:
         """This tick's place in the plan, and the events that come with it."""
@@ -283,31 +336,26 @@ class Loop:
         self._finished = over and self._safety.mode is Mode.ARMED
         return resting_reference(self._rig)
 
-    def _predict(self, aim: Reference, deadline_s: float) -> Prediction:
-        """Ask the model and wait until the deadline; what cannot be used resets its memory."""
-        if self._worker is None or self._safety.mode is Mode.FAILSAFE:
+    def _predict(self, aim: Reference, t_s: float, deadline_s: float) -> Prediction:
+        if self._safety.mode is Mode.FAILSAFE or self.error is not None:
             return Prediction()
-        observed = self._pilot.observe(self._state, aim)
-        if safety.far_outside(observed, self._worker.low, self._worker.high):
-            self._worker.reset()
-            return Prediction(bad_observation=True)
-        result = self._worker.step(observed, deadline_s)
-        if result is None:
-            return Prediction(late=True)
-        if not math.isfinite(result.force_n):
-            self._worker.reset()
-            return Prediction(bad_prediction=True)
-        return Prediction(result.force_n, result.force_n if result.ready else None)
+        return self._forecasting.ask(self._state, aim, t_s, deadline_s)
 
     def _supervise(
-        self, prediction: Prediction, reading: RangeReading, answer: Answer, measured: Measurement
+        self,
+        prediction: Prediction,
+        reading: RangeReading,
+        seen: Seen,
+        answer: Answer,
+        measured: Measurement,
     ) -> None:
         now_s = measured.t_s + self._origin_s
         # A plant process that the computer has not let run can neither answer nor measure.
-        heard_until_s = now_s - reading.behind_s(now_s)
+        behind_s = reading.behind_s(now_s)
         stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         self._last_tick_s = now_s
         self.tally.stood_still(stalled_s, measured.t_s)
+        asked_s = self._link.unanswered_since_s
         status, estimate = answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
@@ -321,11 +369,14 @@ class Loop:
             late=prediction.late,
             bad_prediction=prediction.bad_prediction,
             bad_observation=prediction.bad_observation,
-            range_silence_s=math.inf
-            if self._ranges.failure
-            else heard_until_s - self._range_seen_s,
+            doubted=prediction.doubted,
+            bad_range=seen.is_bad,
+            range_silence_s=math.inf if self._ranges.failure else seen.silence_s - behind_s,
+            tick_failed=self.error is not None,
             stalled_s=stalled_s,
-            link_silence_s=heard_until_s - answer.received_s,
+            link_silence_s=0.0 if asked_s is None else now_s - behind_s - asked_s,
+            late_answers=0 if behind_s else self._late_answers,
+            late_commands=0 if behind_s else self._late_commands,
             link_failed=self._link.failure is not None,
             mcu_fault=bool(status.faults) or not status.armed,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
@@ -342,53 +393,78 @@ class Loop:
         self._safety = safety.watch(self._safety, found, self._rig.limits)
 
     def _control(
-        self, aim: Reference, t_s: float, prediction: Prediction
+        self, aim: Reference, before: PilotState, measured: Measurement, prediction: Prediction
     ) -> tuple[Reference, Command, Terms]:
         mode = self._safety.mode
         usable_n = prediction.force_n if mode is Mode.RUNNING else None
-        self._gate = safety.gate(self._gate, usable_n)
-        # Without a share in the command the estimator must expect any wake, hence None.
-        feedforward_n = -self._gate.share * self._gate.force_n if self._gate.share else None
+        feedforward_n = self._forecasting.fed_forward_n(usable_n)
+        self._reckon(self._state.estimate.t_s - before.estimate.t_s)
         nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
         if mode is Mode.FAILSAFE and not nothing_flies:
-            return self._come_down(t_s, feedforward_n)
-        if mode in (Mode.ARMED, Mode.FAILSAFE):
+            aim, command, terms = self._come_down(measured.t_s, feedforward_n)
+        elif mode in (Mode.ARMED, Mode.FAILSAFE):
             self._finished |= mode is Mode.FAILSAFE
             self._state, command, terms = self._pilot.rest(self._state)
         elif self._plan.motors_off:
             self._state, command, terms = self._pilot.drive(self._state, aim)
         else:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
+        if measured.steps_repeats > STEPS_OLD and mode is not Mode.ARMED:
+            command = replace(command, carriage_mps=0.0)  # nobody knows where it is
+        self._blind = self._blind_pulses(command)
         return aim, command, terms
+
+    def _reckon(self, dt_s: float) -> None:
+        """What a descent without height would begin from, should it begin now."""
+        state, now = self._state, self._state.estimate
+        believe = self._flies and not self._safety.cause and now.rejected == 0
+        self._trim.step(now, state.wake_n, self._last_source_us, believe=believe)
+        trusted = math.isfinite(now.innovation_m) and now.rejected == 0 and now.jumped_m == 0.0
+        self._reckoned = self._planner.reckon(
+            self._reckoned, now, self._trim, dt_s, trusted=trusted
+        )
+
+    def _blind_pulses(self, command: Command) -> BlindPulses:
+        """What the board needs should this command be the last one."""
+        descent = self._descent
+        self._last_source_us = command.source_us
+        if not self._flies or on_the_stop(self._reckoned):
+            return self._planner.idle
+        if descent is not None and descent.blind is not None:
+            return BlindPulses(command.sufferer_us, command.sufferer_us)
+        return self._planner.pulses(self._reckoned, self._trim, command.sufferer_us, DEADMAN_S)
 
     def _come_down(
         self, t_s: float, feedforward_n: float | None
     ) -> tuple[Reference, Command, Terms]:
         """The source idles at once; the sufferer descends, under control while it can be seen."""
-        rig, descent = self._rig, self._began_descent(t_s)
-        aim = safety.descent_reference(descent, t_s, rig.limits.pulse_us[0])
-        if safety.has_landed(descent, t_s, self._state.estimate.z_m, rig.limits):
+        limits, descent = self._rig.limits, self._began_descent(t_s)
+        aim = descent_reference(descent, t_s, limits.pulse_us[0])
+        if has_landed(descent, t_s, self._state.estimate.z_m, limits):
             self._finished = True
             self._state, command, terms = self._pilot.rest(self._state)
-        elif descent.height_known:
-            self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
+        elif descent.blind is None:
+            gently = "commands_late" in self._safety.cause
+            self._state, command, terms = self._pilot.control(
+                self._state, aim, feedforward_n, gently=gently
+            )
         else:
-            pulse_us = safety.open_loop_pulse(descent, t_s, rig.limits)
-            command, terms = Command(aim.source_us, pulse_us, 0.0), Terms(0.0, 0.0, 0.0, 0.0)
-            self._state = replace(self._state, last_us=pulse_us, before_last_us=self._state.last_us)
+            pulse_us = ladder_pulse(descent.blind, t_s - descent.start_s, limits)
+            self._state, command, terms = self._pilot.held(
+                self._state, Command(aim.source_us, pulse_us, 0.0)
+            )
         return aim, command, terms
 
-    def _began_descent(self, t_s: float) -> safety.Descent:
+    def _began_descent(self, t_s: float) -> Descent:
         """The way down, begun anew when the height gets lost on it."""
-        known = safety.BLINDING.isdisjoint(self._safety.faults) and math.isfinite(
-            self._state.estimate.z_m
-        )
-        before = self._descent
-        if before is None or (before.height_known and not known):
-            now = self._state
-            self._descent = safety.Descent(
-                t_s, now.estimate.z_m, now.estimate.x_m, now.last_us, known
-            )
+        now, descent = self._state.estimate, self._descent
+        is_known = BLINDING.isdisjoint(self._safety.faults) and math.isfinite(now.z_m)
+        if descent is None and is_known:
+            self._descent = Descent(t_s, now.z_m, now.x_m)
+        elif not is_known and (descent is None or descent.blind is None):
+            last = self._reckoned
+            blind = self._planner.pulses(last, self._trim, self._state.last_us, 0.0)
+            self._descent = Descent(t_s, last.z_m, last.x_m, blind)
         assert self._descent is not None
         return self._descent
 
@@ -396,19 +472,20 @@ class Loop:
         most = self._limits.max_speed_steps_per_s
         steps = round(command.carriage_mps * self._rig.stepper.steps_per_m)
         steps = min(max(steps, -most), most)
-        self._link.send(WireCommand(command.source_us, command.sufferer_us, steps))
+        brake_us, sink_us = self._blind.brake_us, self._blind.sink_us
+        self._link.send(
+            WireCommand(command.source_us, command.sufferer_us, steps, brake_us, sink_us)
+        )
 
     def _reported(self, reading: RangeReading, answer: Answer, prediction: Prediction) -> Row:
         """What board and sensor told, for the log; a status is logged with its round trip once."""
         status = answer.status
-        fresh = status.sequence != self._last_sequence
-        self._last_sequence = status.sequence
         return {
             "force_pred_n": prediction.logged_n,
             "source_applied_us": status.source_us,
             "sufferer_applied_us": status.sufferer_us,
             "seq_echo": status.sequence,
-            "round_trip_s": _or_none(answer.round_trip_s) if fresh else None,
+            "round_trip_s": _or_none(answer.round_trip_s) if self._steps_repeats == 0 else None,
             "applied_time_s": applied_s(answer) - self._origin_s,
             "homed": int(status.homed),
             "battery_v": status.battery_mv / 1000.0 if status.battery_mv else None,
@@ -444,6 +521,9 @@ def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
         round(1000.0 * limits.sufferer_descent_s),
         round(stepper.max_speed_mps * stepper.steps_per_m),
         round(stepper.max_accel_mps2 * stepper.steps_per_m),
+        round(1000.0 * limits.brake_s),
+        round(1000.0 * limits.sink_s),
+        round(limits.sink_rate_us_per_s),
     )
 
 

@@ -39,6 +39,12 @@ class PilotState:
     forecasts: tuple[
         tuple[float, float], ...
     ] = ()  # (when it acts [s], wake force [N]), oldest first
+    wake_n: float | None = None  # the wake's force that was forecast for now and fed forward
+
+    @property
+    def unexplained_n(self) -> float:
+        """The force [N] that neither thrust, weight nor friction explains."""
+        return self.estimate.disturbance_n + (self.wake_n or 0.0)
 
 
 class Pilot:
@@ -62,7 +68,10 @@ class Pilot:
         wake_n = acting[-1] if acting else None
         estimate = self._estimator.step(state.estimate, measured, pulses, wake_n)
         return replace(
-            state, estimate=estimate, forecasts=state.forecasts[max(len(acting) - 1, 0) :]
+            state,
+            estimate=estimate,
+            forecasts=state.forecasts[max(len(acting) - 1, 0) :],
+            wake_n=wake_n,
         )
 
     def observe(self, state: PilotState, aim: Reference) -> npt.NDArray[np.float32]:
@@ -71,15 +80,20 @@ class Pilot:
         return observation(self.rig, now.x_m, now.z_m, now.vx_mps, now.vz_mps, aim.source_us)
 
     def control(
-        self, state: PilotState, aim: Reference, feedforward_n: float | None
+        self,
+        state: PilotState,
+        aim: Reference,
+        feedforward_n: float | None,
+        *,
+        gently: bool = False,
     ) -> tuple[PilotState, Command, Terms]:
         """The command for this tick, with `feedforward_n` added to the thrust demand.
 
         The feedforward is the opposite of the wake force expected `lead_s` from now; None flies by
-        PID alone and tells the estimator to expect any wake.
+        PID alone and tells the estimator to expect any wake. `gently`: see the controller.
         """
         control, command, terms = self._controller.step(
-            state.control, state.estimate, aim, feedforward_n or 0.0
+            state.control, state.estimate, aim, feedforward_n or 0.0, gently=gently
         )
         forecasts = (
             ()
@@ -103,6 +117,11 @@ class Pilot:
         """The command of a tick in which only the carriage moves: motors idle."""
         idle_us = self.rig.limits.pulse_us[0]
         command = Command(idle_us, idle_us, self._controller.carriage_mps(state.estimate, aim))
+        after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
+        return after, command, Terms(0.0, 0.0, 0.0, 0.0)
+
+    def held(self, state: PilotState, command: Command) -> tuple[PilotState, Command, Terms]:
+        """A command that no controller made, as on a blind way down."""
         after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
         return after, command, Terms(0.0, 0.0, 0.0, 0.0)
 

@@ -4,6 +4,7 @@ onnxruntime lets go of the interpreter's lock while it computes, so the wait can
 result that comes late is not used, but the model's memory has seen its observation all the same.
 """
 
+import math
 import queue
 import threading
 import time
@@ -63,12 +64,16 @@ class Predictions(Protocol):
 
 
 def predicted(predictor: Stepper, observation: FloatArray) -> Result:
-    """One step of a predictor; NaN, which degrades the mode, where it fails."""
+    """One step of a predictor; NaN, which degrades the mode, where it fails.
+
+    It fails, too, where the force is none that training has shown to be possible.
+    """
     try:
         force_n = float(predictor.step(observation)[0])
+        is_possible = predictor.manifest.force[0].is_possible(force_n)
     except Exception:  # onnxruntime's exceptions have no common base
-        force_n = float("nan")
-    return Result(force_n, predictor.ready)
+        is_possible = False
+    return Result(force_n if is_possible else math.nan, predictor.ready)
 
 
 class PredictionWorker:

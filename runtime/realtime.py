@@ -137,7 +137,9 @@ LATEST_START = 0.25  # of a period; a tick that would begin later is skipped
 class Pacer:
     """Ticks on a fixed grid of absolute times; a slow tick is not repaid by fast ones.
 
-    A tick that could only begin later than a quarter of its period is skipped and counted.
+    A tick that could only begin later than a quarter of its period is skipped and counted. After a
+    pause of more than a period the newest of them begins at once all the same: the board has been
+    without commands for long, and its patience ends at four periods.
     """
 
     def __init__(
@@ -155,6 +157,8 @@ class Pacer:
         now_s = self._clock.monotonic()
         behind = (now_s - self._origin_s) / self.period_s - self._next
         skipped = max(0, math.ceil(behind - LATEST_START))
+        if behind >= 1.0:
+            skipped = math.floor(behind)
         index = self._next + skipped
         start_s = self._origin_s + index * self.period_s
         if start_s > now_s:

@@ -5,19 +5,26 @@ how much of the feedforward to use, and the way down after a failsafe.
 """
 
 import enum
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from runtime.reference import Reference
 from wakedeploy.rig import LOOP_RATE_HZ, Limits
 
-LATE_LIMIT = 3  # late predictions in a row that degrade the mode
+LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
 CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back
 SENSOR_LOST_S = 0.25  # without a new range sample
-LINK_LOST_S = 0.125  # without an answer: the MCU's own deadman starts its ramp then
+# Since a command was sent that is still unanswered. The MCU's own deadman begins its descent after
+# four periods without commands; where only answers are lost, it hears every command, and the loop
+# flies on by PID alone for a while.
+ANSWERS_MISSING_S = 0.125
+LINK_LOST_S = 0.5
+STALLED_S = 0.125  # between two ticks: the MCU's deadman has begun its descent meanwhile
+# An answer that takes so much longer than the rig file's round trip tells of commands that act late.
+LATE_ANSWER_S = 0.03  # the feedforward is for another moment then: PID alone
+LATE_COMMAND_S = 0.045  # so late, for a quarter of a second: PID itself is no longer stable
+LATE_COMMANDS = 8
 
 # In the air the same reading again and again. A VL53L0X's noise, 3 to 6 mm at 1 mm resolution,
 # gives the same twice in 7 to 10 % of readings, and 24 times in a row never. A sensor that holds
@@ -40,15 +47,8 @@ FELL_SHARE = 1.1
 BATTERY_LOST_S = 0.25
 FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
-# After these the height is not known, or cannot be controlled: the pulse goes to idle on a ramp.
-# A controller would wind up against motors without a battery, and jump when it comes back.
-BLINDING = frozenset(
-    {"sensor_lost", "sensor_frozen", "sensor_jump", "link_lost", "thrust_lost", "battery_lost"}
-)
-DESCENT_MPS = 0.25
-DESCENT_LIMIT = 2.0  # times what the way down takes; then the motors stop wherever it is
-LEAST_DESCENT_LIMIT_S = 8.0
-LANDED_M = 0.03
+# Of the weight, either way: the most that is fed forward. No wake that can be flown in pushes harder.
+MOST_FEEDFORWARD = 1.0
 
 
 class Mode(enum.StrEnum):
@@ -100,10 +100,15 @@ class Findings:
     """What one tick found out. Positions in m, times in s."""
 
     late: bool = False  # the prediction did not arrive in time
-    bad_prediction: bool = False  # NaN or infinite
+    bad_prediction: bool = False  # not finite, or more than any wake
+    doubted: bool = False  # predictions explain the force worse than none would
     bad_observation: bool = False  # not finite, or far outside the trained range
-    range_silence_s: float = 0.0  # since the last new range sample
-    link_silence_s: float = 0.0  # since the MCU last answered
+    bad_range: bool = False  # a sample that no sensor of this rig can mean
+    range_silence_s: float = 0.0  # since the last new range sample that can be believed
+    link_silence_s: float = 0.0  # since the oldest command without an answer
+    late_answers: int = 0  # in a row, by more than LATE_ANSWER_S
+    late_commands: int = 0  # the same, by more than LATE_COMMAND_S
+    tick_failed: bool = False  # by an error of the program
     stalled_s: float = 0.0  # since the tick before
     link_failed: bool = False
     mcu_fault: bool = False
@@ -141,7 +146,7 @@ def happened(state: SafetyState, event: Event) -> SafetyState:
 
 def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
     """One tick of supervision: faults first, then the predictor's health."""
-    fatal, troubles = fatal_faults(found, limits), prediction_troubles(found)
+    fatal, troubles = fatal_faults(found, limits), lesser_troubles(found)
     late = state.late_in_a_row + 1 if found.late else 0
     clean = 0 if troubles else state.clean_ticks + 1
     cause = fatal if fatal and state.mode is not Mode.FAILSAFE else state.cause
@@ -151,19 +156,19 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
     if fatal:
         failed_in = state.failed_in if state.mode is Mode.FAILSAFE else state.mode
         return happened(replace(counted, failed_in=failed_in), Event.FAULT)
-    if late >= LATE_LIMIT or found.bad_prediction or found.bad_observation:
+    if late >= LATE_LIMIT or set(troubles) & _DEGRADING:
         return happened(counted, Event.TROUBLE)
     return happened(counted, Event.RECOVERED) if clean >= CLEAN_TICKS else counted
 
 
 def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
     """Names of the faults that end a flight, what explains the others first."""
-    # A board that was not asked does not answer: then it is the computer that stood still.
-    stalled = found.stalled_s > LINK_LOST_S and not found.link_failed
     fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
     named = {
-        "loop_stalled": stalled,
-        "link_lost": found.link_failed or (found.link_silence_s > LINK_LOST_S and not stalled),
+        "loop_error": found.tick_failed,
+        "loop_stalled": found.stalled_s > STALLED_S and not found.link_failed,
+        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S,
+        "commands_late": found.late_commands >= LATE_COMMANDS,
         "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
@@ -178,14 +183,29 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
     return tuple(name for name, true in named.items() if true)
 
 
-def prediction_troubles(found: Findings) -> tuple[str, ...]:
-    """Names of what keeps this tick's prediction from being used."""
+def lesser_troubles(found: Findings) -> tuple[str, ...]:
+    """Names of what a flight goes on with, most of them by PID alone."""
     named = {
         "late_prediction": found.late,
         "bad_prediction": found.bad_prediction,
         "bad_observation": found.bad_observation,
+        "prediction_doubted": found.doubted,
+        "answers_missing": found.link_silence_s > ANSWERS_MISSING_S,
+        "answers_late": found.late_answers >= LATE_LIMIT,
+        "bad_range": found.bad_range,
     }
     return tuple(name for name, true in named.items() if true)
+
+
+_DEGRADING = frozenset(
+    {
+        "bad_prediction",
+        "bad_observation",
+        "prediction_doubted",
+        "answers_missing",
+        "answers_late",
+    }
+)
 
 
 def far_outside(
@@ -211,39 +231,3 @@ def gate(before: Gate, force_n: float | None) -> Gate:
     if force_n is None:
         return Gate(max(0.0, before.share - 1.0 / GATE_TICKS), before.force_n)
     return Gate(min(1.0, before.share + 1.0 / GATE_TICKS), force_n)
-
-
-@dataclass(frozen=True, slots=True)
-class Descent:
-    """How a failsafe comes down: where and when it began, and whether height is still known."""
-
-    start_s: float
-    z_m: float
-    x_m: float
-    sufferer_us: float
-    height_known: bool
-
-
-def descent_reference(descent: Descent, t_s: float, idle_us: float) -> Reference:
-    """The aim on the way down [SI]: a straight line in time, the source idle, the carriage held."""
-    fallen_m = DESCENT_MPS * (t_s - descent.start_s)
-    landing = fallen_m >= descent.z_m
-    z_m = 0.0 if landing else descent.z_m - fallen_m
-    return Reference(z_m, 0.0 if landing else -DESCENT_MPS, 0.0, descent.x_m, 0.0, idle_us)
-
-
-def open_loop_pulse(descent: Descent, t_s: float, limits: Limits) -> float:
-    """The sufferer's pulse [µs] on the way down when the height is no longer known."""
-    idle_us, full_us = limits.pulse_us
-    rate = (full_us - idle_us) / limits.sufferer_descent_s
-    return max(idle_us, descent.sufferer_us - rate * (t_s - descent.start_s))
-
-
-def has_landed(descent: Descent, t_s: float, z_m: float, limits: Limits) -> bool:
-    """Whether the motors may be switched off."""
-    since_s = t_s - descent.start_s
-    if not descent.height_known or not math.isfinite(z_m):
-        return since_s >= limits.sufferer_descent_s
-    at_end = DESCENT_MPS * since_s >= descent.z_m
-    limit_s = max(LEAST_DESCENT_LIMIT_S, DESCENT_LIMIT * descent.z_m / DESCENT_MPS)
-    return (at_end and z_m < LANDED_M) or since_s > limit_s

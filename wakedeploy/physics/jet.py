@@ -73,15 +73,19 @@ class VerticalJet:
         roots = self._history[self._newest : self._newest + self._length]
         return self._table.velocity(roots, x_m, z_m - self._height_m, self._pace(roots))
 
-    def velocity_ahead(self, x_m: float, z_m: float, lead_s: float) -> float:
+    def velocity_ahead(
+        self, x_m: float, z_m: float, lead_s: float, idle_after_s: float = math.inf
+    ) -> float:
         """The velocity `lead_s` from now, from the puffs that are already in the air.
 
-        What the source will inject in the meantime is taken as its present thrust; it matters only
-        nearer to the source than a puff sinks within the lead.
+        What the source will inject in the meantime is taken as its present thrust, and after
+        `idle_after_s` as none; it matters only nearer to the source than a puff sinks until then.
         """
         steps = min(round(lead_s / self._dt_s), self._length)
+        idle = round(max(lead_s - idle_after_s, 0.0) / self._dt_s)
         roots = self._history[self._newest : self._newest + self._length]
         known = np.concatenate([np.full(steps, roots[0]), roots[: self._length - steps]])
+        known[:idle] = 0.0
         return self._table.velocity(known, x_m, z_m - self._height_m, self._pace(known))
 
     def _pace(self, roots: FloatArray) -> FloatArray | None:

@@ -1,0 +1,76 @@
+"""The door for range samples: what a sensor cannot mean, or says again and again, stays outside.
+
+In: readings as they come. Out: what the estimator may take in, and for how long nothing has come.
+"""
+
+import math
+from dataclasses import dataclass
+
+from runtime.range_source import RangeReading
+from runtime.safety import RANGE_FROZEN_S, SENSOR_LOST_S
+from runtime.signs import AIRBORNE_M, frozen_limit_s
+from wakedeploy.physics.effects.chain import unplaced_constants
+from wakedeploy.rig import Rig
+
+BEYOND_M = 0.3  # past either stop, that noise, outliers and a bad calibration can reach
+AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
+# Ticks in a row with the same value in the air: a sensor holds a reading for up to 0.15 s, and noise
+# repeats itself so often never. What it says then is no news.
+SAME_TICKS = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """One tick's look at the sensor: range [m] (NaN: none), age [s], and what is wrong with it."""
+
+    range_m: float
+    age_s: float
+    repeats: int  # ticks since this sample was new
+    is_bad: bool = False  # good by its own status, and impossible
+    is_stale: bool = False  # new by its stamp, and the same as for long
+    silence_s: float = 0.0  # since the last new sample that can be believed
+
+
+class RangeDoor:
+    """What it remembers from tick to tick: the newest stamp, and how often a value came."""
+
+    def __init__(self, rig: Rig) -> None:
+        constants = unplaced_constants(rig)
+        bias_m, scale = constants["range.bias_m"], constants["range.scale"]
+        self._near_m = bias_m + AIRBORNE_M
+        self._low_m = bias_m - BEYOND_M
+        self._high_m = bias_m + scale * rig.sufferer.travel_m + BEYOND_M
+        self._may_repeat = frozen_limit_s(rig) > RANGE_FROZEN_S  # its noise is below its step
+        self._newest_us, self._repeats = -1, 0
+        self._value_m, self._same = math.nan, 0
+        self._believed_s = 0.0
+
+    def opened(self, now_s: float) -> None:
+        """A run begins: silence counts from here."""
+        self._believed_s = now_s
+
+    def step(self, reading: RangeReading, now_s: float) -> Seen:
+        """Look at the newest reading."""
+        is_new = reading.sensor_time_us != self._newest_us
+        self._repeats = 0 if is_new else self._repeats + 1
+        self._newest_us = reading.sensor_time_us
+        age_s = now_s - reading.sensor_time_s
+        is_possible = self._is_possible(reading, age_s)
+        if is_new and is_possible:
+            self._believed_s = now_s
+            is_same = reading.range_m == self._value_m and reading.range_m > self._near_m
+            self._same = self._same + 1 if is_same else 0
+            self._value_m = reading.range_m
+        return Seen(
+            reading.range_m if is_possible else math.nan,
+            age_s,
+            self._repeats,
+            is_bad=reading.status == 0 and not is_possible,
+            is_stale=self._same > SAME_TICKS and not self._may_repeat,
+            silence_s=now_s - self._believed_s,
+        )
+
+    def _is_possible(self, reading: RangeReading, age_s: float) -> bool:
+        """Whether value and stamp are a rig's, and not those of a fault. NaN is not."""
+        in_range = self._low_m <= reading.range_m <= self._high_m
+        return in_range and -AHEAD_S <= age_s <= SENSOR_LOST_S
