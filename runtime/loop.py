@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 from runtime import safety
+from runtime.blind import blind_pulses
 from runtime.controller import Command, Terms
 from runtime.conversation import Answer
 from runtime.estimator import Measurement
@@ -396,7 +397,8 @@ class Loop:
         most = self._limits.max_speed_steps_per_s
         steps = round(command.carriage_mps * self._rig.stepper.steps_per_m)
         steps = min(max(steps, -most), most)
-        self._link.send(WireCommand(command.source_us, command.sufferer_us, steps))
+        blind = blind_pulses(self._rig)
+        self._link.send(WireCommand(command.source_us, command.sufferer_us, steps, *blind))
 
     def _reported(self, reading: RangeReading, answer: Answer, prediction: Prediction) -> Row:
         """What board and sensor told, for the log; a status is logged with its round trip once."""
@@ -444,6 +446,9 @@ def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
         round(1000.0 * limits.sufferer_descent_s),
         round(stepper.max_speed_mps * stepper.steps_per_m),
         round(stepper.max_accel_mps2 * stepper.steps_per_m),
+        round(1000.0 * limits.brake_s),
+        round(1000.0 * limits.sink_s),
+        round(limits.sink_rate_us_per_s),
     )
 
 
