@@ -20,7 +20,7 @@
 #include "pins.h"
 #include "session.h"
 
-// 250,000 baud is exact on 16 MHz (115,200 is off by 2 %). A command and its answer take 2.1 ms on
+// 250,000 baud is exact on 16 MHz (115,200 is off by 2 %). A command and its answer take 2.2 ms on
 // the wire, of the loop's 31 ms. 500,000 would save half of it, but leave 40 us in which the chip
 // holds two bytes for a 10 kHz interrupt that takes up to 47 us; here it is 80 us.
 const uint32_t BAUD = 250000;

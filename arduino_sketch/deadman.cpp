@@ -13,20 +13,26 @@ void Deadman::heard() {
   expected_in_quarters_ = PERIOD_QUARTERS + PERIOD_QUARTERS / 2;
 }
 
-Rung Deadman::watch(uint32_t latch_after_ticks) {
+Rung Deadman::watch(const Ladder &ladder) {
   const uint32_t silent_ticks = silent_ticks_++;
   if (expected_in_quarters_ <= 0) {
     count(missed_);
     expected_in_quarters_ += PERIOD_QUARTERS;
   }
   expected_in_quarters_ -= 4;
-  if (silent_ticks > latch_after_ticks) {
-    return LATCH;
+  if (silent_ticks <= HOLD_AFTER_TICKS) {
+    return FOLLOW;  // as most of the time
   }
-  if (silent_ticks > RAMP_AFTER_TICKS) {
-    return RAMP;
+  if (silent_ticks <= BRAKE_AFTER_TICKS) {
+    return HOLD;
   }
-  return silent_ticks > HOLD_AFTER_TICKS ? HOLD : FOLLOW;
+  if (silent_ticks <= ladder.sink_after_ticks) {
+    return BRAKE;
+  }
+  if (silent_ticks <= ladder.ramp_after_ticks) {
+    return SINK;
+  }
+  return silent_ticks <= ladder.latch_after_ticks ? RAMP : LATCH;
 }
 
 bool MainLoopWatch::may_feed(bool is_flying) {

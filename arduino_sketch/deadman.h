@@ -8,14 +8,23 @@
 // The host commands 32 times a second: a period is 312.5 ticks, 1250 quarters of a tick.
 const int16_t PERIOD_QUARTERS = 1250;
 const uint32_t HOLD_AFTER_TICKS = 625;   // 2 periods
-const uint32_t RAMP_AFTER_TICKS = 1250;  // 4 periods, 125 ms
+const uint32_t BRAKE_AFTER_TICKS = 1250;  // 4 periods, 125 ms
 const uint16_t HUNG_AFTER_TICKS = 1000;
 
 enum Rung : uint8_t {
   FOLLOW,  // commands come
   HOLD,    // pulses stay, the carriage stops
-  RAMP,    // each motor goes to idle within its descent time
+  BRAKE,   // the source goes to idle within its descent time, the sufferer to its brake pulse
+  SINK,    // the sufferer goes to its sink pulse, which is taken back slowly
+  RAMP,    // the sufferer goes to idle within its descent time
   LATCH    // off until armed anew
+};
+
+// How many ticks of silence come before each of the last rungs; never falling.
+struct Ladder {
+  uint32_t sink_after_ticks;
+  uint32_t ramp_after_ticks;
+  uint32_t latch_after_ticks;
 };
 
 // Counts ticks of silence and the periods in which a command was missed.
@@ -23,7 +32,7 @@ class Deadman {
  public:
   void start();  // an armed flight begins
   void heard();  // a command came
-  Rung watch(uint32_t latch_after_ticks);  // once a tick
+  Rung watch(const Ladder &ladder);  // once a tick
 
   uint16_t missed() const { return missed_; }
 

@@ -110,14 +110,19 @@ bool read_payload(Reader payload, uint8_t length, Frame &frame) {
       frame.arm.sufferer_descent_ms = payload.u16();
       frame.arm.max_speed_steps_per_s = payload.u16();
       frame.arm.max_accel_steps_per_s2 = payload.u32();
-      return length == 18;
+      frame.arm.brake_ms = payload.u16();
+      frame.arm.sink_ms = payload.u16();
+      frame.arm.sink_rate_us_per_s = payload.u16();
+      return length == 24;
     case DISARM:
       return length == 0;
     case COMMAND:
       frame.command.source_half_us = payload.u16();
       frame.command.sufferer_half_us = payload.u16();
       frame.command.carriage_steps_per_s = static_cast<int16_t>(payload.u16());
-      return length == 6;
+      frame.command.brake_half_us = payload.u16();
+      frame.command.sink_half_us = payload.u16();
+      return length == 10;
     default:
       return false;
   }

@@ -9,7 +9,7 @@
 
 #include <stdint.h>
 
-const uint8_t PROTOCOL_VERSION = 1;
+const uint8_t PROTOCOL_VERSION = 2;
 const uint8_t MAX_FRAME_BYTES = 64;  // with its ending zero
 const uint8_t STATUS_FRAME_BYTES = 35;
 
@@ -37,12 +37,17 @@ struct Arm {
   uint16_t sufferer_descent_ms;
   uint16_t max_speed_steps_per_s;
   uint32_t max_accel_steps_per_s2;
+  uint16_t brake_ms;  // how long a descent without commands brakes, then sinks
+  uint16_t sink_ms;
+  uint16_t sink_rate_us_per_s;  // how fast the sink pulse is taken back
 };
 
 struct Command {
   uint16_t source_half_us;
   uint16_t sufferer_half_us;
   int16_t carriage_steps_per_s;
+  uint16_t brake_half_us;  // the sufferer's, should no other command come
+  uint16_t sink_half_us;
 };
 
 // What a host may say. A frame of any other type is malformed here.

@@ -5,6 +5,9 @@ namespace {
 // Idle until a host says otherwise: 1 ms, as ESCs expect.
 const int32_t IDLE_AT_BOOT_HALF_US = 2 * 1000;
 
+// Before these a motor moves with the rig's slew, from then on within its descent time.
+const Rung RAMPS_FROM[MOTORS] = {BRAKE, RAMP};
+
 }  // namespace
 
 Mcu::Mcu() : limits_() {
@@ -27,6 +30,8 @@ void Mcu::disarm() {
     pulse_q16_[motor] = limits_.low_q16;
     target_q16_[motor] = limits_.low_q16;
   }
+  brake_q16_ = limits_.low_q16;
+  sink_q16_ = limits_.low_q16;
   stepper_.stop();
 }
 
@@ -35,42 +40,50 @@ void Mcu::command(const Command &command) {
     return;
   }
   deadman_.heard();
-  ramping_ = false;
-  const uint16_t asked_half_us[MOTORS] = {command.source_half_us, command.sufferer_half_us};
-  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
-    // Clamped before the shift: a wire's 16 bits with 16 places do not fit a signed number.
-    const int32_t low = limits_.low_q16 >> 16;
-    const int32_t high = limits_.high_q16 >> 16;
-    target_q16_[motor] = clamped(asked_half_us[motor], low, high) << 16;
-  }
+  target_q16_[SOURCE] = limited_q16(command.source_half_us);
+  target_q16_[SUFFERER] = limited_q16(command.sufferer_half_us);
+  brake_q16_ = limited_q16(command.brake_half_us);
+  sink_q16_ = limited_q16(command.sink_half_us);
   const int32_t asked_q16 = static_cast<int32_t>(command.carriage_steps_per_s) * 65536;
   stepper_.aim(clamped(asked_q16, -limits_.max_speed_q16, limits_.max_speed_q16));
 }
 
+int32_t Mcu::limited_q16(uint16_t half_us) const {
+  // Clamped before the shift: a wire's 16 bits with 16 places do not fit a signed number.
+  return clamped(half_us, limits_.low_q16 >> 16, limits_.high_q16 >> 16) << 16;
+}
+
 int8_t Mcu::tick() {
-  if (is_flying()) {
-    watch();
-  }
+  const Rung rung = is_flying() ? watch() : FOLLOW;
   for (uint8_t motor = 0; motor < MOTORS; ++motor) {
-    const int32_t most = ramping_ ? limits_.descent_q16[motor] : limits_.slew_q16;
+    const bool ramps = rung >= RAMPS_FROM[motor];
+    const int32_t most = ramps ? limits_.descent_q16[motor] : limits_.slew_q16;
     pulse_q16_[motor] = towards(pulse_q16_[motor], target_q16_[motor], most);
   }
   return stepper_.tick(limits_.accel_q16);
 }
 
-void Mcu::watch() {
-  const Rung rung = deadman_.watch(limits_.latch_after_ticks);
-  if (rung == FOLLOW) {
-    return;
+Rung Mcu::watch() {
+  const Rung rung = deadman_.watch(limits_.ladder);
+  if (rung != FOLLOW) {
+    stepper_.aim(0);
   }
-  stepper_.aim(0);
-  if (rung == HOLD) {
-    return;
+  if (rung >= BRAKE) {
+    descend(rung);
   }
-  ramping_ = true;
   latched_ = rung == LATCH;
-  for (uint8_t motor = 0; motor < MOTORS; ++motor) {
-    target_q16_[motor] = limits_.low_q16;
+  return rung;
+}
+
+void Mcu::descend(Rung rung) {
+  target_q16_[SOURCE] = limits_.low_q16;
+  if (rung == BRAKE) {
+    target_q16_[SUFFERER] = brake_q16_;
+  } else if (rung == SINK) {
+    sink_q16_ = towards(sink_q16_, limits_.low_q16, limits_.sink_q16);
+    target_q16_[SUFFERER] = sink_q16_;
+  } else {
+    target_q16_[SUFFERER] = limits_.low_q16;
   }
 }
 

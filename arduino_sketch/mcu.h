@@ -32,18 +32,21 @@ class Mcu {
   void fill(Status &status) const;  // all that is the MCU's to tell
 
  private:
-  void watch();
+  int32_t limited_q16(uint16_t half_us) const;
+  Rung watch();
+  void descend(Rung rung);
 
   Limits limits_;
   Deadman deadman_;
   Stepper stepper_;
   int32_t pulse_q16_[MOTORS];
   int32_t target_q16_[MOTORS];
+  int32_t brake_q16_;  // the sufferer's targets, should no other command come
+  int32_t sink_q16_;
   uint16_t applied_half_us_[MOTORS];
   uint32_t applied_time_us_ = 0;
   bool armed_ = false;
   bool latched_ = false;
-  bool ramping_ = false;
 };
 
 #endif

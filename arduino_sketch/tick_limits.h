@@ -8,6 +8,7 @@
 
 #include <stdint.h>
 
+#include "deadman.h"
 #include "frames.h"
 
 const int32_t TICKS_PER_S = 10000;
@@ -20,8 +21,9 @@ struct Limits {
   int32_t low_q16;  // idle
   int32_t high_q16;
   int32_t slew_q16;             // a tick
-  int32_t descent_q16[MOTORS];  // a tick, once commands have stopped
-  uint32_t latch_after_ticks;   // of silence
+  int32_t descent_q16[MOTORS];  // a tick, on the ramp to idle
+  int32_t sink_q16;             // a tick, by which the sink pulse is taken back
+  Ladder ladder;
   int32_t max_speed_q16;
   int32_t accel_q16;  // a tick
 };

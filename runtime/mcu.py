@@ -6,11 +6,11 @@ behind the same limits. Time is whatever clock the caller counts in seconds.
 
 from dataclasses import dataclass
 
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Limits, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
 HOLD_PERIODS = 2.0
-RAMP_PERIODS = 4.0
+DESCEND_PERIODS = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,11 +31,18 @@ class McuStatus:
     missed_commands: int
 
 
-class Mcu:
-    """Follows commands within the rig's limits; without any it holds, ramps down, latches off.
+def latch_s(limits: Limits) -> float:
+    """How long a board hears nothing until its descent is over and it latches off [s]."""
+    sufferer_s = limits.brake_s + limits.sink_s + limits.sufferer_descent_s
+    return DESCEND_PERIODS * PERIOD_S + max(limits.source_descent_s, sufferer_s)
 
-    The deadman holds the last command after 2 missed periods (and stops the carriage), ramps
-    towards idle after 4 (125 ms), each motor within its descent time, then latches until armed.
+
+class Mcu:
+    """Follows commands within the rig's limits; without any it holds, descends, latches off.
+
+    The deadman holds the last command after 2 missed periods (and stops the carriage) and descends
+    after 4 (125 ms), as that command said: the sufferer brakes, sinks, and ramps to idle within its
+    descent time. The source ramps to idle at once. When all that is over it latches until armed.
     """
 
     def __init__(self, rig: Rig) -> None:
@@ -44,10 +51,13 @@ class Mcu:
         self._pulses = [self._idle_us, self._idle_us]  # source, sufferer
         self._targets = [self._idle_us, self._idle_us]
         self._descents_s = (rig.limits.source_descent_s, rig.limits.sufferer_descent_s)
+        self._latch_s = latch_s(rig.limits)
+        self._brake_us = self._sink_us = self._idle_us
         self._carriage_mps = self._carriage_target_mps = 0.0
         self._last_command_s = 0.0
         self._next_expected_s = 0.0
-        self._armed = self._latched = self._ramping = False
+        self._armed = self._latched = False
+        self._ramps = (False, False)  # whether each motor is on its ramp to idle
         self._missed = 0
 
     @property
@@ -66,16 +76,27 @@ class Mcu:
         self._armed = False
         self._pulses = [self._idle_us, self._idle_us]
         self._targets = [self._idle_us, self._idle_us]
+        self._brake_us = self._sink_us = self._idle_us
         self._carriage_mps = self._carriage_target_mps = 0.0
 
     def command(
-        self, t_s: float, source_us: float, sufferer_us: float, carriage_mps: float
+        self,
+        t_s: float,
+        source_us: float,
+        sufferer_us: float,
+        carriage_mps: float,
+        brake_us: float,
+        sink_us: float,
     ) -> None:
-        """Take a command that arrived at `t_s`; ignored unless armed and not latched."""
+        """Take a command that arrived at `t_s`; ignored unless armed and not latched.
+
+        With `brake_us` and `sink_us` the sufferer descends, should no other command come.
+        """
         if not self._armed or self._latched:
             return
         self._heard(t_s)
         self._targets = [self._limited(source_us), self._limited(sufferer_us)]
+        self._brake_us, self._sink_us = self._limited(brake_us), self._limited(sink_us)
         top = self._rig.stepper.max_speed_mps
         self._carriage_target_mps = min(max(carriage_mps, -top), top)
 
@@ -93,7 +114,7 @@ class Mcu:
         return Outputs(self._pulses[0], self._pulses[1], self._carriage_mps)
 
     def _heard(self, t_s: float) -> None:
-        self._last_command_s, self._ramping = t_s, False
+        self._last_command_s, self._ramps = t_s, (False, False)
         # Half a period of grace: a command that is merely late has not been missed.
         self._next_expected_s = t_s + 1.5 * PERIOD_S
 
@@ -105,14 +126,27 @@ class Mcu:
         silent_s = t_s - self._last_command_s
         if silent_s > HOLD_PERIODS * PERIOD_S:
             self._carriage_target_mps = 0.0
-        if silent_s > RAMP_PERIODS * PERIOD_S:
-            self._ramping = True
-            self._targets = [self._idle_us, self._idle_us]
-            self._latched = silent_s > RAMP_PERIODS * PERIOD_S + max(self._descents_s)
+        descending_s = silent_s - DESCEND_PERIODS * PERIOD_S
+        if descending_s > 0.0:
+            self._descend(descending_s)
+            self._latched = silent_s > self._latch_s
+
+    def _descend(self, since_s: float) -> None:
+        """Where the motors go without commands."""
+        limits = self._rig.limits
+        sinking_s = since_s - limits.brake_s
+        if sinking_s <= 0.0:
+            sufferer_us = self._brake_us
+        elif sinking_s <= limits.sink_s:
+            sufferer_us = self._limited(self._sink_us - limits.sink_rate_us_per_s * sinking_s)
+        else:
+            sufferer_us = self._idle_us
+        self._targets = [self._idle_us, sufferer_us]
+        self._ramps = (True, sinking_s > limits.sink_s)
 
     def _slew(self, motor: int) -> float:
-        """Allowed change [µs/s]: the rig's slew, or the descent ramp once commands stopped."""
-        if self._ramping:
+        """Allowed change [µs/s]: the rig's slew, or that of a ramp to idle."""
+        if self._ramps[motor]:
             return (self._full_us - self._idle_us) / self._descents_s[motor]
         return self._rig.limits.slew_us_per_s
 

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
-PROTOCOL_VERSION = 1
-FIRMWARE = 3  # of the sketch that belongs to this wakedeploy, arduino_sketch/session.h
+PROTOCOL_VERSION = 2
+FIRMWARE = 4  # of the sketch that belongs to this wakedeploy, arduino_sketch/session.h
 BAUD = 250_000  # exact on a 16 MHz UNO (115,200 is off by 2 %), 40 µs a byte
 MAX_FRAME_BYTES = 64  # with its ending zero; the UNO's receive buffer holds this many
 SHORTEST_PULSE_US, LONGEST_PULSE_US = 500.0, 2500.0  # beyond these no ESC understands a pulse
@@ -99,11 +99,12 @@ class HelloReply:
 class Arm:
     """Host → MCU: switch the outputs on, within these limits; valid once after a handshake.
 
-    The period is not among them: the deadman counts the MCU's own, which no host can stretch.
+    The period is not among them: the deadman counts the MCU's own, which no host can stretch. Of
+    16 bits each, the times of a descent without commands can make no MCU's arithmetic overflow.
     """
 
     TYPE: ClassVar[FrameType] = FrameType.ARM
-    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHIHHHI")
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHIHHHIHHH")
     low_us: float
     high_us: float
     slew_us_per_s: int
@@ -111,6 +112,9 @@ class Arm:
     sufferer_descent_ms: int
     max_speed_steps_per_s: int
     max_accel_steps_per_s2: int
+    brake_ms: int  # how long a descent without commands brakes, then sinks
+    sink_ms: int
+    sink_rate_us_per_s: int  # how fast the sink pulse is taken back
 
     def pack(self) -> bytes:
         """The payload's bytes."""
@@ -122,6 +126,9 @@ class Arm:
             self.sufferer_descent_ms,
             self.max_speed_steps_per_s,
             self.max_accel_steps_per_s2,
+            self.brake_ms,
+            self.sink_ms,
+            self.sink_rate_us_per_s,
         )
 
     @classmethod
@@ -158,25 +165,34 @@ class Disarm:
 
 @dataclass(frozen=True)
 class Command:
-    """Host → MCU: pulse widths [µs] and carriage speed [steps/s] for the next period."""
+    """Host → MCU: pulse widths [µs] and carriage speed [steps/s] for the next period.
+
+    The last two are the sufferer's, for a descent should no other command come.
+    """
 
     TYPE: ClassVar[FrameType] = FrameType.COMMAND
-    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHh")
+    LAYOUT: ClassVar[struct.Struct] = struct.Struct("<HHhHH")
     source_us: float
     sufferer_us: float
     carriage_steps_per_s: int
+    brake_us: float
+    sink_us: float
 
     def pack(self) -> bytes:
         """The payload's bytes."""
         return self.LAYOUT.pack(
-            to_half_us(self.source_us), to_half_us(self.sufferer_us), self.carriage_steps_per_s
+            to_half_us(self.source_us),
+            to_half_us(self.sufferer_us),
+            self.carriage_steps_per_s,
+            to_half_us(self.brake_us),
+            to_half_us(self.sink_us),
         )
 
     @classmethod
     def unpack(cls, payload: bytes) -> Self:
         """Read from a payload of the right length."""
-        source, sufferer, steps = cls.LAYOUT.unpack(payload)
-        return cls(source / 2, sufferer / 2, steps)
+        source, sufferer, steps, brake, sink = cls.LAYOUT.unpack(payload)
+        return cls(source / 2, sufferer / 2, steps, brake / 2, sink / 2)
 
 
 @dataclass(frozen=True)

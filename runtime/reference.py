@@ -57,7 +57,7 @@ class FlightPlan:
         return Reference(
             z_m=float(self.z_m[i]),
             vz_mps=float(self._vz_mps[i]),
-            az_mps2=float(np.interp(acting, np.arange(len(self)), self._az_mps2)),
+            az_mps2=_between(self._az_mps2, acting),
             x_m=float(self.x_m[i]),
             vx_mps=float(self._vx_mps[i]),
             source_us=float(self.source_us[i]),
@@ -79,6 +79,14 @@ class FlightPlan:
     def _az_mps2(self) -> FloatArray:
         padded = np.pad(self.z_m, 1, mode="edge")
         return np.asarray(np.diff(padded, 2) * PLAN_RATE_HZ**2)
+
+
+def _between(values: FloatArray, at: float) -> float:
+    """A value between two neighbours, in a time that does not grow with how many there are."""
+    before = int(at)
+    if before == len(values) - 1:
+        return float(values[before])
+    return float(values[before] + (values[before + 1] - values[before]) * (at - before))
 
 
 def ceiling_m(rig: Rig) -> float:

@@ -28,11 +28,14 @@ LOOP_RATE_HZ = 32.0
 MOST_STEPS_PER_S = 10_000  # the board makes one step a tick, as arduino_sketch/tick_limits.h says
 
 _CALIBRATION_KEYS = {"value", "spread", "unit", "date"}
-_LATER = (  # constants that rig files once did not have, and what they are without
-    ("wake", "speed_exponent", 0.0),
-    ("range_sensor", "bias_m", 0.0),
-    ("range_sensor", "scale", 1.0),
-    ("battery", "has_divider", False),
+_LATER = (  # constants that rig files once did not have; without them they have their defaults
+    ("wake", "speed_exponent"),
+    ("range_sensor", "bias_m"),
+    ("range_sensor", "scale"),
+    ("battery", "has_divider"),
+    ("limits", "brake_s"),
+    ("limits", "sink_s"),
+    ("limits", "sink_rate_us_per_s"),
 )
 
 
@@ -153,7 +156,11 @@ _Position = Annotated[float, Field(ge=-20, le=20)]
 
 
 class Limits(_Section):
-    """What the MCU and the loop never exceed."""
+    """What the MCU and the loop never exceed, and how the MCU descends without commands.
+
+    It brakes for `brake_s`, sinks for `sink_s` with a pulse that it takes back by
+    `sink_rate_us_per_s`, and ramps to idle within `sufferer_descent_s`.
+    """
 
     pulse_us: tuple[_Pulse, _Pulse] = (1000.0, 2000.0)
     slew_us_per_s: float = Field(default=20_000.0, ge=1, le=1e7)
@@ -162,8 +169,8 @@ class Limits(_Section):
     source_descent_s: float = Field(default=0.25, ge=0.01, le=10)
     sufferer_descent_s: float = Field(default=1.0, ge=0.01, le=10)
     brake_s: float = Field(default=0.3, ge=0, le=2)
-    sink_s: float = Field(default=8.0, ge=0, le=20)
-    sink_rate_us_per_s: float = Field(default=5.0, ge=0, le=1000)
+    sink_s: float = Field(default=4.0, ge=0, le=20)
+    sink_rate_us_per_s: float = Field(default=6.0, ge=0, le=1000)
 
     @pydantic.field_validator("pulse_us", "x_m", "z_m")
     @classmethod
@@ -354,8 +361,8 @@ class Rig(_Section):
             owner[name] = {"value": owner[name]} | known.model_dump(exclude_none=True)
         if not raw["effect"]:
             del raw["effect"]
-        for section, name, neutral in _LATER:  # a rig without them keeps its hash
-            if raw[section][name] == neutral:
+        for section, name in _LATER:  # a rig without them keeps its hash
+            if raw[section][name] == type(getattr(self, section)).model_fields[name].default:
                 del raw[section][name]
                 if not raw[section]:
                     del raw[section]

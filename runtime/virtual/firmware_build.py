@@ -25,6 +25,8 @@ DECISIONS = ("deadman", "frames", "mcu", "session", "stepper", "tick_limits")
 # What C++ leaves undefined (an index out of bounds, an overflow) ends the program at once.
 UNDEFINED_TRAPS = ("-fsanitize=undefined", "-fsanitize-undefined-trap-on-error")
 
+_SANITIZED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
+
 _WARNINGS = ("-Wall", "-Wextra", "-Wconversion", "-Werror")
 _DIALECT = ("-std=c++11", "-fno-exceptions", "-fno-rtti")
 
@@ -80,6 +82,21 @@ def host_library(shim: Path, *, coverage: bool = False) -> Path:
     return _built("host-coverage" if coverage else "host", made_of, command, compile_into) / (
         "decisions.so"
     )
+
+
+def sanitized_program(driver: Path) -> Path:
+    """The decisions and `driver`, which has a main, as a program that any undefined behaviour ends.
+
+    Its headers lie beside it. Raises UnusableInput without a compiler, or when it refuses.
+    """
+    sources = [SKETCH / f"{name}.cpp" for name in DECISIONS]
+    command: Command = ("g++", *_DIALECT, *_WARNINGS, "-O2", "-g", *_SANITIZED, "-I", SKETCH)
+
+    def compile_into(folder: Path) -> None:
+        _run([*command, *sources, driver, "-o", folder / driver.stem], folder)
+
+    made_of = [*sources, *SKETCH.glob("*.h"), driver, *driver.parent.glob("*.h")]
+    return _built(driver.stem, made_of, command, compile_into) / driver.stem
 
 
 def firmware() -> Firmware:

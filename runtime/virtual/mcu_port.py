@@ -97,13 +97,17 @@ class McuPort:
             return None
         self._last_sequence = frame.sequence
         if isinstance(message, Command):
-            speed_mps = message.carriage_steps_per_s / self._rig.stepper.steps_per_m
-            self._mcu.command(t_s, message.source_us, message.sufferer_us, speed_mps)
+            self._command(t_s, message)
         elif isinstance(message, Arm) and self._may_arm and message.is_usable:
             self._arm(t_s, message)
         elif isinstance(message, Disarm):
             self._mcu.disarm()
         return self._status(plant)
+
+    def _command(self, t_s: float, asked: Command) -> None:
+        speed_mps = asked.carriage_steps_per_s / self._rig.stepper.steps_per_m
+        blind = asked.brake_us, asked.sink_us
+        self._mcu.command(t_s, asked.source_us, asked.sufferer_us, speed_mps, *blind)
 
     def _hello(self, sequence: int, hello: Hello) -> HelloReply:
         fits = hello.oldest <= PROTOCOL_VERSION <= hello.newest
@@ -120,6 +124,9 @@ class McuPort:
             "slew_us_per_s": float(limits.slew_us_per_s),
             "source_descent_s": limits.source_descent_ms / 1000.0,
             "sufferer_descent_s": limits.sufferer_descent_ms / 1000.0,
+            "brake_s": limits.brake_ms / 1000.0,
+            "sink_s": limits.sink_ms / 1000.0,
+            "sink_rate_us_per_s": float(limits.sink_rate_us_per_s),
         }
         carriage = {
             "max_speed_mps": limits.max_speed_steps_per_s / rig.stepper.steps_per_m,

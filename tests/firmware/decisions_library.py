@@ -23,8 +23,9 @@ from runtime.virtual.firmware_build import host_library
 
 TICKS_PER_S = 10_000
 FRAME_TICKS = 200  # 50 Hz
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
-AT_ONCE = Arm(1000, 2000, 2**32 - 1, 1, 1, 2**16 - 1, 2**32 - 1)
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
+SHORT_LADDER = Arm(1000, 2000, 2**32 - 1, 50, 100, 2100, 8400, 20, 40, 625)
+AT_ONCE = Arm(1000, 2000, 2**32 - 1, 1, 1, 2**16 - 1, 2**32 - 1, 0, 0, 0)
 
 if "WAKEDEPLOY_DECISIONS" in os.environ:  # that a mutant fails is enough, no example need be small
     hypothesis.settings.register_profile(
@@ -74,6 +75,9 @@ class CArm(ctypes.Structure):
         ("sufferer_descent_ms", c_uint16),
         ("max_speed_steps_per_s", c_uint16),
         ("max_accel_steps_per_s2", c_uint32),
+        ("brake_ms", c_uint16),
+        ("sink_ms", c_uint16),
+        ("sink_rate_us_per_s", c_uint16),
     ]
 
 
@@ -82,6 +86,8 @@ class CCommand(ctypes.Structure):
         ("source_half_us", c_uint16),
         ("sufferer_half_us", c_uint16),
         ("carriage_steps_per_s", ctypes.c_int16),
+        ("brake_half_us", c_uint16),
+        ("sink_half_us", c_uint16),
     ]
 
 

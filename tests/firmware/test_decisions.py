@@ -11,6 +11,7 @@ from decisions_library import (
     AT_ONCE,
     FRAME_TICKS,
     LIMITS,
+    SHORT_LADDER,
     TICKS_PER_S,
     Board,
     LoopWatch,
@@ -100,19 +101,21 @@ ARMS = st.builds(
     st.integers(0, 700),
     st.integers(0, 10_000),
     st.integers(0, 60).map(lambda n: 625 * n),
+    st.integers(0, 300),
+    st.integers(0, 300),
+    st.integers(0, 8).map(lambda n: 625 * n),
 )
+ANY_PULSE = st.integers(0, 2**16 - 1).map(lambda half: half / 2)
+USUAL_PULSE = st.floats(900, 2100)
 MESSAGES = st.one_of(
+    st.builds(Command, ANY_PULSE, USUAL_PULSE, st.integers(-12_000, 12_000), ANY_PULSE, ANY_PULSE),
     st.builds(
-        Command,
-        st.integers(0, 2**16 - 1).map(lambda half: half / 2),
-        st.floats(900, 2100),
-        st.integers(-12_000, 12_000),
+        Command, USUAL_PULSE, USUAL_PULSE, st.integers(-2500, 2500), USUAL_PULSE, USUAL_PULSE
     ),
-    st.builds(Command, st.floats(900, 2100), st.floats(900, 2100), st.integers(-2500, 2500)),
     st.just(LIMITS),
     ARMS,
     st.just(Disarm()),
-    st.sampled_from([Hello(), Hello(), Hello(0, 9), Hello(2, 5), Hello(0, 0)]),
+    st.sampled_from([Hello(), Hello(), Hello(0, 9), Hello(3, 5), Hello(0, 1)]),
 )
 AHEAD = st.sampled_from([1, 1, 1, 1, 1, 2, 0, -1, SEQUENCE_WRAP // 2, -SEQUENCE_WRAP // 2 + 1])
 SENT = st.tuples(MESSAGES, AHEAD, st.sampled_from([None] * 9 + [3, 9]))
@@ -121,13 +124,13 @@ WAITS = st.one_of(st.integers(0, 700), st.integers(1200, 1300), st.integers(2000
 
 @settings(max_examples=60, deadline=None)
 @given(
-    st.booleans(),
+    st.sampled_from([None, LIMITS, SHORT_LADDER, SHORT_LADDER]),
     st.integers(0, SEQUENCE_WRAP - 1),
     st.lists(st.tuples(SENT, WAITS), min_size=1, max_size=12),
 )
-def test_over_any_conversation_both_boards_say_the_same(greeted, sequence, conversation):
+def test_over_any_conversation_both_boards_say_the_same(limits, sequence, conversation):
     ours, theirs = Board(), Twin()
-    opening = [((Hello(), 1, None), 3), ((LIMITS, 1, None), 50)] if greeted else []
+    opening = [((Hello(), 1, None), 3), ((limits, 1, None), 50)] if limits else []
     for (message, ahead, damaged), wait in opening + conversation:
         sequence = (sequence + ahead) % SEQUENCE_WRAP
         wire = bytearray(encode_frame(Frame(sequence, 0, message)))
@@ -136,7 +139,7 @@ def test_over_any_conversation_both_boards_say_the_same(greeted, sequence, conve
         assert_same(ours.hear(bytes(wire)), theirs.hear(bytes(wire)))
         ours.run(wait)
         theirs.run(wait)
-    last = encode_frame(Frame(sequence + 1, 0, Command(1500, 1500, 0)))
+    last = encode_frame(Frame(sequence + 1, 0, Command(1500, 1500, 0, 1000, 1000)))
     assert_same(ours.hear(last), theirs.hear(last))
     assert not library().unbalanced_interrupts()
 
@@ -144,7 +147,7 @@ def test_over_any_conversation_both_boards_say_the_same(greeted, sequence, conve
 def test_unarmed_it_offers_idle_and_stands():
     board = Board()
     board.send(1, Hello())
-    assert not board.send(2, Command(2000, 2000, 2000)).armed
+    assert not board.send(2, Command(2000, 2000, 2000, 1000, 1000)).armed
     trace = board.run(5000)
     assert set(trace["source_half_us"]) == set(trace["sufferer_half_us"]) == {2000}
     assert not trace["step"].any()
@@ -163,7 +166,7 @@ def test_from_the_first_moment_a_board_idles():
 def test_disarming_idles_the_motors_and_stops_the_carriage_at_once():
     board = flying()
     for sequence in range(3, 35):
-        board.send(sequence, Command(1800, 1700, -2000))
+        board.send(sequence, Command(1800, 1700, -2000, 1000, 1000))
         moving = board.run(312)
     assert moving["step"].sum() < -55
     assert moving["source_half_us"][-1] == 3600
@@ -175,7 +178,7 @@ def test_disarming_idles_the_motors_and_stops_the_carriage_at_once():
 
 def test_the_deadman_holds_then_ramps_then_latches_to_the_tick():
     board = flying(AT_ONCE)
-    board.send(3, Command(1800, 1700, 10_000))
+    board.send(3, Command(1800, 1700, 10_000, 1000, 1000))
     assert (board.run(626)["step"] == 1).all()  # a step a tick, the fastest there is
     stopped = board.run(624)
     assert not stopped["step"].any()  # 2 periods of silence and the carriage stands
@@ -202,7 +205,7 @@ def test_commands_are_missed_to_the_tick_half_a_period_after_they_were_due():
 
 def test_each_motor_takes_its_own_descent_time():
     board = flying()
-    board.send(3, Command(2000, 2000, 0))
+    board.send(3, Command(2000, 2000, 0, 1000, 1000))
     trace = board.run(1251 + 10_000 + 10)
     for name, descent_ms in (("source_half_us", 250), ("sufferer_half_us", 1000)):
         moving = np.flatnonzero(trace[name][1000:] != 4000)
@@ -212,10 +215,117 @@ def test_each_motor_takes_its_own_descent_time():
     assert not board.is_flying
 
 
+def test_without_commands_the_sufferer_brakes_sinks_and_ramps_to_the_tick():
+    board = flying(SHORT_LADDER)
+    board.send(3, Command(1800, 1700, 0, 1750, 1650))
+    seen = board.run(1251 + 2000)
+    assert set(seen["sufferer_half_us"][:1251]) == {3400}
+    assert set(seen["sufferer_half_us"][1251:1451]) == {3500}  # 20 ms
+    sinking = 3300 - 0.125 * np.arange(1, 401)  # 40 ms, 625 µs/s
+    ramping = 3250 - 2.0 * np.arange(1, 626)  # the whole range within 100 ms
+    expected = np.floor(np.concatenate([sinking, ramping]) + 0.5)
+    assert (seen["sufferer_half_us"][1451 : 1451 + 1025] == expected).all()
+    assert set(seen["sufferer_half_us"][1451 + 1025 :]) == {2000}
+    source = np.maximum(2000, 3600 - 4 * np.arange(1, 2001))  # at once, within 50 ms
+    assert (seen["source_half_us"][1251:] == source).all()
+
+
+def test_the_latch_waits_for_the_longer_of_the_two_descents():
+    for source_ms, latch_ms in ((50, 285), (160, 285), (161, 286)):
+        board = flying(dataclasses.replace(SHORT_LADDER, source_descent_ms=source_ms))
+        board.send(3, Command(1800, 1700, 0, 1750, 1650))
+        board.run(10 * latch_ms + 1)
+        assert board.is_flying
+        board.run(1)
+        assert not board.is_flying
+
+
+DESCENDING = {"brake": 1300, "sink": 1500, "ramp": 1900}  # ticks of silence
+
+
+@pytest.mark.parametrize("silent_ticks", DESCENDING.values(), ids=DESCENDING)
+def test_a_command_before_the_latch_is_followed_at_once_and_begins_a_new_ladder(silent_ticks):
+    board = flying(SHORT_LADDER)
+    board.send(3, Command(1800, 1700, 0, 1750, 1650))
+    board.run(silent_ticks)
+    board.send(4, Command(1200, 1300, 0, 1400, 1350))
+    seen = board.run(1452)
+    assert set(seen["source_half_us"][:1251]) == {2400}
+    assert set(seen["sufferer_half_us"][:1251]) == {2600}
+    assert set(seen["sufferer_half_us"][1251:1451]) == {2800}
+    assert seen["sufferer_half_us"][1451] == 2700
+
+
+@pytest.mark.parametrize("silent_ticks", DESCENDING.values(), ids=DESCENDING)
+def test_a_disarm_on_the_way_down_idles_at_once(silent_ticks):
+    board = flying(SHORT_LADDER)
+    board.send(3, Command(1800, 1700, 0, 1750, 1650))
+    assert board.run(silent_ticks)["sufferer_half_us"][-1] > 2000
+    board.send(4, Disarm())
+    assert set(board.run(3000)["sufferer_half_us"]) == {2000}
+
+
+def test_a_flight_in_which_no_command_has_come_descends_at_idle():
+    board = flying(SHORT_LADDER)
+    assert set(board.run(1600)["sufferer_half_us"]) == {2000}
+    board.send(3, Command(1800, 1700, 0, 1750, 1650))
+    board.send(4, Disarm())
+    board.send(5, Hello())
+    assert board.send(6, SHORT_LADDER).armed
+    assert set(board.run(3000)["sufferer_half_us"]) == {2000}
+    assert not board.is_flying
+
+
+def test_on_the_way_down_too_no_pulse_leaves_the_limits():
+    board = flying(dataclasses.replace(SHORT_LADDER, sink_rate_us_per_s=2**16 - 1))
+    board.send(3, Command(1800, 1700, 0, 32_767.5, 1010))
+    board.run(1251)
+    assert set(board.run(200)["sufferer_half_us"]) == {4000}
+    sinking = board.run(400)["sufferer_half_us"]
+    assert sinking[0] > 2000
+    assert set(sinking[2:]) == {2000}
+    board = flying(SHORT_LADDER)
+    board.send(3, Command(1800, 1700, 0, 0, 0))
+    assert set(board.run(3000)["sufferer_half_us"][1251:]) == {2000}
+
+
+def test_the_sufferer_brakes_and_sinks_no_faster_than_the_rigs_slew():
+    board = flying(dataclasses.replace(SHORT_LADDER, slew_us_per_s=5000))
+    for sequence in range(3, 15):
+        board.send(sequence, Command(1500, 1500, 0, 1600, 1400))
+        board.run(312)
+    board.run(1251 - 312)
+    sufferer = board.run(600)["sufferer_half_us"]
+    assert (sufferer[:200] == np.minimum(3200, 3001 + np.arange(200))).all()
+    assert (sufferer[200:] == 3199 - np.arange(400)).all()
+
+
+@pytest.mark.parametrize("rate_us_per_s", [1, 6, 7, 999])
+def test_a_slow_sink_takes_its_pulse_back_in_time(rate_us_per_s):
+    board = flying(
+        dataclasses.replace(SHORT_LADDER, sink_ms=20_000, sink_rate_us_per_s=rate_us_per_s)
+    )
+    board.send(3, Command(1800, 1700, 0, 1700, 1990))
+    sinking = board.run(1451 + 200_000)["sufferer_half_us"] / 2
+    for seconds in (0, 1, 20):
+        expected_us = max(1000.0, 1990.0 - rate_us_per_s * seconds)
+        assert sinking[1450 + 10_000 * seconds + (not seconds)] == pytest.approx(expected_us, abs=1)
+
+
+def test_the_longest_ladder_there_can_be_is_climbed_down_to_its_end():
+    longest = 2**16 - 1
+    board = flying(Arm(1000, 2000, 20_000, longest, longest, 2100, 8400, longest, longest, longest))
+    board.send(3, Command(1800, 1700, 0, 1750, 1650))
+    board.run(1251 + 3 * 10 * longest)
+    assert board.is_flying
+    board.run(1)
+    assert not board.is_flying
+
+
 def test_the_slowest_descent_has_arrived_when_the_latch_falls():
     """A tick's share is rounded: over 655,350 ticks that must not leave the motors above idle."""
-    board = flying(Arm(1000, 1999.5, 2**32 - 1, 2**16 - 1, 2**16 - 1, 2100, 8400))
-    board.send(3, Command(2000, 2000, 0))
+    board = flying(Arm(1000, 1999.5, 2**32 - 1, 2**16 - 1, 2**16 - 1, 2100, 8400, 0, 0, 0))
+    board.send(3, Command(2000, 2000, 0, 1000, 1000))
     board.run(1251)
     ramp = board.run(655_351)
     assert not board.is_flying
@@ -226,9 +336,9 @@ def test_the_slowest_descent_has_arrived_when_the_latch_falls():
 
 def test_after_the_latch_only_a_handshake_helps():
     board = flying()
-    board.send(3, Command(1300, 1600, 0))
+    board.send(3, Command(1300, 1600, 0, 1000, 1000))
     board.run(20_000)
-    status = board.send(4, Command(1300, 1600, 0))
+    status = board.send(4, Command(1300, 1600, 0, 1000, 1000))
     assert (status.faults, status.armed, status.source_us) == (Fault.DEADMAN, False, 1000)
     assert not board.send(5, LIMITS).armed
     board.send(6, Hello())
@@ -239,7 +349,7 @@ def test_after_the_latch_only_a_handshake_helps():
 def test_a_handshake_stands_a_carriage_that_brakes_for_longer_than_the_ladder():
     board = flying(dataclasses.replace(LIMITS, max_accel_steps_per_s2=300))
     for sequence in range(3, 3 + 4 * 32):
-        board.send(sequence, Command(1000, 1000, 2100))
+        board.send(sequence, Command(1000, 1000, 2100, 1000, 1000))
         board.run(312)
     while board.is_flying:
         board.run(1)
@@ -252,7 +362,10 @@ def test_a_reset_by_the_watchdog_is_told_until_the_host_arms():
     board = Board(reset_faults=Fault.WATCHDOG | Fault.BROWNOUT)
     board.send(1, Hello())
     assert board.send(2, Disarm()).faults == Fault.WATCHDOG | Fault.BROWNOUT
-    assert board.send(3, Arm(1000, 1000, 1, 1, 1, 1, 1)).faults == Fault.WATCHDOG | Fault.BROWNOUT
+    assert (
+        board.send(3, Arm(1000, 1000, 1, 1, 1, 1, 1, 0, 0, 0)).faults
+        == Fault.WATCHDOG | Fault.BROWNOUT
+    )
     assert board.send(4, LIMITS).faults == Fault.NONE
 
 
@@ -266,7 +379,8 @@ def test_a_board_tells_where_it_is():
 
 
 @pytest.mark.parametrize(
-    ("oldest", "newest", "chosen"), [(0, 0, 0), (0, 1, 1), (1, 1, 1), (1, 9, 1), (2, 9, 0)]
+    ("oldest", "newest", "chosen"),
+    [(0, 0, 0), (1, 1, 0), (0, 2, 2), (2, 2, 2), (2, 9, 2), (3, 9, 0)],
 )
 def test_a_foreign_version_is_told_that_none_fits_and_cannot_arm(oldest, newest, chosen):
     board = Board()
@@ -277,7 +391,7 @@ def test_a_foreign_version_is_told_that_none_fits_and_cannot_arm(oldest, newest,
 def test_before_a_handshake_nothing_is_answered_but_all_is_counted():
     board = Board()
     assert board.send(1, LIMITS) is None
-    assert board.send(2, Command(1500, 1500, 0)) is None
+    assert board.send(2, Command(1500, 1500, 0, 1000, 1000)) is None
     board.send(3, Hello())
     assert board.send(4, Disarm()).malformed == 2
 
@@ -292,11 +406,11 @@ def test_limits_that_no_motor_understands_are_refused():
     ):
         board = Board()
         board.send(1, Hello())
-        refused = Arm(low, high, 20_000, source_ms, sufferer_ms, 2100, 8400)
+        refused = Arm(low, high, 20_000, source_ms, sufferer_ms, 2100, 8400, 0, 0, 0)
         assert not refused.is_usable
         assert not board.send(2, refused).armed
         assert board.send(3, LIMITS).armed
-    widest = Arm(500, 2500, 2**32 - 1, 2**16 - 1, 1, 2**16 - 1, 2**32 - 1)
+    widest = Arm(500, 2500, 2**32 - 1, 2**16 - 1, 1, 2**16 - 1, 2**32 - 1, 0, 0, 0)
     assert flying(widest).is_flying
 
 
@@ -304,7 +418,7 @@ def test_limits_that_no_motor_understands_are_refused():
 def test_a_board_armed_without_motors_puts_out_nothing_that_turns_one(idle_us):
     rig = RIG.changed(limits={"pulse_us": (idle_us, 2500.0)})
     board = flying(arm_limits(rig, motors_off=True))
-    board.send(3, Command(2500.0, 2500.0, 0))
+    board.send(3, Command(2500.0, 2500.0, 0, 1000, 1000))
     seen = board.run(3 * FRAME_TICKS)
     assert max(seen["source_half_us"].max(), seen["sufferer_half_us"].max()) <= 2 * idle_us + 2
 
@@ -318,10 +432,10 @@ def test_no_command_passes_a_limit_or_outruns_the_slew(low, span, slew, commands
     high = min(low + span, 5000)
     if low == high:
         return
-    board = flying(Arm(low / 2, high / 2, slew, 250, 1000, 2100, 8400))
+    board = flying(Arm(low / 2, high / 2, slew, 250, 1000, 2100, 8400, 0, 0, 0))
     seen = [np.array([low])]
     for number, (half_us, wait) in enumerate(commands):
-        board.send(3 + number, Command(half_us / 2, 1000, 0))
+        board.send(3 + number, Command(half_us / 2, 1000, 0, 1000, 1000))
         seen.append(board.run(wait)["source_half_us"])
     pulses = np.concatenate(seen).astype(int)
     assert low <= pulses.min() <= pulses.max() <= high
@@ -331,9 +445,9 @@ def test_no_command_passes_a_limit_or_outruns_the_slew(low, span, slew, commands
 
 
 def test_a_slow_slew_arrives_in_time():
-    board = flying(Arm(1000, 2000, 100, 250, 1000, 2100, 8400))
+    board = flying(Arm(1000, 2000, 100, 250, 1000, 2100, 8400, 0, 0, 0))
     for tick in range(320):
-        board.send(3 + tick, Command(2000, 1000, 0))
+        board.send(3 + tick, Command(2000, 1000, 0, 1000, 1000))
         board.run(312)
     seconds = 320 * 312 * TICK_S
     assert board.run(1)["source_half_us"][0] / 2 == pytest.approx(1000 + 100 * seconds, abs=1.0)
@@ -344,7 +458,7 @@ def test_the_step_count_is_exact_over_a_minute_of_changing_speeds():
     rng, board, travelled, stepped = random.Random(5), flying(AT_ONCE), 0, 0
     for number in range(60 * 32):
         speed, ticks = rng.randint(-10_000, 10_000), rng.choice([312, 313])
-        board.send(3 + number, Command(1000, 1000, speed))
+        board.send(3 + number, Command(1000, 1000, speed, 1000, 1000))
         stepped += int(board.run(ticks)["step"].sum())
         travelled += speed * ticks
         assert stepped == travelled // TICKS_PER_S
@@ -355,10 +469,10 @@ def test_the_step_count_is_exact_over_a_minute_of_changing_speeds():
 def test_a_speed_beyond_a_step_a_tick_is_a_step_a_tick(sign):
     board, stepped = flying(AT_ONCE), 0
     for sequence in range(3, 103):
-        board.send(sequence, Command(1000, 1000, sign * 12_000))
+        board.send(sequence, Command(1000, 1000, sign * 12_000, 1000, 1000))
         stepped += int(board.run(300)["step"].sum())
     assert stepped in (sign * 30_000, sign * 30_000 + 1)  # at most one short, of the first
-    board.send(103, Command(1000, 1000, 0))
+    board.send(103, Command(1000, 1000, 0, 1000, 1000))
     assert not board.run(100)["step"].any()  # no step is owed
 
 
@@ -367,7 +481,7 @@ def test_the_carriage_never_accelerates_faster_than_the_host_allows():
     rng, board, steps = random.Random(7), flying(), []
     for number in range(10 * 32):
         speed = rng.choice([-3000, -2100, 0, 700, 2100, 3000])
-        board.send(3 + number, Command(1000, 1000, speed))
+        board.send(3 + number, Command(1000, 1000, speed, 1000, 1000))
         steps.append(board.run(313)["step"])
     position = np.concatenate(steps).astype(int).cumsum()
     for window in (100, 500, 1000):
@@ -381,7 +495,9 @@ def test_the_carriage_follows_the_runtimes_planner_for_a_minute():
     rng, ours, theirs = random.Random(11), flying(), Twin()
     theirs.hear(encode_frame(Frame(1, 0, Hello())) + encode_frame(Frame(2, 0, LIMITS)))
     for number in range(60 * 32):
-        wire = encode_frame(Frame(3 + number, 0, Command(1000, 1000, rng.randint(-2200, 2200))))
+        wire = encode_frame(
+            Frame(3 + number, 0, Command(1000, 1000, rng.randint(-2200, 2200), 1000, 1000))
+        )
         (our,), (their,) = ours.hear(wire), theirs.hear(wire)
         assert abs(our.message.steps - their.message.steps) <= 1
         ours.run(312)
@@ -389,10 +505,10 @@ def test_the_carriage_follows_the_runtimes_planner_for_a_minute():
 
 
 def test_the_count_of_missed_commands_stays_at_its_end():
-    board = flying(Arm(1000, 2000, 20_000, 1, 2**16 - 1, 2100, 8400))
+    board = flying(Arm(1000, 2000, 20_000, 1, 2**16 - 1, 2100, 8400, 0, 0, 0))
     for sequence in range(3, 40):
         board.run(600_000)
-        missed = board.send(sequence, Command(1000, 1000, 0)).missed
+        missed = board.send(sequence, Command(1000, 1000, 0, 1000, 1000)).missed
         assert missed == min((sequence - 2) * 1919, 0xFFFF)
 
 

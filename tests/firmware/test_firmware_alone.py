@@ -10,7 +10,7 @@ from runtime.protocol import Arm, Command, Fault
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.rig import default_rig
 
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 
 
 @needs.simulator
@@ -21,14 +21,14 @@ def test_a_sketch_whose_cable_is_pulled_idles_both_motors_and_latches():
             link.handshake()
             link.arm(LIMITS)
             for _ in range(16):
-                link.send(Command(1300.0, 1700.0, 0))
+                link.send(Command(1300.0, 1700.0, 0, 1000, 1000))
                 time.sleep(1.0 / 32.0)
             cable.pull()
             time.sleep(0.1)
             assert "connection to the board was lost" in link.failure
         # A simulated chip is slower than real time on a busy machine: wait for what it says itself.
         end_s = time.monotonic() + 60.0
-        while not (alone := cable.ask(Command(1700.0, 1700.0, 0))).faults:
+        while not (alone := cable.ask(Command(1700.0, 1700.0, 0, 1000, 1000))).faults:
             assert time.monotonic() < end_s, "the deadman never latched"
             time.sleep(2.0)  # a command feeds the deadman, whose ladder takes 1.125 s
         assert alone.faults == Fault.DEADMAN

@@ -20,7 +20,7 @@ from wakedeploy.cli import main
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig
 
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 
 
 class Rig:
@@ -50,13 +50,18 @@ class Rig:
         heard = self.run(seconds)
         return heard[-1].message if heard else None
 
-    def hover(self, aim_m, seconds):
-        """Under a controller without an integral: heights [m], and the last status."""
+    def hover(self, aim_m, seconds, brake=0.0, sink=0.0):
+        """Under a controller without an integral: heights [m], and the last status.
+
+        Should no other command come, thrust is to be these shares of the weight.
+        """
         hover_n, heights_m, status = 9.81 * self.rig.sufferer.mass_kg, [], None
+        pulse = self.rig.thrust.sufferer.pulse
+        blind = pulse(brake * hover_n), pulse(sink * hover_n)
         for _ in range(round(32 * seconds)):
             error_m, speed_mps = aim_m - self.plant.z_m, self.plant.vz_mps
             asked_n = hover_n + 8.0 * error_m - 3.2 * speed_mps
-            status = self.send(Command(1000, self.rig.thrust.sufferer.pulse(asked_n), 0))
+            status = self.send(Command(1000, pulse(asked_n), 0, *blind))
             heights_m.append(self.plant.z_m)
         return heights_m, status
 
@@ -70,12 +75,12 @@ class Rig:
 def test_thrust_comes_from_the_pulses_and_position_from_the_steps():
     rig = Rig().flying()
     for _ in range(48):
-        status = rig.send(Command(1400, 1600, 1050))
+        status = rig.send(Command(1400, 1600, 1050, 1000, 1000))
     assert rig.plant.source_applied_us == pytest.approx(1400, abs=0.2)
     assert rig.plant.sufferer_applied_us == pytest.approx(1600, abs=0.2)
     assert rig.plant.source_thrust_n == pytest.approx(1.44, abs=0.01)
     for _ in range(16):  # the carriage stops
-        status = rig.send(Command(1400, 1600, 0))
+        status = rig.send(Command(1400, 1600, 0, 1000, 1000))
     assert status.steps == rig.plant.steps == round(rig.plant.x_m * rig.rig.stepper.steps_per_m)
     assert status.steps > 1000
     assert status.applied_time_us > 0
@@ -86,28 +91,28 @@ def test_thrust_comes_from_the_pulses_and_position_from_the_steps():
 def test_silence_brings_the_sufferer_down_and_latches():
     rig = Rig().flying()
     for _ in range(40):
-        status = rig.send(Command(1000, 1800, 0))
+        status = rig.send(Command(1000, 1800, 0, 1000, 1000))
     assert status.homed
     assert rig.plant.z_m > 0.1
     rig.run(0.5)
     assert 1000 < rig.plant.sufferer_applied_us < 1800  # on its bounded ramp
     rig.run(1.5)
     assert rig.plant.sufferer_applied_us == pytest.approx(1000, abs=0.2)
-    assert rig.send(Command(1800, 1800, 0)).faults == Fault.DEADMAN
+    assert rig.send(Command(1800, 1800, 0, 1000, 1000)).faults == Fault.DEADMAN
 
 
 @needs.simulator
 def test_a_reboot_takes_the_pulses_away_and_starts_idle():
     rig = Rig().flying()
     for _ in range(16):
-        rig.send(Command(1500, 1500, 0))
+        rig.send(Command(1500, 1500, 0, 1000, 1000))
     rig.port.opened(rig.plant.t_s)
     rig.run(1.0)
     assert (rig.plant.source_applied_us, rig.plant.sufferer_applied_us) == (0, 0)
     assert rig.plant.sufferer_thrust_n == pytest.approx(0.0, abs=1e-3)
     rig.run(1.0)
     assert rig.plant.source_applied_us == pytest.approx(1000, abs=0.2)
-    assert rig.send(Command(1500, 1500, 0)) is None
+    assert rig.send(Command(1500, 1500, 0, 1000, 1000)) is None
 
 
 @needs.simulator
@@ -118,7 +123,7 @@ def test_the_sketch_answers_over_a_real_pseudo_terminal():
     ):
         assert link.handshake().board == protocol.Board.UNO
         assert link.arm(LIMITS).homed
-        answer = link.wait_for(link.send(Command(1234.5, 1000, 420)), 2.0)
+        answer = link.wait_for(link.send(Command(1234.5, 1000, 420, 1000, 1000)), 2.0)
         assert answer.status.armed
         link.disarm()
         assert link.malformed == 0
@@ -150,11 +155,16 @@ def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
     assert landing_speed(switched_off) == pytest.approx(3.6, abs=0.05)
     assert switched_off.plant.sufferer_applied_us == 0.0
     assert switched_off.send(Hello()) is None
-    for descent_ms, speed_mps in ((1000, 3.2), (3000, 2.5)):
-        alone = Rig().flying(Arm(1000, 2000, 20_000, 250, descent_ms, 2100, 8400))
-        alone.hover(0.7, 4.0)
+    for descent_ms, sinking, sink, speed_mps in (
+        (1000, (0, 0, 0), 0.0, 3.2),
+        (3000, (0, 0, 0), 0.0, 2.5),
+        (1000, (300, 4000, 6), 0.98, 0.7),
+    ):
+        limits = Arm(1000, 2000, 20_000, 250, descent_ms, 2100, 8400, *sinking)
+        alone = Rig().flying(limits)
+        alone.hover(0.7, 4.0, brake=1.0, sink=sink)
         assert landing_speed(alone) == pytest.approx(speed_mps, abs=0.05)
-        alone.run(0.125 + descent_ms / 1000)
+        alone.run(0.125 + (limits.brake_ms + limits.sink_ms + descent_ms) / 1000)
         assert alone.plant.sufferer_applied_us == pytest.approx(1000, abs=0.2)
 
 

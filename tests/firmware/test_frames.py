@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 
 from runtime.protocol import (
     FIRMWARE,
+    PROTOCOL_VERSION,
     Arm,
     Command,
     Disarm,
@@ -37,9 +38,9 @@ U8, U16, U32 = (st.integers(0, 2**n - 1) for n in (8, 16, 32))
 PULSE = U16.map(lambda half: half / 2)
 FROM_HOST = st.one_of(
     st.builds(Hello, U8, U8),
-    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32),
+    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32, U16, U16, U16),
     st.builds(Disarm),
-    st.builds(Command, PULSE, PULSE, st.integers(-(2**15), 2**15 - 1)),
+    st.builds(Command, PULSE, PULSE, st.integers(-(2**15), 2**15 - 1), PULSE, PULSE),
 )
 FROM_BOARD = st.one_of(
     st.builds(HelloReply, U8, U8, U16, U16),
@@ -52,7 +53,7 @@ FROM_BOARD = st.one_of(
     ),
 )  # fmt: skip
 HOST_FRAMES = st.builds(Frame, U16, U32, FROM_HOST)
-COMMAND = Frame(77, 123_456, Command(1500.5, 1712.0, -420))
+COMMAND = Frame(77, 123_456, Command(1500.5, 1712.0, -420, 1650.5, 1590.0))
 
 
 def as_python(frame: CFrame) -> Frame:
@@ -66,7 +67,11 @@ def as_python(frame: CFrame) -> Frame:
     elif frame.type == Command.TYPE:
         asked = payload.command
         message = Command(
-            asked.source_half_us / 2, asked.sufferer_half_us / 2, asked.carriage_steps_per_s
+            asked.source_half_us / 2,
+            asked.sufferer_half_us / 2,
+            asked.carriage_steps_per_s,
+            asked.brake_half_us / 2,
+            asked.sink_half_us / 2,
         )
     else:
         assert frame.type == Disarm.TYPE
@@ -130,7 +135,7 @@ def test_both_decoders_take_and_drop_the_same(pieces, data):
 
 @pytest.mark.parametrize("kind", [0x01, 0x02, 0x03, 0x04])
 def test_a_payload_of_another_length_is_dropped_even_with_a_good_checksum(kind):
-    right = {0x01: 2, 0x02: 18, 0x03: 0, 0x04: 6}[kind]
+    right = {0x01: 2, 0x02: 24, 0x03: 0, 0x04: 10}[kind]
     for length in range(30):
         body = bytes([kind]) + bytes(6) + bytes(length)
         wire = cobs_encode(body + crc16(body).to_bytes(2, "little")) + b"\0"
@@ -166,4 +171,6 @@ def test_the_runtimes_pulse_widths_are_the_timers_half_microseconds():
 def test_a_board_answers_in_frames_that_a_host_reads():
     (answer,) = Board().hear(encode_frame(Frame(9, 0, Hello())))
     assert answer.sequence == 9
-    assert answer.message == HelloReply(version=1, board=1, boot=1, firmware=FIRMWARE)
+    assert answer.message == HelloReply(
+        version=PROTOCOL_VERSION, board=1, boot=1, firmware=FIRMWARE
+    )

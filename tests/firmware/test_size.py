@@ -6,7 +6,7 @@ from runtime.virtual.firmware_build import firmware
 
 pytestmark = needs.avr_compiler
 
-MOST_FLASH_BYTES = 8 * 1024  # of 31.5 KiB; about 7 KiB are used
+MOST_FLASH_BYTES = 8 * 1024  # of 31.5 KiB; less than 8 KiB are used
 MOST_RAM_BYTES = 512  # of 2 KiB, the stack not counted; the deepest call takes about 200 more
 
 

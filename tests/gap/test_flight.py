@@ -70,7 +70,7 @@ def test_the_mcus_output_is_what_the_mcu_gives_when_it_is_stepped(log, motor: st
     for now in np.arange(arrivals_s[0], arrivals_s[flying[-1]], dt_s):
         while arrivals_s[tick] <= now:
             commands = [float(log[f"{m}_cmd_us"][tick]) for m in ("source", "sufferer")]
-            mcu.command(float(now), *commands, 0.0)
+            mcu.command(float(now), *commands, 0.0, 1000.0, 1000.0)
             tick += 1
         out = mcu.advance(float(now), dt_s)
         times.append(now + dt_s)  # what the pins do at the step's end

@@ -93,3 +93,13 @@ def test_speed_and_acceleration_are_those_of_the_height() -> None:
     assert np.allclose(np.cumsum(speeds) * DT_S, [a.z_m for a in aims], atol=0.01)
     previewed = plan.at(20, preview_s=4 * DT_S).az_mps2
     assert previewed == pytest.approx(plan.at(24).az_mps2)
+
+
+def test_between_two_ticks_the_acceleration_is_interpolated_and_at_the_end_held() -> None:
+    plan = random_plan(RIG, 8.0, 3)
+    at_ticks = [aim.az_mps2 for aim in map(plan.at, range(len(plan)))]
+    for tick, preview_s in ((0, 0.0), (0, 0.098), (100, 0.0312), (len(plan) - 2, 0.02)):
+        acting = tick + preview_s / DT_S
+        previewed = plan.at(tick, preview_s).az_mps2
+        assert previewed == np.interp(acting, np.arange(len(plan)), at_ticks)
+    assert plan.at(len(plan) - 1, 0.5).az_mps2 == plan.at(len(plan) + 7).az_mps2 == at_ticks[-1]

@@ -9,6 +9,7 @@ from runtime.board import met_board
 from runtime.link import Link
 from runtime.protocol import (
     FIRMWARE,
+    PROTOCOL_VERSION,
     Board,
     Command,
     Fault,
@@ -72,20 +73,23 @@ def test_firmware_of_another_version_is_refused(far_end):
     ):
         link.handshake()
     assert "firmware 9 speaks another version" in str(caught.value)
-    assert "this wakedeploy speaks version 1" in str(caught.value)
+    assert f"this wakedeploy speaks version {PROTOCOL_VERSION}" in str(caught.value)
 
 
 def test_a_board_that_answers_in_a_version_not_asked_for_is_refused_by_number(far_end):
     reply = encode_frame(Frame(1, 0, HelloReply(3, 1, 1, 12)))
     with (
         Link(far_end(lambda _: reply).name) as link,
-        pytest.raises(UnusableInput, match=r"firmware 12 answers in version 3 .* speaks version 1"),
+        pytest.raises(
+            UnusableInput,
+            match=rf"firmware 12 answers in version 3 .* speaks version {PROTOCOL_VERSION}",
+        ),
     ):
         link.handshake()
 
 
 def test_a_sketch_of_another_number_is_refused(far_end):
-    reply = encode_frame(Frame(1, 0, HelloReply(1, 1, 1, FIRMWARE - 1)))
+    reply = encode_frame(Frame(1, 0, HelloReply(PROTOCOL_VERSION, 1, 1, FIRMWARE - 1)))
     words = rf"runs firmware {FIRMWARE - 1}, and firmware {FIRMWARE} belongs .* upload its sketch"
     with Link(far_end(lambda _: reply).name) as link, pytest.raises(UnusableInput, match=words):
         link.handshake()
@@ -97,7 +101,7 @@ def test_a_board_that_is_no_uno_flies_no_rig(far_end):
             said = b""
             for frame in FrameDecoder().feed(data):
                 hello = isinstance(frame.message, Hello)
-                message = HelloReply(1, board, 7, FIRMWARE) if hello else IDLE
+                message = HelloReply(PROTOCOL_VERSION, board, 7, FIRMWARE) if hello else IDLE
                 said += encode_frame(Frame(frame.sequence, 0, message))
             return said
 
@@ -140,7 +144,7 @@ def test_a_port_that_takes_no_more_bytes_is_a_lost_connection_not_a_hang():
     try:
         with Link(os.ttyname(slave)) as link:
             for _ in range(100_000):
-                link.send(Command(1000.0, 1000.0, 0))
+                link.send(Command(1000.0, 1000.0, 0, 1000, 1000))
                 if link.failure:
                     break
             assert "connection to the board was lost" in link.failure

@@ -194,7 +194,7 @@ def test_frames_act_when_they_were_sent_not_when_a_late_plant_reads_them(split):
     wrap_s = 2**32 * 1e-6
     sent_s = [2 * wrap_s - 0.03, 2 * wrap_s + 0.001, 2 * wrap_s + 0.032]  # the stamp wraps between
     data = b"".join(
-        encode_frame(Frame(n, int(t_s * 1e6), Command(1200.0, 1300.0, 0)))
+        encode_frame(Frame(n, int(t_s * 1e6), Command(1200.0, 1300.0, 0, 1000, 1000)))
         for n, t_s in enumerate(sent_s)
     )
     stamps, now_s = FrameStamps(), 2 * wrap_s + 0.2

@@ -211,9 +211,9 @@ def test_a_recording_that_fails_and_a_limit_that_is_left_end_the_flight():
     assert fly(shifted)[0].failsafe_cause == ("x_limit",)
 
 
-def stalling_world(rows, at, for_s):
+def stalling_world(rows, at, for_s, rig=RIG):
     """A world in which the tick after so many rows takes so much longer, once."""
-    world = World()
+    world = World(rig)
     send, stalls = world.send, iter([True])
 
     def stalling(command):
@@ -236,9 +236,9 @@ def test_a_slow_tick_is_counted_logged_and_not_repaid():
 
 
 def test_a_loop_that_stood_still_is_no_broken_cable_and_comes_down_under_control():
-    rows = Rows()
-    world = stalling_world(rows, at=60, for_s=0.25)
-    loop = Loop(RIG, world, world, hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), None, rows, world)
+    rows, rig = Rows(), RIG.changed(limits={"brake_s": 0.0, "sink_s": 0.0})
+    world = stalling_world(rows, at=60, for_s=0.25, rig=rig)
+    loop = Loop(rig, world, world, hold_plan(RIG, FLIGHT_S, 0.4, 1400.0), None, rows, world)
     loop.run()
     assert loop.failsafe_cause[0] == "loop_stalled"
     assert "link_lost" not in loop.failsafe_cause
@@ -323,7 +323,7 @@ def test_every_rig_that_is_accepted_can_be_armed_and_commanded(
         assert type(limits).unpack(limits.pack()).is_usable
     most = limits.max_speed_steps_per_s
     assert most >= 1
-    WireCommand(low, low, -most).pack()
+    WireCommand(low, low, -most, low, low).pack()
     # The board's rig may be another one: the limits are the host's all the same.
     world = World()
     assert world.arm(limits).armed

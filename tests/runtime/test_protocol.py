@@ -28,9 +28,9 @@ PULSE = st.integers(0, 2**16 - 1).map(lambda half: half / 2)
 MESSAGES = st.one_of(
     st.builds(Hello, U8, U8),
     st.builds(HelloReply, U8, U8, U16, U16),
-    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32),
+    st.builds(Arm, PULSE, PULSE, U32, U16, U16, U16, U32, U16, U16, U16),
     st.builds(Disarm),
-    st.builds(Command, PULSE, PULSE, st.integers(-(2**15), 2**15 - 1)),
+    st.builds(Command, PULSE, PULSE, st.integers(-(2**15), 2**15 - 1), PULSE, PULSE),
     st.builds(
         Status,
         sequence=U16,
@@ -48,7 +48,7 @@ MESSAGES = st.one_of(
     ),
 )
 FRAMES = st.builds(Frame, U16, U32, MESSAGES)
-COMMAND = Frame(77, 123_456, Command(1500.5, 1712.0, -420))
+COMMAND = Frame(77, 123_456, Command(1500.5, 1712.0, -420, 1650.5, 1590.0))
 
 
 def test_the_checksum_has_its_published_check_value():
@@ -164,5 +164,7 @@ def test_an_unknown_type_or_a_wrong_length_is_malformed_even_with_a_good_checksu
 
 
 def test_pulse_widths_travel_in_half_microseconds():
-    back = decode_frame(encode_frame(Frame(1, 2, Command(1500.26, 1499.74, 3)))[:-1])
-    assert back.message == Command(1500.5, 1499.5, 3)
+    back = decode_frame(
+        encode_frame(Frame(1, 2, Command(1500.26, 1499.74, 3, 1400.2, 1399.8)))[:-1]
+    )
+    assert back.message == Command(1500.5, 1499.5, 3, 1400.0, 1400.0)

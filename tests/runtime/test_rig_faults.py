@@ -25,7 +25,16 @@ from click.testing import CliRunner
 from growing import written_so_far
 
 from runtime.conversation import Conversation
-from runtime.protocol import Command, Fault, Frame, HelloReply, Status, encode_frame
+from runtime.mcu import latch_s
+from runtime.protocol import (
+    PROTOCOL_VERSION,
+    Command,
+    Fault,
+    Frame,
+    HelloReply,
+    Status,
+    encode_frame,
+)
 from runtime.range_source import RangeReading, wait_for_first
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
@@ -180,9 +189,9 @@ def test_a_usb_cable_pulled_in_flight_leaves_idle_motors_and_a_whole_log(here):
         assert "(link_lost)" in err
         assert "check the USB cable" in err
         assert np.all(np.diff(recorded["tick"]) >= 1)
-        # The board has been alone for longer than its ladder takes: 0.125 s and the descent.
-        time.sleep(RIG.limits.sufferer_descent_s + 0.3)
-        board = cable.ask(Command(1500.0, 1500.0, 0))
+        # The board has been alone for longer than its descent takes.
+        time.sleep(latch_s(RIG.limits) + 0.2)
+        board = cable.ask(Command(1500.0, 1500.0, 0, 1000, 1000))
         assert board.faults == Fault.DEADMAN
         assert not board.armed
         assert (board.source_us, board.sufferer_us) == (1000.0, 1000.0)
@@ -292,7 +301,7 @@ def sensor():
         (lambda data: b"\r\nERROR\r\n", ("it says 'ERROR", "arduino_sketch/arduino_sketch.ino")),
         (
             lambda data: encode_frame(Frame(1, 0, HelloReply(0, 1, 1, 7))),
-            ("firmware 7", "another version", "version 1", "upload the sketch"),
+            ("firmware 7", "another version", f"version {PROTOCOL_VERSION}", "upload the sketch"),
         ),
     ],
     ids=["silent", "echo", "modem", "firmware of another version"],

@@ -64,7 +64,7 @@ def test_it_greets_the_board_again_and_again_which_disarms_it(opened, tmp_path):
     assert link.arm(arm_limits(RIG)).armed  # by a run that was killed
     word = tmp_path / "fly"
     stand_by(word, link, ranges, Beats(15, word.touch))
-    idle = link.wait_for(link.send(Command(1000.0, 1000.0, 0)), 5.0)
+    idle = link.wait_for(link.send(Command(1000.0, 1000.0, 0, 1000, 1000)), 5.0)
     assert not idle.status.armed
     assert link.arm(arm_limits(RIG)).armed  # which takes a greeting since the last time
 

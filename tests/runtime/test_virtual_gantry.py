@@ -31,7 +31,7 @@ from wakedeploy.errors import CheckFailed, UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig, default_rig_text, parse_rig
 
-LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400)
+LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 
 
 class Uno(VirtualGantryProcess):
@@ -51,7 +51,7 @@ def test_opening_the_port_reboots_the_board_and_a_command_is_answered(gantry):
         assert time.monotonic() - before_s > 1.5
         assert first.board == protocol.Board.VIRTUAL
         assert link.arm(LIMITS).armed
-        sequence = link.send(Command(1234.5, 1000.0, 420))
+        sequence = link.send(Command(1234.5, 1000.0, 420, 1000, 1000))
         answer = link.wait_for(sequence, 1.0)
         assert answer.status.sequence == sequence
         assert 0.009 <= answer.round_trip_s < 1.0  # half of the rig's 18 ms is the command's way
@@ -82,7 +82,7 @@ def test_a_killed_plant_is_told_as_one_sentence_by_both_ends():
         link._reader.join(2.0)
         assert "connection to the board was lost" in link.failure
         assert "stopped sending" in source.failure
-        assert link.send(Command(1000, 1000, 0)) > 0  # and nothing raises
+        assert link.send(Command(1000, 1000, 0, 1000, 1000)) > 0  # and nothing raises
         source.close()
 
 
@@ -124,17 +124,17 @@ class Board:
 
 def test_nothing_moves_before_the_handshake_and_arming():
     board = Board()
-    assert board.send(1, Command(1500, 1500, 0)) is None
+    assert board.send(1, Command(1500, 1500, 0, 1000, 1000)) is None
     assert board.send(2, LIMITS) is None
     board.send(3, Hello())
-    status = board.send(4, Command(1500, 1500, 100))
+    status = board.send(4, Command(1500, 1500, 100, 1000, 1000))
     assert not status.armed
     assert (status.source_us, status.sufferer_us) == (1000, 1000)
 
 
 def test_arming_needs_a_new_handshake_each_time():
     board = Board().flying()
-    assert board.send(3, Command(1200, 1200, 0)).armed
+    assert board.send(3, Command(1200, 1200, 0, 1000, 1000)).armed
     assert not board.send(4, Disarm()).armed
     assert not board.send(5, LIMITS).armed
     board.send(6, Hello())
@@ -143,8 +143,8 @@ def test_arming_needs_a_new_handshake_each_time():
 
 def test_silence_ramps_down_latches_and_only_a_handshake_helps():
     board = Board().flying()
-    board.send(3, Command(1300, 1600, 0), seconds=2.0)
-    status = board.send(4, Command(1300, 1600, 0))
+    board.send(3, Command(1300, 1600, 0, 1000, 1000), seconds=2.0)
+    status = board.send(4, Command(1300, 1600, 0, 1000, 1000))
     assert status.faults == Fault.DEADMAN
     assert not status.armed
     assert (status.source_us, status.sufferer_us) == (1000, 1000)
@@ -155,29 +155,29 @@ def test_silence_ramps_down_latches_and_only_a_handshake_helps():
 
 def test_duplicated_reordered_and_corrupted_frames_are_dropped_and_counted():
     board = Board().flying()
-    good = encode_frame(Frame(10, 0, Command(1300, 1300, 0)))
+    good = encode_frame(Frame(10, 0, Command(1300, 1300, 0, 1000, 1000)))
     assert board.send_bytes(good).sequence == 10
     assert board.send_bytes(good) is None
-    assert board.send(9, Command(1900, 1900, 0)) is None
+    assert board.send(9, Command(1900, 1900, 0, 1000, 1000)) is None
     assert board.send_bytes(good[:4] + b"\x55" + good[5:]) is None
-    status = board.send(11, Command(1300, 1300, 0), seconds=0.06)
+    status = board.send(11, Command(1300, 1300, 0, 1000, 1000), seconds=0.06)
     assert status.malformed == 3
     assert status.source_us == 1300
 
 
 def test_a_hello_in_flight_is_counted_and_disarms_nothing():
     board = Board().flying()
-    board.send(3, Command(1300, 1300, 0))
+    board.send(3, Command(1300, 1300, 0, 1000, 1000))
     assert board.send(1, Hello()) is None
-    status = board.send(4, Command(1300, 1300, 0))
+    status = board.send(4, Command(1300, 1300, 0, 1000, 1000))
     assert (status.armed, status.malformed, status.source_us) == (True, 1, 1300)
 
 
 def test_a_reboot_forgets_everything_but_counts_itself():
     board = Board().flying()
-    board.send(3, Command(1500, 1500, 0))
+    board.send(3, Command(1500, 1500, 0, 1000, 1000))
     board.port.opened(board.plant.t_s)
-    assert board.send(4, Command(1500, 1500, 0)) is None
+    assert board.send(4, Command(1500, 1500, 0, 1000, 1000)) is None
     assert board.send(5, Hello()).boot == 2
 
 
@@ -188,15 +188,15 @@ def test_a_foreign_version_is_told_that_none_fits():
 def test_the_carriage_counts_its_steps_in_the_truth_of_the_plant():
     board = Board().flying()
     for sequence in range(3, 35):
-        status = board.send(sequence, Command(1000, 1000, 420), seconds=1.0 / 32.0)
+        status = board.send(sequence, Command(1000, 1000, 420, 1000, 1000), seconds=1.0 / 32.0)
     assert status.steps == pytest.approx(420 * 31 / 32, abs=35)
     assert not status.homed
 
 
 def test_limits_that_are_none_are_refused_by_the_board():
     for senseless in (
-        Arm(1000, 1000, 20_000, 250, 1000, 2100, 8400),
-        Arm(1000, 2000, 20_000, 0, 1000, 2100, 8400),
+        Arm(1000, 1000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0),
+        Arm(1000, 2000, 20_000, 0, 1000, 2100, 8400, 0, 0, 0),
     ):
         board = Board()
         board.send(1, Hello())

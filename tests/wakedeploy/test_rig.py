@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import default_rig, default_rig_text, parse_rig, read_rig
+from wakedeploy.rig import Limits, default_rig, default_rig_text, parse_rig, read_rig
 
 
 def test_the_default_lead_is_near_the_delay_of_a_command() -> None:
@@ -97,3 +97,22 @@ def test_any_file_is_read_or_refused_in_one_sentence(
     path.write_bytes(content)
     with pytest.raises(UnusableInput):
         read_rig(path)
+
+
+def test_a_constant_that_rig_files_once_did_not_have_changes_no_hash_at_its_default() -> None:
+    rig = default_rig()
+    assert "brake_s" not in rig.text
+    other = rig.changed(limits={"sink_s": 3.0})
+    assert other.sha256 != rig.sha256
+    assert parse_rig(other.text).limits.sink_s == 3.0
+
+
+def test_the_page_of_the_rig_file_has_the_times_of_a_descent() -> None:
+    page = (Path(__file__).parents[2] / "docs" / "rig-file.md").read_text("utf-8")
+    names = ("source_descent_s", "brake_s", "sink_s", "sink_rate_us_per_s", "sufferer_descent_s")
+    for name in names:
+        field = Limits.model_fields[name]
+        low, high = (
+            getattr(bound, key) for bound, key in zip(field.metadata, ("ge", "le"), strict=True)
+        )
+        assert f"| `{name}` | {field.default} | {low:g} to {high:g} |" in page
