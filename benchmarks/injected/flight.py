@@ -1,0 +1,190 @@
+"""One case flown: a fault, a moment, a pilot, and a plant that may differ from its rig file."""
+
+import functools
+import zlib
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.injected.catalogue import FAULTS
+from benchmarks.injected.fault import Fault, Scene
+from benchmarks.injected.world import Endless, FaultyForecast, FaultyGantry, FaultyPlant, Rows
+from runtime.loop import Loop
+from runtime.pilot import LogValue
+from runtime.predictor import PackagePredictor
+from runtime.reference import random_plan
+from runtime.simulated import PackageForecast
+from wakedeploy.package import read_package
+from wakedeploy.rig import Rig, default_rig
+
+SECONDS, REST_S = 14.0, 1.0
+AFTER_S = 3.0  # the deadman is through by then, and whatever falls has fallen
+IDLE_N = 0.01
+THRUST_SD, WAKE_SD, FRICTION_FACTOR = 0.03, 0.15, 2.0
+STOPS = ("lower", "upper")
+LATE = "overrun"  # says that a tick was late, not that something broke
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A phase of a flight: its name, the flight's seed, and when the fault begins in it [s]."""
+
+    phase: str
+    seed: int
+    begins_s: float
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is flown, without a package by PID alone.
+
+    `wake_factor` is the wake's true force over that of the model.
+    """
+
+    fault: str
+    moment: Moment
+    package: Path | None = None
+    is_mismatched: bool = False
+    wake_factor: float = 1.0
+
+    @property
+    def pilot(self) -> str:
+        """What flies."""
+        return "PID" if self.package is None else "package"
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What became of a case. Times in s after the fault began, speeds in m/s; None: it never was.
+
+    `lower_mps` and `upper_mps` are the hardest contacts with each stop after that.
+    """
+
+    case: Case
+    ended: str
+    lower_mps: float
+    upper_mps: float
+    is_idle: bool
+    is_whole: bool
+    detected_s: float | None
+    failsafe_s: float | None
+    degraded_s: float | None
+    degraded_for_s: float
+    height_m: float  # where the sufferer was when the fault began
+    reach_m: float  # how far the carriage was from home at most
+
+
+def fly(case: Case) -> Flown:
+    """Fly a case to its end and some seconds on."""
+    scene, heights_m = _scene(case), []
+    fault, world = FAULTS[case.fault], scene.world
+    world.on_step = functools.partial(_break, fault, scene, heights_m)
+    ended = _ran(scene)
+    return Flown(
+        case,
+        ended,
+        *(_hardest(world.plant, stop, scene.begins_s) for stop in STOPS),
+        is_idle=max(world.plant.source_thrust_n, world.plant.sufferer_thrust_n) < IDLE_N,
+        is_whole=_is_whole(scene),
+        detected_s=_first(scene, _tells_of_a_fault),
+        failsafe_s=_first(scene, lambda row: row["mode"] == "FAILSAFE"),
+        degraded_s=_first(scene, lambda row: row["mode"] == "DEGRADED"),
+        degraded_for_s=scene.loop.tally.seconds_in("DEGRADED"),
+        height_m=heights_m[0] if heights_m else 0.0,
+        reach_m=world.plant.reach_m,
+    )
+
+
+def flown_rows(case: Case) -> list[tuple[float, Mapping[str, LogValue]]]:
+    """The rows of a flight without a fault, each with its time [s]."""
+    scene = _scene(case)
+    scene.loop.run()
+    return scene.rows.rows
+
+
+def _scene(case: Case) -> Scene:
+    fault, seed = FAULTS[case.fault], case.moment.seed
+    rig = default_rig().changed(disturbance={"rest_s": REST_S}, **fault.rig)
+    rng = np.random.default_rng([seed, zlib.crc32(fault.name.encode())])
+    truth = mismatched(rig, rng) if case.is_mismatched else rig
+    world = FaultyGantry(truth, seed=seed)
+    world.plant.wake_factor = case.wake_factor
+    rows = Rows(world)
+    forecast = None
+    if case.package is not None:
+        forecast = FaultyForecast(PackageForecast(_predictor(case.package)), world)
+        forecast.reset()
+    plan = random_plan(rig, SECONDS, seed)
+    loop = Loop(
+        rig, world, world.ranges, plan, worker=forecast, recorder=rows, clock=world, is_timed=False
+    )
+    return Scene(world, loop, forecast, rows, rig, rng, case.moment.begins_s)
+
+
+@functools.lru_cache(maxsize=4)
+def _predictor(package: Path) -> PackagePredictor:
+    return PackagePredictor(read_package(package))
+
+
+def mismatched(rig: Rig, rng: np.random.Generator) -> Rig:
+    """A plant that differs from its rig file as far as calibration leaves it; the mass is exact."""
+    thrust, wake = 1.0 + np.clip(rng.standard_normal(2), -2.0, 2.0) * (THRUST_SD, WAKE_SD)
+    friction = float(FRICTION_FACTOR ** rng.uniform(-1.0, 1.0))
+    thrust_n = [float(thrust) * force_n for force_n in rig.thrust.sufferer.thrust_n]
+    return rig.changed(
+        thrust={"sufferer": {"thrust_n": thrust_n}},
+        wake={"strength": float(wake) * rig.wake.strength},
+        rail={name: friction * value for name, value in rig.rail.model_dump().items()},
+    )
+
+
+def _break(fault: Fault, scene: Scene, heights_m: list[float], t_s: float) -> None:
+    """Begin the fault when its time has come, and end it when it is over."""
+    world = scene.world
+    if not heights_m and t_s >= scene.begins_s:
+        heights_m.append(world.plant.z_m)
+        fault.begin(scene)
+    elif heights_m and t_s >= scene.begins_s + fault.lasts_s:
+        scene.restore()
+        world.on_step = lambda t_s: None
+
+
+def _ran(scene: Scene) -> str:
+    """Run the loop, whatever it does; how it ended."""
+    loop, world = scene.loop, scene.world
+    try:
+        loop.run()
+        ended = loop.tally.ended
+    except Endless:
+        return "never ended"
+    except Exception as error:
+        ended = f"raised {type(error).__name__}"
+    world.sleep(AFTER_S)
+    scene.patches.close()
+    return ended
+
+
+def _hardest(plant: FaultyPlant, stop: str, since_s: float) -> float:
+    met = [one.speed_mps for one in plant.contacts if one.stop == stop and one.t_s > since_s]
+    return max(met, default=0.0)
+
+
+def _tells_of_a_fault(row: Mapping[str, LogValue]) -> bool:
+    named = {name for name in str(row["faults"]).split("+") if name} - {LATE}
+    return bool(named) or row["mode"] in ("DEGRADED", "FAILSAFE")
+
+
+def _first(scene: Scene, is_it: Callable[[Mapping[str, LogValue]], bool]) -> float | None:
+    """When a row first says so, after the fault began [s]."""
+    begins_s = scene.begins_s
+    return next(
+        (t_s - begins_s for t_s, row in scene.rows.rows if t_s >= begins_s and is_it(row)), None
+    )
+
+
+def _is_whole(scene: Scene) -> bool:
+    """Whether every tick that the loop counted left a row, in order."""
+    ticks = [int(row["tick"] or 0) for _, row in scene.rows.rows]
+    return len(ticks) == scene.loop.tally.ticks and ticks == sorted(set(ticks))
