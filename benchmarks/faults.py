@@ -8,6 +8,10 @@ sufferer meets the lower stop faster than 1.0 m/s or the upper stop faster than 
 motor turns at the end.
 
     python -m benchmarks.faults --mismatch --json docs/records/faults.json
+
+With --healthy nothing breaks: how often the loop ends a flight that it should not have ended.
+
+    python -m benchmarks.faults --healthy 500 --json docs/records/faults-healthy.json
 """
 
 import argparse
@@ -18,10 +22,10 @@ import tempfile
 import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from benchmarks import records
-from benchmarks.injected import table
+from benchmarks.injected import healthy, table
 from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import REST_S, SECONDS, Case, Moment, fly
 from benchmarks.injected.phases import PHASES, moments
@@ -38,17 +42,37 @@ def main() -> None:
     """Fly, print the tables, write them."""
     options = _options()
     package = options.package or trained(WORK)
+    told = healthy_flights(options, package) if options.healthy else campaign(options, package)
+    if options.json:
+        records.write(options.json, told)
+
+
+def campaign(options: argparse.Namespace, package: Path) -> dict[str, Any]:
+    """Every chosen fault in every phase, on the exact plant and perhaps on others."""
     chosen = _chosen(options.only, options.group)
-    when = moments(options.phases)
-    told = {"seconds": SECONDS, "rest_s": REST_S, "phases": [one.phase for one in when]}
+    when = moments(list(PHASES)[: options.phases])
+    told: dict[str, Any] = {
+        "seconds": SECONDS,
+        "rest_s": REST_S,
+        "phases": [one.phase for one in when],
+    }
     for name in ("exact", "mismatched") if options.mismatch else ("exact",):
         jobs = cases(chosen, when, package, is_mismatched=name == "mismatched")
         flights = each(fly, jobs, options.workers)
         rows = table.by_fault(flights)
         print(f"\n{name} plant\n{table.printed(rows)}")
         told[name] = {"faults": rows, "unsafe_flights": table.unsafe_rows(flights)}
-    if options.json:
-        records.write(options.json, told)
+    return told
+
+
+def healthy_flights(options: argparse.Namespace, package: Path) -> dict[str, Any]:
+    """Flights without a fault, a fifth as many with strong wakes."""
+    rows: list[dict[str, Any]] = []
+    for wake, count in zip(healthy.WAKES, (options.healthy, options.healthy // 5), strict=True):
+        jobs = healthy.healthy_cases(wake, count, package)
+        rows += healthy.summed_up(wake, each(fly, jobs, options.workers))
+    print(healthy.printed(rows))
+    return {"seconds": SECONDS, "rows": rows}
 
 
 def cases(
@@ -107,6 +131,7 @@ def _options() -> argparse.Namespace:
         "--phases", type=int, default=len(PHASES), choices=range(1, len(PHASES) + 1)
     )
     parser.add_argument("--mismatch", action="store_true", help="Fly other plants as well.")
+    parser.add_argument("--healthy", type=int, metavar="FLIGHTS", help="Let nothing break.")
     parser.add_argument("--only", nargs="+", default=[], choices=list(FAULTS), metavar="NAME")
     parser.add_argument("--group", choices=GROUPS)
     parser.add_argument("--package", type=Path, help="Default: a GRU, trained once.")

@@ -8,11 +8,12 @@ from benchmarks.injected import (
     people,
     plant,
     predictions,
+    second,
     sensor,
 )
 from benchmarks.injected.fault import NONE, Fault
 
-_GROUPS = (computer, predictions, sensor, link, board, plant, people, hopeless)
+_GROUPS = (computer, predictions, sensor, link, board, plant, people, second, hopeless)
 FAULTS: dict[str, Fault] = {
     fault.name: fault for fault in (NONE, *(fault for group in _GROUPS for fault in group.FAULTS))
 }

@@ -27,6 +27,7 @@ class Scene:
     rig: Rig
     rng: np.random.Generator
     begins_s: float
+    to_come: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     patches: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
     @property
@@ -34,6 +35,15 @@ class Scene:
         """The predictor of a fault that needs one."""
         assert self.forecast is not None
         return self.forecast
+
+    def later(self, seconds: float, act: Callable[[], None]) -> None:
+        """Do something so long after the fault began."""
+        self.to_come.append((self.begins_s + seconds, act))
+
+    def let_happen(self, t_s: float) -> None:
+        """Do what is to be done by now, in the order in which it was asked for."""
+        while self.to_come and self.to_come[0][0] <= t_s:
+            self.to_come.pop(0)[1]()
 
     def restore(self) -> None:
         """End the fault."""

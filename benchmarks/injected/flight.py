@@ -1,6 +1,7 @@
 """One case flown: a fault, a moment, a pilot, and a plant that may differ from its rig file."""
 
 import functools
+import math
 import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks.injected.catalogue import FAULTS
-from benchmarks.injected.fault import Fault, Scene
+from benchmarks.injected.fault import Scene
 from benchmarks.injected.world import Endless, FaultyForecast, FaultyGantry, FaultyPlant, Rows
 from runtime.loop import Loop
 from runtime.pilot import LogValue
@@ -21,6 +22,7 @@ from wakedeploy.rig import Rig, default_rig
 
 SECONDS, REST_S = 14.0, 1.0
 AFTER_S = 3.0  # the deadman is through by then, and whatever falls has fallen
+SETTLE_S = 0.25
 IDLE_N = 0.01
 THRUST_SD, WAKE_SD, FRICTION_FACTOR = 0.03, 0.15, 2.0
 STOPS = ("lower", "upper")
@@ -29,11 +31,12 @@ LATE = "overrun"  # says that a tick was late, not that something broke
 
 @dataclass(frozen=True)
 class Moment:
-    """A phase of a flight: its name, the flight's seed, and when the fault begins in it [s]."""
+    """A phase of a flight: its name, the flight's seed and length, when the fault begins [s]."""
 
     phase: str
     seed: int
     begins_s: float
+    seconds: float = SECONDS  # of the plan, without the rest before and after
 
 
 @dataclass(frozen=True)
@@ -80,13 +83,17 @@ def fly(case: Case) -> Flown:
     """Fly a case to its end and some seconds on."""
     scene, heights_m = _scene(case), []
     fault, world = FAULTS[case.fault], scene.world
-    world.on_step = functools.partial(_break, fault, scene, heights_m)
+    scene.later(0.0, lambda: heights_m.append(world.plant.z_m))
+    scene.later(0.0, functools.partial(fault.begin, scene))
+    if math.isfinite(fault.lasts_s):
+        scene.later(fault.lasts_s, scene.restore)
+    world.on_step = scene.let_happen
     ended = _ran(scene)
     return Flown(
         case,
         ended,
         *(_hardest(world.plant, stop, scene.begins_s) for stop in STOPS),
-        is_idle=max(world.plant.source_thrust_n, world.plant.sufferer_thrust_n) < IDLE_N,
+        is_idle=_is_idle(world.plant),
         is_whole=_is_whole(scene),
         detected_s=_first(scene, _tells_of_a_fault),
         failsafe_s=_first(scene, lambda row: row["mode"] == "FAILSAFE"),
@@ -109,14 +116,13 @@ def _scene(case: Case) -> Scene:
     rig = default_rig().changed(disturbance={"rest_s": REST_S}, **fault.rig)
     rng = np.random.default_rng([seed, zlib.crc32(fault.name.encode())])
     truth = mismatched(rig, rng) if case.is_mismatched else rig
-    world = FaultyGantry(truth, seed=seed)
-    world.plant.wake_factor = case.wake_factor
+    world = FaultyGantry(truth, seed=seed, wake_factor=case.wake_factor)
     rows = Rows(world)
     forecast = None
     if case.package is not None:
         forecast = FaultyForecast(PackageForecast(_predictor(case.package)), world)
         forecast.reset()
-    plan = random_plan(rig, SECONDS, seed)
+    plan = random_plan(rig, case.moment.seconds, seed)
     loop = Loop(
         rig, world, world.ranges, plan, worker=forecast, recorder=rows, clock=world, is_timed=False
     )
@@ -140,17 +146,6 @@ def mismatched(rig: Rig, rng: np.random.Generator) -> Rig:
     )
 
 
-def _break(fault: Fault, scene: Scene, heights_m: list[float], t_s: float) -> None:
-    """Begin the fault when its time has come, and end it when it is over."""
-    world = scene.world
-    if not heights_m and t_s >= scene.begins_s:
-        heights_m.append(world.plant.z_m)
-        fault.begin(scene)
-    elif heights_m and t_s >= scene.begins_s + fault.lasts_s:
-        scene.restore()
-        world.on_step = lambda t_s: None
-
-
 def _ran(scene: Scene) -> str:
     """Run the loop, whatever it does; how it ended."""
     loop, world = scene.loop, scene.world
@@ -161,9 +156,20 @@ def _ran(scene: Scene) -> str:
         return "never ended"
     except Exception as error:
         ended = f"raised {type(error).__name__}"
-    world.sleep(AFTER_S)
     scene.patches.close()
+    _settle(world)
     return ended
+
+
+def _settle(world: FaultyGantry) -> None:
+    """Let what flies on without the loop come to rest."""
+    end_s = world.monotonic() + AFTER_S
+    while world.monotonic() < end_s and not (_is_idle(world.plant) and world.plant.z_m <= 0.0):
+        world.stand_still(SETTLE_S)
+
+
+def _is_idle(plant: FaultyPlant) -> bool:
+    return max(plant.source_thrust_n, plant.sufferer_thrust_n) < IDLE_N
 
 
 def _hardest(plant: FaultyPlant, stop: str, since_s: float) -> float:

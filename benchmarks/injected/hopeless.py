@@ -1,6 +1,7 @@
 """What no command can save: motors that do not obey, and pushes beyond the thrust reserve."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 
 from benchmarks.injected.fault import Fault, Scene
@@ -25,6 +26,12 @@ def stuck(scene: Scene) -> None:
     scene.world.plant.drive = lambda source, sufferer: (source, last_us)
 
 
+def battery_pulled(scene: Scene) -> None:
+    """Both motors stop, and the board measures that the battery is gone."""
+    pins(scene, drive=lambda idle, full, source, sufferer: (idle, idle))
+    scene.world.board.status = lambda told: replace(told, battery_mv=0)
+
+
 def _fault(name: str, sentence: str, begin: Callable[[Scene], None]) -> Fault:
     return Fault(name, sentence, GROUP, begin, obeys=False, survivable=False)
 
@@ -37,6 +44,11 @@ FAULTS = (
            partial(pins, drive=lambda idle, full, source, sufferer: (source, idle))),
     _fault("battery pulled", "Both motors stop.",
            partial(pins, drive=lambda idle, full, source, sufferer: (idle, idle))),
+    replace(
+        _fault("battery pulled, measured", "Both motors stop; the board measures it.",
+               battery_pulled),
+        rig={"battery": {"has_divider": True}},
+    ),
     _fault("source at full", "The source's ESC is stuck at full thrust.",
            partial(pins, drive=lambda idle, full, source, sufferer: (full, sufferer))),
     push(-6.0, GROUP),

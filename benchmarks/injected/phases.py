@@ -1,6 +1,6 @@
 """The moments of a flight at which a fault begins, found in a healthy flight of the same seed."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,12 @@ class Healthy:
     vx_mps: FloatArray
     wake_n: FloatArray
     source_us: FloatArray
+    seconds: float  # of its plan
+
+    @property
+    def lands_s(self) -> float:
+        """When the landing begins [s]."""
+        return REST_S + self.seconds - TAKE_OFF_S
 
     @property
     def vz_mps(self) -> FloatArray:
@@ -33,9 +39,7 @@ class Healthy:
 
     def at(self, score: FloatArray) -> float:
         """When, in the air and off take-off and landing, a score is highest [s]."""
-        middle = (self.t_s > REST_S + TAKE_OFF_S + 0.2) & (
-            self.t_s < REST_S + SECONDS - TAKE_OFF_S - 0.2
-        )
+        middle = (self.t_s > REST_S + TAKE_OFF_S + 0.2) & (self.t_s < self.lands_s - 0.2)
         return float(self.t_s[np.argmax(np.where(middle, score, -np.inf))])
 
 
@@ -63,26 +67,31 @@ PHASES: dict[str, Callable[[Healthy], float]] = {
     "deepest in the wake": lambda flight: flight.at(np.abs(flight.wake_n)),
     "leaving the wake": _leaving,
     "carriage at its fastest": lambda flight: flight.at(np.abs(flight.vx_mps)),
-    "landing begins": lambda flight: REST_S + SECONDS - TAKE_OFF_S,
+    "landing begins": lambda flight: flight.lands_s,
     "10 cm above the stop": _just_above_the_stop,
     "mid take-off": lambda flight: REST_S + 0.5 * TAKE_OFF_S,
     "source at its strongest": lambda flight: flight.at(flight.source_us),
-    "after touch-down": lambda flight: REST_S + SECONDS + 0.3 * REST_S,
+    "after touch-down": lambda flight: flight.lands_s + TAKE_OFF_S + 0.3 * REST_S,
 }
 
 
-def moments(count: int, first_seed: int = FIRST_SEED) -> list[Moment]:
-    """When the first `count` phases come, each in a flight of its own."""
-    chosen = list(PHASES.items())[:count]
+def moments(
+    phases: Iterable[str] = PHASES, seconds: float = SECONDS, wake_factor: float = 1.0
+) -> list[Moment]:
+    """When these phases come, each in a flight of its own."""
+    seeds = {name: FIRST_SEED + index for index, name in enumerate(PHASES)}
     return [
-        Moment(name, first_seed + index, find(_healthy(first_seed + index)))
-        for index, (name, find) in enumerate(chosen)
+        Moment(
+            name, seeds[name], PHASES[name](_healthy(seeds[name], seconds, wake_factor)), seconds
+        )
+        for name in phases
     ]
 
 
-def _healthy(seed: int) -> Healthy:
-    rows = flown_rows(Case(NONE.name, Moment("", seed, 0.0)))
+def _healthy(seed: int, seconds: float, wake_factor: float) -> Healthy:
+    moment = Moment("", seed, 0.0, seconds)
+    rows = flown_rows(Case(NONE.name, moment, wake_factor=wake_factor))
     t_s = np.array([t_s for t_s, _ in rows])
     names = ("true_z_m", "z_ref_m", "vx_mps", "true_wake_force_n", "source_cmd_us")
     series = (np.array([float(row[name] or 0.0) for _, row in rows]) for name in names)
-    return Healthy(t_s, *series)
+    return Healthy(t_s, *series, seconds)

@@ -9,7 +9,7 @@ from benchmarks.injected.fault import Fault, Scene
 from runtime.prediction import Result
 
 GROUP = "predictions"
-CONSTANTS_N = (1e30, -1e30, 1e300, 20.0, -20.0, 5.0, -5.0, 2.0, -2.0, 1.0, -1.0)
+CONSTANTS_N = (1e30, -1e30, 1e300, 20.0, -20.0, 5.0, -5.0, 2.0, -2.0, 1.0, -1.0, 0.0)
 NO_NUMBERS = {"nan": math.nan, "+inf": math.inf, "-inf": -math.inf}
 NOISE_N, DRIFT_NPS = 2.0, 0.5
 
@@ -67,7 +67,7 @@ _FOR_EVER = (
     ),
     *(
         _fault(
-            f"{value:+g} N",
+            f"{value:+g} N" if value else "0 N",
             f"The predicted force is {value:+g} N at every tick.",
             partial(becomes, of=lambda _, v=value: v),
         )

@@ -48,6 +48,12 @@ def frozen(scene: Scene) -> None:
     says(scene, range_mm=scene.world.sample.range_mm)
 
 
+def source_fails(scene: Scene) -> None:
+    """Whoever reads the sensor has given up."""
+    silent(scene)
+    scene.world.ranges.failure = "the range sensor stopped answering"
+
+
 def moved(reading: RangeReading, by_m: float) -> RangeReading:
     """The sample with another range."""
     return replace(reading, range_mm=max(0.0, reading.range_mm + 1e3 * by_m))
@@ -128,6 +134,7 @@ FAULTS = (
     *_also_for(_fault("unseen", "Nothing is in range: 8190 mm, of bad status.", bad_status),
                0.1, 0.2, 0.3),
     *_also_for(_fault("silent", "No new sample comes.", silent), 0.1, 0.24, 0.3),
+    _fault("source fails", "The sensor's driver gives up.", source_fails),
     *_also_for(_fault("frozen", "The range stays what it was, under new time stamps.", frozen),
                0.3, 0.5, 1.0),
     *(

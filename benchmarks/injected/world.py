@@ -7,6 +7,7 @@ import math
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 from runtime.mcu import Outputs
 from runtime.pilot import LogValue
@@ -40,8 +41,9 @@ class Contact:
 class FaultyPlant(GantryPlant):
     """A plant whose parts can change in flight, and that keeps all contacts with stops."""
 
-    def __init__(self, rig: Rig, *, seed: int) -> None:
+    def __init__(self, rig: Rig, *, seed: int, wake_factor: float = 1.0) -> None:
         super().__init__(rig, seed=seed, force_hook=self._pushed, command_hook=self._driven)
+        self._usual_wake_factor = wake_factor
         self.contacts: list[Contact] = []
         self.before_step: Callable[[float], None] = lambda t_s: None
         self._whole = (self._body.mass_kg, self._body.rail, self._sufferer.lag)
@@ -51,7 +53,7 @@ class FaultyPlant(GantryPlant):
     def restore(self) -> None:
         """Empty every slot."""
         self.push_n = 0.0
-        self.wake_factor = 1.0
+        self.wake_factor = self._usual_wake_factor
         self.source_share: Callable[[float], float] = lambda t_s: 1.0  # of the thrust that is asked
         self.sufferer_share: Callable[[float], float] = lambda t_s: 1.0
         self.drive: Callable[[float, float], tuple[float, float]] | None = None
@@ -163,12 +165,14 @@ class FaultyGantry(SimulatedGantry):
 
     plant: FaultyPlant
 
-    def __init__(self, truth: Rig, *, seed: int) -> None:
+    def __init__(self, truth: Rig, *, seed: int, wake_factor: float = 1.0) -> None:
         self._samples: deque[tuple[float, RangeReading]] = deque()
         self.board = FaultyPort(truth)
         self._restore_own()
         self.ranges = FaultyRanges(self)
-        super().__init__(FaultyPlant(truth, seed=seed), truth=truth, seed=seed, port=self.board)
+        plant = FaultyPlant(truth, seed=seed, wake_factor=wake_factor)
+        super().__init__(plant, truth=truth, seed=seed, port=self.board)
+        self._told = plant.range_sample()
         self.sample = self._sensed = super().newest
         self.on_step: Callable[[float], None] = lambda t_s: None
         self.plant.before_step = self._before_step
@@ -177,6 +181,7 @@ class FaultyGantry(SimulatedGantry):
         """Empty every slot, those of board and plant too."""
         self._restore_own()
         self.board.restore()
+        self.ranges.failure = None
         self.plant.restore()
 
     def _restore_own(self) -> None:
@@ -219,9 +224,9 @@ class FaultyGantry(SimulatedGantry):
         if t_s > LONGEST_S:
             raise Endless
         self.on_step(t_s)
-        reading = super().newest
-        if reading.sensor_time_us != self.sample.sensor_time_us:
-            self.sample = reading
+        if self.plant.range_sample() is not self._told:
+            self._told = self.plant.range_sample()
+            self.sample = reading = super().newest
             made = [(0.0, reading)] if self.sense is None else self.sense(reading, t_s)
             self._samples += [(t_s + late_s, one) for late_s, one in made]
         while self._samples and self._samples[0][0] <= t_s:
@@ -231,10 +236,9 @@ class FaultyGantry(SimulatedGantry):
 class FaultyRanges:
     """The range sensor by itself: a broken port is not its failure."""
 
-    failure: str | None = None
-
-    def __init__(self, world: FaultyGantry) -> None:
+    def __init__(self, world: "FaultyGantry") -> None:
         self._world = world
+        self.failure: str | None = None
 
     @property
     def newest(self) -> RangeReading:
@@ -250,7 +254,6 @@ class FaultyForecast:
 
     def __init__(self, inner: Predictions, world: FaultyGantry) -> None:
         self._inner, self._world = inner, world
-        self.lead_s, self.low, self.high = inner.lead_s, inner.low, inner.high
         self.last_n = 0.0
         self.restore()
 
@@ -271,9 +274,9 @@ class FaultyForecast:
             self._world.stand_still(max(0.0, deadline_s - self._world.monotonic()))
         return altered
 
-    def reset(self) -> None:
-        """Forget what was observed."""
-        self._inner.reset()
+    def __getattr__(self, name: str) -> Any:
+        """What a fault does not touch: the lead, the trained ranges, a reset."""
+        return getattr(self._inner, name)
 
 
 class Rows:
