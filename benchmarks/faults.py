@@ -15,12 +15,13 @@ With --healthy nothing breaks: how often the loop ends a flight that it should n
 """
 
 import argparse
+import itertools
 import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -28,12 +29,14 @@ from benchmarks import records
 from benchmarks.injected import healthy, table
 from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import REST_S, SECONDS, Case, Moment, fly
+from benchmarks.injected.parting import fly_all
 from benchmarks.injected.phases import PHASES, moments
 from wakedeploy.processes import processes
 
 WORK = Path(tempfile.gettempdir()) / "wakedeploy-faults"
 MINUTES = 8.0
 LINE_EVERY_S = 10.0
+MOST_OF_A_BUNDLE = 40
 Job = TypeVar("Job")
 Done = TypeVar("Done")
 
@@ -57,8 +60,8 @@ def campaign(options: argparse.Namespace, package: Path) -> dict[str, Any]:
         "phases": [one.phase for one in when],
     }
     for name in ("exact", "mismatched") if options.mismatch else ("exact",):
-        jobs = cases(chosen, when, package, is_mismatched=name == "mismatched")
-        flights = each(fly, jobs, options.workers)
+        jobs = bundles(chosen, when, package, is_mismatched=name == "mismatched")
+        flights = [one for bundle in each(fly_all, jobs, options.workers) for one in bundle]
         rows = table.by_fault(flights)
         print(f"\n{name} plant\n{table.printed(rows)}")
         told[name] = {"faults": rows, "unsafe_flights": table.unsafe_rows(flights)}
@@ -75,16 +78,25 @@ def healthy_flights(options: argparse.Namespace, package: Path) -> dict[str, Any
     return {"seconds": SECONDS, "rows": rows}
 
 
-def cases(
-    faults: Iterable[str], when: Sequence[Moment], package: Path, *, is_mismatched: bool = False
-) -> list[Case]:
-    """Every fault in every phase, with the package, and by PID alone where that makes sense."""
-    return [
-        Case(name, moment, pilot, is_mismatched)
-        for name in faults
-        for pilot in ((package,) if FAULTS[name].needs_predictor else (package, None))
-        for moment in when
-    ]
+def bundles(
+    faults: Sequence[str], when: Sequence[Moment], package: Path, *, is_mismatched: bool = False
+) -> list[list[Case]]:
+    """Every fault in every phase, with the package, and by PID alone where that makes sense.
+
+    A bundle's cases have everything in common until their faults begin.
+    """
+    found: list[list[Case]] = []
+    for moment, pilot in itertools.product(when, (package, None)):
+        by_rig: dict[str, list[Case]] = {}
+        for name in faults:
+            if pilot is not None or not FAULTS[name].needs_predictor:
+                case = Case(name, moment, pilot, is_mismatched)
+                by_rig.setdefault(repr(FAULTS[name].rig), []).append(case)
+        for alike in by_rig.values():
+            found += [
+                alike[i : i + MOST_OF_A_BUNDLE] for i in range(0, len(alike), MOST_OF_A_BUNDLE)
+            ]
+    return found
 
 
 def each(work: Callable[[Job], Done], jobs: Sequence[Job], workers: int) -> list[Done]:

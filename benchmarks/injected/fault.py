@@ -26,7 +26,9 @@ class Scene:
     rows: Rows
     rig: Rig
     rng: np.random.Generator
+    seed: int
     begins_s: float
+    height_m: float = 0.0  # where the sufferer was when the fault began
     to_come: list[tuple[float, Callable[[], None]]] = field(default_factory=list)
     patches: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
 
@@ -39,9 +41,10 @@ class Scene:
     def later(self, seconds: float, act: Callable[[], None]) -> None:
         """Do something so long after the fault began."""
         self.to_come.append((self.begins_s + seconds, act))
+        self.to_come.sort(key=lambda one: one[0])
 
     def let_happen(self, t_s: float) -> None:
-        """Do what is to be done by now, in the order in which it was asked for."""
+        """Do what is to be done by now."""
         while self.to_come and self.to_come[0][0] <= t_s:
             self.to_come.pop(0)[1]()
 

@@ -81,40 +81,51 @@ class Flown:
 
 def fly(case: Case) -> Flown:
     """Fly a case to its end and some seconds on."""
-    scene, heights_m = _scene(case), []
-    fault, world = FAULTS[case.fault], scene.world
-    scene.later(0.0, lambda: heights_m.append(world.plant.z_m))
-    scene.later(0.0, functools.partial(fault.begin, scene))
+    scene = scene_of(case)
+    scene.later(0.0, functools.partial(break_it, scene, case.fault))
+    return flown(scene, case)
+
+
+def break_it(scene: Scene, name: str) -> None:
+    """The fault begins, and ends if it is one for a time."""
+    fault = FAULTS[name]
+    scene.rng = np.random.default_rng([scene.seed, zlib.crc32(name.encode())])
+    scene.height_m = scene.world.plant.z_m
     if math.isfinite(fault.lasts_s):
         scene.later(fault.lasts_s, scene.restore)
-    world.on_step = scene.let_happen
-    ended = _ran(scene)
+    fault.begin(scene)
+
+
+def flown(scene: Scene, case: Case) -> Flown:
+    """Fly what has been set up as this case."""
+    plant, ended = scene.world.plant, _ran(scene)
     return Flown(
         case,
         ended,
-        *(_hardest(world.plant, stop, scene.begins_s) for stop in STOPS),
-        is_idle=_is_idle(world.plant),
+        *(_hardest(plant, stop, scene.begins_s) for stop in STOPS),
+        is_idle=_is_idle(plant),
         is_whole=_is_whole(scene),
         detected_s=_first(scene, _tells_of_a_fault),
         failsafe_s=_first(scene, lambda row: row["mode"] == "FAILSAFE"),
         degraded_s=_first(scene, lambda row: row["mode"] == "DEGRADED"),
         degraded_for_s=scene.loop.tally.seconds_in("DEGRADED"),
-        height_m=heights_m[0] if heights_m else 0.0,
-        reach_m=world.plant.reach_m,
+        height_m=scene.height_m,
+        reach_m=plant.reach_m,
     )
 
 
 def flown_rows(case: Case) -> list[tuple[float, Mapping[str, LogValue]]]:
     """The rows of a flight without a fault, each with its time [s]."""
-    scene = _scene(case)
+    scene = scene_of(case)
     scene.loop.run()
     return scene.rows.rows
 
 
-def _scene(case: Case) -> Scene:
-    fault, seed = FAULTS[case.fault], case.moment.seed
-    rig = default_rig().changed(disturbance={"rest_s": REST_S}, **fault.rig)
-    rng = np.random.default_rng([seed, zlib.crc32(fault.name.encode())])
+def scene_of(case: Case) -> Scene:
+    """The flight of a case, ready to begin; nothing breaks in it yet."""
+    seed = case.moment.seed
+    rig = default_rig().changed(disturbance={"rest_s": REST_S}, **FAULTS[case.fault].rig)
+    rng = np.random.default_rng([seed, zlib.crc32(case.pilot.encode())])
     truth = mismatched(rig, rng) if case.is_mismatched else rig
     world = FaultyGantry(truth, seed=seed, wake_factor=case.wake_factor)
     rows = Rows(world)
@@ -126,7 +137,9 @@ def _scene(case: Case) -> Scene:
     loop = Loop(
         rig, world, world.ranges, plan, worker=forecast, recorder=rows, clock=world, is_timed=False
     )
-    return Scene(world, loop, forecast, rows, rig, rng, case.moment.begins_s)
+    scene = Scene(world, loop, forecast, rows, rig, rng, seed, case.moment.begins_s)
+    world.on_step = scene.let_happen
+    return scene
 
 
 @functools.lru_cache(maxsize=4)
