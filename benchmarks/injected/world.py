@@ -46,6 +46,7 @@ class FaultyPlant(GantryPlant):
         self._usual_wake_factor = wake_factor
         self.contacts: list[Contact] = []
         self.before_step: Callable[[float], None] = lambda t_s: None
+        self.after_step: Callable[[float], None] = lambda t_s: None
         self._whole = (self._body.mass_kg, self._body.rail, self._sufferer.lag)
         self.reach_m = 0.0
         self.restore()
@@ -85,6 +86,7 @@ class FaultyPlant(GantryPlant):
             self.contacts.append(Contact(self.t_s, "lower", -vz_mps))
         elif self.z_m >= self._body.travel_m > z_m:
             self.contacts.append(Contact(self.t_s, "upper", vz_mps))
+        self.after_step(self.t_s)
 
     def _pushed(self, t_s: float, state: Mapping[str, float]) -> float:
         return self.push_n
@@ -175,7 +177,7 @@ class FaultyGantry(SimulatedGantry):
         self._told = plant.range_sample()
         self.sample = self._sensed = super().newest
         self.on_step: Callable[[float], None] = lambda t_s: None
-        self.plant.before_step = self._before_step
+        plant.before_step, plant.after_step = self._before_step, self._look
 
     def restore(self) -> None:
         """Empty every slot, those of board and plant too."""
@@ -224,6 +226,9 @@ class FaultyGantry(SimulatedGantry):
         if t_s > LONGEST_S:
             raise Endless
         self.on_step(t_s)
+
+    def _look(self, t_s: float) -> None:
+        """Take in a sample as soon as the plant has one, as a sensor with this fault tells it."""
         if self.plant.range_sample() is not self._told:
             self._told = self.plant.range_sample()
             self.sample = reading = super().newest
