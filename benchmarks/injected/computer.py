@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 from unittest import mock
 
 from benchmarks.injected.fault import Fault, Scene
@@ -14,7 +15,7 @@ from runtime.range_source import TIMING_BUDGET_US, RangeReading
 GROUP = "computer"
 STALLS_MS = (45, 71, 95, 110, 120, 135, 150, 250, 500, 1000, 2000)
 AT_WAKE_UP_MS = (120, 500, 2000)
-PURE_STAGES = {"estimate": Estimator, "control": Controller}
+PURE_STAGES: dict[str, Any] = {"estimate": Estimator, "control": Controller}
 PROCESS_MS = (110, 250, 500, 1000)
 STAGES = ("read", "estimate", "predict", "control", "write", "record")
 WALL_JUMPS = {"+1 s": 1.0, "-1 s": -1.0, "+1 h": 3600.0, "-1 h": -3600.0}
@@ -36,7 +37,9 @@ def stall(scene: Scene, *, stage: str, seconds: float) -> None:
 
 def process_stops(scene: Scene, *, seconds: float) -> None:
     """Every thread stands still: nothing is read, and what was waiting looks as if it were new."""
-    world, waiting = scene.world, []
+    world = scene.world
+    waiting: list[RangeReading] = []
+    waiting_until_s = 0.0
 
     def wait(reading: RangeReading, t_s: float) -> list[tuple[float, RangeReading]]:
         if waiting:  # the sensor holds one measurement until it is read
@@ -54,7 +57,6 @@ def process_stops(scene: Scene, *, seconds: float) -> None:
         world.stand_still(seconds)
         world.restore()
 
-    waiting_until_s = 0.0
     world.before["read"] = stand
 
 
@@ -97,7 +99,7 @@ def raises(scene: Scene, *, stage: str, is_once: bool) -> None:
 
 
 def _failing(step: Callable[..., object], is_once: bool) -> Callable[..., object]:
-    called = []
+    called: list[int] = []
 
     def fail(*given: object, **named: object) -> object:
         if called and is_once:

@@ -25,7 +25,6 @@ AFTER_S = 3.0  # the deadman is through by then, and whatever falls has fallen
 SETTLE_S = 0.25
 IDLE_N = 0.01
 THRUST_SD, WAKE_SD, FRICTION_FACTOR = 0.03, 0.15, 2.0
-STOPS = ("lower", "upper")
 LATE = "overrun"  # says that a tick was late, not that something broke
 
 
@@ -102,7 +101,8 @@ def flown(scene: Scene, case: Case) -> Flown:
     return Flown(
         case,
         ended,
-        *(_hardest(plant, stop, scene.begins_s) for stop in STOPS),
+        lower_mps=_hardest(plant, "lower", scene.begins_s),
+        upper_mps=_hardest(plant, "upper", scene.begins_s),
         is_idle=_is_idle(plant),
         is_whole=_is_whole(scene),
         detected_s=_first(scene, _tells_of_a_fault),

@@ -91,7 +91,16 @@ def moments(
 def _healthy(seed: int, seconds: float, wake_factor: float) -> Healthy:
     moment = Moment("", seed, 0.0, seconds)
     rows = flown_rows(Case(NONE.name, moment, wake_factor=wake_factor))
-    t_s = np.array([t_s for t_s, _ in rows])
-    names = ("true_z_m", "z_ref_m", "vx_mps", "true_wake_force_n", "source_cmd_us")
-    series = (np.array([float(row[name] or 0.0) for _, row in rows]) for name in names)
-    return Healthy(t_s, *series, seconds)
+
+    def series(name: str) -> FloatArray:
+        return np.array([float(row[name] or 0.0) for _, row in rows])
+
+    return Healthy(
+        t_s=np.array([t_s for t_s, _ in rows]),
+        z_m=series("true_z_m"),
+        z_ref_m=series("z_ref_m"),
+        vx_mps=series("vx_mps"),
+        wake_n=series("true_wake_force_n"),
+        source_us=series("source_cmd_us"),
+        seconds=seconds,
+    )

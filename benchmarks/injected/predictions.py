@@ -19,6 +19,14 @@ def becomes(scene: Scene, *, of: Callable[[float], float]) -> None:
     scene.predictor.alter = lambda result: Result(of(result.force_n), result.ready)
 
 
+def _always(force_n: float) -> Callable[[float], float]:
+    return lambda _: force_n
+
+
+def _times(factor: float) -> Callable[[float], float]:
+    return lambda force_n: factor * force_n
+
+
 def alternates(scene: Scene, *, force_n: float) -> None:
     """Up and down by turns."""
     forces_n = itertools.cycle((force_n, -force_n))
@@ -62,27 +70,27 @@ def _fault(name: str, sentence: str, begin: Callable[[Scene], None]) -> Fault:
 
 _FOR_EVER = (
     *(
-        _fault(name, f"The predicted force is {name}.", partial(becomes, of=lambda _, v=value: v))
+        _fault(name, f"The predicted force is {name}.", partial(becomes, of=_always(value)))
         for name, value in NO_NUMBERS.items()
     ),
     *(
         _fault(
             f"{value:+g} N" if value else "0 N",
             f"The predicted force is {value:+g} N at every tick.",
-            partial(becomes, of=lambda _, v=value: v),
+            partial(becomes, of=_always(value)),
         )
         for value in CONSTANTS_N
     ),
     _fault(
         "of wrong sign",
         "The predicted force has the wrong sign.",
-        partial(becomes, of=lambda force_n: -force_n),
+        partial(becomes, of=_times(-1.0)),
     ),
     *(
         _fault(
             f"x {factor}",
             f"The predicted force is {factor} times too large.",
-            partial(becomes, of=lambda force_n, f=factor: f * force_n),
+            partial(becomes, of=_times(factor)),
         )
         for factor in (2, 5)
     ),
