@@ -1,0 +1,97 @@
+"""Many flights summed up: a row for each fault, and one for each unsafe flight."""
+
+import statistics
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from benchmarks.injected.catalogue import FAULTS
+from benchmarks.injected.flight import Flown
+
+LOWER_MPS, UPPER_MPS = 1.0, 0.5  # a harder contact with a stop is unsafe
+FORMER_LOWER_MPS = 1.5  # what the first campaign called unsafe
+
+Row = dict[str, Any]
+
+
+def is_unsafe(flown: Flown, lower_mps: float = LOWER_MPS) -> bool:
+    """Whether a stop was met faster than this, or a motor turns at the end."""
+    return flown.lower_mps > lower_mps or flown.upper_mps > UPPER_MPS or not flown.is_idle
+
+
+def by_fault(flights: Iterable[Flown]) -> list[Row]:
+    """A row for each fault that was flown, in the catalogue's order."""
+    flown: dict[str, list[Flown]] = {}
+    for one in flights:
+        flown.setdefault(one.case.fault, []).append(one)
+    return [_summed_up(name, flown[name]) for name in FAULTS if name in flown]
+
+
+def _summed_up(name: str, flights: Sequence[Flown]) -> Row:
+    fault = FAULTS[name]
+    unsafe = [one for one in flights if is_unsafe(one)]
+    detected = [one.detected_s for one in flights if one.detected_s is not None]
+    return {
+        "fault": name,
+        "group": fault.group,
+        "sentence": fault.sentence,
+        "obeys": fault.obeys,
+        "survivable": fault.survivable,
+        "flights": len(flights),
+        "unsafe": len(unsafe),
+        "unsafe_by_pilot": dict(Counter(one.case.pilot for one in unsafe)),
+        "unsafe_above_1_5_mps": sum(is_unsafe(one, FORMER_LOWER_MPS) for one in flights),
+        "worst_lower_mps": _rounded(max(one.lower_mps for one in flights)),
+        "worst_upper_mps": _rounded(max(one.upper_mps for one in flights)),
+        "not_idle": sum(not one.is_idle for one in flights),
+        "not_whole": sum(not one.is_whole for one in flights),
+        "worst_reach_m": _rounded(max(one.reach_m for one in flights)),
+        "detected": len(detected),
+        "median_detection_s": _rounded(statistics.median(detected)) if detected else None,
+        "endings": dict(Counter(one.ended for one in flights).most_common()),
+    }
+
+
+def unsafe_rows(flights: Iterable[Flown]) -> list[Row]:
+    """A row for each unsafe flight that some command could have saved."""
+    return [_told(one) for one in flights if is_unsafe(one) and FAULTS[one.case.fault].survivable]
+
+
+def _told(flown: Flown) -> Row:
+    case, moment = flown.case, flown.case.moment
+    told = {
+        "fault": case.fault,
+        "phase": moment.phase,
+        "seed": moment.seed,
+        "pilot": case.pilot,
+        "height_m": _rounded(flown.height_m),
+        "lower_mps": _rounded(flown.lower_mps),
+        "upper_mps": _rounded(flown.upper_mps),
+        "ended": flown.ended,
+        "detected_s": _rounded(flown.detected_s),
+        "degraded_s": _rounded(flown.degraded_s),
+        "failsafe_s": _rounded(flown.failsafe_s),
+    }
+    marks = {"is_idle": flown.is_idle, "is_whole": flown.is_whole}
+    return told | {name: mark for name, mark in marks.items() if not mark}
+
+
+def printed(rows: Iterable[Row]) -> str:
+    """The rows as lines of text."""
+    head = f"{'fault':34s} unsafe  >1.5  lower  upper  noticed  most common ending"
+    return "\n".join([head, *(_line(row) for row in rows)])
+
+
+def _line(row: Row) -> str:
+    noticed = "-" if row["median_detection_s"] is None else f"{row['median_detection_s']:.2f} s"
+    ending, count = next(iter(row["endings"].items()))
+    mark = "" if row["survivable"] else " (not survivable)"
+    return (
+        f"{row['fault']:34s} {row['unsafe']:3d}/{row['flights']:2d}"
+        f" {row['unsafe_above_1_5_mps']:5d}  {row['worst_lower_mps']:5.2f}"
+        f"  {row['worst_upper_mps']:5.2f}  {noticed:>7s}  {count} x {ending}{mark}"
+    )
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 3)

@@ -1,0 +1,137 @@
+"""Results of faults in flight: what is unsafe, by group and by fault, and false alarms."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from benchmarks.results.section import Records, Section, grouped, paragraphs, percent, table
+
+Row = Mapping[str, Any]
+RECORDS = {"before": "faults-before.json", "now": "faults.json"}
+HEALTHY = {"before": "faults-healthy-before.json", "now": "faults-healthy.json"}
+PLANTS = {"exact": "exact plant", "mismatched": "other plants"}
+NO_FAULT, ALL = "none", "all"
+
+
+def faults(records: Records) -> Section:
+    """What is unsafe when something breaks, by group; what healthy flights suffer from it."""
+    told = _present(records, RECORDS)
+    newest = list(told.values())[-1]
+    return Section(
+        "Faults in flight",
+        f"Simulated flights of {newest['seconds']:g} s in which one thing breaks, in "
+        f"{len(newest['phases'])} phases, with a GRU's feedforward and by PID alone. A flight is "
+        "unsafe when the sufferer meets the lower stop faster than 1 m/s or the upper one faster "
+        "than 0.5 m/s, or when a motor turns at the end.",
+        paragraphs(
+            _groups(told),
+            "The first campaign allowed 1.5 m/s at the lower stop. Other plants differ from the "
+            "rig file as far as calibration leaves it. No command could save the flights of the "
+            "last row. [results/faults.md](results/faults.md) has every fault.",
+            _false_alarms(_present(records, HEALTHY)),
+        ),
+        (
+            "python -m benchmarks.faults --mismatch --json docs/records/faults.json",
+            "python -m benchmarks.faults --healthy 500 --json docs/records/faults-healthy.json",
+        ),
+    )
+
+
+def _present(records: Records, names: Mapping[str, str]) -> dict[str, dict[str, Any]]:
+    """The records that exist, by when they are of."""
+    return {
+        when: records.json(name) for when, name in names.items() if (records.folder / name).exists()
+    }
+
+
+def _groups(told: Mapping[str, Mapping[str, Any]]) -> str:
+    """Unsafe flights of all that could be saved, by group; one record beside the other."""
+    columns = [
+        (when, plant) for when, result in told.items() for plant in PLANTS if plant in result
+    ]
+    head = ["what breaks", "faults"]
+    lines: dict[str, list[str]] = {}
+    for when, plant in columns:
+        suffix = f", {when}" if len(told) > 1 else ""
+        head += [f"unsafe, {PLANTS[plant]}{suffix}", f"above 1.5 m/s{suffix}"]
+        for name, rows in _by_group(told[when][plant]["faults"]).items():
+            lines.setdefault(name, [name, str(len(rows))]).extend(_counted(rows))
+    return table(head, lines.values())
+
+
+def _by_group(rows: Iterable[Row]) -> dict[str, Sequence[Row]]:
+    """By group what could be saved, then all of it, then what could not."""
+    rows = [row for row in rows if row["group"] != NO_FAULT]
+    saveable = [row for row in rows if row["survivable"]]
+    lost = [row for row in rows if not row["survivable"]]
+    found: dict[str, Sequence[Row]] = dict(grouped(saveable, "group"))
+    return found | {ALL: saveable, "not survivable": lost}
+
+
+def _counted(rows: Sequence[Row]) -> list[str]:
+    unsafe, flights = (sum(row[key] for row in rows) for key in ("unsafe", "flights"))
+    return [f"{unsafe} of {flights}", str(sum(row["unsafe_above_1_5_mps"] for row in rows))]
+
+
+def _false_alarms(told: Mapping[str, Mapping[str, Any]]) -> str:
+    """Healthy flights that were ended, or flown without their package."""
+    lines = [
+        [
+            f"× {row['wake']}",
+            row["pilot"],
+            *([when] if len(told) > 1 else []),
+            str(row["flights"]),
+            str(row["ended_early"]),
+            str(row["unsafe"]),
+            percent(row["degraded_share"], 2) if row["pilot"] != "PID" else "–",
+        ]
+        for when, result in told.items()
+        for row in result["rows"]
+    ]
+    if not lines:
+        return ""
+    moment = ["when"] if len(told) > 1 else []
+    head = ["wake", "pilot", *moment, "flights", "ended early", "unsafe", "time DEGRADED"]
+    return paragraphs("Nothing breaks in the flights of this table.", table(head, sorted(lines)))
+
+
+def page(records: Records) -> str:
+    """Every fault of the newest record."""
+    told = list(_present(records, RECORDS).values())[-1]
+    return paragraphs(
+        "# Faults in flight",
+        "Every fault begins in these phases: " + ", ".join(told["phases"]) + ".",
+        "*Noticed* is the median time until the loop names a fault or leaves its mode. Speeds are "
+        "the hardest contacts with the stops. A fault without a length lasts for ever.",
+        *(
+            paragraphs(f"## {PLANTS[plant].capitalize()}", _all(told[plant]["faults"]))
+            for plant in PLANTS
+            if plant in told
+        ),
+    )
+
+
+def _all(rows: Sequence[Row]) -> str:
+    parts = []
+    for name, ones in grouped(rows, "group").items():
+        parts += [f"### {_titled(name)}", table(_HEAD, (_line(row) for row in ones))]
+    return paragraphs(*parts)
+
+
+_HEAD = ["fault", "unsafe", "lower [m/s]", "upper [m/s]", "noticed [s]", "most common ending"]
+
+
+def _titled(group: str) -> str:
+    return "No fault" if group == NO_FAULT else group.capitalize()
+
+
+def _line(row: Row) -> list[str]:
+    noticed_s = row["median_detection_s"]
+    ending, count = next(iter(row["endings"].items()))
+    return [
+        row["fault"] + ("" if row["survivable"] else " (not survivable)"),
+        f"{row['unsafe']} of {row['flights']}",
+        f"{row['worst_lower_mps']:.2f}",
+        f"{row['worst_upper_mps']:.2f}",
+        "–" if noticed_s is None else f"{noticed_s:.2f}",
+        f"{ending} ({count})",
+    ]
