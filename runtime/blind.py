@@ -1,9 +1,9 @@
 """The way down when nobody knows the height: pulses that let the sufferer sink at a bounded speed.
 
-In: the last estimate that can be trusted, and the trim. Out: two pulses and a ladder of them over
+In: the last estimate that can be trusted, and the trim. Out: two pulses, and a ladder of them over
 time. *Brake* takes the present speed away and carries what is left of the wake. *Sink* carries the
-weight alone and is taken back slowly, so that a thrust that is stronger than thought comes down, too.
-The board follows the same ladder when commands stop; each command tells it both pulses.
+weight alone; it is taken back slowly, so that a thrust that is stronger than thought comes down,
+too. The board follows the same ladder when commands stop; each command tells it both pulses.
 """
 
 import math
@@ -23,11 +23,11 @@ _LANDING_MPS = 0.75
 _LEAST_MARGIN, _MOST_MARGIN = 0.005, 0.3
 _LEAST_HEIGHT_M = 0.05
 _RISE_S = 0.4  # for which a climb goes on until the brake has ended it
-# When the wake is looked at that is still to come: the air on its way and the source's spool are gone
-# after half a second.
+# The wake that is still to come is looked at in steps; after half a second the air that was on its
+# way has passed.
 _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
 _SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
-GROUND_M, GROUND_MPS = 0.03, 0.1
+GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
 _LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
 
@@ -136,7 +136,7 @@ def on_the_stop(now: Reckoned) -> bool:
 
 
 def ladder_pulse(pulses: BlindPulses, since_s: float, limits: Limits) -> float:
-    """The sufferer's pulse [µs] `since_s` after a blind descent began: brake, sink, ramp to idle."""
+    """The sufferer's pulse [µs] `since_s` after a blind descent began: brake, sink, ramp."""
     idle_us, full_us = limits.pulse_us
     if since_s < limits.brake_s:
         return pulses.brake_us

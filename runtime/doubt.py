@@ -1,7 +1,7 @@
 """Whether predictions explain the force that the sufferer feels better than no prediction would.
 
-In: each tick's prediction, and the force that the estimator finds without it. Out: doubt. A model may
-be wrong about this rig, this air, or the sign of its force; nothing in its own numbers says so.
+In: each tick's prediction, and the force that the estimator finds without it. Out: doubt. A model
+may be wrong about this rig, this air, or the sign of its force; its own numbers do not say so.
 """
 
 import math

@@ -12,13 +12,14 @@ from dataclasses import replace
 from typing import Protocol
 
 from runtime import safety
-from runtime.blind import BlindPlanner, BlindPulses, Reckoned, ladder_pulse, ladder_s, on_the_stop
+from runtime.answers import OLD_TICKS, AnswerDoor, Heard
+from runtime.arming import arm_limits, require_battery, require_home
+from runtime.blind import ladder_s
 from runtime.controller import Command, Terms
 from runtime.conversation import Answer
-from runtime.descent import BLINDING, Descent, descent_reference, has_landed
 from runtime.estimator import Measurement
 from runtime.forecasting import Forecasting, Prediction
-from runtime.pilot import LogValue, Pilot, PilotState, resting_reference, tick_row
+from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
 from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
 from runtime.protocol import Command as WireCommand
@@ -29,14 +30,12 @@ from runtime.reference import FlightPlan, Reference
 from runtime.safety import Event, Findings, Mode, SafetyState
 from runtime.signs import SignReader, Signs
 from runtime.tally import Tally
-from runtime.trim import TrimReader
 from runtime.watch import GapWatch
+from runtime.way_down import DEADMAN_S, WayDown
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
-DEADMAN_S = 4.0 * PERIOD_S  # without commands, after which the board begins its own descent
-STEPS_OLD = 4  # ticks without a new step count, after which the carriage stops
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
 Row = dict[str, LogValue]
@@ -133,13 +132,8 @@ class Loop:
         self._safety = SafetyState()
         self._last_tick_s: float | None = None
         self._sign_reader, self._signs = SignReader(rig), Signs()
-        self._trim, self._planner, self._reckoned = TrimReader(rig), BlindPlanner(rig), Reckoned()
-        self._blind = self._planner.idle
-        self._descent: Descent | None = None
-        self._door = RangeDoor(rig)
-        self._last_sequence: int | None = None
-        self._last_source_us, self._steps_repeats = rig.limits.pulse_us[0], 0
-        self._late_answers = self._late_commands = 0
+        self._way_down = WayDown(rig, self._pilot)
+        self._range_door, self._answer_door = RangeDoor(rig), AnswerDoor(rig)
         self._finished = False
         self.error: Exception | None = None  # of the program, after which the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
@@ -163,12 +157,17 @@ class Loop:
         flight's battery is not there.
         """
         armed = self._link.arm(self._limits)
-        self._require_home(armed)
-        self._require_battery(armed)
+        try:
+            require_home(armed)
+            require_battery(armed, self._rig, self._plan)
+        except UnusableInput:
+            self._link.disarm()
+            raise
+        self._signs = replace(self._signs, armed_v=armed.battery_mv / 1000.0)
         self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
         self._origin_s = self._clock.monotonic()
-        self._door.opened(self._origin_s)
+        self._range_door.opened(self._origin_s)
         self._state = self._pilot.initial(0.0)
         try:
             pacer = Pacer(PERIOD_S, self._clock)
@@ -216,25 +215,6 @@ class Loop:
             return f"failsafe: {'+'.join(cause)}"
         return "whole" if self._finished else "broken off"
 
-    def _require_home(self, armed: Status) -> None:
-        if not armed.homed:
-            self._link.disarm()
-            raise UnusableInput(
-                "The carriage is not at its home mark, from where its steps are counted; switch "
-                "the stepper's supply off, push it there, switch it on and start again."
-            )
-
-    def _require_battery(self, armed: Status) -> None:
-        if not self._rig.battery.has_divider:
-            return
-        if not armed.battery_mv and not self._plan.motors_off:
-            self._link.disarm()
-            raise UnusableInput(
-                "The board measures no battery: release the emergency stop, plug the battery in "
-                "and start again; a rig without a divider has no battery.has_divider."
-            )
-        self._signs = replace(self._signs, armed_v=armed.battery_mv / 1000.0)
-
     def _guarded_tick(self, tick: Tick) -> None:
         """A tick, and what is left of it where the program fails in flight: the way down.
 
@@ -257,21 +237,22 @@ class Loop:
     def _tick(self, tick: Tick) -> None:
         """The order of everything."""
         laps = Laps(self._clock)
-        reading, seen, answer, measured = self._read()
+        reading, seen, heard, measured = self._read()
         laps.mark("t_read_s")
         before, self._state = self._state, self._pilot.estimate(self._state, measured)
         aim = self._aim(tick.index)
         laps.mark("t_estimate_s")
         prediction = self._predict(aim, measured.t_s, tick.start_s + self._wait_s)
         laps.mark("t_predict_s")
-        self._supervise(prediction, reading, seen, answer, measured)
-        aim, command, terms = self._control(aim, before, measured, prediction)
+        self._supervise(prediction, reading, seen, heard, measured)
+        passed_s = self._state.estimate.t_s - before.estimate.t_s
+        aim, command, terms = self._control(aim, passed_s, measured, prediction)
         laps.mark("t_control_s")
         self._write(command)
         laps.mark("t_write_s")
         row = tick_row(tick.index, measured, self._state, aim, command, terms)
         row |= laps.times_s if self._is_timed else {}
-        row |= self._reported(reading, answer, prediction)
+        row |= self._reported(reading, heard, prediction)
         with contextlib.suppress(*(() if self.error is None else (Exception,))):
             self._told(row, tick)
 
@@ -282,46 +263,31 @@ class Loop:
         self._record(row, tick)
 
     def _sink(self) -> None:
-        """The pulses of a blind descent and nothing else; the board's own where they do not go out."""
-        t_s = self._clock.monotonic() - self._origin_s
-        before = self._descent
-        if before is None or before.blind is None:
-            now = self._state.estimate
-            self._descent = before = Descent(t_s, now.z_m, now.x_m, self._blind)
-            self._safety = safety.watch(self._safety, Findings(tick_failed=True), self._rig.limits)
-        assert before.blind is not None
-        self._finished |= has_landed(before, t_s, math.nan, self._rig.limits)
-        pulse_us = ladder_pulse(before.blind, t_s - before.start_s, self._rig.limits)
-        with contextlib.suppress(Exception):
-            self._write(Command(self._rig.limits.pulse_us[0], pulse_us, 0.0))
+        """A blind descent's pulses and nothing else; where they do not go out, the board's own."""
+        self._safety = safety.watch(self._safety, Findings(tick_failed=True), self._rig.limits)
+        command = self._way_down.sink(self._clock.monotonic() - self._origin_s)
+        self._finished |= command is None
+        if command is not None:
+            with contextlib.suppress(Exception):
+                self._write(command)
 
-    def _read(self) -> tuple[RangeReading, Seen, Answer, Measurement]:
+    def _read(self) -> tuple[RangeReading, Seen, Heard, Measurement]:
         """The newest range sample and the newest status; neither is waited for."""
         now_s = self._clock.monotonic()
         reading, answer = self._ranges.newest, self._link.answer
         assert reading is not None  # the first one was waited for before arming
         assert answer is not None  # arming was answered
-        seen = self._door.step(reading, now_s)
-        fresh = answer.status.sequence != self._last_sequence
-        self._last_sequence = answer.status.sequence
-        self._steps_repeats = 0 if fresh else self._steps_repeats + 1
-        if fresh:
-            self._count_lateness(answer.round_trip_s - self._rig.latency.round_trip_s)
+        seen, heard = self._range_door.step(reading, now_s), self._answer_door.step(answer)
         measured = Measurement(
             now_s - self._origin_s,
             seen.range_m,
             seen.age_s,
             seen.repeats,
             answer.status.steps,
-            self._steps_repeats,
+            heard.repeats,
             seen.is_stale,
         )
-        return reading, seen, answer, measured
-
-    def _count_lateness(self, extra_s: float) -> None:
-        """Answers in a row that took longer than the rig file's round trip."""
-        self._late_answers = self._late_answers + 1 if extra_s > safety.LATE_ANSWER_S else 0
-        self._late_commands = self._late_commands + 1 if extra_s > safety.LATE_COMMAND_S else 0
+        return reading, seen, heard, measured
 
     def _aim(self, index: int) -> Reference:
         """This tick's place in the plan, and the events that come with it."""
@@ -346,7 +312,7 @@ class Loop:
         prediction: Prediction,
         reading: RangeReading,
         seen: Seen,
-        answer: Answer,
+        heard: Heard,
         measured: Measurement,
     ) -> None:
         now_s = measured.t_s + self._origin_s
@@ -356,7 +322,7 @@ class Loop:
         self._last_tick_s = now_s
         self.tally.stood_still(stalled_s, measured.t_s)
         asked_s = self._link.unanswered_since_s
-        status, estimate = answer.status, self._state.estimate
+        status, estimate = heard.answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
             t_s=measured.t_s,
@@ -375,8 +341,8 @@ class Loop:
             tick_failed=self.error is not None,
             stalled_s=stalled_s,
             link_silence_s=0.0 if asked_s is None else now_s - behind_s - asked_s,
-            late_answers=0 if behind_s else self._late_answers,
-            late_commands=0 if behind_s else self._late_commands,
+            late_answers=0 if behind_s else heard.late_answers,
+            late_commands=0 if behind_s else heard.late_commands,
             link_failed=self._link.failure is not None,
             mcu_fault=bool(status.faults) or not status.armed,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
@@ -393,15 +359,16 @@ class Loop:
         self._safety = safety.watch(self._safety, found, self._rig.limits)
 
     def _control(
-        self, aim: Reference, before: PilotState, measured: Measurement, prediction: Prediction
+        self, aim: Reference, passed_s: float, measured: Measurement, prediction: Prediction
     ) -> tuple[Reference, Command, Terms]:
         mode = self._safety.mode
         usable_n = prediction.force_n if mode is Mode.RUNNING else None
         feedforward_n = self._forecasting.fed_forward_n(usable_n)
-        self._reckon(self._state.estimate.t_s - before.estimate.t_s)
+        believe = self._flies and not self._safety.cause
+        self._way_down.reckon(self._state, passed_s, believe=believe)
         nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
         if mode is Mode.FAILSAFE and not nothing_flies:
-            aim, command, terms = self._come_down(measured.t_s, feedforward_n)
+            aim, command, terms = self._come_down(aim, measured.t_s, feedforward_n)
         elif mode in (Mode.ARMED, Mode.FAILSAFE):
             self._finished |= mode is Mode.FAILSAFE
             self._state, command, terms = self._pilot.rest(self._state)
@@ -409,83 +376,44 @@ class Loop:
             self._state, command, terms = self._pilot.drive(self._state, aim)
         else:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
-        if measured.steps_repeats > STEPS_OLD and mode is not Mode.ARMED:
+        if measured.steps_repeats > OLD_TICKS and self._flies:
             command = replace(command, carriage_mps=0.0)  # nobody knows where it is
-        self._blind = self._blind_pulses(command)
+        self._way_down.commanded(command, flies=self._flies)
         return aim, command, terms
-
-    def _reckon(self, dt_s: float) -> None:
-        """What a descent without height would begin from, should it begin now."""
-        state, now = self._state, self._state.estimate
-        believe = self._flies and not self._safety.cause and now.rejected == 0
-        self._trim.step(now, state.wake_n, self._last_source_us, believe=believe)
-        trusted = math.isfinite(now.innovation_m) and now.rejected == 0 and now.jumped_m == 0.0
-        self._reckoned = self._planner.reckon(
-            self._reckoned, now, self._trim, dt_s, trusted=trusted
-        )
-
-    def _blind_pulses(self, command: Command) -> BlindPulses:
-        """What the board needs should this command be the last one."""
-        descent = self._descent
-        self._last_source_us = command.source_us
-        if not self._flies or on_the_stop(self._reckoned):
-            return self._planner.idle
-        if descent is not None and descent.blind is not None:
-            return BlindPulses(command.sufferer_us, command.sufferer_us)
-        return self._planner.pulses(self._reckoned, self._trim, command.sufferer_us, DEADMAN_S)
 
     def _come_down(
-        self, t_s: float, feedforward_n: float | None
+        self, aim: Reference, t_s: float, feedforward_n: float | None
     ) -> tuple[Reference, Command, Terms]:
-        """The source idles at once; the sufferer descends, under control while it can be seen."""
-        limits, descent = self._rig.limits, self._began_descent(t_s)
-        aim = descent_reference(descent, t_s, limits.pulse_us[0])
-        if has_landed(descent, t_s, self._state.estimate.z_m, limits):
+        """One tick of a failsafe's way down; at its end the motors rest."""
+        now = self._safety
+        down = self._way_down.descend(self._state, t_s, now.faults, now.cause, feedforward_n)
+        if down is None:
             self._finished = True
             self._state, command, terms = self._pilot.rest(self._state)
-        elif descent.blind is None:
-            gently = "commands_late" in self._safety.cause
-            self._state, command, terms = self._pilot.control(
-                self._state, aim, feedforward_n, gently=gently
-            )
-        else:
-            pulse_us = ladder_pulse(descent.blind, t_s - descent.start_s, limits)
-            self._state, command, terms = self._pilot.held(
-                self._state, Command(aim.source_us, pulse_us, 0.0)
-            )
+            return aim, command, terms
+        self._state, aim, command, terms = down
         return aim, command, terms
-
-    def _began_descent(self, t_s: float) -> Descent:
-        """The way down, begun anew when the height gets lost on it."""
-        now, descent = self._state.estimate, self._descent
-        is_known = BLINDING.isdisjoint(self._safety.faults) and math.isfinite(now.z_m)
-        if descent is None and is_known:
-            self._descent = Descent(t_s, now.z_m, now.x_m)
-        elif not is_known and (descent is None or descent.blind is None):
-            last = self._reckoned
-            blind = self._planner.pulses(last, self._trim, self._state.last_us, 0.0)
-            self._descent = Descent(t_s, last.z_m, last.x_m, blind)
-        assert self._descent is not None
-        return self._descent
 
     def _write(self, command: Command) -> None:
         most = self._limits.max_speed_steps_per_s
         steps = round(command.carriage_mps * self._rig.stepper.steps_per_m)
         steps = min(max(steps, -most), most)
-        brake_us, sink_us = self._blind.brake_us, self._blind.sink_us
+        blind = self._way_down.pulses
         self._link.send(
-            WireCommand(command.source_us, command.sufferer_us, steps, brake_us, sink_us)
+            WireCommand(
+                command.source_us, command.sufferer_us, steps, blind.brake_us, blind.sink_us
+            )
         )
 
-    def _reported(self, reading: RangeReading, answer: Answer, prediction: Prediction) -> Row:
+    def _reported(self, reading: RangeReading, heard: Heard, prediction: Prediction) -> Row:
         """What board and sensor told, for the log; a status is logged with its round trip once."""
-        status = answer.status
+        answer, status = heard.answer, heard.answer.status
         return {
             "force_pred_n": prediction.logged_n,
             "source_applied_us": status.source_us,
             "sufferer_applied_us": status.sufferer_us,
             "seq_echo": status.sequence,
-            "round_trip_s": _or_none(answer.round_trip_s) if self._steps_repeats == 0 else None,
+            "round_trip_s": _or_none(answer.round_trip_s) if heard.is_new else None,
             "applied_time_s": applied_s(answer) - self._origin_s,
             "homed": int(status.homed),
             "battery_v": status.battery_mv / 1000.0 if status.battery_mv else None,
@@ -504,27 +432,6 @@ class Loop:
             # What only some rigs know is no column of the others' logs, rather than an empty one.
             self._recorder.put({name: value for name, value in row.items() if value is not None})
         self.tally.add(row, tick.late_s, tick.skipped, overran=overran)
-
-
-def arm_limits(rig: Rig, motors_off: bool = False) -> Arm:
-    """The rig's limits as the MCU takes them; with `motors_off` nothing turns a motor.
-
-    The MCU refuses an empty range of pulses; a microsecond above idle no ESC starts.
-    """
-    limits, stepper = rig.limits, rig.stepper
-    idle_us, full_us = limits.pulse_us
-    return Arm(
-        idle_us,
-        idle_us + 1.0 if motors_off else full_us,
-        round(limits.slew_us_per_s),
-        round(1000.0 * limits.source_descent_s),
-        round(1000.0 * limits.sufferer_descent_s),
-        round(stepper.max_speed_mps * stepper.steps_per_m),
-        round(stepper.max_accel_mps2 * stepper.steps_per_m),
-        round(1000.0 * limits.brake_s),
-        round(1000.0 * limits.sink_s),
-        round(limits.sink_rate_us_per_s),
-    )
 
 
 def applied_s(answer: Answer) -> float:

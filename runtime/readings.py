@@ -14,8 +14,8 @@ from wakedeploy.rig import Rig
 
 BEYOND_M = 0.3  # past either stop, that noise, outliers and a bad calibration can reach
 AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
-# Ticks in a row with the same value in the air: a sensor holds a reading for up to 0.15 s, and noise
-# repeats itself so often never. What it says then is no news.
+# Ticks in a row with the same value in the air. A sensor holds a reading for up to 0.15 s; noise
+# never repeats itself so often. What it says then is no news.
 SAME_TICKS = 5
 
 

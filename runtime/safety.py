@@ -21,7 +21,7 @@ SENSOR_LOST_S = 0.25  # without a new range sample
 ANSWERS_MISSING_S = 0.125
 LINK_LOST_S = 0.5
 STALLED_S = 0.125  # between two ticks: the MCU's deadman has begun its descent meanwhile
-# An answer that takes so much longer than the rig file's round trip tells of commands that act late.
+# An answer that takes so much longer than the rig file's round trip means commands that act late.
 LATE_ANSWER_S = 0.03  # the feedforward is for another moment then: PID alone
 LATE_COMMAND_S = 0.045  # so late, for a quarter of a second: PID itself is no longer stable
 LATE_COMMANDS = 8
@@ -47,7 +47,7 @@ FELL_SHARE = 1.1
 BATTERY_LOST_S = 0.25
 FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
 GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
-# Of the weight, either way: the most that is fed forward. No wake that can be flown in pushes harder.
+# Of the weight, either way: the most that is fed forward. No wake to be flown in pushes harder.
 MOST_FEEDFORWARD = 1.0
 
 

@@ -22,7 +22,7 @@ from decisions_library import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.loop import arm_limits
+from runtime.arming import arm_limits
 from runtime.protocol import (
     SEQUENCE_WRAP,
     Arm,

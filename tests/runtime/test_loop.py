@@ -9,8 +9,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from world import RIG, World, resting_plan
 
+from runtime.arming import arm_limits
 from runtime.conversation import Answer
-from runtime.loop import Loop, applied_s, arm_limits, budget_s, require_wait
+from runtime.loop import Loop, applied_s, budget_s, require_wait
 from runtime.prediction import Result
 from runtime.protocol import Command as WireCommand
 from runtime.reference import hold_plan, random_plan

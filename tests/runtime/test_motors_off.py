@@ -11,9 +11,9 @@ import pytest
 from simulated_bench import ended_by
 
 from runtime import safety
+from runtime.arming import arm_limits
 from runtime.calibration.session import resting
 from runtime.calibration.steps import driving
-from runtime.loop import arm_limits
 from runtime.reference import hold_plan
 from runtime.safety import Mode
 from wakedeploy.failsafes import HINTS

@@ -8,8 +8,8 @@ import time
 import pytest
 from made_packages import gantry_package
 
+from runtime.arming import arm_limits
 from runtime.link import Link
-from runtime.loop import arm_limits
 from runtime.protocol import Command
 from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
 from runtime.standby import begin_standby, stand_by
