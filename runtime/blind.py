@@ -27,6 +27,8 @@ _RISE_S = 0.4  # for which a climb goes on until the brake has ended it
 # way has passed.
 _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
 _SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
+_NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
+_RISE_SHARE, _RISE_WAKE = 1.1, 1.5  # weight and wake that a thrust must exceed to count as lifting
 GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
 _LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
@@ -45,6 +47,14 @@ class Reckoned:
     def is_finite(self) -> bool:
         """Whether all of it is known."""
         return all(map(math.isfinite, (self.x_m, self.z_m, self.vz_mps, self.rotor_speed)))
+
+
+@dataclass(frozen=True, slots=True)
+class Rise:
+    """A rise from the stop that the forces should have brought and the sensor does not show."""
+
+    unseen_m: float = 0.0
+    vz_mps: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +94,15 @@ class BlindPlanner:
         z_m = before.z_m + 0.5 * (before.vz_mps + vz_mps) * dt_s
         return Reckoned(now.x_m, max(z_m, 0.0), vz_mps, now.rotor_speed)
 
-    def pulses(self, now: Reckoned, trim: TrimReader, held_us: float, hold_s: float) -> BlindPulses:
+    def pulses(
+        self,
+        now: Reckoned,
+        trim: TrimReader,
+        held_us: float,
+        hold_s: float,
+        *,
+        height_known: bool = True,
+    ) -> BlindPulses:
         """What a descent would begin with after `held_us` has been held for `hold_s`."""
         thrust_n, brake_s = trim.trim.thrust_n, self._rig.limits.brake_s
         brake_n = self._weight_n - thrust_n
@@ -94,7 +112,8 @@ class BlindPlanner:
             brake_n += self._mass_kg * (-SINK_MPS - vz_mps) / brake_s
             brake_n -= self._wake_ns(now, trim, span_s) / brake_s
         least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
-        sink_n = (1.0 - self._margin(now, trim)) * self._weight_n - thrust_n
+        margin = self._margin(now, trim) if height_known else _LEAST_MARGIN
+        sink_n = (1.0 - margin) * self._weight_n - thrust_n
         return BlindPulses(self._pulse(min(max(brake_n, least_n), most_n)), self._pulse(sink_n))
 
     def _wake_ns(self, now: Reckoned, trim: TrimReader, span_s: float) -> float:
@@ -124,6 +143,23 @@ class BlindPlanner:
         doubt_mps2 = 2.0 * math.sqrt(trim.trim.thrust_var) / self._mass_kg
         gained_mps2 = (_LANDING_MPS**2 - SINK_MPS**2) / (2.0 * height_m) - doubt_mps2
         return min(max(gained_mps2 / GRAVITY_MPS2, _LEAST_MARGIN), _MOST_MARGIN)
+
+    def carried(self, share: float, trim: TrimReader) -> float:
+        """The pulse [µs] that carries a share of the weight."""
+        return self._pulse(share * self._weight_n - trim.trim.thrust_n)
+
+    def rise(self, before: Rise, now: Estimate, trim: TrimReader, dt_s: float) -> Rise:
+        """One tick on: how far the sufferer should have risen near the stop, and is not seen to.
+
+        Only what thrust has above the weight and a wake half as strong again counts.
+        """
+        if not now.z_m < _NEAR_M:
+            return Rise()
+        wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
+        lifting_n = now.rotor_speed**2 + wake_n - _RISE_SHARE * self._weight_n
+        vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
+        seen_m = max(now.vz_mps, 0.0) * dt_s
+        return Rise(max(before.unseen_m + vz_mps * dt_s - seen_m, 0.0), vz_mps)
 
     def _pulse(self, thrust_n: float) -> float:
         low, high = self._rig.limits.pulse_us

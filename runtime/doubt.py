@@ -9,6 +9,7 @@ from collections import deque
 from dataclasses import dataclass
 
 WINDOW_S = 0.7  # over which the two errors are averaged
+MOST_LEFT = 0.7  # of the force's mean square: a prediction that explains less is worth nothing
 # What an estimate of the force is off by, and a thrust that is a few per cent off its curve.
 FORCE_FLOOR_N = 0.3
 FLOOR_SHARE = 0.07  # of the weight, for sufferers of another size
@@ -22,8 +23,8 @@ class Doubt:
     whole_n2: float = 0.0
 
     def exceeds(self, floor_n: float) -> bool:
-        """Whether the prediction leaves over more than there was, and more than a floor."""
-        return self.left_n2 > self.whole_n2 + floor_n**2
+        """Whether the prediction leaves over most of what there was, and more than a floor."""
+        return self.left_n2 > MOST_LEFT * self.whole_n2 + floor_n**2
 
 
 def weighed(before: Doubt, force_n: float, predicted_n: float, dt_s: float) -> Doubt:

@@ -26,7 +26,15 @@ _UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts lea
 _ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
 _STEP_ACCELERATION_SD_MPS2 = 2.0
 _GATE_SD = 5.0
-_PERSISTENT = 4  # that many rejected samples in a row are no outliers
+_PERSISTENT = 4  # that many rejected samples in a row are no outliers …
+_SCATTER_M = 0.1  # … unless they differ by this much among themselves
+_PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
+_PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
+# Innovations are squared over their variance, averaged, and held against what noise alone gives. A
+# sensor noisier than the rig file says is believed the less, down to a 200th.
+_SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
+_SURPRISED, _CALM = 3.0, 1.2
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,7 +68,11 @@ class Estimate:
     innovation_m: float = math.nan
     innovation_var_m2: float = math.nan
     off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
-    jumped_m: float = 0.0  # the same, when the next is taken in because so many were rejected
+    off_range_m: tuple[float, float] = (math.inf, -math.inf)  # lowest and highest of those
+    jumped_m: float = 0.0  # the least, when the next is taken in because so many were rejected
+    surprise: float = 1.0  # mean of the innovations' squares over their variances
+    noise_scale: float = 1.0  # of the sensor's variance over the rig file's
+    rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
 
     @property
     def z_m(self) -> float:
@@ -140,6 +152,7 @@ class Estimator:
         self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
     ) -> Estimate:
         dt = min(max(t_s - now.t_s, 1e-4), 0.5)
+        now = _after_a_pause(now, t_s - now.t_s)
         speed, thrust_n = self._mean_thrust(now.rotor_speed, pulses_us, dt)
         height, height_cov = self._predict_height(now, thrust_n, wake_n, dt)
         a_sd = _STEP_ACCELERATION_SD_MPS2
@@ -154,6 +167,7 @@ class Estimator:
             lateral=lateral,
             lateral_cov=lateral_cov,
             rotor_speed=speed,
+            rejected_s=now.rejected_s + dt if now.rejected else 0.0,
         )
 
     def _mean_thrust(
@@ -216,23 +230,50 @@ class Estimator:
         range_m = (measured.range_m - self._range_bias_m) / self._range_scale
         row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
         innovation = range_m - float((row @ now.height)[0])
-        variance = float((row @ now.height_cov @ row.T)[0, 0]) + self._range_var
+        noise_var = self._range_var * now.noise_scale
+        variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
+        seen = _surprised(seen, innovation**2 / variance)
         is_far = innovation**2 > _GATE_SD**2 * variance
         off_m = min(now.off_m, abs(innovation))
-        if is_far and now.rejected < _PERSISTENT:
-            return replace(seen, rejected=now.rejected + 1, off_m=off_m)
+        low_m, high_m = now.off_range_m
+        spread = (min(low_m, innovation), max(high_m, innovation))
+        is_scattered = spread[1] - spread[0] > _SCATTER_M
+        if is_far and (now.rejected < _PERSISTENT or is_scattered):
+            again = 0 if now.rejected >= _PERSISTENT else now.rejected
+            return replace(seen, rejected=again + 1, off_m=off_m, off_range_m=spread)
         height, cov = kalman_update(
-            now.height,
-            now.height_cov,
-            np.array([range_m]),
-            np.array([[self._range_var]]),
-            row,
+            now.height, now.height_cov, np.array([range_m]), np.array([[noise_var]]), row
         )
-        jumped_m = off_m if is_far else 0.0
         return replace(
-            seen, height=height, height_cov=cov, rejected=0, off_m=math.inf, jumped_m=jumped_m
+            seen,
+            height=height,
+            height_cov=cov,
+            rejected=0,
+            off_m=math.inf,
+            off_range_m=(math.inf, -math.inf),
+            jumped_m=off_m if is_far else 0.0,
+            rejected_s=0.0,
         )
+
+
+def _surprised(now: Estimate, square: float) -> Estimate:
+    """The filter after an innovation of this square over its variance: how noisy the sensor is."""
+    surprise = now.surprise + (min(square, _MOST_SURPRISE) - now.surprise) / _SURPRISE_TICKS
+    scale = now.noise_scale
+    if surprise > _SURPRISED:
+        scale = min(scale * _NOISE_UP, _MOST_NOISE)
+    elif surprise < _CALM:
+        scale = max(scale / _NOISE_DOWN, 1.0)
+    return replace(now, surprise=surprise, noise_scale=scale)
+
+
+def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
+    """The state with what it does not know of a time in which the loop stood still."""
+    if passed_s <= _PAUSE_S:
+        return now
+    unknown = np.diag([(_PAUSE_SD_MPS * passed_s) ** 2, _PAUSE_SD_MPS**2, 0.0])
+    return replace(now, height_cov=now.height_cov + unknown)
 
 
 _POSITION_ROW = np.array([[1.0, 0.0]])

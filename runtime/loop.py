@@ -134,7 +134,7 @@ class Loop:
         self._sign_reader, self._signs = SignReader(rig), Signs()
         self._way_down = WayDown(rig, self._pilot)
         self._range_door, self._answer_door = RangeDoor(rig), AnswerDoor(rig)
-        self._finished = False
+        self._finished, self._rested = False, 0
         self.error: Exception | None = None  # of the program, after which the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
         self.stop_asked = False
@@ -167,7 +167,6 @@ class Loop:
         self._boot = armed.boot
         self._safety = safety.happened(self._safety, Event.ARM)
         self._origin_s = self._clock.monotonic()
-        self._range_door.opened(self._origin_s)
         self._state = self._pilot.initial(0.0)
         try:
             pacer = Pacer(PERIOD_S, self._clock)
@@ -246,7 +245,7 @@ class Loop:
         laps.mark("t_predict_s")
         self._supervise(prediction, reading, seen, heard, measured)
         passed_s = self._state.estimate.t_s - before.estimate.t_s
-        aim, command, terms = self._control(aim, passed_s, measured, prediction)
+        aim, command, terms = self._control(tick.index, aim, passed_s, measured, prediction)
         laps.mark("t_control_s")
         self._write(command)
         laps.mark("t_write_s")
@@ -297,9 +296,11 @@ class Loop:
         if planned < len(self._plan):
             self._safety = safety.happened(self._safety, Event.START)
             return self._plan.at(planned, self._pilot.preview_s)
-        self._safety = safety.happened(self._safety, Event.FINISH)
-        over = planned >= len(self._plan) + self._rest_ticks - 1
-        self._finished = over and self._safety.mode is Mode.ARMED
+        if self._plan.motors_off:
+            self._safety = safety.happened(self._safety, Event.FINISH)
+        if self._safety.mode is Mode.ARMED:
+            self._rested += 1
+            self._finished = self._rested >= self._rest_ticks
         return resting_reference(self._rig)
 
     def _predict(self, aim: Reference, t_s: float, deadline_s: float) -> Prediction:
@@ -337,7 +338,9 @@ class Loop:
             bad_observation=prediction.bad_observation,
             doubted=prediction.doubted,
             bad_range=seen.is_bad,
-            range_silence_s=math.inf if self._ranges.failure else seen.silence_s - behind_s,
+            range_silence_s=math.inf
+            if self._ranges.failure
+            else max(seen.silence_s - behind_s, estimate.rejected_s),
             tick_failed=self.error is not None,
             stalled_s=stalled_s,
             link_silence_s=0.0 if asked_s is None else now_s - behind_s - asked_s,
@@ -351,6 +354,8 @@ class Loop:
             range_frozen_s=signs.range_frozen_s,
             range_frozen_limit_s=self._sign_reader.frozen_limit_s,
             not_lifting_s=signs.not_lifting_s,
+            unseen_rise_m=self._way_down.unseen_rise_m,
+            unexplained_sd_n=self._way_down.unexplained_sd_n,
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,
             z_m=estimate.z_m,
@@ -359,7 +364,12 @@ class Loop:
         self._safety = safety.watch(self._safety, found, self._rig.limits)
 
     def _control(
-        self, aim: Reference, passed_s: float, measured: Measurement, prediction: Prediction
+        self,
+        index: int,
+        aim: Reference,
+        passed_s: float,
+        measured: Measurement,
+        prediction: Prediction,
     ) -> tuple[Reference, Command, Terms]:
         mode = self._safety.mode
         usable_n = prediction.force_n if mode is Mode.RUNNING else None
@@ -368,12 +378,14 @@ class Loop:
         self._way_down.reckon(self._state, passed_s, believe=believe)
         nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
         if mode is Mode.FAILSAFE and not nothing_flies:
-            aim, command, terms = self._come_down(aim, measured.t_s, feedforward_n)
+            aim, command, terms = self._come_down(aim, measured, feedforward_n)
         elif mode in (Mode.ARMED, Mode.FAILSAFE):
             self._finished |= mode is Mode.FAILSAFE
             self._state, command, terms = self._pilot.rest(self._state)
         elif self._plan.motors_off:
             self._state, command, terms = self._pilot.drive(self._state, aim)
+        elif index - self._rest_ticks >= len(self._plan):
+            command, terms = self._touch_down(measured)
         else:
             self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
         if measured.steps_repeats > OLD_TICKS and self._flies:
@@ -381,12 +393,24 @@ class Loop:
         self._way_down.commanded(command, flies=self._flies)
         return aim, command, terms
 
+    def _touch_down(self, measured: Measurement) -> tuple[Command, Terms]:
+        """One tick between a plan's end and the rest: the motors stop once the sufferer stands."""
+        pulse_us = self._way_down.settle(measured)
+        if pulse_us is None:
+            self._safety = safety.happened(self._safety, Event.FINISH)
+            self._rested, self._finished = 1, self._rest_ticks <= 1
+            self._state, command, terms = self._pilot.rest(self._state)
+            return command, terms
+        wanted = replace(self._pilot.homing(self._state), sufferer_us=pulse_us)
+        self._state, command, terms = self._pilot.held(self._state, wanted)
+        return command, terms
+
     def _come_down(
-        self, aim: Reference, t_s: float, feedforward_n: float | None
+        self, aim: Reference, measured: Measurement, feedforward_n: float | None
     ) -> tuple[Reference, Command, Terms]:
         """One tick of a failsafe's way down; at its end the motors rest."""
         now = self._safety
-        down = self._way_down.descend(self._state, t_s, now.faults, now.cause, feedforward_n)
+        down = self._way_down.descend(self._state, measured, now.faults, now.cause, feedforward_n)
         if down is None:
             self._finished = True
             self._state, command, terms = self._pilot.rest(self._state)

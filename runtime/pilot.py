@@ -107,11 +107,15 @@ class Pilot:
 
     def rest(self, state: PilotState) -> tuple[PilotState, Command, Terms]:
         """The command of a tick at rest: motors idle, the carriage on its way home."""
-        idle_us = self.rig.limits.pulse_us[0]
-        homing_mps = -self.rig.control.carriage_gain_per_s * state.estimate.x_m
-        command = Command(idle_us, idle_us, homing_mps)
+        command = self.homing(state)
         after = self._sent(replace(state, forecasts=()), self._controller.initial(), command)
         return after, command, Terms(0.0, 0.0, 0.0, 0.0)
+
+    def homing(self, state: PilotState) -> Command:
+        """Motors idle, the carriage on its way home."""
+        idle_us = self.rig.limits.pulse_us[0]
+        homing_mps = -self.rig.control.carriage_gain_per_s * state.estimate.x_m
+        return Command(idle_us, idle_us, homing_mps)
 
     def drive(self, state: PilotState, aim: Reference) -> tuple[PilotState, Command, Terms]:
         """The command of a tick in which only the carriage moves: motors idle."""

@@ -7,16 +7,17 @@ import math
 from dataclasses import dataclass
 
 from runtime.range_source import RangeReading
-from runtime.safety import RANGE_FROZEN_S, SENSOR_LOST_S
+from runtime.safety import RANGE_FROZEN_S, SAMPLE_OLD_S
 from runtime.signs import AIRBORNE_M, frozen_limit_s
 from wakedeploy.physics.effects.chain import unplaced_constants
-from wakedeploy.rig import Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
-BEYOND_M = 0.3  # past either stop, that noise, outliers and a bad calibration can reach
+ABOVE_M, BELOW_M = 0.3, 0.1  # past the stops, that noise, outliers and calibration can reach
 AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
 # Ticks in a row with the same value in the air. A sensor holds a reading for up to 0.15 s; noise
 # never repeats itself so often. What it says then is no news.
 SAME_TICKS = 5
+MOST_SILENCE_S = 2.0 / LOOP_RATE_HZ  # that one look can add
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +39,12 @@ class RangeDoor:
         constants = unplaced_constants(rig)
         bias_m, scale = constants["range.bias_m"], constants["range.scale"]
         self._near_m = bias_m + AIRBORNE_M
-        self._low_m = bias_m - BEYOND_M
-        self._high_m = bias_m + scale * rig.sufferer.travel_m + BEYOND_M
+        self._low_m = bias_m - BELOW_M
+        self._high_m = bias_m + scale * rig.sufferer.travel_m + ABOVE_M
         self._may_repeat = frozen_limit_s(rig) > RANGE_FROZEN_S  # its noise is below its step
         self._newest_us, self._repeats = -1, 0
         self._value_m, self._same = math.nan, 0
-        self._believed_s = 0.0
-
-    def opened(self, now_s: float) -> None:
-        """A run begins: silence counts from here."""
-        self._believed_s = now_s
+        self._silence_s, self._looked_s = 0.0, math.nan
 
     def step(self, reading: RangeReading, now_s: float) -> Seen:
         """Look at the newest reading."""
@@ -56,8 +53,11 @@ class RangeDoor:
         self._newest_us = reading.sensor_time_us
         age_s = now_s - reading.sensor_time_s
         is_possible = self._is_possible(reading, age_s)
+        # A loop that stood still could not look: that is no silence of the sensor's.
+        passed_s, self._looked_s = now_s - self._looked_s, now_s
+        self._silence_s += min(passed_s, MOST_SILENCE_S) if passed_s > 0.0 else 0.0
         if is_new and is_possible:
-            self._believed_s = now_s
+            self._silence_s = 0.0
             is_same = reading.range_m == self._value_m and reading.range_m > self._near_m
             self._same = self._same + 1 if is_same else 0
             self._value_m = reading.range_m
@@ -67,10 +67,10 @@ class RangeDoor:
             self._repeats,
             is_bad=reading.status == 0 and not is_possible,
             is_stale=self._same > SAME_TICKS and not self._may_repeat,
-            silence_s=now_s - self._believed_s,
+            silence_s=self._silence_s,
         )
 
     def _is_possible(self, reading: RangeReading, age_s: float) -> bool:
         """Whether value and stamp are a rig's, and not those of a fault. NaN is not."""
         in_range = self._low_m <= reading.range_m <= self._high_m
-        return in_range and -AHEAD_S <= age_s <= SENSOR_LOST_S
+        return in_range and -AHEAD_S <= age_s <= SAMPLE_OLD_S

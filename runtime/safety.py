@@ -15,6 +15,7 @@ from wakedeploy.rig import LOOP_RATE_HZ, Limits
 LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
 CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back
 SENSOR_LOST_S = 0.25  # without a new range sample
+SAMPLE_OLD_S = 0.15  # the filter's motion since then is a guess: as good as no sample
 # Since a command was sent that is still unanswered. The MCU's own deadman begins its descent after
 # four periods without commands; where only answers are lost, it hears every command, and the loop
 # flies on by PID alone for a while.
@@ -22,8 +23,8 @@ ANSWERS_MISSING_S = 0.125
 LINK_LOST_S = 0.5
 STALLED_S = 0.125  # between two ticks: the MCU's deadman has begun its descent meanwhile
 # An answer that takes so much longer than the rig file's round trip means commands that act late.
-LATE_ANSWER_S = 0.03  # the feedforward is for another moment then: PID alone
-LATE_COMMAND_S = 0.045  # so late, for a quarter of a second: PID itself is no longer stable
+LATE_ANSWER_S = 0.02  # the feedforward is for another moment then: PID alone
+LATE_COMMAND_S = 0.03  # so late, for a quarter of a second: PID itself is no longer stable
 LATE_COMMANDS = 8
 
 # In the air the same reading again and again. A VL53L0X's noise, 3 to 6 mm at 1 mm resolution,
@@ -39,6 +40,12 @@ REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has
 # 5 m/s², also where the rig file's thrust curve is a third too strong. Only a wake of more than
 # half the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
 NOT_LIFTING_S = 1.0
+# The same by the forces: so far it should have risen, the wake half as strong again. Either nothing
+# lifts, or the sensor does not see it.
+UNSEEN_RISE_M = 0.15
+# A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
+# late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
+UNEXPLAINED_SD_N = 1.3
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
@@ -118,6 +125,8 @@ class Findings:
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
+    unseen_rise_m: float = 0.0  # which the commands should have brought, and the sensor denies
+    unexplained_sd_n: float = 0.0  # of the force that neither thrust, wake nor weight explains
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     battery_gone_s: float = 0.0  # since a battery that was measured is gone
     z_m: float = 0.0
@@ -173,7 +182,10 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
         "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
-        "thrust_lost": fell or found.not_lifting_s > NOT_LIFTING_S,
+        "thrust_lost": fell
+        or found.not_lifting_s > NOT_LIFTING_S
+        or found.unseen_rise_m > UNSEEN_RISE_M,
+        "motion_unexplained": found.unexplained_sd_n > UNEXPLAINED_SD_N,
         "mcu_fault": found.mcu_fault,
         "recorder_failed": found.recorder_failed,
         "operator_stop": found.stop_asked,

@@ -29,6 +29,7 @@ _ALONE = (0.13, 0.86)
 _FORECAST = (0.22, 0.80)
 _MOST_OFF_N = 2.0  # of a single measurement: thrust that is gone altogether is no trim
 _MOST_SHARE = 0.08  # of the weight, for the same reason
+_SWING_S = 0.7  # over which the swing of what is left unexplained is averaged
 _AIRBORNE_M = 0.05
 _PUFFS_PER_TICK = 2
 _TICK_S = 1.0 / LOOP_RATE_HZ
@@ -56,7 +57,13 @@ class TrimReader:
         self._lagged_n = 0.0  # the wake, as far as no forecast has it, as the estimator follows it
         weight_n = rig.sufferer.mass_kg * GRAVITY_MPS2
         self._most_n = _MOST_SHARE * weight_n
+        self._left_n = self._swing_n2 = 0.0
         self.trim = Trim(0.0, 1.0, (THRUST_SD_SHARE * weight_n) ** 2, WAKE_SD**2)
+
+    @property
+    def unexplained_sd_n(self) -> float:
+        """How much the force [N] swings that thrust, trim and wake leave unexplained."""
+        return math.sqrt(self._swing_n2)
 
     def step(
         self, now: Estimate, forecast_n: float | None, source_us: float, *, believe: bool
@@ -74,6 +81,7 @@ class TrimReader:
         self._lagged_n += (left_n - self._lagged_n) * -math.expm1(-_TICK_S / lag_s)
         off_n = now.disturbance_n / share - self.trim.thrust_n - self._lagged_n
         if believe and now.z_m > _AIRBORNE_M and math.isfinite(off_n):
+            self._swing(off_n)
             after = _updated(self.trim, off_n, model_n)
             self.trim = replace(
                 after,
@@ -88,6 +96,11 @@ class TrimReader:
         It keeps its present thrust for `held_s` and is idle from then on.
         """
         return self.trim.strength * self._model_n(x_m, z_m, ahead_s, held_s)
+
+    def _swing(self, off_n: float) -> None:
+        share = -math.expm1(-_TICK_S / _SWING_S)
+        self._left_n += share * (off_n - self._left_n)
+        self._swing_n2 += share * ((off_n - self._left_n) ** 2 - self._swing_n2)
 
     def _inject(self, source_us: float) -> None:
         target = math.sqrt(self._rig.thrust.source.thrust(source_us))

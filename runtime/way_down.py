@@ -5,15 +5,27 @@ the pulses that the board descends with should it be the last one.
 """
 
 import math
+from dataclasses import replace
 
-from runtime.blind import BlindPlanner, BlindPulses, Reckoned, ladder_pulse, on_the_stop
+from runtime.blind import BlindPlanner, BlindPulses, Reckoned, Rise, ladder_pulse, on_the_stop
 from runtime.controller import Command, Terms
-from runtime.descent import BLINDING, Descent, descent_reference, has_landed
+from runtime.descent import (
+    BLINDING,
+    HEIGHTLESS,
+    SWINGING,
+    Descent,
+    descent_reference,
+    has_landed,
+    is_down,
+)
+from runtime.estimator import Measurement
 from runtime.pilot import Pilot, PilotState
 from runtime.reference import Reference
+from runtime.settling import TEST_SHARE, Settling, Stage, settled
 from runtime.trim import TrimReader
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
+OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause it begins anew where it is
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -23,9 +35,21 @@ class WayDown:
     def __init__(self, rig: Rig, pilot: Pilot) -> None:
         self._rig, self._pilot = rig, pilot
         self._trim, self._planner, self._reckoned = TrimReader(rig), BlindPlanner(rig), Reckoned()
-        self._source_us = rig.limits.pulse_us[0]
+        self._source_us = self._last_us = rig.limits.pulse_us[0]
         self._descent: Descent | None = None
+        self._rise, self._settling = Rise(), Settling(0.0, 0.0)
+        self._is_settling = False
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
+
+    @property
+    def unseen_rise_m(self) -> float:
+        """How far it should have risen from the stop without being seen to."""
+        return self._rise.unseen_m
+
+    @property
+    def unexplained_sd_n(self) -> float:
+        """How much the force [N] swings that nothing explains."""
+        return self._trim.unexplained_sd_n
 
     def reckon(self, state: PilotState, dt_s: float, *, believe: bool) -> None:
         """Follow a tick's estimate; with `believe` it also tells of thrust and wake."""
@@ -35,10 +59,11 @@ class WayDown:
         self._reckoned = self._planner.reckon(
             self._reckoned, now, self._trim, dt_s, trusted=trusted
         )
+        self._rise = self._planner.rise(self._rise, now, self._trim, dt_s) if believe else Rise()
 
     def commanded(self, command: Command, *, flies: bool) -> None:
         """A command is about to go out."""
-        self._source_us = command.source_us
+        self._source_us, self._last_us = command.source_us, command.sufferer_us
         descent = self._descent
         if not flies or on_the_stop(self._reckoned):
             self.pulses = self._planner.idle
@@ -50,23 +75,47 @@ class WayDown:
     def descend(
         self,
         state: PilotState,
-        t_s: float,
+        measured: Measurement,
         faults: tuple[str, ...],
         cause: tuple[str, ...],
         feedforward_n: float | None,
     ) -> tuple[PilotState, Reference, Command, Terms] | None:
         """One tick down, the source idle at once; None once it has landed."""
-        limits, descent = self._rig.limits, self._begun(state, t_s, faults)
+        limits, t_s = self._rig.limits, measured.t_s
+        descent = self._begun(state, t_s, faults)
         aim = descent_reference(descent, t_s, limits.pulse_us[0])
-        if has_landed(descent, t_s, state.estimate.z_m, limits):
-            return None
-        if descent.blind is None:
-            gently = "commands_late" in cause
-            state, command, terms = self._pilot.control(state, aim, feedforward_n, gently=gently)
-        else:
+        if descent.blind is not None:
+            if has_landed(descent, t_s, limits):
+                return None
             pulse_us = ladder_pulse(descent.blind, t_s - descent.start_s, limits)
-            state, command, terms = self._pilot.held(state, Command(aim.source_us, pulse_us, 0.0))
+        elif self._is_settling or is_down(descent, t_s, state.estimate.z_m):
+            settling_us = self.settle(measured)
+            if settling_us is None:
+                return None
+            pulse_us = settling_us
+        elif "link_lost" in faults:
+            # What gets through has to agree with what the board does by itself.
+            pulse_us = self._blind_after(state.last_us, 0.0).brake_us
+        else:
+            gently = not SWINGING.isdisjoint(cause)
+            state, command, terms = self._pilot.control(state, aim, feedforward_n, gently=gently)
+            return state, aim, command, terms
+        state, command, terms = self._pilot.held(state, Command(aim.source_us, pulse_us, 0.0))
         return state, aim, command, terms
+
+    def settle(self, measured: Measurement) -> float | None:
+        """The pulse [µs] of one tick of a touch-down; None once the sufferer stands."""
+        if not self._is_settling:
+            self._is_settling, self._settling = True, Settling(measured.t_s, measured.t_s)
+        is_new = measured.range_repeats == 0
+        self._settling = settled(
+            self._settling, measured.t_s, measured.range_m if is_new else math.nan
+        )
+        if self._settling.stage is Stage.STANDS:
+            return None
+        if self._settling.stage is Stage.TEST:
+            return self._planner.carried(TEST_SHARE, self._trim)
+        return self._blind_after(self._last_us, 0.0).brake_us
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""
@@ -75,24 +124,33 @@ class WayDown:
             last = self._reckoned
             descent = self._descent = Descent(t_s, last.z_m, last.x_m, self.pulses)
         assert descent.blind is not None
-        if has_landed(descent, t_s, math.nan, limits):
+        if has_landed(descent, t_s, limits):
             return None
         pulse_us = ladder_pulse(descent.blind, t_s - descent.start_s, limits)
         self.pulses = BlindPulses(pulse_us, pulse_us)
         return Command(limits.pulse_us[0], pulse_us, 0.0)
 
     def _begun(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
-        """The way down, begun anew when the height gets lost on it."""
+        """The way down, begun anew when the height gets lost on it, or after a pause."""
         now, descent = state.estimate, self._descent
         is_known = BLINDING.isdisjoint(faults) and math.isfinite(now.z_m)
-        if descent is None and is_known:
-            descent = Descent(t_s, now.z_m, now.x_m)
-        elif not is_known and (descent is None or descent.blind is None):
-            last = self._reckoned
-            descent = Descent(t_s, last.z_m, last.x_m, self._blind_after(state.last_us, 0.0))
-        assert descent is not None
-        self._descent = descent
+        if descent is not None and descent.blind is not None:
+            return descent
+        if not is_known:
+            self._descent = descent = self._blind_descent(state, t_s, faults)
+        elif descent is None or abs(descent.line_m(t_s) - now.z_m) > OFF_THE_LINE_M:
+            self._descent = descent = Descent(t_s, now.z_m, now.x_m)
         return descent
+
+    def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
+        last = self._reckoned
+        if self._rise.unseen_m > 0.0 and "thrust_lost" in faults:
+            last = replace(last, z_m=last.z_m + self._rise.unseen_m, vz_mps=self._rise.vz_mps)
+        height_known = HEIGHTLESS.isdisjoint(faults)
+        blind = self._planner.pulses(
+            last, self._trim, state.last_us, 0.0, height_known=height_known
+        )
+        return Descent(t_s, last.z_m, last.x_m, blind)
 
     def _blind_after(self, held_us: float, hold_s: float) -> BlindPulses:
         return self._planner.pulses(self._reckoned, self._trim, held_us, hold_s)

@@ -1,0 +1,63 @@
+"""Touch-down: motors go off only once the sufferer has shown that it stands.
+
+In: heights as they are read. Out: a share of the weight for the motor to carry, and whether it
+stands. A sensor that drifted says the stop where there is none; what hangs in the air sinks as soon
+as it is carried less, and what stands does not.
+"""
+
+import enum
+import math
+from dataclasses import dataclass, replace
+
+TEST_SHARE = 0.85  # of the weight: from rest a fall of 4 cm in the time of a test, at 0.4 m/s
+TEST_S = 0.375
+SINK_S = 0.75  # on the way down between two tests
+MOVED_M = 0.02  # in a test, which noise alone does not show
+_READINGS = 4  # at each end of a test, averaged
+LONGEST_S = 12.0  # then the motors stop wherever it is
+
+
+class Stage(enum.Enum):
+    """What a touch-down is at."""
+
+    TEST = enum.auto()  # carried less: does it sink?
+    SINK = enum.auto()  # it did: down, at the speed of a blind descent
+    STANDS = enum.auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Settling:
+    """Since when the touch-down and its stage last, and what has been read in it."""
+
+    began_s: float
+    stage_s: float
+    stage: Stage = Stage.TEST
+    ranges_m: tuple[float, ...] = ()
+
+
+def settled(before: Settling, t_s: float, range_m: float) -> Settling:
+    """One tick: `range_m` is a new reading, or NaN."""
+    if before.stage is Stage.STANDS or t_s - before.began_s > LONGEST_S:
+        return replace(before, stage=Stage.STANDS)
+    if before.stage is Stage.SINK:
+        is_over = t_s - before.stage_s >= SINK_S
+        return Settling(before.began_s, t_s) if is_over else before
+    read = (*before.ranges_m, range_m) if math.isfinite(range_m) else before.ranges_m
+    if t_s - before.stage_s < TEST_S:
+        return replace(before, ranges_m=read)
+    stage = Stage.STANDS if _is_still(read) else Stage.SINK
+    return Settling(before.began_s, t_s, stage)
+
+
+def _is_still(ranges_m: tuple[float, ...]) -> bool:
+    """Whether readings at both ends of a test agree; too few of them show nothing."""
+    if len(ranges_m) < 2 * _READINGS:
+        return False
+    first, last = ranges_m[:_READINGS], ranges_m[-_READINGS:]
+    return abs(_median(first) - _median(last)) < MOVED_M
+
+
+def _median(values: tuple[float, ...]) -> float:
+    ordered = sorted(values)
+    middle = len(ordered) // 2
+    return 0.5 * (ordered[middle - 1] + ordered[middle])
