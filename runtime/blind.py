@@ -20,15 +20,18 @@ SINK_MPS = 0.3  # downwards, when the brake ends
 # The speed that a sink from the present height may reach should the thrust be weaker than known by
 # two standard deviations; what that leaves to gravity, as a share of the weight, has bounds.
 _LANDING_MPS = 0.75
-_LEAST_MARGIN, _MOST_MARGIN = 0.005, 0.3
+_LEAST_MARGIN, _MOST_MARGIN = 0.005, 0.05
 _LEAST_HEIGHT_M = 0.05
 _RISE_S = 0.4  # for which a climb goes on until the brake has ended it
 # The wake that is still to come is looked at in steps; after half a second the air that was on its
 # way has passed.
 _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
 _SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
+_STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
 _NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
-_RISE_SHARE, _RISE_WAKE = 1.1, 1.5  # weight and wake that a thrust must exceed to count as lifting
+_MOST_NEAR_SHARE = 1.35  # of the weight, beside such a wake
+_SINKING_S = 0.3  # within which a sink that is seen takes its speed
+_RISE_SHARE, _RISE_WAKE = 1.07, 1.5  # weight and wake that a thrust must exceed to count as lifting
 GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
 _LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
@@ -55,6 +58,7 @@ class Rise:
 
     unseen_m: float = 0.0
     vz_mps: float = 0.0
+    since_m: float = 0.0  # what the sensor has shown all the time
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,9 +115,12 @@ class BlindPlanner:
             vz_mps = now.vz_mps + self._gained_mps(now, trim, held_us, span_s)
             brake_n += self._mass_kg * (-SINK_MPS - vz_mps) / brake_s
             brake_n -= self._wake_ns(now, trim, span_s) / brake_s
-        least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
-        margin = self._margin(now, trim) if height_known else _LEAST_MARGIN
-        sink_n = (1.0 - margin) * self._weight_n - thrust_n
+        # Near the stop a fall is over, or will be: a brake would only throw it up.
+        most = _MOST_SHARE if now.z_m > _LEAST_HEIGHT_M else 1.0
+        least_n, most_n = _LEAST_SHARE * self._weight_n, most * self._weight_n
+        sink_n = (1.0 - self._margin(now, trim)) * self._weight_n - thrust_n
+        if not height_known:  # nor is the speed
+            sink_n = brake_n = (1.0 - _LEAST_MARGIN) * self._weight_n - thrust_n
         return BlindPulses(self._pulse(min(max(brake_n, least_n), most_n)), self._pulse(sink_n))
 
     def _wake_ns(self, now: Reckoned, trim: TrimReader, span_s: float) -> float:
@@ -144,22 +151,38 @@ class BlindPlanner:
         gained_mps2 = (_LANDING_MPS**2 - SINK_MPS**2) / (2.0 * height_m) - doubt_mps2
         return min(max(gained_mps2 / GRAVITY_MPS2, _LEAST_MARGIN), _MOST_MARGIN)
 
-    def carried(self, share: float, trim: TrimReader) -> float:
-        """The pulse [µs] that carries a share of the weight."""
-        return self._pulse(share * self._weight_n - trim.trim.thrust_n)
+    def carried(self, share: float, other_n: float) -> float:
+        """The pulse [µs] that carries a share of the weight beside other forces [N]."""
+        return self._pulse(share * self._weight_n - other_n)
+
+    def sinking(self, now: Estimate, other_n: float) -> float:
+        """The pulse [µs] towards the speed of a sink, where the height is seen."""
+        wanted_n = self._weight_n - other_n
+        wanted_n += self._mass_kg * (-SINK_MPS - now.vz_mps) / _SINKING_S
+        least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
+        return self._pulse(min(max(wanted_n, least_n), most_n))
+
+    def most_near_stop(self, now: Estimate, trim: TrimReader) -> float | None:
+        """The most [µs] that a take-off may ask for while the sensor still shows the stop."""
+        if not now.z_m < _NEAR_M:
+            return None
+        wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
+        return self._pulse(_MOST_NEAR_SHARE * self._weight_n - wake_n)
 
     def rise(self, before: Rise, now: Estimate, trim: TrimReader, dt_s: float) -> Rise:
         """One tick on: how far the sufferer should have risen near the stop, and is not seen to.
 
-        Only what thrust has above the weight and a wake half as strong again counts.
+        Only what thrust has above the weight and a wake half as strong again counts, and only while
+        the sensor shows no motion at all.
         """
-        if not now.z_m < _NEAR_M:
-            return Rise()
+        if not now.z_m < _NEAR_M or abs(now.z_m - before.since_m) > _STILL_M:
+            return Rise(since_m=now.z_m)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
         lifting_n = now.rotor_speed**2 + wake_n - _RISE_SHARE * self._weight_n
         vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
         seen_m = max(now.vz_mps, 0.0) * dt_s
-        return Rise(max(before.unseen_m + vz_mps * dt_s - seen_m, 0.0), vz_mps)
+        unseen_m = max(before.unseen_m + vz_mps * dt_s - seen_m, 0.0)
+        return Rise(unseen_m, vz_mps, before.since_m)
 
     def _pulse(self, thrust_n: float) -> float:
         low, high = self._rig.limits.pulse_us

@@ -25,11 +25,15 @@ LANDED_M = 0.03
 
 @dataclass(frozen=True, slots=True)
 class Descent:
-    """Where and when it began; `blind` has the pulses of one whose height is not known."""
+    """Where and when it began; `blind` has the pulses of one whose height is not known.
+
+    `limit_s` [s, as `start_s`] ends a controlled one wherever it is.
+    """
 
     start_s: float
     z_m: float
     x_m: float
+    limit_s: float
     blind: BlindPulses | None = None
 
     def line_m(self, t_s: float) -> float:
@@ -45,10 +49,13 @@ def descent_reference(descent: Descent, t_s: float, idle_us: float) -> Reference
 
 def is_down(descent: Descent, t_s: float, z_m: float) -> bool:
     """Whether a controlled descent is at its end; then the touch-down begins."""
-    since_s = t_s - descent.start_s
-    at_end = DESCENT_MPS * since_s >= descent.z_m
-    limit_s = max(LEAST_DESCENT_LIMIT_S, DESCENT_LIMIT * descent.z_m / DESCENT_MPS)
-    return (at_end and z_m < LANDED_M) or since_s > limit_s
+    at_end = descent.line_m(t_s) <= 0.0
+    return (at_end and z_m < LANDED_M) or t_s > descent.limit_s
+
+
+def limit_s(t_s: float, z_m: float) -> float:
+    """When a controlled descent that begins now ends at the latest [s]."""
+    return t_s + max(LEAST_DESCENT_LIMIT_S, DESCENT_LIMIT * z_m / DESCENT_MPS)
 
 
 def has_landed(descent: Descent, t_s: float, limits: Limits) -> bool:

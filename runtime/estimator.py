@@ -16,7 +16,7 @@ from filterpy.kalman import update as kalman_update
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
-from wakedeploy.rig import Rig
+from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -26,23 +26,27 @@ _UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts lea
 _ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
 _STEP_ACCELERATION_SD_MPS2 = 2.0
 _GATE_SD = 5.0
+# Samples in a row with the same value in the air. One in a thousand repeats so often by chance;
+# a sensor that holds its readings does, too. What it says then is no news.
+SAME_TICKS = 3
 _PERSISTENT = 4  # that many rejected samples in a row are no outliers …
-_SCATTER_M = 0.1  # … unless they differ by this much among themselves
+_SCATTER_M = 0.1  # … unless they go to and fro by this much, as no motion does
 _PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
 _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
-# Innovations are squared over their variance, averaged, and held against what noise alone gives. A
-# sensor noisier than the rig file says is believed the less, down to a 200th.
+# Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
+# model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
+# file says is believed the less, down to a 25th: more would let strays in.
 _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
-_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 25.0
 
 
 @dataclass(frozen=True, slots=True)
 class Measurement:
     """What one tick read: newest range sample (NaN: none), its age, its repeats; step count.
 
-    The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one. A
-    range that `is_stale` is no news.
+    The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
+    `same` counts samples in a row that say what the one before said.
     """
 
     t_s: float
@@ -51,7 +55,7 @@ class Measurement:
     range_repeats: int
     steps: int
     steps_repeats: int = 0
-    is_stale: bool = False
+    same: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,9 +72,11 @@ class Estimate:
     innovation_m: float = math.nan
     innovation_var_m2: float = math.nan
     off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
-    off_range_m: tuple[float, float] = (math.inf, -math.inf)  # lowest and highest of those
+    rejects: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of those: first, last, path [m]
     jumped_m: float = 0.0  # the least, when the next is taken in because so many were rejected
-    surprise: float = 1.0  # mean of the innovations' squares over their variances
+    surprise: float = 1.0  # mean of innovations' differences, squared, over what noise gives
+    last_innovation_m: float = math.nan
+    stale_s: float = 0.0  # since a new sample says the same again and again
     noise_scale: float = 1.0  # of the sensor's variance over the rig file's
     rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
 
@@ -211,7 +217,12 @@ class Estimator:
         return height, cov
 
     def _resting(self, now: Estimate, thrust_n: float) -> bool:
-        """On the stop with too little thrust to leave it: the stop carries the weight."""
+        """On the stop with too little thrust to leave it: the stop carries the weight.
+
+        Unless samples say otherwise: something else may lift it.
+        """
+        if now.rejected:
+            return False
         weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
         return now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
 
@@ -224,8 +235,12 @@ class Estimator:
 
     def _update_height(self, now: Estimate, measured: Measurement) -> Estimate:
         unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan, jumped_m=0.0)
-        if not math.isfinite(measured.range_m) or measured.range_repeats > 0 or measured.is_stale:
+        if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
             return unseen
+        if measured.same > SAME_TICKS:
+            return replace(unseen, stale_s=unseen.stale_s + 1.0 / LOOP_RATE_HZ)
+        # What it moved while the sensor stood still is not known.
+        now = unseen = replace(_after_a_pause(unseen, unseen.stale_s), stale_s=0.0)
         age = measured.range_age_s + self._range_delay_s
         range_m = (measured.range_m - self._range_bias_m) / self._range_scale
         row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
@@ -233,15 +248,16 @@ class Estimator:
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
-        seen = _surprised(seen, innovation**2 / variance)
+        seen = _surprised(seen)
         is_far = innovation**2 > _GATE_SD**2 * variance
         off_m = min(now.off_m, abs(innovation))
-        low_m, high_m = now.off_range_m
-        spread = (min(low_m, innovation), max(high_m, innovation))
-        is_scattered = spread[1] - spread[0] > _SCATTER_M
+        first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
+        rejects = (first_m, range_m, path_m + abs(range_m - last_m))
+        is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
         if is_far and (now.rejected < _PERSISTENT or is_scattered):
-            again = 0 if now.rejected >= _PERSISTENT else now.rejected
-            return replace(seen, rejected=again + 1, off_m=off_m, off_range_m=spread)
+            if now.rejected >= _PERSISTENT:
+                return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
+            return replace(seen, rejected=now.rejected + 1, off_m=off_m, rejects=rejects)
         height, cov = kalman_update(
             now.height, now.height_cov, np.array([range_m]), np.array([[noise_var]]), row
         )
@@ -251,21 +267,24 @@ class Estimator:
             height_cov=cov,
             rejected=0,
             off_m=math.inf,
-            off_range_m=(math.inf, -math.inf),
             jumped_m=off_m if is_far else 0.0,
             rejected_s=0.0,
         )
 
 
-def _surprised(now: Estimate, square: float) -> Estimate:
-    """The filter after an innovation of this square over its variance: how noisy the sensor is."""
-    surprise = now.surprise + (min(square, _MOST_SURPRISE) - now.surprise) / _SURPRISE_TICKS
+def _surprised(now: Estimate) -> Estimate:
+    """The filter after an innovation: how noisy the sensor is."""
+    difference_m = now.innovation_m - now.last_innovation_m
+    if not math.isfinite(difference_m):
+        return replace(now, last_innovation_m=now.innovation_m)
+    square = min(0.5 * difference_m**2 / now.innovation_var_m2, _MOST_SURPRISE)
+    surprise = now.surprise + (square - now.surprise) / _SURPRISE_TICKS
     scale = now.noise_scale
     if surprise > _SURPRISED:
         scale = min(scale * _NOISE_UP, _MOST_NOISE)
     elif surprise < _CALM:
         scale = max(scale / _NOISE_DOWN, 1.0)
-    return replace(now, surprise=surprise, noise_scale=scale)
+    return replace(now, surprise=surprise, noise_scale=scale, last_innovation_m=now.innovation_m)
 
 
 def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:

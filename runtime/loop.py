@@ -17,7 +17,7 @@ from runtime.arming import arm_limits, require_battery, require_home
 from runtime.blind import ladder_s
 from runtime.controller import Command, Terms
 from runtime.conversation import Answer
-from runtime.estimator import Measurement
+from runtime.estimator import SAME_TICKS, Measurement
 from runtime.forecasting import Forecasting, Prediction
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
@@ -178,6 +178,7 @@ class Loop:
             self._let_the_deadman_land()
             raise
         finally:
+            self._wait_for_a_board_that_hears_nothing()
             self._link.disarm()
             self._safety = safety.happened(self._safety, Event.DISARM)
             self._look_for_a_reboot()
@@ -186,6 +187,14 @@ class Loop:
         if self.error is not None:
             raise self.error
         return self.tally
+
+    def _wait_for_a_board_that_hears_nothing(self) -> None:
+        """It cannot be disarmed: its own descent ends in idle motors, and so does the run."""
+        since_s = self._link.unanswered_since_s
+        if self._plan.motors_off or "link_lost" not in self._safety.faults or since_s is None:
+            return
+        over_s = since_s + DEADMAN_S + ladder_s(self._rig.limits)
+        self._clock.sleep(max(over_s - self._clock.monotonic(), 0.0))
 
     def _let_the_deadman_land(self) -> None:
         """Without commands the board brings the sufferer down by itself; disarmed, it drops it."""
@@ -239,6 +248,8 @@ class Loop:
         reading, seen, heard, measured = self._read()
         laps.mark("t_read_s")
         before, self._state = self._state, self._pilot.estimate(self._state, measured)
+        if measured.same > SAME_TICKS:
+            self._state = self._way_down.without_the_last_samples(self._state)
         aim = self._aim(tick.index)
         laps.mark("t_estimate_s")
         prediction = self._predict(aim, measured.t_s, tick.start_s + self._wait_s)
@@ -284,7 +295,7 @@ class Loop:
             seen.repeats,
             answer.status.steps,
             heard.repeats,
-            seen.is_stale,
+            seen.same,
         )
         return reading, seen, heard, measured
 
@@ -340,7 +351,7 @@ class Loop:
             bad_range=seen.is_bad,
             range_silence_s=math.inf
             if self._ranges.failure
-            else max(seen.silence_s - behind_s, estimate.rejected_s),
+            else max(seen.silence_s - behind_s, estimate.rejected_s if self._flies else 0.0),
             tick_failed=self.error is not None,
             stalled_s=stalled_s,
             link_silence_s=0.0 if asked_s is None else now_s - behind_s - asked_s,
@@ -375,7 +386,7 @@ class Loop:
         usable_n = prediction.force_n if mode is Mode.RUNNING else None
         feedforward_n = self._forecasting.fed_forward_n(usable_n)
         believe = self._flies and not self._safety.cause
-        self._way_down.reckon(self._state, passed_s, believe=believe)
+        self._way_down.reckon(self._state, measured, passed_s, believe=believe)
         nothing_flies = self._plan.motors_off or self._safety.failed_in is Mode.ARMED
         if mode is Mode.FAILSAFE and not nothing_flies:
             aim, command, terms = self._come_down(aim, measured, feedforward_n)
@@ -387,7 +398,10 @@ class Loop:
         elif index - self._rest_ticks >= len(self._plan):
             command, terms = self._touch_down(measured)
         else:
-            self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
+            most_us = self._way_down.most_us(self._state)
+            self._state, command, terms = self._pilot.control(
+                self._state, aim, feedforward_n, most_us=most_us
+            )
         if measured.steps_repeats > OLD_TICKS and self._flies:
             command = replace(command, carriage_mps=0.0)  # nobody knows where it is
         self._way_down.commanded(command, flies=self._flies)
@@ -395,7 +409,7 @@ class Loop:
 
     def _touch_down(self, measured: Measurement) -> tuple[Command, Terms]:
         """One tick between a plan's end and the rest: the motors stop once the sufferer stands."""
-        pulse_us = self._way_down.settle(measured)
+        pulse_us = self._way_down.settle(self._state, measured)
         if pulse_us is None:
             self._safety = safety.happened(self._safety, Event.FINISH)
             self._rested, self._finished = 1, self._rest_ticks <= 1

@@ -14,9 +14,6 @@ from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 ABOVE_M, BELOW_M = 0.3, 0.1  # past the stops, that noise, outliers and calibration can reach
 AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
-# Ticks in a row with the same value in the air. A sensor holds a reading for up to 0.15 s; noise
-# never repeats itself so often. What it says then is no news.
-SAME_TICKS = 5
 MOST_SILENCE_S = 2.0 / LOOP_RATE_HZ  # that one look can add
 
 
@@ -28,7 +25,7 @@ class Seen:
     age_s: float
     repeats: int  # ticks since this sample was new
     is_bad: bool = False  # good by its own status, and impossible
-    is_stale: bool = False  # new by its stamp, and the same as for long
+    same: int = 0  # samples in a row that are new by their stamps, and the same
     silence_s: float = 0.0  # since the last new sample that can be believed
 
 
@@ -66,7 +63,7 @@ class RangeDoor:
             age_s,
             self._repeats,
             is_bad=reading.status == 0 and not is_possible,
-            is_stale=self._same > SAME_TICKS and not self._may_repeat,
+            same=0 if self._may_repeat else self._same,
             silence_s=self._silence_s,
         )
 

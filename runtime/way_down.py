@@ -7,7 +7,17 @@ the pulses that the board descends with should it be the last one.
 import math
 from dataclasses import replace
 
-from runtime.blind import BlindPlanner, BlindPulses, Reckoned, Rise, ladder_pulse, on_the_stop
+import numpy as np
+
+from runtime.blind import (
+    BlindPlanner,
+    BlindPulses,
+    Reckoned,
+    Rise,
+    ladder_pulse,
+    ladder_s,
+    on_the_stop,
+)
 from runtime.controller import Command, Terms
 from runtime.descent import (
     BLINDING,
@@ -17,6 +27,7 @@ from runtime.descent import (
     descent_reference,
     has_landed,
     is_down,
+    limit_s,
 )
 from runtime.estimator import Measurement
 from runtime.pilot import Pilot, PilotState
@@ -26,6 +37,7 @@ from runtime.trim import TrimReader
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause it begins anew where it is
+FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the touch-down
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -38,7 +50,7 @@ class WayDown:
         self._source_us = self._last_us = rig.limits.pulse_us[0]
         self._descent: Descent | None = None
         self._rise, self._settling = Rise(), Settling(0.0, 0.0)
-        self._is_settling = False
+        self._is_settling, self._lifting_n = False, 0.0
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
 
     @property
@@ -51,14 +63,33 @@ class WayDown:
         """How much the force [N] swings that nothing explains."""
         return self._trim.unexplained_sd_n
 
-    def reckon(self, state: PilotState, dt_s: float, *, believe: bool) -> None:
+    def most_us(self, state: PilotState) -> float | None:
+        """The most [µs] that control may ask for now; None where it is free."""
+        return self._planner.most_near_stop(state.estimate, self._trim)
+
+    def without_the_last_samples(self, state: PilotState) -> PilotState:
+        """The state as the forces alone have it, where samples have only been repeated."""
+        now, reckoned, trim = state.estimate, self._reckoned, self._trim
+        force_n = trim.trim.thrust_n + trim.wake_n(reckoned.x_m, reckoned.z_m, 0.0, math.inf)
+        height = np.array([reckoned.z_m, reckoned.vz_mps, force_n - (state.wake_n or 0.0)])
+        return replace(state, estimate=replace(now, height=height))
+
+    def reckon(
+        self, state: PilotState, measured: Measurement, dt_s: float, *, believe: bool
+    ) -> None:
         """Follow a tick's estimate; with `believe` it also tells of thrust and wake."""
         now = state.estimate
         self._trim.step(now, state.wake_n, self._source_us, believe=believe and now.rejected == 0)
         trusted = math.isfinite(now.innovation_m) and now.rejected == 0 and now.jumped_m == 0.0
+        trusted &= measured.same == 0
         self._reckoned = self._planner.reckon(
             self._reckoned, now, self._trim, dt_s, trusted=trusted
         )
+        if now.z_m > FREE_M:
+            # On the stop, what carries the sufferer would count. A wake leaves with the source.
+            share = -math.expm1(-dt_s / LIFTING_S)
+            self._lifting_n += share * (state.unexplained_n - self._lifting_n)
+            self._lifting_n = max(self._lifting_n, self._trim.trim.thrust_n)
         self._rise = self._planner.rise(self._rise, now, self._trim, dt_s) if believe else Rise()
 
     def commanded(self, command: Command, *, flies: bool) -> None:
@@ -89,13 +120,13 @@ class WayDown:
                 return None
             pulse_us = ladder_pulse(descent.blind, t_s - descent.start_s, limits)
         elif self._is_settling or is_down(descent, t_s, state.estimate.z_m):
-            settling_us = self.settle(measured)
+            settling_us = self.settle(state, measured)
             if settling_us is None:
                 return None
             pulse_us = settling_us
         elif "link_lost" in faults:
             # What gets through has to agree with what the board does by itself.
-            pulse_us = self._blind_after(state.last_us, 0.0).brake_us
+            pulse_us = self._planner.sinking(state.estimate, state.unexplained_n)
         else:
             gently = not SWINGING.isdisjoint(cause)
             state, command, terms = self._pilot.control(state, aim, feedforward_n, gently=gently)
@@ -103,7 +134,7 @@ class WayDown:
         state, command, terms = self._pilot.held(state, Command(aim.source_us, pulse_us, 0.0))
         return state, aim, command, terms
 
-    def settle(self, measured: Measurement) -> float | None:
+    def settle(self, state: PilotState, measured: Measurement) -> float | None:
         """The pulse [µs] of one tick of a touch-down; None once the sufferer stands."""
         if not self._is_settling:
             self._is_settling, self._settling = True, Settling(measured.t_s, measured.t_s)
@@ -114,15 +145,16 @@ class WayDown:
         if self._settling.stage is Stage.STANDS:
             return None
         if self._settling.stage is Stage.TEST:
-            return self._planner.carried(TEST_SHARE, self._trim)
-        return self._blind_after(self._last_us, 0.0).brake_us
+            return self._planner.carried(TEST_SHARE, self._lifting_n)
+        return self._planner.sinking(state.estimate, self._lifting_n)
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""
         limits, descent = self._rig.limits, self._descent
         if descent is None or descent.blind is None:
             last = self._reckoned
-            descent = self._descent = Descent(t_s, last.z_m, last.x_m, self.pulses)
+            ends_s = t_s + ladder_s(limits)
+            descent = self._descent = Descent(t_s, last.z_m, last.x_m, ends_s, self.pulses)
         assert descent.blind is not None
         if has_landed(descent, t_s, limits):
             return None
@@ -139,7 +171,8 @@ class WayDown:
         if not is_known:
             self._descent = descent = self._blind_descent(state, t_s, faults)
         elif descent is None or abs(descent.line_m(t_s) - now.z_m) > OFF_THE_LINE_M:
-            self._descent = descent = Descent(t_s, now.z_m, now.x_m)
+            ends_s = limit_s(t_s, now.z_m) if descent is None else descent.limit_s
+            self._descent = descent = Descent(t_s, now.z_m, now.x_m, ends_s)
         return descent
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
@@ -150,7 +183,7 @@ class WayDown:
         blind = self._planner.pulses(
             last, self._trim, state.last_us, 0.0, height_known=height_known
         )
-        return Descent(t_s, last.z_m, last.x_m, blind)
+        return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), blind)
 
     def _blind_after(self, held_us: float, hold_s: float) -> BlindPulses:
         return self._planner.pulses(self._reckoned, self._trim, held_us, hold_s)

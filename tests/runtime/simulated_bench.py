@@ -12,11 +12,13 @@ from wakedeploy.rig import Rig
 class Bench(SimulatedGantry):
     """A simulated gantry that keeps what it was commanded and what its board put out."""
 
+    muted = False  # whether what is sent gets lost
+
     def __init__(self, rig: Rig, **made) -> None:
         plant = GantryPlant(rig, seed=3, **made)
         super().__init__(plant, truth=rig, seed=3)
         self.commands, self.applied_us, self.limits = [], [], None
-        self.muted, self.changes = False, {}
+        self.changes = {}
 
     def arm(self, limits):
         self.limits = limits
@@ -26,7 +28,11 @@ class Bench(SimulatedGantry):
     def send(self, message):
         self.commands.append((message.source_us, message.sufferer_us))
         self.applied_us.append(self.plant.sufferer_applied_us)
-        return 0 if self.muted else super().send(message)
+        return super().send(message)
+
+    def _transmit(self, data, message):
+        if not self.muted:
+            super()._transmit(data, message)
 
     @property
     def answer(self):
