@@ -7,7 +7,7 @@ too. The board follows the same ladder when commands stop; each command tells it
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from runtime.estimator import Estimate
 from runtime.trim import TrimReader
@@ -29,7 +29,7 @@ _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
 _SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
 _STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
 _NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
-_MOST_NEAR_SHARE = 1.35  # of the weight, beside such a wake
+_MOST_NEAR_SHARE = 1.3  # of the weight, beside such a wake
 _SINKING_S = 0.3  # within which a sink that is seen takes its speed
 _RISE_SHARE, _RISE_WAKE = 1.07, 1.5  # weight and wake that a thrust must exceed to count as lifting
 GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
@@ -58,6 +58,7 @@ class Rise:
 
     unseen_m: float = 0.0
     vz_mps: float = 0.0
+    likely_mps: float = 0.0  # its speed by the forces as they are thought to be
     since_m: float = 0.0  # what the sensor has shown all the time
 
 
@@ -182,7 +183,14 @@ class BlindPlanner:
         vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
         seen_m = max(now.vz_mps, 0.0) * dt_s
         unseen_m = max(before.unseen_m + vz_mps * dt_s - seen_m, 0.0)
-        return Rise(unseen_m, vz_mps, before.since_m)
+        likely_n = self._force_n(
+            replace(Reckoned(), vz_mps=before.likely_mps),
+            trim,
+            now.rotor_speed**2,
+            wake_n / _RISE_WAKE,
+        )
+        likely_mps = max(before.likely_mps + likely_n / self._mass_kg * dt_s, 0.0)
+        return Rise(unseen_m, vz_mps, likely_mps, before.since_m)
 
     def _pulse(self, thrust_n: float) -> float:
         low, high = self._rig.limits.pulse_us

@@ -8,7 +8,7 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
-WINDOW_S = 0.7  # over which the two errors are averaged
+WINDOW_S = 0.5  # over which the two errors are averaged
 MOST_LEFT = 0.7  # of the force's mean square: a prediction that explains less is worth nothing
 # What an estimate of the force is off by, and a thrust that is a few per cent off its curve.
 FORCE_FLOOR_N = 0.3

@@ -35,10 +35,12 @@ _PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
 _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
 # Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
 # model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
-# file says is believed the less, down to a 25th: more would let strays in.
+# file says is believed the less, down to a 200th.
 _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
-_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 25.0
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
+_GATED_NOISE = 25.0  # of it in the gate: more would let strays in
+_STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,7 +204,8 @@ class Estimator:
         )
         noise = np.zeros((3, 3))
         noise[:2, :2] = _white(_ACCELERATION_SD_MPS2, dt)
-        left_sd_n = _FORCE_SD_N if wake_n is None else _UNFORESEEN_SD_N
+        is_startled = now.innovation_m**2 > _STARTLED * now.innovation_var_m2
+        left_sd_n = _FORCE_SD_N if wake_n is None or is_startled else _UNFORESEEN_SD_N
         noise[2, 2] = left_sd_n**2 * (1.0 - keep**2)
         known_n = thrust_n + (wake_n or 0.0) - smooth_friction(self._rig.rail, now.vz_mps)
         a = known_n / mass_kg - GRAVITY_MPS2
@@ -249,7 +252,8 @@ class Estimator:
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
         seen = _surprised(seen)
-        is_far = innovation**2 > _GATE_SD**2 * variance
+        excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
+        is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
         off_m = min(now.off_m, abs(innovation))
         first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
         rejects = (first_m, range_m, path_m + abs(range_m - last_m))

@@ -42,7 +42,7 @@ REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has
 NOT_LIFTING_S = 1.0
 # The same by the forces: so far it should have risen, the wake half as strong again. Either nothing
 # lifts, or the sensor does not see it.
-UNSEEN_RISE_M = 0.12
+UNSEEN_RISE_M = 0.1
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
 UNEXPLAINED_SD_N = 1.3

@@ -32,6 +32,7 @@ from runtime.descent import (
 from runtime.estimator import Measurement
 from runtime.pilot import Pilot, PilotState
 from runtime.reference import Reference
+from runtime.safety import UNSEEN_RISE_M
 from runtime.settling import TEST_SHARE, Settling, Stage, settled
 from runtime.trim import TrimReader
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
@@ -177,11 +178,15 @@ class WayDown:
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
         last = self._reckoned
-        if self._rise.unseen_m > 0.0 and "thrust_lost" in faults:
-            last = replace(last, z_m=last.z_m + self._rise.unseen_m, vz_mps=self._rise.vz_mps)
-        height_known = HEIGHTLESS.isdisjoint(faults)
+        has_risen = self._rise.unseen_m > UNSEEN_RISE_M
+        if has_risen:
+            last = replace(last, z_m=last.z_m + UNSEEN_RISE_M, vz_mps=self._rise.likely_mps)
         blind = self._planner.pulses(
-            last, self._trim, state.last_us, 0.0, height_known=height_known
+            last,
+            self._trim,
+            state.last_us,
+            0.0,
+            height_known=has_risen or HEIGHTLESS.isdisjoint(faults),
         )
         return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), blind)
 
