@@ -13,8 +13,8 @@ from wakedeploy.rig import Limits
 # motors without a battery, and jump when it comes back. A lost link is not among them: where
 # commands still arrive the loop lands, and where they do not the board follows its own ladder.
 BLINDING = frozenset({"sensor_lost", "sensor_frozen", "sensor_jump", "thrust_lost", "battery_lost"})
-# Of these, where the last height may have been wrong for long.
-HEIGHTLESS = frozenset({"sensor_frozen", "thrust_lost"})
+# Of these, where the last height may have been wrong for long, or the speed is that of a fall.
+HEIGHTLESS = frozenset({"sensor_frozen", "thrust_lost", "battery_lost"})
 # After these the loop itself swings: it lands with half the bandwidth.
 SWINGING = frozenset({"commands_late", "motion_unexplained"})
 DESCENT_MPS = 0.25

@@ -7,9 +7,8 @@ and a tally. The steps between are `runtime.pilot`'s, the same that simulated fl
 import contextlib
 import math
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 from runtime import safety
 from runtime.answers import OLD_TICKS, AnswerDoor, Heard
@@ -21,13 +20,14 @@ from runtime.estimator import SAME_TICKS, Measurement
 from runtime.forecasting import Forecasting, Prediction
 from runtime.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.prediction import Predictions
-from runtime.protocol import TIME_WRAP_US, Arm, Fault, Status
+from runtime.protocol import TIME_WRAP_US, Fault
 from runtime.protocol import Command as WireCommand
 from runtime.range_source import RangeReading, RangeSource
 from runtime.readings import RangeDoor, Seen
 from runtime.realtime import Clock, Laps, Pacer, Tick
 from runtime.reference import FlightPlan, Reference
-from runtime.safety import Event, Findings, Mode, SafetyState
+from runtime.safety import ANSWERS_MISSING_S, Event, Findings, Mode, SafetyState
+from runtime.sides import RowSink, Wire
 from runtime.signs import SignReader, Signs
 from runtime.tally import Tally
 from runtime.watch import GapWatch
@@ -36,6 +36,7 @@ from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
+SILENT_S = 2.0 * PERIOD_S  # without an answer, after which nobody knows what the board hears
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
 Row = dict[str, LogValue]
@@ -59,45 +60,6 @@ def require_wait(rig: Rig) -> None:
             f"in a tick of {1e3 * PERIOD_S:g} ms: it must lie below "
             f"{PERIOD_S - WRITE_MARGIN_S:g} s; measure it again, or fly --baseline."
         )
-
-
-class RowSink(Protocol):
-    """Where rows go: `runtime.recorder.Recorder`."""
-
-    @property
-    def error(self) -> str | None:
-        """Why no more rows can be taken; None while all is well."""
-
-    def put(self, row: Mapping[str, LogValue]) -> None:
-        """Take one row without blocking."""
-
-
-class Wire(Protocol):
-    """The other end of the wire: `runtime.link.Link`, or a simulation of it."""
-
-    @property
-    def answer(self) -> Answer | None:
-        """The newest status; None before the first."""
-
-    @property
-    def failure(self) -> str | None:
-        """Why no more statuses will come; None while all is well."""
-
-    @property
-    def unanswered_since_s(self) -> float | None:
-        """When the oldest frame left that neither it nor a later one was answered; None: none."""
-
-    def arm(self, limits: Arm) -> Status:
-        """Arm with these limits; the board's answer."""
-
-    def disarm(self) -> None:
-        """Motors off."""
-
-    def send(self, message: WireCommand) -> int:
-        """Send a command without waiting; its sequence number."""
-
-    def greet_again(self) -> Status | None:
-        """The status of a board that fell silent, after a new greeting; None if it stays so."""
 
 
 class Loop:
@@ -190,11 +152,13 @@ class Loop:
 
     def _wait_for_a_board_that_hears_nothing(self) -> None:
         """It cannot be disarmed: its own descent ends in idle motors, and so does the run."""
-        since_s = self._link.unanswered_since_s
-        if self._plan.motors_off or "link_lost" not in self._safety.faults or since_s is None:
-            return
-        over_s = since_s + DEADMAN_S + ladder_s(self._rig.limits)
-        self._clock.sleep(max(over_s - self._clock.monotonic(), 0.0))
+        descent_s = DEADMAN_S + ladder_s(self._rig.limits)
+        while not self._plan.motors_off:
+            since_s = self._link.unanswered_since_s
+            silent_s = 0.0 if since_s is None else self._clock.monotonic() - since_s
+            if not SILENT_S < silent_s < descent_s:
+                return
+            self._clock.sleep(PERIOD_S)
 
     def _let_the_deadman_land(self) -> None:
         """Without commands the board brings the sufferer down by itself; disarmed, it drops it."""
@@ -333,7 +297,8 @@ class Loop:
         stalled_s = 0.0 if self._last_tick_s is None else now_s - self._last_tick_s
         self._last_tick_s = now_s
         self.tally.stood_still(stalled_s, measured.t_s)
-        asked_s = self._link.unanswered_since_s
+        asked_s, at_rest = self._link.unanswered_since_s, self._safety.mode is Mode.ARMED
+        silent_s = 0.0 if asked_s is None else now_s - behind_s - asked_s
         status, estimate = heard.answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
@@ -354,10 +319,11 @@ class Loop:
             else max(seen.silence_s - behind_s, estimate.rejected_s if self._flies else 0.0),
             tick_failed=self.error is not None,
             stalled_s=stalled_s,
-            link_silence_s=0.0 if asked_s is None else now_s - behind_s - asked_s,
+            link_silence_s=silent_s,
             late_answers=0 if behind_s else heard.late_answers,
             late_commands=0 if behind_s else heard.late_commands,
-            link_failed=self._link.failure is not None,
+            link_failed=self._link.failure is not None
+            or (at_rest and silent_s > ANSWERS_MISSING_S),
             mcu_fault=bool(status.faults) or not status.armed,
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
@@ -366,7 +332,7 @@ class Loop:
             range_frozen_limit_s=self._sign_reader.frozen_limit_s,
             not_lifting_s=signs.not_lifting_s,
             unseen_rise_m=self._way_down.unseen_rise_m,
-            unexplained_sd_n=self._way_down.unexplained_sd_n,
+            unexplained_s=self._way_down.unexplained_s,
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,
             z_m=estimate.z_m,

@@ -45,7 +45,7 @@ NOT_LIFTING_S = 1.0
 UNSEEN_RISE_M = 0.1
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
-UNEXPLAINED_SD_N = 1.3
+UNEXPLAINED_SD_N, UNEXPLAINED_S = 1.3, 0.5
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
@@ -126,7 +126,7 @@ class Findings:
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
     unseen_rise_m: float = 0.0  # which the commands should have brought, and the sensor denies
-    unexplained_sd_n: float = 0.0  # of the force that neither thrust, wake nor weight explains
+    unexplained_s: float = 0.0  # since a force swings that neither thrust, wake nor weight explains
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     battery_gone_s: float = 0.0  # since a battery that was measured is gone
     z_m: float = 0.0
@@ -185,7 +185,7 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "thrust_lost": fell
         or found.not_lifting_s > NOT_LIFTING_S
         or found.unseen_rise_m > UNSEEN_RISE_M,
-        "motion_unexplained": found.unexplained_sd_n > UNEXPLAINED_SD_N,
+        "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,
         "mcu_fault": found.mcu_fault,
         "recorder_failed": found.recorder_failed,
         "operator_stop": found.stop_asked,

@@ -27,7 +27,8 @@ _FORCE_TICKS = 10.0
 # alone, and with the wake forecast. Read from the filter's response to a step.
 _ALONE = (0.13, 0.86)
 _FORECAST = (0.22, 0.80)
-_MOST_OFF_N = 2.0  # of a single measurement: thrust that is gone altogether is no trim
+_MOST_OFF_N = 2.0  # of a single measurement
+_TRIM_OFF_N = 1.0  # beyond it a measurement tells of the wake at most: lost thrust is no trim
 _MOST_SHARE = 0.06  # of the weight, for the same reason
 _SWING_S = 0.7  # over which the swing of what is left unexplained is averaged
 _AIRBORNE_M = 0.05
@@ -125,8 +126,9 @@ def _updated(before: Trim, off_n: float, model_n: float) -> Trim:
     b = before.covariance
     gain_a, gain_c = a + b * model_n, b + c * model_n
     variance = gain_a + model_n * gain_c + _FORCE_SD_N**2 * _FORCE_TICKS
+    thrust_off_n = off_n if abs(off_n) < _TRIM_OFF_N else 0.0
     return Trim(
-        before.thrust_n + gain_a / variance * off_n,
+        before.thrust_n + gain_a / variance * thrust_off_n,
         before.strength + gain_c / variance * off_n,
         a - gain_a**2 / variance,
         c - gain_c**2 / variance,

@@ -32,7 +32,7 @@ from runtime.descent import (
 from runtime.estimator import Measurement
 from runtime.pilot import Pilot, PilotState
 from runtime.reference import Reference
-from runtime.safety import UNSEEN_RISE_M
+from runtime.safety import UNEXPLAINED_SD_N, UNSEEN_RISE_M
 from runtime.settling import TEST_SHARE, Settling, Stage, settled
 from runtime.trim import TrimReader
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
@@ -52,17 +52,13 @@ class WayDown:
         self._descent: Descent | None = None
         self._rise, self._settling = Rise(), Settling(0.0, 0.0)
         self._is_settling, self._lifting_n = False, 0.0
+        self.unexplained_s = 0.0  # since the force that nothing explains swings
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
 
     @property
     def unseen_rise_m(self) -> float:
         """How far it should have risen from the stop without being seen to."""
         return self._rise.unseen_m
-
-    @property
-    def unexplained_sd_n(self) -> float:
-        """How much the force [N] swings that nothing explains."""
-        return self._trim.unexplained_sd_n
 
     def most_us(self, state: PilotState) -> float | None:
         """The most [µs] that control may ask for now; None where it is free."""
@@ -86,6 +82,8 @@ class WayDown:
         self._reckoned = self._planner.reckon(
             self._reckoned, now, self._trim, dt_s, trusted=trusted
         )
+        swings = self._trim.unexplained_sd_n > UNEXPLAINED_SD_N
+        self.unexplained_s = self.unexplained_s + dt_s if swings else 0.0
         if now.z_m > FREE_M:
             # On the stop, what carries the sufferer would count. A wake leaves with the source.
             share = -math.expm1(-dt_s / LIFTING_S)

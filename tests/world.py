@@ -63,6 +63,11 @@ class World:
                 truth = (plant.wake_force_n, plant.hook_force_n, plant.z_m)
                 self._newest = RangeReading(1e3 * sample.range_m, taken_us, 0, *truth)
 
+    @property
+    def unanswered_since_s(self):
+        newest = self._answer.status.sequence if self._answer else 0
+        return min((s for n, s in self.sent_s.items() if n > newest), default=None)
+
     def _hear(self, frame):
         if isinstance(frame.message, HelloReply):
             self._reply = frame.message
@@ -93,7 +98,11 @@ class World:
     def send(self, command):
         self.present()
         self.commands.append(command)
-        return self.sequence if self.muted else self._send(command)
+        if self.muted:
+            self.sequence += 1
+            self.sent_s[self.sequence] = self.now_s
+            return self.sequence
+        return self._send(command)
 
     def disarm(self):
         self.disarmed = True

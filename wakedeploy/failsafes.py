@@ -3,6 +3,11 @@
 # By the names of `runtime.safety`: what happened, then after the colon what to do about it.
 HINTS = {
     "link_lost": "the board stopped answering: check the USB cable and the board's power",
+    "loop_error": "the program failed in flight: the error is told; report it with the log",
+    "commands_late": "the board answered far later than latency.round_trip_s: take hubs and other "
+    "devices off its USB port, or measure the round trip with wakedeploy calibrate latency",
+    "motion_unexplained": "the motion fits neither thrust nor wake, and swings: check the range "
+    "sensor's delay, and mass and thrust curve in the rig file",
     "loop_stalled": "the computer stood still: end what else runs on it",
     "battery_lost": "the battery's voltage fell far: check its plug, its charge and the stop",
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",

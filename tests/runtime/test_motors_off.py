@@ -97,7 +97,8 @@ def test_a_sensor_that_goes_wrong_while_a_person_holds_spacers_starts_no_motor(h
 
 def test_a_stop_by_hand_after_the_landing_starts_no_motor():
     plan = hold_plan(RIG, 8.0, 0.4, 1400.0)
-    landed = len(plan) + 36  # in the rest after the flight
+    _, _, whole = ended_by(RIG, plan, -1, stop)
+    landed = len(whole) - 16  # in the rest after the touch-down
     loop, bench, rows = ended_by(RIG, plan, landed, stop)
     assert loop.failsafe_cause == ("operator_stop",)
     assert max(sufferer_us for _, sufferer_us in bench.commands) > 1400.0

@@ -10,7 +10,7 @@ import pytest
 from runtime import prediction
 from runtime.prediction import PredictionWorker
 from wakedeploy.errors import CheckFailed
-from wakedeploy.manifest import ObservationChannel
+from wakedeploy.manifest import ForceChannel, ObservationChannel
 
 OBSERVATION = np.zeros(1, np.float32)
 
@@ -20,7 +20,9 @@ class Model:
 
     def __init__(self):
         channel = ObservationChannel(name="a", unit="1", min=-1.0, max=3.0)
-        self.manifest = type("Manifest", (), {"observation": (channel,), "lead_s": 0.09})
+        force = ForceChannel(name="f", unit="N", min=-1e6, max=1e6)
+        told = {"observation": (channel,), "force": (force,), "lead_s": 0.09}
+        self.manifest = type("Manifest", (), told)
         self.go = threading.Event()
         self.go.set()
         self.seen, self.broken = 0, False
@@ -108,3 +110,8 @@ def test_a_model_that_hangs_piles_nothing_up_and_starts_anew(worker, model):
     while worker._asked.qsize():
         time.sleep(0.001)
     assert worker.step(OBSERVATION, soon()).force_n == 1.0
+
+
+def test_a_force_that_training_never_came_near_is_no_number(model, worker):
+    model.manifest.force = (ForceChannel(name="f", unit="N", min=-1.0, max=0.0),)
+    assert math.isnan(worker.step(OBSERVATION, soon()).force_n)  # it says 1, twice the range away

@@ -205,7 +205,7 @@ def test_a_virtual_gantry_with_another_truth_and_hooks_flies_too(tmp_path, monke
     assert recorded.metadata["hooks"] == "push:hooks"
     assert set(recorded["true_hook_force_n"][10:]) == {-0.25}
     # 20 g more and 0.25 N of push: the integral finds both.
-    late = recorded["pid_i_n"][recorded.flying][-60:-30]
+    late = recorded["pid_i_n"][recorded.flying][6 * 32 - 60 : 6 * 32 - 30]
     assert late.mean() > 0.2
 
 
@@ -292,6 +292,9 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
         range_silence_s=9.0,
         range_frozen_s=9.0,
         not_lifting_s=9.0,
+        unexplained_s=9.0,
+        late_commands=99,
+        tick_failed=True,
         battery_gone_s=9.0,
         range_jump_m=9.0,
         mcu_fault=True,

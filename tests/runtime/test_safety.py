@@ -1,7 +1,6 @@
 """The modes, transition by transition, and the pure steps around them."""
 
 import itertools
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -102,7 +101,7 @@ def test_what_passes_soon_ends_no_flight():
     ("found", "name"),
     [
         (Findings(link_failed=True), "link_lost"),
-        (Findings(link_silence_s=0.2), "link_lost"),
+        (Findings(link_silence_s=0.6), "link_lost"),
         (Findings(link_silence_s=0.2, stalled_s=0.19), "loop_stalled"),
         (Findings(link_failed=True, stalled_s=0.19), "link_lost"),
         (Findings(range_jump_m=0.15, range_frozen_s=0.07), "sensor_jump"),
@@ -144,30 +143,3 @@ def test_the_feedforward_opens_and_closes_within_four_ticks_without_a_jump(force
         assert 0.0 <= after.share <= 1.0
         assert after.force_n == (now.force_n if force is None else force)
         now = after
-
-
-def test_the_way_down_is_bounded_and_ends_on_the_stop():
-    descent = safety.Descent(10.0, 0.7, 0.2, 1700.0, height_known=True)
-    times = np.arange(10.0, 14.0, 1.0 / 32.0)
-    aims = [safety.descent_reference(descent, t, 1000.0) for t in times]
-    heights = np.array([aim.z_m for aim in aims])
-    assert heights[0] == pytest.approx(0.7)
-    assert heights[-1] == 0.0
-    assert np.all(np.diff(heights) <= 0.0)
-    assert np.min(np.diff(heights)) * 32.0 >= -0.2501
-    assert {aim.source_us for aim in aims} == {1000.0}
-    assert not safety.has_landed(descent, 12.0, 0.2, LIMITS)
-    assert safety.has_landed(descent, 13.0, 0.01, LIMITS)
-    assert safety.has_landed(descent, 20.0, 0.5, LIMITS)
-    high = replace(descent, z_m=3.0)
-    assert not safety.has_landed(high, descent.start_s + 20.0, 0.5, LIMITS)
-    assert safety.has_landed(high, descent.start_s + 25.0, 0.5, LIMITS)
-
-
-def test_without_a_height_the_pulse_ramps_to_idle_within_the_descent_time():
-    blind = safety.Descent(0.0, 0.7, 0.0, 1700.0, height_known=False)
-    pulses = [safety.open_loop_pulse(blind, t, LIMITS) for t in np.arange(0.0, 1.2, 1.0 / 32.0)]
-    assert pulses[0] == 1700.0
-    assert pulses[-1] == 1000.0
-    assert np.max(-np.diff(pulses)) <= 1000.0 / 32.0 / LIMITS.sufferer_descent_s + 1e-9
-    assert safety.has_landed(blind, 1.0, float("nan"), LIMITS)
