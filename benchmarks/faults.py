@@ -21,7 +21,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -45,13 +45,13 @@ def main() -> None:
     """Fly, print the tables, write them."""
     options = _options()
     package = options.package or trained(WORK)
-    told = healthy_flights(options, package) if options.healthy else campaign(options, package)
-    if options.json:
-        records.write(options.json, told)
+    for told in (healthy_flights if options.healthy else campaign)(options, package):
+        if options.json:
+            records.write(options.json, told)
 
 
-def campaign(options: argparse.Namespace, package: Path) -> dict[str, Any]:
-    """Every chosen fault in every phase, on the exact plant and perhaps on others."""
+def campaign(options: argparse.Namespace, package: Path) -> Iterator[dict[str, Any]]:
+    """Every chosen fault in every phase, on the exact plant, then perhaps on others."""
     chosen = _chosen(options.only, options.group)
     when = moments(list(PHASES)[: options.phases])
     told: dict[str, Any] = {
@@ -65,17 +65,17 @@ def campaign(options: argparse.Namespace, package: Path) -> dict[str, Any]:
         rows = table.by_fault(flights)
         print(f"\n{name} plant\n{table.printed(rows)}")
         told[name] = {"faults": rows, "unsafe_flights": table.unsafe_rows(flights)}
-    return told
+        yield told
 
 
-def healthy_flights(options: argparse.Namespace, package: Path) -> dict[str, Any]:
+def healthy_flights(options: argparse.Namespace, package: Path) -> Iterator[dict[str, Any]]:
     """Flights without a fault, a fifth as many with strong wakes."""
     rows: list[dict[str, Any]] = []
     for wake, count in zip(healthy.WAKES, (options.healthy, options.healthy // 5), strict=True):
         jobs = healthy.healthy_cases(wake, count, package)
         rows += healthy.summed_up(wake, each(fly, jobs, options.workers))
     print(healthy.printed(rows))
-    return {"seconds": SECONDS, "rows": rows}
+    yield {"seconds": SECONDS, "rows": rows}
 
 
 def bundles(

@@ -40,16 +40,17 @@ def summed_up(wake: str, flights: Sequence[Flown]) -> list[dict[str, Any]]:
 
 
 def _row(flights: Sequence[Flown]) -> dict[str, Any]:
+    flying_s = sum(one.case.moment.seconds for one in flights)
     degraded_s = [one.degraded_for_s for one in flights]
     return {
         "flights": len(flights),
         "ended_early": sum(one.ended != "whole" for one in flights),
         "endings": dict(Counter(one.ended for one in flights).most_common()),
         "degraded_flights": sum(seconds > 0.0 for seconds in degraded_s),
-        "degraded_share": sum(degraded_s) / sum(one.case.moment.seconds for one in flights),
+        "degraded_share": round(sum(degraded_s) / flying_s, 6),
         "unsafe": sum(is_unsafe(one) for one in flights),
-        "worst_lower_mps": max(one.lower_mps for one in flights),
-        "worst_upper_mps": max(one.upper_mps for one in flights),
+        "worst_lower_mps": round(max(one.lower_mps for one in flights), 3),
+        "worst_upper_mps": round(max(one.upper_mps for one in flights), 3),
         "early": [_early(one) for one in flights if one.ended != "whole" or is_unsafe(one)],
     }
 
@@ -59,7 +60,7 @@ def _early(flown: Flown) -> dict[str, Any]:
         "seed": flown.case.moment.seed,
         "wake_factor": round(flown.case.wake_factor, 3),
         "ended": flown.ended,
-        "failsafe_s": flown.failsafe_s,
+        "failsafe_s": None if flown.failsafe_s is None else round(flown.failsafe_s, 3),
         "lower_mps": round(flown.lower_mps, 3),
         "upper_mps": round(flown.upper_mps, 3),
     }

@@ -196,7 +196,7 @@ def test_healthy_flights_are_summed_up_by_pilot():
     ended = replace(RESULT, ended="failsafe: thrust_lost", degraded_for_s=0.6)
     (row,) = healthy.summed_up("0.5 to 2", [RESULT, ended])
     assert (row["flights"], row["ended_early"], row["unsafe"]) == (2, 1, 0)
-    assert row["degraded_share"] == pytest.approx(0.6 / (2 * SECONDS))
+    assert row["degraded_share"] == pytest.approx(0.6 / (2 * SECONDS), abs=1e-6)
     assert len(row["early"]) == 1
     assert "1 of 2 ended early" in healthy.printed([row])
 
