@@ -26,6 +26,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         flight.latency,
         flight.endings,
         flight.watch,
+        flight.soak,
     ),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
