@@ -2,7 +2,7 @@
 
 The loop, the wire, the board and the recorder are those of a flight at the rig; time is simulated.
 Behind one another it flies random plans of a minute. A flight that a failsafe ends is counted, and
-the next one goes on. One core takes about half an hour for 10⁶ ticks, 8.7 hours of flight.
+the next one goes on. One core takes about a quarter of an hour for 10⁶ ticks, 8.7 hours of flight.
 
     nice -n 5 python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json
 """

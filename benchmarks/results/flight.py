@@ -163,6 +163,43 @@ def endings(records: Records) -> Section:
     )
 
 
+def soak(records: Records) -> Section:
+    """What grows, drifts, leaks or gets lost in many hours."""
+    one = records.json("soak.json")
+    longest, log = one["longest"], one["longest"]["log"]
+    held = longest["growth"]
+    lines = [
+        ["rows lost, commands unanswered", f"{one['lost']}, {one['unanswered']}"],
+        [
+            "open descriptors, first and last",
+            f"{held['descriptors'][0]}, {held['descriptors'][-1]}",
+        ],
+        [
+            "memory, first and last",
+            f"{held['resident_mb'][0]:.0f}, {held['resident_mb'][-1]:.0f} MB",
+        ],
+        ["memory's growth, second half", f"{longest['resident_mb_per_h']:.1f} MB/h"],
+        ["log", f"{log['mb_per_h']:.1f} MB/h"],
+        ["latest tick after its time on the grid", f"{log['latest_ms']:.2f} ms"],
+        ["drift of the ticks, first tenth to last", f"{log['drift_us']:.1f} µs"],
+        ["oldest pulse that a row tells of", f"{log['oldest_pulse_ms']:.0f} ms"],
+    ]
+    hours = longest["ticks"] / (32 * 3600)
+    flights = len(one["ended"])
+    return Section(
+        "Many hours in one flight",
+        f"{one['ticks']:,} ticks in {flights} {'flight' if flights == 1 else 'flights'}, "
+        f"{'with a package' if one['arch'] else 'PID alone'}, in simulated time: the loop, the "
+        f"wire, the board and the recorder are those of the rig. The longest took {hours:.1f} h.",
+        paragraphs(
+            table(["", "measured"], lines),
+            "What grows is the log's index, which is written at its end, and the summary's "
+            "numbers of each tick.",
+        ),
+        ("nice -n 5 python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json",),
+    )
+
+
 def watch(records: Records) -> Section:
     """What `run-gantry --watch-gap` notices."""
     result = records.json("watch.json")

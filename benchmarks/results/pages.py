@@ -20,7 +20,14 @@ from wakedeploy.gap.benchmark.page import markdown_of
 from wakedeploy.gap.benchmark.table import summary
 
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
-    "In flight": (flight.demo, flight.tracking, flight.latency, flight.endings, flight.watch),
+    "In flight": (
+        flight.demo,
+        flight.tracking,
+        flight.latency,
+        flight.endings,
+        flight.watch,
+        flight.soak,
+    ),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
         studies.domains,
@@ -44,6 +51,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.field_step,
         simulators.estimates,
         simulators.mutants,
+        simulators.frames,
     ),
 }
 

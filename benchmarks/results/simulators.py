@@ -58,6 +58,41 @@ def estimates(records: Records) -> Section:
     )
 
 
+def frames(records: Records) -> Section:
+    """Frames, damaged frames and noise against the firmware's decisions."""
+    one = records.json("frames.json")
+    valid = sum(one[kind] for kind in ("hellos", "arms", "disarms", "commands", "extreme"))
+    lines = [
+        ["valid frames, extreme values among them", valid],
+        ["valid frames with any sequence number", one["stale"]],
+        ["frames with turned bits, lost, changed or repeated bytes", one["damaged"]],
+        ["frames that were cut", one["cut"]],
+        ["frames of another type or length, checksum right", one["misshapen"]],
+        ["pieces of noise of up to 79 bytes", one["noise"]],
+        ["all", one["frames"]],
+    ]
+    text = (
+        f"In {_rounded(one['ticks'])} ticks of 100 µs the board armed {one['flights']:,} times, "
+        f"and silence latched it {one['latched']:,} times. Nothing failed."
+    )
+    return Section(
+        "Damaged frames",
+        "The firmware's decisions, compiled with the sanitizers of addresses and of undefined "
+        "behaviour, against a model that was written from the protocol alone. Every answer has to "
+        "be the model's. In every tick pulses stay within the limits and the slew, steps within "
+        "the speed, and motors idle where nothing flies.",
+        paragraphs(table(["what was sent", ""], [[k, f"{n:,}"] for k, n in lines]), text),
+        (
+            f"nice -n 5 python -m benchmarks.frames --count {one['frames']} "
+            "--json docs/records/frames.json",
+        ),
+    )
+
+
+def _rounded(count: int) -> str:
+    return f"{count / 1e9:.1f} · 10⁹"
+
+
 def mutants(records: Records) -> Section:
     """Whether the tests notice changes of the firmware's decisions."""
     one = records.json("mutants.json")
