@@ -2,8 +2,8 @@
 
 import argparse
 import contextlib
+import functools
 import json
-import os
 import signal
 import sys
 import tempfile
@@ -15,7 +15,16 @@ from typing import Any
 from benchmarks import records
 from benchmarks.interruptions.baseline import measured
 from benchmarks.interruptions.cases import Case, World, cases, deploying
+from benchmarks.interruptions.disks import are_possible, filled
 from benchmarks.interruptions.strokes import KILLS, REQUESTS, struck
+from benchmarks.interruptions.twice import doubled
+
+KINDS = {
+    "kills": functools.partial(struck, KILLS),
+    "requests": functools.partial(struck, REQUESTS),
+    "disks": filled,
+    "twice": doubled,
+}
 
 
 def main() -> None:
@@ -25,11 +34,11 @@ def main() -> None:
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="wakedeploy-interruptions-") as folder:
         result = _disturbed(options, Path(folder))
-    result["minutes"] = round((time.monotonic() - began_s) / 60.0, 1)
+    minutes = round((time.monotonic() - began_s) / 60.0, 1)
     if options.json:
-        records.write(options.json, result)
-    found = [one for rows in result.values() if isinstance(rows, list) for row in rows for one in row["found"]]
-    print(f"{len(found)} things are not as they should be, in {result['minutes']} min.")
+        records.write(options.json, {"seed": options.seed, "minutes": minutes} | result)
+    found = [one for kind in KINDS for row in result[kind] for one in row["found"]]
+    print(f"{len(found)} things are not as they should be, in {minutes} min.")
     sys.exit(1 if found else 0)
 
 
@@ -40,26 +49,36 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--disks", type=int, default=60, help="full disks")
     parser.add_argument("--twice", type=int, default=30, help="two processes at once")
     parser.add_argument("--command", nargs="*", default=[], help="only these, by their first words")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the moments and sizes")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
 
 def _disturbed(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
+    """The rows of each kind; none of full disks where this user may mount none."""
     world = World(folder / "world")
     world.make()
-    result: dict[str, Any] = {"kills": [], "requests": [], "disks": [], "twice": []}
+    result: dict[str, Any] = {kind: [] for kind in KINDS}
+    kinds = [kind for kind in KINDS if kind != "disks" or are_possible(folder)]
     with _chosen(options.command, world, folder) as chosen:
-        whole = sum(case.share for case in chosen)
         for case in chosen:
             base = measured(case, folder)
-            print(f"{case.name}: {base.seconds:.1f} s, {base.files} files, {base.bytes} bytes", flush=True)
-            for kind, numbers in (("kills", KILLS), ("requests", REQUESTS)):
-                count = round(getattr(options, kind) * case.share / whole)
-                row = struck(case, base, folder, count, numbers, f"{options.seed}")
-                result[kind].append(row)
-                print(json.dumps({kind: row}, indent=1), flush=True)
+            print(f"{case.name}: {base.seconds:.1f} s undisturbed", flush=True)
+            for kind in kinds:
+                count = _count(getattr(options, kind), kind, case, chosen)
+                if count:
+                    row = KINDS[kind](case, base, folder, count, f"{options.seed}")
+                    result[kind].append(row)
+                    print(json.dumps({kind: row}, indent=1), flush=True)
     return result
+
+
+def _count(whole: int, kind: str, case: Case, chosen: list[Case]) -> int:
+    """How often a command is disturbed in this way, at least once of all that are asked for."""
+    if kind not in case.kinds or not whole:
+        return 0
+    others = sum(one.share for one in chosen if kind in one.kinds)
+    return max(1, round(whole * case.share / others))
 
 
 @contextlib.contextmanager

@@ -11,8 +11,8 @@ import os
 import subprocess
 import sys
 import tomllib
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +35,8 @@ class Case:
     """A command in an empty folder.
 
     `told` is what it comes to, of two runs the same. `share` is how often it is disturbed beside
-    the others. `other` are arguments of a second process on the same output; `names_the_file` is
-    part of what a second process may be refused with. An `endless` command is not waited for.
+    the others, `kinds` how. `other` are arguments of a second process on the same output. An
+    `endless` command is not waited for.
     """
 
     name: str
@@ -45,8 +45,7 @@ class Case:
     share: float
     other: Words | None = None
     endless: bool = False
-    disk: bool = True
-    environment: Mapping[str, str] = field(default_factory=dict)
+    kinds: tuple[str, ...] = ("kills", "requests", "disks", "twice")
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def cases(world: World) -> list[Case]:
             lambda folder: None,
             6,
             endless=True,
-            disk=False,
+            kinds=("kills", "requests"),
         ),
         Case(
             "export",
@@ -136,8 +135,13 @@ def cases(world: World) -> list[Case]:
             12,
         ),
         Case("run-gantry", [*fly, "--log", "logs"], _flown, 16),
-        Case("run-gantry, real time", [*fly[:3], "--seconds", "6", "--wall-clock", "--log", "logs"],
-             lambda folder: None, 4, disk=False),
+        Case(
+            "run-gantry, real time",
+            [*fly[:3], "--seconds", "6", "--wall-clock", "--log", "logs"],
+            lambda folder: None,
+            4,
+            kinds=("kills", "requests"),
+        ),
         Case(
             "run-gantry, many flights",
             [*fly, "--flights", "4", "--workers", "2", "--json", "flights.json"],
@@ -183,7 +187,7 @@ def deploying(world: World, folder: Path) -> Iterator[Case]:
                 read_package(rig.site / f"{link}.onnx")
             return links
 
-        yield Case("deploy", words, told, 10, disk=False)
+        yield Case("deploy", words, told, 10, kinds=("kills", "requests", "twice"))
 
 
 def _flight(rig: Path, seed: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""A command as a process of its own: started, struck at a moment, watched until its last child ends.
+"""A command as a process of its own: started, struck at a moment, watched until no child is left.
 
 In: arguments, a folder, a stroke. Out: how it ended, and how long after that its last child did.
 """

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -129,6 +130,36 @@ def test_interrupting_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     result = CliRunner().invoke(cli.main, ["doctor"])
     assert result.exit_code == 130
     assert "Traceback" not in result.output
+
+
+WAITING = """
+import time
+import click
+from wakedeploy import cli
+
+def wait():
+    print("begun", flush=True)
+    time.sleep(600.0)
+
+cli._Commands.get_command = lambda *_: click.Command("doctor", callback=wait)
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_that_is_asked_to_stop_says_one_word(number: signal.Signals) -> None:
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING, "doctor"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert run.stdout is not None
+    try:
+        assert run.stdout.readline() == "begun\n"
+        run.send_signal(number)
+        _, said = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert (run.returncode, said) == (130, "Interrupted.\n")
 
 
 def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:

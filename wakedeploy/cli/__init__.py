@@ -8,6 +8,7 @@ functions, so that `wakedeploy --help` stays fast.
 import errno
 import importlib
 import os
+import signal
 from typing import Any
 
 import click
@@ -16,6 +17,7 @@ import wakedeploy
 from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
 from wakedeploy.errors import WakedeployError, installs, one_line
+from wakedeploy.interruption import interruptible
 
 COMMANDS = (
     "demo",
@@ -51,6 +53,16 @@ _UNUSABLE = (
 
 class _Commands(Group):
     """Loads a command's file when it is asked for, and tells failures in one sentence."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """As a program: a polite kill interrupts it as Ctrl-C does, until its work is done."""
+        try:
+            with interruptible():
+                return super().__call__(*args, **kwargs)
+        finally:
+            if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+                # What is left is to let go of libraries, and nobody is there to take an exception.
+                signal.signal(signal.SIGINT, signal.SIG_DFL)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """The commands in the order of a person's work."""

@@ -8,8 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wakedeploy.processes import deaf_to_ctrl_c
-from wakedeploy.study.side_by_side import begin_worker
+from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent, one_thread
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.jobs import Job
@@ -38,7 +37,8 @@ class Worker:
 
 
 def _serve(pipe: Connection, runs: Path) -> None:
-    begin_worker()
+    one_thread()
+    end_with_parent()
     from wakedeploy.sweep.jobs import do
 
     while True:
