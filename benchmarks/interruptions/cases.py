@@ -61,18 +61,18 @@ class World:
     def make(self) -> None:
         """Make them with the commands."""
         self.folder.mkdir(parents=True)
+        heavier = default_rig().changed(sufferer={"mass_kg": 0.46})
+        heavier.write(self.path("heavier.toml"))
         for words in (
             ["rig", "init", "rig.toml"],
             ["data", "make", "gantry", "--minutes", "1", "--out", "set"],
             ["data", "make", "gantry", "--minutes", "2", "--out", "longer"],
             ["train", "--data", "longer", "--arch", "agile-mlp", "--epochs", "2", "--out", "runs"],
             ["export", "--runs", "runs", "--out", "package.onnx"],
-            *(_flight(self.path("rig.toml"), seed) for seed in range(4)),
+            *(_flight("rig", seed) for seed in range(4)),
+            *(_flight("heavier", seed) for seed in range(4)),
         ):
             self._do(words)
-        (self.path("other.toml")).write_text(
-            default_rig().changed(sufferer={"mass_kg": 0.46}).text, "utf-8"
-        )
         _swaps(self.path("swaps"))
 
     def _do(self, words: list[str]) -> None:
@@ -87,8 +87,9 @@ class World:
 
 def cases(world: World) -> list[Case]:
     """Every case but that of `deploy`, which needs a machine to deploy to."""
-    data, rig, flights = (world.path(name) for name in ("set", "rig.toml", "flights"))
-    logs = [flights / f"{seed}.mcap" for seed in range(4)]
+    data, rig = world.path("set"), world.path("rig.toml")
+    logs = [world.path(f"rig-{seed}.mcap") for seed in range(4)]
+    others = [world.path(f"heavier-{seed}.mcap") for seed in range(4)]
     tune: Words = ["tune", "--data", data, "--arch", "agile-mlp", "--epochs", "20"]
     tune += ["--trials", "6", "--out", "tuned"]
     close: Words = ["gap", "close", "--out", "gap", "--workers", "2"]
@@ -116,7 +117,7 @@ def cases(world: World) -> list[Case]:
         Case("gap close", [*named, *logs[:2]], _gap, 14, other=[*named, *logs[2:]]),
         Case(
             "gap close, thresholds",
-            [*close, "--rig", world.path("other.toml"), "--measured", *logs],
+            [*close, "--rig", world.path("heavier.toml"), "--measured", *others],
             lambda folder: None,
             6,
             endless=True,
@@ -190,9 +191,9 @@ def deploying(world: World, folder: Path) -> Iterator[Case]:
         yield Case("deploy", words, told, 10, kinds=("kills", "requests", "twice"))
 
 
-def _flight(rig: Path, seed: int) -> list[str]:
-    fly = ["run-gantry", "--virtual", "--baseline", "--rig", str(rig), "--seconds", "12"]
-    return [*fly, "--seed", str(seed), "--log", f"flights/{seed}.mcap"]
+def _flight(rig: str, seed: int) -> list[str]:
+    fly = ["run-gantry", "--virtual", "--baseline", "--rig", f"{rig}.toml", "--seconds", "12"]
+    return [*fly, "--seed", str(seed), "--log", f"{rig}-{seed}.mcap"]
 
 
 def _swaps(folder: Path) -> None:

@@ -101,7 +101,11 @@ def failing_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (UnusableInput("a.toml: [wake] speed_mps = -1."), 2, "a.toml: [wake] speed_mps = -1."),
         (CheckFailed("Parity\nwas missed."), 1, "Parity was missed."),
-        (OSError(28, "No space left on device", "x.mcap"), 1, "x.mcap: No space left on device."),
+        (
+            OSError(28, "No space left on device", "x.mcap"),
+            1,
+            "x.mcap: No space left on device; free some space there",
+        ),
         (PermissionError(13, "Permission denied", "/etc/x"), 2, "/etc/x: Permission denied."),
         (ModuleNotFoundError("no torch", name="torch"), 2, "constraints.txt '.[train]'"),
         (ModuleNotFoundError("no mcap", name="mcap"), 2, "mcap is not installed"),

@@ -15,7 +15,7 @@ def test_two_sweeps_do_not_share_a_folder_at_once(
     out = tmp_path / "out"
     asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 1, "--out", out)
     assert wakedeploy(*asked).exit_code == 0
-    with (out / ".lock").open() as lock:
+    with (out / ".sweep.lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         told = wakedeploy(*asked)
     assert told.exit_code == 2

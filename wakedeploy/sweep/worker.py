@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent, one_thread
 
 if TYPE_CHECKING:
-    from wakedeploy.sweep.jobs import Job
+    from wakedeploy.sweep.jobs import Job, Outcome
 
 
 class Worker:
@@ -46,4 +46,8 @@ def _serve(pipe: Connection, runs: Path) -> None:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(do(job, runs=runs))
+        try:
+            answer: Outcome | OSError = do(job, runs=runs)
+        except OSError as error:
+            answer = error
+        pipe.send(answer)
