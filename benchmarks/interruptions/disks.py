@@ -18,7 +18,8 @@ from benchmarks.interruptions.judge import Row
 from benchmarks.interruptions.processes import Ended
 
 _PAGE_BYTES = 4096
-_ENOUGH = "256m"
+_OF_NAMES = 0.25  # of the disks run out of names for files
+_ENOUGH = "size=256m,nr_inodes=1m"
 # What happened, where, and what to do.
 _SENTENCE = re.compile(r"^(Error: )?.*/?\S+.*No space left on device.*; .+\.$", re.MULTILINE)
 
@@ -27,7 +28,10 @@ def are_possible(work: Path) -> bool:
     """Whether this user may mount a disk."""
     folder = work / "disk"
     folder.mkdir()
-    with contextlib.suppress(subprocess.CalledProcessError, FileNotFoundError), _disk(folder, 8192):
+    with (
+        contextlib.suppress(subprocess.CalledProcessError, FileNotFoundError),
+        _disk(folder, "size=8k"),
+    ):
         return True
     return False
 
@@ -36,20 +40,27 @@ def filled(case: Case, base: Baseline, work: Path, count: int, seed: str) -> dic
     """Run a command on `count` disks that are too small for it, and again with room."""
     rng, row = random.Random(f"{seed} {case.name} disks"), Row(case.name)
     for _ in range(count):
-        pages = rng.randint(1, max(1, base.bytes // _PAGE_BYTES))
-        with Place(work) as place, _disk(place.folder, _PAGE_BYTES * pages):
-            done = [f"a disk of {pages} pages"]
+        room = _room(base, rng)
+        with Place(work) as place, _disk(place.folder, room):
+            done = [f"a disk of {room}"]
             ended = place.run(case)
             row.judge_files(place.folder, ended, done)
             if "No space left" in ended.stderr or ended.status:
                 row.strokes += 1
                 _judge_answer(ended, row, done)
-            _mount(place.folder, f"remount,size={_ENOUGH}")
+            _mount(place.folder, f"remount,{_ENOUGH}")
             ended = place.run(case)
             done.append("room")
             row.judge_files(place.folder, ended, done)
             row.judge_result(case, base, place.folder, ended, done)
     return row.as_json()
+
+
+def _room(base: Baseline, rng: random.Random) -> str:
+    """Too few pages for what the command writes, or too few files, whichever comes first."""
+    pages = rng.randint(1, max(1, base.bytes // _PAGE_BYTES))
+    names = rng.randint(1, 4) if rng.random() < _OF_NAMES else 1_000_000
+    return f"size={_PAGE_BYTES * pages},nr_inodes={names}"
 
 
 def _judge_answer(ended: Ended, row: Row, done: list[str]) -> None:
@@ -61,8 +72,8 @@ def _judge_answer(ended: Ended, row: Row, done: list[str]) -> None:
 
 
 @contextlib.contextmanager
-def _disk(folder: Path, size: int) -> Iterator[None]:
-    _mount(folder, f"size={size}")
+def _disk(folder: Path, room: str) -> Iterator[None]:
+    _mount(folder, room)
     try:
         yield
     finally:
