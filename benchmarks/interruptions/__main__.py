@@ -14,7 +14,7 @@ from typing import Any
 
 from benchmarks import records
 from benchmarks.interruptions.baseline import measured
-from benchmarks.interruptions.cases import Case, World, cases, deploying
+from benchmarks.interruptions.cases import Case, World, at_a_port, cases, deploying
 from benchmarks.interruptions.disks import are_possible, filled
 from benchmarks.interruptions.strokes import KILLS, REQUESTS, struck
 from benchmarks.interruptions.twice import doubled
@@ -83,8 +83,8 @@ def _count(whole: int, kind: str, case: Case, chosen: list[Case]) -> int:
 
 @contextlib.contextmanager
 def _chosen(names: list[str], world: World, folder: Path) -> Iterator[list[Case]]:
-    with deploying(world, folder / "rig") as deploy:
-        every = [*cases(world), deploy]
+    with deploying(world, folder / "rig") as deploy, at_a_port() as port:
+        every = [*cases(world), port, deploy]
         yield [case for case in every if not names or case.name.startswith(tuple(names))]
 
 

@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.interruptions.processes import wakedeploy
+from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.episodes import stated_sha256
 from wakedeploy.files import read_json_lines, sha256_of
 from wakedeploy.package import read_package
@@ -141,6 +142,7 @@ def cases(world: World) -> list[Case]:
             [*fly[:3], "--seconds", "6", "--wall-clock", "--log", "logs"],
             lambda folder: None,
             4,
+            endless=True,  # on a busy machine a flight in real time may end in a failsafe
             kinds=("kills", "requests"),
         ),
         Case(
@@ -166,6 +168,15 @@ def cases(world: World) -> list[Case]:
             8,
         ),
     ]
+
+
+@contextlib.contextmanager
+def at_a_port() -> Iterator[Case]:
+    """A flight at the port of a virtual gantry, in real time; whether it ends well is not asked."""
+    with VirtualGantryProcess(default_rig(), seed=0) as gantry:
+        words: Words = ["run-gantry", "--baseline", "--trust-curve", "--seconds", "6"]
+        words += ["--port", gantry.port, "--range-socket", gantry.range_socket]
+        yield Case("run-gantry, one port", words, lambda folder: None, 4, None, True, ("twice",))
 
 
 @contextlib.contextmanager

@@ -56,6 +56,8 @@ def _round(case: Case, base: Baseline, place: Place, strokes: list[Stroke], row:
         ended = place.run(case, stroke)
         done.append(stroke.words)
         row.judge_files(place.folder, ended, done)
+        if case.endless and not ended.struck:
+            return
         if not ended.struck or ended.status == 0:
             row.judge_result(case, base, place.folder, ended, done)
             return

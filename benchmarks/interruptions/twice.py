@@ -53,6 +53,11 @@ def _judge(
     row: Row,
     done: list[str],
 ) -> None:
+    if case.endless:
+        refused = [ended for ended in pair if ended.status == 2 and _is_refused(ended)]
+        if len(refused) != 1:
+            row.found["answer"].append(f"after {done[0]}: {pair[0].stderr} {pair[1].stderr}")
+        return
     if not any(ended.status == 0 for ended in pair):
         row.found["not_done"].append(f"after {done[0]}: {pair[0].stderr} {pair[1].stderr}")
         return
