@@ -3,6 +3,7 @@
 In: arguments, a folder, a stroke. Out: how it ended, and how long after that its last child did.
 """
 
+import contextlib
 import os
 import secrets
 import signal
@@ -13,9 +14,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 HOOK = Path(__file__).with_name("hook")
-CHILDREN_LIMIT_S = 20.0  # after which a child counts as left behind
+CHILDREN_LIMIT_S = 60.0  # after which a child counts as left behind
+IDLE_LIMIT_S = 90.0  # in which a command that does not hang computes, however busy the machine
 _MARK = "STROKE_MARK"
 _LOOK_S = 0.02
+_LOOK_AT_WORK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -75,15 +78,15 @@ class Command:
                 env=os.environ | self._environment(folder),
             )
 
-    def ended(self, limit_s: float) -> Ended:
+    def ended(self) -> Ended:
         """Strike, wait for the end, and for that of every child."""
-        struck, hung = self._struck_in_time(), False
         try:
-            self._process.wait(limit_s)
-        except subprocess.TimeoutExpired:
-            hung = True
-            os.killpg(self._process.pid, signal.SIGKILL)
-            self._process.wait()
+            struck = self._struck_in_time()
+            hung = self._hangs()
+        finally:
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                self._process.wait()
         seconds = time.monotonic() - self._began_s
         children_s = self._children_s()
         files = self._counts.stat().st_size
@@ -104,6 +107,18 @@ class Command:
             send(self._process.pid, self._stroke.number)
             return True
         return False
+
+    def _hangs(self) -> bool:
+        """Wait for the end; whether it does not come, for nothing is computed any more."""
+        computed_s, since_s = -1.0, time.monotonic()
+        while time.monotonic() - since_s < IDLE_LIMIT_S:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(_LOOK_AT_WORK_S)
+                return False
+            now_s = sum(map(_computed_s, self._left()))
+            if now_s != computed_s:
+                computed_s, since_s = now_s, time.monotonic()
+        return True
 
     def _children_s(self) -> float | None:
         began_s = time.monotonic()
@@ -140,6 +155,15 @@ class Command:
 def wakedeploy(*arguments: str | Path) -> list[str]:
     """The words of a `wakedeploy` command of this environment."""
     return [str(Path(sys.executable).with_name("wakedeploy")), *map(str, arguments)]
+
+
+def _computed_s(pid: int) -> float:
+    """Processor time of a process so far; 0 for one that is gone."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return 0.0
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
 def _environ(process: Path) -> bytes:

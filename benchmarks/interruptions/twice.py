@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from benchmarks.interruptions.baseline import LIMIT_S, Baseline, Place, measured
+from benchmarks.interruptions.baseline import Baseline, Place, measured
 from benchmarks.interruptions.cases import Case
 from benchmarks.interruptions.judge import Row
 from benchmarks.interruptions.processes import Command, Ended, wakedeploy
@@ -42,7 +42,7 @@ def _both(case: Case, second: Case, place: Place, later_s: float) -> tuple[Ended
     first = Command(wakedeploy(*case.arguments), place.folder)
     time.sleep(later_s)
     after = Command(wakedeploy(*second.arguments), place.folder)
-    return first.ended(LIMIT_S), after.ended(LIMIT_S)
+    return first.ended(), after.ended()
 
 
 def _judge(
