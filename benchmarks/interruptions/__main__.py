@@ -45,9 +45,9 @@ def main() -> None:
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--kills", type=int, default=200, help="kill -9, over all commands")
-    parser.add_argument("--requests", type=int, default=120, help="SIGINT or SIGTERM")
-    parser.add_argument("--disks", type=int, default=60, help="full disks")
-    parser.add_argument("--twice", type=int, default=30, help="two processes at once")
+    parser.add_argument("--requests", type=int, default=80, help="SIGINT or SIGTERM")
+    parser.add_argument("--disks", type=int, default=40, help="full disks")
+    parser.add_argument("--twice", type=int, default=24, help="two processes at once")
     parser.add_argument("--command", nargs="*", default=[], help="only these, by their first words")
     parser.add_argument("--seed", type=int, default=0, help="of the moments and sizes")
     parser.add_argument("--json", type=Path)

@@ -10,7 +10,7 @@ from benchmarks.interruptions.cases import Case
 from benchmarks.interruptions.processes import Command, Ended, Stroke, wakedeploy
 from benchmarks.interruptions.whole import broken_files
 
-_ENDLESS_S = 20.0
+_ENDLESS_S = 10.0
 
 
 @dataclass(frozen=True)

@@ -113,7 +113,7 @@ def cases(world: World) -> list[Case]:
                 *("--seeds", "2", "--workers", "2", "--out", "sweep"),
             ],
             _rows,
-            24,
+            16,
         ),
         Case("gap close", [*named, *logs[:2]], _gap, 14, other=[*named, *logs[2:]]),
         Case(
