@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from runtime.realtime import yield_to_the_loop
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput, is_full, why
+from wakedeploy.files import begun
 from wakedeploy.runlog import Value
 from wakedeploy.runlog_mcap import RunLogWriter
 
@@ -28,6 +29,10 @@ class RecorderReport:
     written: int
     dropped: int
     error: str | None
+
+
+class Taken(UnusableInput):
+    """The name that a recording was to have is that of another one."""
 
 
 class Recorder:
@@ -104,7 +109,7 @@ class Recorder:
             self._finish()
         # Whatever happens here must reach the loop as a message, not end the thread unseen.
         except Exception as error:
-            self._error = f"{self.path}: recording stopped: {one_line(error)}"
+            self._error = f"{self.path}: recording stopped: {why(error)}{_room(error)}"
             self._writer.abandon()
 
     def _record(self) -> None:
@@ -135,6 +140,11 @@ class Recorder:
         self._writer.close({"written": str(self._taken), "dropped": str(dropped)})
 
 
+def _room(error: Exception) -> str:
+    """What to do about a full disk."""
+    return " (free some space there before the next flight)" if is_full(error) else ""
+
+
 def _nanoseconds(t_s: Value) -> int:
     assert isinstance(t_s, float)
     return int(1e9 * t_s)
@@ -146,11 +156,15 @@ def _started(path: Path, metadata: Mapping[str, str]) -> RunLogWriter:
             f"{path}: flights are recorded as MCAP; name it {path.with_suffix('.mcap').name}, and "
             "`wakedeploy log export` makes CSV of it."
         )
+    taken = Taken(f"{path}: there is already a recording; name another file for --log.")
     if path.is_file() and path.stat().st_size > 0:
-        raise UnusableInput(f"{path}: there is already a recording; name another file for --log.")
+        raise taken
     try:
-        return RunLogWriter(path, metadata)
+        with begun(path) as file:
+            return RunLogWriter(file, metadata)
+    except FileExistsError as error:
+        raise taken from error
     except OSError as error:
         raise UnusableInput(
-            f"{path}: no run log can be written there ({one_line(error)})."
+            f"{path}: no run log can be written there ({why(error)}); name another file for --log."
         ) from error

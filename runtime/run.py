@@ -5,11 +5,13 @@ In: a `RunRequest`. Out: a `Tally`. Whatever ends the run, the motors idle and t
 
 import contextlib
 import datetime
+import functools
+import itertools
 import platform
 import signal
 import threading
 import types
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -23,7 +25,7 @@ from runtime.place import Place, opened_place
 from runtime.prediction import PredictionWorker
 from runtime.range_source import RangeSource, resting_range_m, wait_for_first
 from runtime.realtime import Clock
-from runtime.recorder import Recorder, RecorderReport
+from runtime.recorder import Recorder, RecorderReport, Taken
 from runtime.request import RunRequest, Show, Tell, Warn, wanted
 from runtime.sd_notify import ServiceManager
 from runtime.standby import begin_standby, stand_by
@@ -150,8 +152,6 @@ def _recorder(
         return None
     started = datetime.datetime.now(datetime.UTC)
     log = _folder_or_file(request.log)
-    if log.is_dir():
-        log = _free_name(log, started)
     known = metadata(
         request.rig, package, seed=request.seed, started=started, simulated=request.is_virtual
     )
@@ -161,16 +161,23 @@ def _recorder(
     if request.is_virtual:
         known |= truth_metadata(request.truth, request.hooks)
     began_ns = int(started.timestamp() * 1e9) if request.in_lockstep else None
-    recorder = Recorder(log, known | dict(request.notes), simulated_from_ns=began_ns)
+    begin = functools.partial(
+        Recorder, metadata=known | dict(request.notes), simulated_from_ns=began_ns
+    )
+    recorder = _in_folder(log, started, begin) if log.is_dir() else begin(log)
     opened.callback(recorder.close)
     return recorder
 
 
-def _free_name(folder: Path, started: datetime.datetime) -> Path:
-    """A name by the flight's start; flights in simulated time may begin in the same second."""
-    stem = f"{started:%Y%m%dT%H%M%SZ}"
-    names = (stem, *(f"{stem}-{number}" for number in range(2, 10_000)))
-    return next(path for name in names if not (path := folder / f"{name}.mcap").exists())
+def _in_folder(
+    folder: Path, started: datetime.datetime, begin: Callable[[Path], Recorder]
+) -> Recorder:
+    """A recording named by the flight's start; several flights may begin in the same second."""
+    for number in itertools.count(1):
+        again = f"-{number}" if number > 1 else ""
+        with contextlib.suppress(Taken):
+            return begin(folder / f"{started:%Y%m%dT%H%M%SZ}{again}.mcap")
+    raise AssertionError("numbers do not end")
 
 
 def _folder_or_file(log: Path) -> Path:

@@ -22,7 +22,7 @@ from trainers.build import build
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, write_text_whole, write_whole
+from wakedeploy.files import sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.validation import first_problem
 
@@ -212,7 +212,8 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str,
     """Write tensors with a JSON header in one file, whole or not at all."""
     kept = {name: value.detach().contiguous() for name, value in tensors.items()}
     header = {"facts": json.dumps(facts)}
-    write_whole(path, lambda file: safetensors.torch.save_file(kept, file, header))
+    data = safetensors.torch.save(kept, header)  # its own writer tells a full disk in its own way
+    write_bytes_whole(path, data)
 
 
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:

@@ -44,7 +44,7 @@ from trainers.score import score
 from trainers.tape import Tape, lay_tape
 from wakedeploy.episodes import SPLITS, EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.files import sha256_of
+from wakedeploy.files import remove_unfinished, sha256_of
 from wakedeploy.locks import one_at_a_time
 from wakedeploy.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.validation import first_problem
@@ -160,6 +160,7 @@ def train(
     if fresh or not (folder / METRICS).exists():
         require_enough(data, config.lead_s)  # before anything is written, or of an earlier run goes
     with one_at_a_time(folder):  # of two that train the same, the second finds it done
+        remove_unfinished(folder)
         if fresh:
             _clear(folder)
         if (folder / CONFIG).exists():

@@ -67,10 +67,12 @@ class Site:
     def _copy(self, package: Package, temporary: str) -> None:
         """Send the bytes and compare their hash; a copy cut short is removed by the far end."""
         packages, path = f"{self._folder}/packages", f"{self._folder}/packages/{temporary}"
-        p, t = shlex.quote(packages), shlex.quote(path)
+        d, p, t = (shlex.quote(place) for place in (self._folder, packages, path))
         ended = self.remote.run(
             f"umask 022; mkdir -p {p} || exit {_NOT_WRITTEN}; "
-            f"find {p} -name '.incoming-*' -mmin +60 -exec rm -f {{}} +; "  # after a power cut
+            # After a power cut; a link is followed by nobody before it has its name.
+            f"find {p} -name '.incoming-*' -mmin +60 -exec rm -f {{}} +; "
+            f"find {d} -maxdepth 1 -name '.new-*' -mmin +60 -exec rm -f {{}} +; "
             f"cat > {t} || {{ rm -f {t}; exit {_NOT_WRITTEN}; }}; "
             f'[ "$(sha256sum < {t})" = "{package.sha256}  -" ] '
             f"|| {{ rm -f {t}; exit {_DAMAGED}; }}; "
@@ -183,8 +185,8 @@ _TELL_LINKS = (
 
 
 def _point(link: str, to: str) -> str:
-    """Shell that makes a link anew, in one step for whoever looks at it."""
-    return f'{{ ln -sfn "{to}" .new-{link} && mv -fT .new-{link} {link}; }}'
+    """Shell that makes a link anew, in one step for whoever looks at it, or does the same."""
+    return f'{{ ln -sfn "{to}" .new-{link}-$$ && mv -fT .new-{link}-$$ {link}; }}'
 
 
 def _path(path: str) -> str:

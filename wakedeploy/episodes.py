@@ -22,7 +22,8 @@ from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, write_text_whole, write_whole
+from wakedeploy.files import sha256_of, write_bytes_whole, write_text_whole
+from wakedeploy.locks import one_at_a_time
 from wakedeploy.validation import first_problem
 
 SCHEMA = 1
@@ -136,14 +137,17 @@ class EpisodeSet:
         return max(1, whole_steps(self.window_s * self.rate_hz))
 
     def write(self, folder: Path) -> None:
-        """Write the set; a killed process leaves the set that was in `folder` before, or none."""
+        """Write the set; a killed process leaves the set that was in `folder` before, or none.
+
+        Of two processes that write into one folder, the second waits for the first.
+        """
         if folder.exists() and not folder.is_dir():
             raise UnusableInput(f"{folder}: is a file; give a folder for the episode set.")
-        entries = [_write_episode(folder, episode) for episode in self.episodes]
-        write_text_whole(
-            folder / DESCRIPTION, json.dumps(_document(self, entries), indent=1) + "\n"
-        )
-        _remove_others(folder, {str(entry["file"]) for entry in entries})
+        with one_at_a_time(folder, "set", traceless=True):
+            entries = [_write_episode(folder, episode) for episode in self.episodes]
+            description = json.dumps(_document(self, entries), indent=1) + "\n"
+            write_text_whole(folder / DESCRIPTION, description)
+            _remove_others(folder, {str(entry["file"]) for entry in entries})
 
 
 def window_shape(window_s: float, rate_hz: float) -> tuple[int, int]:
@@ -312,12 +316,8 @@ def _write_episode(folder: Path, episode: Episode) -> dict[str, Any]:
     digest = sha256_of(data)
     # The hash in the name keeps a new episode from replacing one that the old description lists.
     file = f"{episode.name}-{digest[:12]}.npz"
-    write_whole(folder / file, lambda path: _write_bytes(path, data))
+    write_bytes_whole(folder / file, data)
     return {"name": episode.name, "file": file, "steps": len(episode), "sha256": digest}
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
 
 
 def _remove_others(folder: Path, kept: set[str]) -> None:

@@ -1,6 +1,9 @@
 """The two kinds of failure a user meets: input that cannot be used, and a check that failed."""
 
+import errno
 import sys
+
+_FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 
 
 class WakedeployError(Exception):
@@ -27,6 +30,21 @@ def installs(what: str) -> str:
     project = f"'.[{what}]'" if what else "--force-reinstall ."
     pip = f"{sys.executable} -m pip"
     return f"{pip} install --constraint constraints.txt {project} (in wakedeploy's checkout)"
+
+
+def is_full(error: BaseException) -> bool:
+    """Whether what failed is a write for which there is no room."""
+    return isinstance(error, OSError) and error.errno in _FULL
+
+
+def relief(error: BaseException) -> str:
+    """What to do about a write that failed, as the end of a sentence; "" where nothing is known."""
+    return "; free some space there, then give the same command again" if is_full(error) else ""
+
+
+def why(error: BaseException) -> str:
+    """What failed, as the operating system calls it, else the exception's text on one line."""
+    return str(getattr(error, "strerror", None) or one_line(error))
 
 
 def one_line(error: BaseException) -> str:

@@ -8,7 +8,7 @@ from contextlib import AbstractContextManager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput, relief, why
 from wakedeploy.files import write_whole
 
 if TYPE_CHECKING:
@@ -83,7 +83,7 @@ def save(drawn: "Figure", path: Path) -> None:
             write_whole(path, lambda temporary: drawn.savefig(temporary, format=kind))
     except OSError as error:
         raise UnusableInput(
-            f"{path}: the picture cannot be written ({one_line(error)})."
+            f"{path}: the picture cannot be written ({why(error)}){relief(error)}."
         ) from error
 
 

@@ -1,30 +1,99 @@
 """Writing files so that a killed process leaves the old one or none, never half a new one."""
 
+import contextlib
+import errno
 import hashlib
 import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+_MARK = ".unfinished-"  # in the names of files that are being written
+_NO_LINKS = (
+    errno.EPERM,
+    errno.ENOTSUP,
+    errno.EMLINK,
+)  # where files have one name, as on a USB stick
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
     """Let `write` fill a temporary file beside `path`, then rename it over `path`.
 
-    Raises whatever `write` raises; the temporary file is removed then.
+    Raises whatever `write` raises; the temporary file is removed then. An OSError names `path`. A
+    device or a pipe is written to as it is.
     """
+    if path.exists() and not path.is_file() and not path.is_dir():
+        with named(path):
+            write(path)
+        return
     path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.", suffix=path.suffix)
-    os.close(handle)
-    temporary = Path(name)
-    try:
+    with named(path), _unnamed_beside(path) as temporary:
         write(temporary)
         temporary.chmod(0o666 & ~_umask())
         with temporary.open("rb") as written:
             os.fsync(written.fileno())
         temporary.replace(path)
+
+
+@contextlib.contextmanager
+def named(path: Path) -> Iterator[None]:
+    """An OSError in the block is about `path`; what is written to an open file says no name."""
+    try:
+        yield
+    except OSError as error:
+        is_unnamed = error.filename is None or _MARK in Path(str(error.filename)).name
+        if error.errno is None or not is_unnamed:
+            raise
+        raise OSError(error.errno, error.strerror, str(path)) from error
+
+
+@contextlib.contextmanager
+def begun(path: Path) -> Iterator[Path]:
+    """A file to begin, whose name is `path` from the end of the block on; it may stay open.
+
+    Nobody sees it under that name without what was written in the block. Raises FileExistsError
+    where another file has the name by then; an empty one gives way. A device or a pipe is itself.
+    """
+    if path.exists() and not path.is_file():
+        yield path
+        return
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with named(path), _unnamed_beside(path) as temporary:
+        yield temporary
+        temporary.chmod(0o666 & ~_umask())
+        _name(temporary, path)
+
+
+def _name(temporary: Path, path: Path) -> None:
+    """Give a file a name that no other has."""
+    try:
+        os.link(temporary, path)  # the one way to name a file that refuses a name that is taken
+    except OSError as error:
+        if error.errno not in (errno.EEXIST, *_NO_LINKS):
+            raise
+        if path.exists() and path.stat().st_size > 0:
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from error
+        temporary.replace(path)
+
+
+def remove_unfinished(folder: Path) -> None:
+    """Remove what killed writers left in a folder; nobody else may be writing there."""
+    for path in folder.glob(f".*{_MARK}*"):
+        path.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def _unnamed_beside(path: Path) -> Iterator[Path]:
+    """A temporary file beside `path`, gone with the block."""
+    prefix = f".{path.name}{_MARK}"
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=prefix, suffix=path.suffix)
+    temporary = Path(name)
+    try:
+        os.close(handle)
+        yield temporary
     finally:
         temporary.unlink(missing_ok=True)
 
@@ -32,6 +101,11 @@ def write_whole(path: Path, write: Callable[[Path], None]) -> None:
 def write_text_whole(path: Path, text: str) -> None:
     """`write_whole` for UTF-8 text."""
     write_whole(path, lambda temporary: _write_text(temporary, text))
+
+
+def write_bytes_whole(path: Path, data: bytes) -> None:
+    """`write_whole` for bytes."""
+    write_whole(path, lambda temporary: _write_bytes(temporary, data))
 
 
 def sha256_of(data: bytes) -> str:
@@ -42,7 +116,7 @@ def sha256_of(data: bytes) -> str:
 def append_json_line(path: Path, line: Mapping[str, Any]) -> None:
     """One line in one write; begins with a line break where a killed writer left half a line."""
     text = json.dumps(line) + "\n"
-    with path.open("ab+") as file:
+    with named(path), path.open("ab+") as file:
         if file.tell() > 0:
             file.seek(-1, os.SEEK_END)
             text = text if file.read(1) == b"\n" else "\n" + text
@@ -66,6 +140,10 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
 
 def _write_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8")
+
+
+def _write_bytes(path: Path, data: bytes) -> None:
+    path.write_bytes(data)
 
 
 def _umask() -> int:

@@ -16,7 +16,7 @@ from pydantic import ValidationError
 
 from wakedeploy import onnx_wire
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of, write_whole
+from wakedeploy.files import sha256_of, write_bytes_whole
 from wakedeploy.manifest import PARAMETER_BUDGET, SCHEMA, FloatArray, Manifest
 from wakedeploy.onnx_graph import (
     FLOAT32,
@@ -107,7 +107,7 @@ def make_package(model: bytes, manifest: Manifest, example: Example) -> Package:
 
 def write_package(package: Package, path: Path) -> None:
     """Write a package as one file, whole or not at all."""
-    write_whole(path, lambda temporary: _write_bytes(temporary, package.model_bytes))
+    write_bytes_whole(path, package.model_bytes)
 
 
 def read_package(path: Path | str) -> Package:
@@ -266,7 +266,3 @@ def _encoded(array: FloatArray) -> dict[str, Any]:
 def _decoded(entry: dict[str, Any]) -> FloatArray:
     flat = np.frombuffer(base64.b64decode(entry["float32"], validate=True), "<f4")
     return flat.reshape(tuple(int(n) for n in entry["shape"])).astype(np.float32)
-
-
-def _write_bytes(path: Path, data: bytes) -> None:
-    path.write_bytes(data)

@@ -7,12 +7,15 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
 from multiprocessing import resource_tracker
-from typing import Any
+from typing import Any, TypeVar
 
 MOST_WORKERS = 16  # by default: each holds some 400 MB
 
+_STOPPING = {signal.SIGINT, signal.SIGTERM}
+
+Result = TypeVar("Result")
 Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]
 
 
@@ -38,6 +41,11 @@ def deaf_to_ctrl_c() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
+def one_thread() -> None:
+    """One thread for this process, which libraries read when they are imported."""
+    os.environ["OMP_NUM_THREADS"] = "1"
+
+
 def end_with_parent() -> None:
     """End this process at once when its parent is gone, even one that was killed.
 
@@ -53,6 +61,51 @@ def _wait_for_its_end() -> None:
         os._exit(1)
 
 
+class Pool:
+    """Processes that take on work; they never hear Ctrl-C, the parent decides what becomes of them.
+
+    They end with the parent, even one that was killed: `pool` sees to it.
+    """
+
+    def __init__(self, executor: ProcessPoolExecutor) -> None:
+        self._executor = executor
+
+    def submit(self, work: Callable[..., Result], *arguments: Any) -> "Future[Result]":
+        """Hand over one call."""
+        with _unheard():  # processes start when there is work
+            return self._executor.submit(work, *arguments)
+
+    def map(self, work: Callable[..., Result], *arguments: Iterable[Any]) -> Iterator[Result]:
+        """Hand over many calls at once; their results in order."""
+        with _unheard():
+            return self._executor.map(work, *arguments)
+
+
+@contextlib.contextmanager
+def pool(
+    workers: int, *, fresh: bool = False, begin: Callable[[], None] | None = None
+) -> Iterator[Pool]:
+    """That many processes, gone when the block is left; at once, whatever they are at, by an error.
+
+    They are copies of this one, or `fresh` ones: torch does not survive a copy once it has
+    computed. Each calls `begin` first.
+    """
+    context = multiprocessing.get_context("spawn") if fresh else None
+    if fresh:
+        resource_tracker.ensure_running()  # starting it lets Ctrl-C through again
+    others = set(multiprocessing.active_children())
+    with ProcessPoolExecutor(
+        workers, mp_context=context, initializer=_begin, initargs=(begin,)
+    ) as executor:
+        try:
+            yield Pool(executor)
+        except BaseException:
+            executor.shutdown(wait=False, cancel_futures=True)
+            for process in set(multiprocessing.active_children()) - others:
+                process.kill()
+            raise
+
+
 @contextlib.contextmanager
 def processes(workers: int) -> Iterator[Map]:
     """A `map` over that many processes; results come in order.
@@ -63,11 +116,27 @@ def processes(workers: int) -> Iterator[Map]:
     if workers <= 1:
         yield map
         return
-    # Workers end at once when interrupted; the parent says so.
-    defaults = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
-        try:
-            yield pool.map
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with pool(workers) as several:
+        yield several.map
+
+
+@contextlib.contextmanager
+def _unheard() -> Iterator[None]:
+    """Both ways to stop this process wait until the block is left; what is started inherits that.
+
+    A copy of this process would take them as this one does before its first line.
+    """
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, _STOPPING)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin(begin: Callable[[], None] | None) -> None:
+    """In each process of a pool: a polite kill ends it at once, and so does the parent's end."""
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})
+    end_with_parent()
+    if begin is not None:
+        begin()

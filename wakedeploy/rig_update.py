@@ -12,6 +12,7 @@ from pathlib import Path
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import write_text_whole
+from wakedeploy.locks import one_at_a_time
 from wakedeploy.rig import Rig, parse_rig
 
 _DIGITS = 6
@@ -39,14 +40,16 @@ def update_rig(
     file is then as it was.
     """
     out = out or path
-    source = out if out.exists() else path
-    text = source.read_text(encoding="utf-8")
-    wanted = updated(parse_rig(text, str(source)), constants, date)
-    for name, known in constants.items():
-        text = _with_constant(text, name, _inline(known, date))
-    kept = _reads_as(text, wanted)
-    write_text_whole(out, text if kept else wanted.text)
-    return wanted, kept
+    # Of two calibrations that end in one moment, the second would take the first one's value away.
+    with one_at_a_time(out.parent, out.name, traceless=True):
+        source = out if out.exists() else path
+        text = source.read_text(encoding="utf-8")
+        wanted = updated(parse_rig(text, str(source)), constants, date)
+        for name, known in constants.items():
+            text = _with_constant(text, name, _inline(known, date))
+        kept = _reads_as(text, wanted)
+        write_text_whole(out, text if kept else wanted.text)
+        return wanted, kept
 
 
 def updated(rig: Rig, constants: Mapping[str, Calibrated], date: str) -> Rig:

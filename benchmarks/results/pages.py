@@ -10,6 +10,7 @@ from benchmarks.results import (
     flown,
     gap,
     gap_domains,
+    interrupted,
     learning,
     readme,
     simulators,
@@ -53,6 +54,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.mutants,
         simulators.frames,
     ),
+    "Robustness": (interrupted.interrupted,),
 }
 
 

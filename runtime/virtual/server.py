@@ -7,6 +7,7 @@ import contextlib
 import json
 import os
 import select
+import shutil
 import socket
 import sys
 import time
@@ -204,6 +205,7 @@ def main() -> None:
     answers.flush()
     if gantry is not None:
         gantry.run()
+        shutil.rmtree(request["folder"], ignore_errors=True)  # whose owner may have been killed
 
 
 def _made(request: dict[str, Any]) -> tuple[VirtualGantry | None, dict[str, str]]:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -100,7 +101,11 @@ def failing_with(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> None:
     [
         (UnusableInput("a.toml: [wake] speed_mps = -1."), 2, "a.toml: [wake] speed_mps = -1."),
         (CheckFailed("Parity\nwas missed."), 1, "Parity was missed."),
-        (OSError(28, "No space left on device", "x.mcap"), 1, "x.mcap: No space left on device."),
+        (
+            OSError(28, "No space left on device", "x.mcap"),
+            1,
+            "x.mcap: No space left on device; free some space there",
+        ),
         (PermissionError(13, "Permission denied", "/etc/x"), 2, "/etc/x: Permission denied."),
         (ModuleNotFoundError("no torch", name="torch"), 2, "constraints.txt '.[train]'"),
         (ModuleNotFoundError("no mcap", name="mcap"), 2, "mcap is not installed"),
@@ -129,6 +134,36 @@ def test_interrupting_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     result = CliRunner().invoke(cli.main, ["doctor"])
     assert result.exit_code == 130
     assert "Traceback" not in result.output
+
+
+WAITING = """
+import time
+import click
+from wakedeploy import cli
+
+def wait():
+    print("begun", flush=True)
+    time.sleep(600.0)
+
+cli._Commands.get_command = lambda *_: click.Command("doctor", callback=wait)
+cli.main()
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_program_that_is_asked_to_stop_says_one_word(number: signal.Signals) -> None:
+    run = subprocess.Popen(
+        [sys.executable, "-c", WAITING, "doctor"],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert run.stdout is not None
+    try:
+        assert run.stdout.readline() == "begun\n"
+        run.send_signal(number)
+        _, said = run.communicate(timeout=60)
+    finally:
+        run.kill()
+    assert (run.returncode, said) == (130, "Interrupted.\n")
 
 
 def test_a_closed_pipe_is_no_error(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from click.testing import CliRunner, Result
 from wakedeploy.cli import main
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.naming import Thresholds
-from wakedeploy.gap.steps import write_step
+from wakedeploy.gap.steps import at_work, write_step
 from wakedeploy.gap.threshold import _cache_path
 from wakedeploy.rig import default_rig
 from wakedeploy.runlog import RunLog
@@ -154,6 +154,14 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
     assert told.exit_code == 130, told.output
     assert done == ["find", "name", "add", "show", "result", "training"]
     assert "the result stands; `wakedeploy gap show --retrain` trains" in told.stderr
+
+
+@pytest.mark.parametrize("step", STEPS)
+def test_two_at_once_in_one_folder_would_mix_their_steps(folder: Path, step: str) -> None:
+    with at_work(folder / "out"):
+        refused(gap(folder, step, "flight.csv"), "Another gap command is at work in")
+    shown = [p for p in (folder / "out").iterdir() if not p.name.startswith(".")]
+    assert shown == []
 
 
 def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(

@@ -239,6 +239,21 @@ def test_without_an_earlier_package_there_is_no_way_back(rig, packages):
     assert rig.links() == before
 
 
+def test_of_several_at_once_each_ends_right(rig, packages):
+    """Each makes its links under names of its own; the last one to exchange them stays."""
+    rig.command.write_text(PASSES)
+    several = [packages(f"{name}.onnx") for name in "abcd"]
+    assert deploy(rig, several[0]).exit_code == 0
+    running = [started(rig, package) for package in several[1:] * 2]
+    for run in running:
+        _, err = run.communicate(timeout=120)
+        assert run.returncode == 0, err
+    links = rig.links()
+    assert links["current"] in map(hashed, several[1:])
+    assert links["previous"] in map(hashed, several)
+    assert leftovers(rig) == []
+
+
 def test_a_previous_package_that_no_longer_passes_does_not_come_back(rig, packages):
     for name in ("first.onnx", "second.onnx"):
         assert deploy(rig, packages(name)).exit_code == 0

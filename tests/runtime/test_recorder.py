@@ -1,5 +1,6 @@
 """The recorder never holds up the loop, counts what it drops, and survives a full disk."""
 
+import os
 import subprocess
 import sys
 import textwrap
@@ -136,6 +137,40 @@ def test_an_earlier_recording_is_not_overwritten(tmp_path: Path) -> None:
     Recorder(tmp_path / "a.mcap", METADATA).close()
     with pytest.raises(UnusableInput, match="already a recording"):
         Recorder(tmp_path / "a.mcap", METADATA)
+
+
+def test_of_two_recordings_that_begin_as_one_file_the_second_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, first, begin = tmp_path / "a.mcap", list[Recorder](), RunLogWriter._begun
+
+    def begin_late(self: RunLogWriter, metadata: dict[str, str]) -> int:
+        monkeypatch.setattr(RunLogWriter, "_begun", begin)
+        first.append(Recorder(path, METADATA))
+        return begin(self, metadata)
+
+    monkeypatch.setattr(RunLogWriter, "_begun", begin_late)
+    with pytest.raises(UnusableInput, match="already a recording"):
+        Recorder(path, METADATA)
+    first[0].put(tick_row(7))
+    assert first[0].close().written == 1
+    assert read_run_log(path)["tick"].tolist() == [7]
+    assert [*tmp_path.iterdir()] == [path]
+
+
+def test_a_recording_can_be_read_from_the_moment_at_which_it_can_be_seen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    read, link = list[str](), os.link
+
+    def look(file: Path, name: Path) -> None:
+        read.append(read_run_log(file).metadata["rate_hz"])
+        link(file, name)
+
+    monkeypatch.setattr(os, "link", look)
+    recorder = Recorder(tmp_path / "a.mcap", METADATA)
+    assert read == ["32.0"]
+    recorder.close()
 
 
 def test_a_row_that_cannot_be_written_becomes_an_error_not_a_crash(tmp_path: Path) -> None:

@@ -86,6 +86,16 @@ def test_a_killed_plant_is_told_as_one_sentence_by_both_ends():
         source.close()
 
 
+def test_a_plant_whose_owner_was_killed_leaves_no_folder():
+    gantry = VirtualGantryProcess(default_rig(), seed=3)
+    folder = gantry.range_socket.parent
+    assert folder.is_dir()
+    gantry._process.stdin.close()  # as the kernel does for one that is gone
+    gantry._process.wait(60)
+    assert not folder.exists()
+    gantry.close()
+
+
 def test_a_socket_that_is_not_there_is_unusable(tmp_path):
     with pytest.raises(UnusableInput, match="no range samples"):
         SocketRangeSource(tmp_path / "none.sock")

@@ -1,5 +1,6 @@
 """What a sweep refuses: one sentence, and nothing of anybody's is touched."""
 
+import errno
 import fcntl
 from collections.abc import Callable
 from pathlib import Path
@@ -7,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from wakedeploy.episodes import EpisodeSet
+from wakedeploy.sweep import jobs
+from wakedeploy.sweep.plan import Choice
 
 
 def test_two_sweeps_do_not_share_a_folder_at_once(
@@ -15,11 +18,26 @@ def test_two_sweeps_do_not_share_a_folder_at_once(
     out = tmp_path / "out"
     asked = ("sweep", "--data", small, "--arch", "agile-mlp", "--epochs", 1, "--out", out)
     assert wakedeploy(*asked).exit_code == 0
-    with (out / ".lock").open() as lock:
+    with (out / ".sweep.lock").open() as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         told = wakedeploy(*asked)
     assert told.exit_code == 2
     assert "Another sweep is at work" in told.output
+
+
+def test_a_full_disk_says_nothing_about_a_job(make_small, monkeypatch, tmp_path):
+    """The sweep ends, and the same command does the job; a row would be its last word."""
+
+    def full(*_, **__):
+        raise OSError(errno.ENOSPC, "No space left on device", "best.safetensors")
+
+    monkeypatch.setattr(jobs, "train", full)
+    data = make_small()
+    choice = Choice("agile-mlp", seed=0, lead_s=0.0, settings={}, hyper={})
+    (job,) = jobs.train_jobs("small", tmp_path, data, [choice], device="cpu")
+    with pytest.raises(OSError, match="No space left"):
+        jobs.do(job, data, runs=tmp_path / "runs")
+    assert jobs.do(job, data).row["state"] == "failed"  # a cluster's worker has a disk of its own
 
 
 @pytest.mark.parametrize(

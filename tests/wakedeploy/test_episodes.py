@@ -14,7 +14,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays_of
 
-from wakedeploy import episodes
+from wakedeploy import episodes, files
 from wakedeploy.episodes import Channel, Episode, EpisodeSet, read_episode_set, window_shape
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
@@ -325,7 +325,7 @@ def test_a_writer_that_fails_midway_leaves_the_former_set(
         written.append(path)
         path.write_bytes(data)
 
-    monkeypatch.setattr(episodes, "_write_bytes", failing)
+    monkeypatch.setattr(files, "_write_bytes", failing)
     monkeypatch.setattr(
         episodes,
         "write_text_whole",

@@ -1,9 +1,11 @@
 """New values go into a rig file without touching anything else in it."""
 
 import datetime
+import threading
 
 import pytest
 
+from wakedeploy import rig_update
 from wakedeploy.errors import UnusableInput
 from wakedeploy.rig import default_rig, default_rig_text, parse_rig, read_rig
 from wakedeploy.rig_update import Calibrated, update_rig
@@ -151,3 +153,21 @@ def test_another_file_to_write_begins_as_the_first_and_keeps_what_it_was_given(r
     assert rig_file.read_text() == text
     assert read_rig(desk) == after
     assert {*bias, *TRIP} <= set(after.calibration)
+
+
+def test_of_two_calibrations_that_end_at_once_neither_loses_its_value(rig_file, monkeypatch):
+    bias = {"range_sensor.bias_m": Calibrated(0.031, 0.0002, "m")}
+    other = threading.Thread(target=update_rig, args=(rig_file, bias, DATE))
+    change = rig_update.updated
+
+    def change_late(*given):
+        monkeypatch.setattr(rig_update, "updated", change)
+        other.start()
+        other.join(0.5)  # one that does not wait for its turn is done by then
+        return change(*given)
+
+    monkeypatch.setattr(rig_update, "updated", change_late)
+    update_rig(rig_file, TRIP, DATE)
+    other.join(60)
+    assert {"latency.round_trip_s", "range_sensor.bias_m"} <= set(read_rig(rig_file).calibration)
+    assert [*rig_file.parent.iterdir()] == [rig_file]

@@ -31,6 +31,7 @@ from trainers.tuning.study import PRUNER, all_trials, finished, running
 from trainers.tuning.workers import BEST, TRIALS, Work
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import CheckFailed
+from wakedeploy.files import remove_unfinished
 from wakedeploy.locks import one_at_a_time
 
 FRONT, RUNS = "pareto", "best"
@@ -64,6 +65,7 @@ def conclude(
     """
     torch.set_num_threads(1)
     with one_at_a_time(work.out, "conclude"):  # another process may have come to the end, too
+        remove_unfinished(work.out)
         return _concluded(work, study, data, on_epoch)
 
 

@@ -22,6 +22,7 @@ from optuna.trial import FrozenTrial
 from sqlalchemy.engine import URL, make_url
 
 from wakedeploy.errors import UnusableInput, installs, one_line
+from wakedeploy.files import named
 from wakedeploy.locks import one_at_a_time
 
 JOURNAL = "study.journal"
@@ -135,7 +136,7 @@ class Place:
             lock = KernelLock(self._journal)
             lock.acquire()  # takes out a broken last line, of which some cannot even be read
             lock.release()
-            return JournalStorage(JournalFileBackend(str(self._journal), lock_obj=lock))
+            return JournalStorage(_Journal(self._journal, lock))
         except OSError:
             raise
         except Exception as error:  # a foreign file: replaying it may fail anywhere
@@ -157,6 +158,19 @@ class Place:
         for secret in secrets:
             said = said.replace(secret, "***")
         return said[:200]
+
+
+class _Journal(JournalFileBackend):
+    """Optuna's, whose full disk says which file it is about."""
+
+    def __init__(self, journal: Path, lock: "KernelLock") -> None:
+        super().__init__(str(journal), lock_obj=lock)
+        self._journal = journal
+
+    def append_logs(self, logs: list[dict[str, Any]]) -> None:
+        """Write entries behind those that are there."""
+        with named(self._journal):
+            super().append_logs(logs)
 
 
 class KernelLock(JournalFileOpenLock):

@@ -40,7 +40,7 @@ from trainers.tuning.study import (
 )
 from trainers.tuning.trial import FAILURES, Objective, StepCost
 from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError
+from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, is_full
 from wakedeploy.interruption import interruptible
 from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent
 
@@ -206,7 +206,15 @@ def _run_here(
             except (optuna.exceptions.UpdateFinishedTrialError, ValueError):
                 if not taken_from_us(study):
                     raise
+            except AssertionError as error:
+                raise _full_disk(error) or error from None
         on_trials(study)
+
+
+def _full_disk(error: AssertionError) -> BaseException | None:
+    """What is behind Optuna's surprise that it could not write down how a trial ended."""
+    cause = error.__context__
+    return cause if cause is not None and is_full(cause) else None
 
 
 @dataclass
@@ -292,7 +300,7 @@ def _member(work: Work, writing: Any) -> None:
             _run_here(work, work.open(), read_episode_set(work.data))
     except KeyboardInterrupt:
         os._exit(130)
-    except WakedeployError as error:
+    except (WakedeployError, OSError) as error:
         writing.send(error)
     except Exception as error:
         writing.send(CheckFailed(f"a worker failed: {type(error).__name__}: {error}"))

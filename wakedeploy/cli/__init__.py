@@ -8,6 +8,7 @@ functions, so that `wakedeploy --help` stays fast.
 import errno
 import importlib
 import os
+import signal
 from typing import Any
 
 import click
@@ -15,7 +16,8 @@ import click
 import wakedeploy
 from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
-from wakedeploy.errors import WakedeployError, installs, one_line
+from wakedeploy.errors import WakedeployError, installs, is_full, one_line, relief
+from wakedeploy.interruption import interruptible
 
 COMMANDS = (
     "demo",
@@ -51,6 +53,23 @@ _UNUSABLE = (
 
 class _Commands(Group):
     """Loads a command's file when it is asked for, and tells failures in one sentence."""
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        """As a program: a polite kill interrupts it as Ctrl-C does, until its work is done."""
+        try:
+            with interruptible():
+                return super().__call__(*args, **kwargs)
+        finally:
+            if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+                # What is left is to let go of libraries, and nobody is there to take an exception.
+                signal.signal(signal.SIGINT, signal.SIG_DFL)
+
+    def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
+        """Read the group's own options; help that cannot be printed is told in one line."""
+        try:
+            return super().make_context(*args, **kwargs)
+        except OSError as error:
+            raise _Told(error) from error
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """The commands in the order of a person's work."""
@@ -100,7 +119,9 @@ def _sentence(error: Exception) -> str:
     if library:
         return f"{library} is not installed; install wakedeploy again: {installs('')}."
     if isinstance(error, OSError) and error.strerror:
-        return ": ".join(filter(None, (str(error.filename or ""), f"{error.strerror}.")))
+        nowhere = "a file or the standard output" if is_full(error) else ""
+        told = f"{error.strerror}{relief(error)}."
+        return ": ".join(filter(None, (str(error.filename or nowhere), told)))
     kind = type(error).__name__
     return f"unexpected {kind}: {one_line(error)}; `wakedeploy --debug …` shows where it happened."
 

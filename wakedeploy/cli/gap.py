@@ -126,6 +126,7 @@ def close_gap(
     from wakedeploy.gap.close import close
     from wakedeploy.gap.steps import read_steps
 
+    _enter(out, rig_path)
     train = _trainer(minutes, workers) if retrain else None
     try:
         told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
@@ -275,11 +276,18 @@ def show_gap(
     _finish(case, out, json_path)
 
 
-def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
-    from wakedeploy.gap.close import open_case
-    from wakedeploy.gap.steps import prepare
+def _enter(out: Path, rig_path: Path) -> None:
+    """Make the folder, and keep others out of it until the command ends."""
+    from wakedeploy.gap.steps import at_work, prepare
 
     prepare(out, rig_path)
+    click.get_current_context().with_resource(at_work(out))
+
+
+def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
+    from wakedeploy.gap.close import open_case
+
+    _enter(out, rig_path)
     _progress("reading the flights")
     return open_case(rig_path, measured, workers=workers, progress=_progress)
 

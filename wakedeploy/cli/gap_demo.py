@@ -39,9 +39,10 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
     import shutil
 
     from wakedeploy.gap.demo import FULL, PICTURE, QUICK, run
+    from wakedeploy.gap.steps import at_work
 
     click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
-    with stages() as progress:
+    with at_work(out), stages() as progress:
         told = run(out, QUICK if quick else FULL, workers=workers, progress=progress)
     write_json(out / "demo.json", told)
     _tell(out, told)

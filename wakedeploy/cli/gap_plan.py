@@ -49,11 +49,13 @@ def plan(
     """
     from wakedeploy.gap.manoeuvres import menu
     from wakedeploy.gap.plan import make_plan, write_plan_reference
+    from wakedeploy.gap.steps import at_work
     from wakedeploy.rig import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     members = names or _class_in(out)
     if out is not None:
+        click.get_current_context().with_resource(at_work(out))
         _same_rig(out, rig, rig_path)
     sizes = _known_sizes(out, members)
     with progress("Flying manoeuvres", len(menu()) + 1) as bar:

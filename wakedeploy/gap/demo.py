@@ -8,7 +8,6 @@ import functools
 import math
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from wakedeploy.gap.demo_figure import Flown, draw_story
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.retrain import Pilot, fly_both, retrain
 from wakedeploy.gap.steps import read_steps
+from wakedeploy.processes import pool
 from wakedeploy.rig import Rig, default_rig, read_rig
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")
@@ -113,8 +113,8 @@ def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
 def fly_measured(logs: Sequence[Path], size: Size, workers: int, steps: Steps = uncounted) -> None:
     """Flights of the world under the uncorrected rig file, PID alone, as logs without truth."""
     jobs = [(path, size.seconds, index) for index, path in enumerate(logs)]
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        for done, _ in enumerate(pool.map(_measured, jobs), 1):
+    with pool(workers) as several:
+        for done, _ in enumerate(several.map(_measured, jobs), 1):
             steps(done, len(jobs))
 
 

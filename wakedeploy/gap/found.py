@@ -3,7 +3,7 @@
 In: an answer. Out: `name.npz` with the parameters of its fits and the motions that they are around.
 """
 
-import functools
+import io
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 import numpy as np
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_whole
+from wakedeploy.files import write_bytes_whole
 from wakedeploy.gap.flight import Flight, FloatArray
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit, Hypothesis, Slopes
@@ -68,7 +68,9 @@ class Found:
         for i in range(self.model.episodes):
             content[f"motion_{i}"] = self.model.flights[i].nominal
             content[f"base_motion_{i}"] = self.base_model.flights[i].nominal
-        write_whole(folder / FITS, functools.partial(_save, content=content))
+        packed = io.BytesIO()  # an archive whose disk is full would go on complaining
+        np.savez_compressed(packed, **content)
+        write_bytes_whole(folder / FITS, packed.getvalue())
 
     @classmethod
     def read(cls, folder: Path, rig: Rig, flights: Sequence[Flight]) -> "Found":
@@ -100,11 +102,6 @@ class Found:
         effects = tuple(str(name) for name in content["effects"])
         base, fitted = _fit(base_model, (), content["base"]), _fit(model, effects, content["fit"])
         return cls(model, base_model, base, fitted, tried)
-
-
-def _save(path: Path, content: dict[str, Any]) -> None:
-    with path.open("wb") as file:
-        np.savez_compressed(file, **content)
 
 
 def _around(rig: Rig, flights: Sequence[Flight], motions: Sequence[FloatArray]) -> GantryModel:

@@ -7,7 +7,6 @@ are simulated; what is missing from them is then judged by the likelihood that `
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, ProcessPoolExecutor
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
@@ -34,6 +33,7 @@ from wakedeploy.gap.separation import Evidence, gain_nats, gather, loss_nats
 from wakedeploy.gap.tracking import tracking_rmse_m, with_effect
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.processes import Pool, pool
 from wakedeploy.rig import Rig
 
 TRACKING_SEED = 8101
@@ -201,9 +201,11 @@ def power(
             f"{FEWEST_IN_ALL}."
         )
     chosen = _chosen(rig, names)
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        flown = _fly(pool, rig, flights, seconds, _telling(progress, "flying", flights))
-        costs, plain_mm = _costs(pool, rig, chosen, _telling(progress, "tracking", len(chosen) + 1))
+    with pool(workers) as several:
+        flown = _fly(several, rig, flights, seconds, _telling(progress, "flying", flights))
+        costs, plain_mm = _costs(
+            several, rig, chosen, _telling(progress, "tracking", len(chosen) + 1)
+        )
     simulated = _judged(rig, flown, chosen, _telling(progress, "judging", len(chosen)))
     threshold = null_quantile(simulated.evidence) if threshold_nats is None else threshold_nats
     named_with = _named_with_sensors(
@@ -329,9 +331,9 @@ def _judged(
     return Simulated(model, base, gather(model, base, names, sizes, advance))
 
 
-def _fly(pool: Executor, rig: Rig, count: int, seconds: float, advance: Advance) -> list[Flight]:
+def _fly(several: Pool, rig: Rig, count: int, seconds: float, advance: Advance) -> list[Flight]:
     jobs = [(rig, seconds, _FLIGHT_SEED + i) for i in range(count)]
-    return _collected(pool.map(_one_flight, jobs), advance)
+    return _collected(several.map(_one_flight, jobs), advance)
 
 
 def _one_flight(job: tuple[Rig, float, int]) -> Flight:
@@ -342,12 +344,12 @@ def _one_flight(job: tuple[Rig, float, int]) -> Flight:
 
 
 def _costs(
-    pool: Executor, rig: Rig, names: Sequence[str], advance: Advance
+    several: Pool, rig: Rig, names: Sequence[str], advance: Advance
 ) -> tuple[dict[str, float | None], float]:
     """Millimetres of RMSE that each effect adds, and the RMSE without any."""
     jobs = [(rig, rig)]
     jobs += [(with_effect(rig, name, plausible_size(rig, name)), rig) for name in names]
-    plain, *worse = _collected(pool.map(_one_rmse_mm, jobs), advance)
+    plain, *worse = _collected(several.map(_one_rmse_mm, jobs), advance)
     costs = [w - plain if np.isfinite(w) else None for w in worse]
     return dict(zip(names, costs, strict=True)), plain
 

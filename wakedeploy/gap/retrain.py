@@ -6,10 +6,7 @@ flights, and how well each pair of rig and package flies a plant that still hide
 
 import functools
 import math
-import multiprocessing
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -26,6 +23,7 @@ from wakedeploy.episodes import Episode
 from wakedeploy.errors import UnusableInput
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.package import Package, read_package
+from wakedeploy.processes import one_thread, pool
 from wakedeploy.rig import LOOP_RATE_HZ, Rig, parse_rig
 from wakedeploy.runlog import RunLog, read_run_log
 
@@ -129,9 +127,9 @@ def fly_both(
     """
     pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
     jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
-    with ProcessPoolExecutor(max_workers=workers) as pool:
+    with pool(workers) as several:
         errors = []
-        for error in pool.map(_tracking_mm, jobs):
+        for error in several.map(_tracking_mm, jobs):
             errors.append(error)
             steps(len(errors), len(jobs))
     rows = [_tracking(errors[i * len(seeds) : (i + 1) * len(seeds)]) for i in range(len(pilots))]
@@ -162,19 +160,12 @@ def _in_processes(jobs: Sequence[_Job], workers: int, steps: Steps) -> dict[str,
 
     The number of threads is read when torch is imported, which a forked process may have behind it.
     """
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(
-        max_workers=min(max(workers, 1), len(jobs)), mp_context=context, initializer=_one_thread
-    ) as pool:
+    with pool(min(max(workers, 1), len(jobs)), fresh=True, begin=one_thread) as several:
         packages = {}
-        for job, package in zip(jobs, pool.map(_trained, jobs), strict=True):
+        for job, package in zip(jobs, several.map(_trained, jobs), strict=True):
             packages[job.name] = package
             steps(len(packages), len(jobs))
         return packages
-
-
-def _one_thread() -> None:
-    os.environ["OMP_NUM_THREADS"] = "1"
 
 
 def _trained(job: _Job) -> Path:

@@ -4,9 +4,10 @@ In: a folder with `find.json`, `name.json`, `add.json`, `show.json`, `result.jso
 contents as mappings, empty where a step has not run yet.
 """
 
+import contextlib
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.files import remove_unfinished, sha256_of, write_text_whole
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.telling import entries, mapping, texts
+from wakedeploy.locks import alone
 
 Artefact = Mapping[str, Any]
 
@@ -119,6 +121,18 @@ def read_plan(folder: Path) -> Artefact:
 def read_steps(folder: Path) -> Steps:
     """Read the artefacts of a folder; UnusableInput where a file is there and cannot be read."""
     return Steps(**{name: _read(folder / f"{name}.json") for name in STEPS})
+
+
+@contextlib.contextmanager
+def at_work(folder: Path) -> Iterator[None]:
+    """Nobody else takes steps in this folder meanwhile; what a killed one was writing is removed.
+
+    UnusableInput where somebody does: artefacts of two would be of different flights.
+    """
+    with alone(folder, "Another gap command", "gap"):
+        for place in (folder, folder / "figures"):
+            remove_unfinished(place)
+        yield
 
 
 def prepare(folder: Path, rig_path: Path) -> None:

@@ -8,9 +8,7 @@ threshold therefore belongs to a rig and cannot be chosen.
 
 import json
 import os
-import signal
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
@@ -38,6 +36,7 @@ from wakedeploy.gap.whiteness import whiteness
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
+from wakedeploy.processes import pool
 from wakedeploy.rig import Effect, EffectParameter, Rig
 
 FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of naming together
@@ -107,10 +106,8 @@ def simulate(
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
     left = [seed for seed in seeds if seed not in results]
-    # Workers end at once when interrupted; the parent says so.
-    defaults = (signal.SIGINT, signal.SIG_DFL)
-    with ProcessPoolExecutor(workers, initializer=signal.signal, initargs=defaults) as pool:
-        flown = pool.map(_null_set, [(rig.text, seed) for seed in left])
+    with pool(workers) as several:
+        flown = several.map(_null_set, [(rig.text, seed) for seed in left])
         for done, (seed, result) in enumerate(zip(left, flown, strict=True), sets - len(left) + 1):
             results[seed] = result
             if kept is not None:

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Any
 from wakedeploy import figures
 from wakedeploy.commit import present_commit
 from wakedeploy.episodes import EpisodeSet
-from wakedeploy.files import json_text, write_text_whole
+from wakedeploy.files import json_text, remove_unfinished, write_text_whole
+from wakedeploy.locks import one_at_a_time
 from wakedeploy.markup import Markup, element, page, picture, table
 
 if TYPE_CHECKING:
@@ -50,11 +51,23 @@ def write_study(
 
     `study.json` also says what each part says, which code and which revision of training it is of
     and which sets, in no order that matters, and lists the study's files; those that an earlier one
-    lists and this one does not write are removed, and nothing else is.
+    lists and this one does not write are removed, and nothing else is. Of two processes that write
+    into one folder, the second waits for the first.
     """
+    with one_at_a_time(folder, "study", traceless=True):
+        remove_unfinished(folder)
+        return _write(folder, title, parts, result, sets)
+
+
+def _write(
+    folder: Path,
+    title: str,
+    parts: Sequence[Part],
+    result: Mapping[str, Any],
+    sets: Sequence[EpisodeSet],
+) -> Path:
     from trainers.runs import TRAINING
 
-    folder.mkdir(parents=True, exist_ok=True)
     names = {_RESULT, _PAGE}
     for part in parts:
         names |= {f"{part.name}.{kind}" for kind in ("png", "pdf") if part.figure is not None}

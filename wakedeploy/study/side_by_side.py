@@ -4,17 +4,13 @@ In: a function of one job, and jobs. Out: the results in the jobs' order, the sa
 processes if this one computes with one thread, as each of several does.
 """
 
-import multiprocessing
-import multiprocessing.connection
-import os
-import signal
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
 from wakedeploy.errors import CheckFailed
-from wakedeploy.processes import default_workers, end_with_parent
+from wakedeploy.processes import default_workers, one_thread, pool
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")
@@ -38,27 +34,15 @@ def side_by_side(
             results.append(work(job))
             on_done(job)
         return results
-    # torch does not survive a fork once it has computed; workers end at once when interrupted.
-    fresh = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(workers, mp_context=fresh, initializer=begin_worker) as pool:
-        waiting = [pool.submit(work, job) for job in jobs]
-        try:
+    try:
+        with pool(workers, fresh=True, begin=one_thread) as several:
+            waiting = [several.submit(work, job) for job in jobs]
             which = dict(zip(waiting, jobs, strict=True))
             for done in as_completed(waiting):
                 done.result()  # the first failure ends it
                 on_done(which[done])
             return [one.result() for one in waiting]
-        except BrokenProcessPool as error:
-            raise CheckFailed(
-                f"A process of {workers} was killed; is there enough memory for so many?"
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def begin_worker() -> None:
-    """One thread per process, which libraries read when they are imported; none outlives us."""
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    os.environ["OMP_NUM_THREADS"] = "1"
-    end_with_parent()
+    except BrokenProcessPool as error:
+        raise CheckFailed(
+            f"A process of {workers} was killed; is there enough memory for so many?"
+        ) from error

@@ -51,7 +51,7 @@ class LocalProcesses:
         self._waiting.append(job)
 
     def finished(self) -> Iterator[tuple[Job, Outcome]]:
-        """Jobs with what became of them, as they finish."""
+        """Jobs with what became of them, as they finish; OSError where the disk is full."""
         while self._waiting or any(worker.job for worker in self._workers):
             self._hand_out()
             busy = {worker.pipe: worker for worker in self._workers if worker.job}
@@ -84,7 +84,7 @@ class LocalProcesses:
         job = worker.job
         assert job is not None
         try:
-            outcome: Outcome = worker.pipe.recv()
+            outcome: Outcome | OSError = worker.pipe.recv()
         except (EOFError, OSError):
             worker.process.join()
             self._workers.remove(worker)
@@ -94,4 +94,6 @@ class LocalProcesses:
                 return None
             return job, failure(job, f"its process was killed {ATTEMPTS} times")
         worker.job = None
+        if isinstance(outcome, OSError):
+            raise outcome
         return job, outcome

@@ -39,8 +39,8 @@ from trainers.training import (
 )
 from wakedeploy.commit import present_commit
 from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, one_line
-from wakedeploy.files import write_whole
+from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, is_full, one_line
+from wakedeploy.files import write_bytes_whole
 from wakedeploy.sweep.generate import Generate, make
 from wakedeploy.sweep.plan import Choice
 
@@ -197,6 +197,7 @@ def do(job: Job, data: EpisodeSet | None = None, runs: Path | None = None) -> Ou
 
     `data` is the set where it came with the job; otherwise it is read from the job's folder. `runs`
     is where a training run is kept and goes on; without it the run's files come with the outcome.
+    A full disk says nothing about the job: where that is the sweep's own, OSError is raised.
     """
     began = time.monotonic()
     try:
@@ -208,6 +209,8 @@ def do(job: Job, data: EpisodeSet | None = None, runs: Path | None = None) -> Ou
         reason, _, _ = one_line(error).partition(";")  # the advice is for other commands
         return failure(job, reason.rstrip("."), time.monotonic() - began)
     except Exception as error:
+        if runs is not None and is_full(error):
+            raise
         reason = f"unexpected {type(error).__name__}: {one_line(error)}"
         return failure(job, reason, time.monotonic() - began)
     told = {"data_sha256": made.sha256, "device": "cpu"}
@@ -223,11 +226,7 @@ def keep_run(job: TrainJob, files: Mapping[str, bytes], runs: Path) -> None:
     """Write the files of a run that was trained elsewhere; the one that closes it comes last."""
     folder = run_folder(runs / job.label, job.config)
     for name in sorted(files, key=lambda name: name == METRICS):
-        write_whole(folder / name, functools.partial(_write, data=files[name]))
-
-
-def _write(path: Path, data: bytes) -> None:
-    path.write_bytes(data)
+        write_bytes_whole(folder / name, files[name])
 
 
 def _configured(data: EpisodeSet, choice: Choice) -> RunConfig:

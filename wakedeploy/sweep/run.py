@@ -5,7 +5,6 @@ In: a plan, a folder, an executor. Out: rows in the folder, and which of them th
 
 import collections
 import contextlib
-import fcntl
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -13,7 +12,8 @@ from pathlib import Path
 
 from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import remove_unfinished, write_text_whole
+from wakedeploy.locks import alone
 from wakedeploy.sweep.executor import Executor
 from wakedeploy.sweep.jobs import (
     RUNS,
@@ -33,7 +33,6 @@ from wakedeploy.sweep.plan import Plan
 from wakedeploy.sweep.results import Results
 
 MARK = "sweep.json"  # says that a folder is a sweep's
-_LOCK = ".lock"
 _FORMAT = 1
 
 OnProgress = Callable[[int, int], None]
@@ -122,13 +121,8 @@ def _opened(out: Path) -> Iterator[None]:
     out.mkdir(parents=True, exist_ok=True)
     if not (out / MARK).exists():
         write_text_whole(out / MARK, json.dumps({"wakedeploy_sweep": _FORMAT}) + "\n")
-    with (out / _LOCK).open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise UnusableInput(
-                f"Another sweep is at work in {out}; wait for it, or give another --out."
-            ) from error
+    with alone(out, "Another sweep", "sweep"):
+        remove_unfinished(out)
         yield
 
 

@@ -8,11 +8,10 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wakedeploy.processes import deaf_to_ctrl_c
-from wakedeploy.study.side_by_side import begin_worker
+from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent, one_thread
 
 if TYPE_CHECKING:
-    from wakedeploy.sweep.jobs import Job
+    from wakedeploy.sweep.jobs import Job, Outcome
 
 
 class Worker:
@@ -38,7 +37,8 @@ class Worker:
 
 
 def _serve(pipe: Connection, runs: Path) -> None:
-    begin_worker()
+    one_thread()
+    end_with_parent()
     from wakedeploy.sweep.jobs import do
 
     while True:
@@ -46,4 +46,8 @@ def _serve(pipe: Connection, runs: Path) -> None:
             job = pipe.recv()
         except EOFError:
             return
-        pipe.send(do(job, runs=runs))
+        try:
+            answer: Outcome | OSError = do(job, runs=runs)
+        except OSError as error:
+            answer = error
+        pipe.send(answer)

@@ -12,7 +12,6 @@ gains. The judge measures what each case really has.
 import json
 import sys
 from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +26,7 @@ from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.inference import extended
 from wakedeploy.physics.constants import spreads_of
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.processes import default_workers, pool
 from wakedeploy.rig import Rig
 
 FloatArray = npt.NDArray[np.float64]
@@ -93,8 +93,8 @@ def of_spread(name: str, rig: Rig) -> dict[str, float]:
 def refine() -> None:
     """Fly each effect at its size for 50 nats and correct its sizes for what that gains."""
     known: dict[str, dict[str, float]] = json.loads(PATH.read_text())
-    with ProcessPoolExecutor() as pool:
-        gains = pool.map(flown_nats, known, [sizes["50"] for sizes in known.values()])
+    with pool(default_workers()) as several:
+        gains = several.map(flown_nats, known, [sizes["50"] for sizes in known.values()])
         for (key, sizes), gain in zip(list(known.items()), gains, strict=True):
             share = float(np.clip(np.sqrt(50.0 / max(gain, 1.0)), *_CORRECTIONS))
             known[key] = {n: float(f"{share * size:.4g}") for n, size in sizes.items()}

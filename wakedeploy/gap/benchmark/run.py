@@ -10,7 +10,7 @@ import shutil
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from wakedeploy.gap.benchmark.cases import Case
 from wakedeploy.gap.benchmark.flown import TRACKED, tracked
 from wakedeploy.gap.benchmark.judge import FAILED, judge
 from wakedeploy.gap.benchmark.worlds import write_world
+from wakedeploy.processes import pool
 
 LINES = "cases.jsonl"
 Close = Callable[..., Mapping[str, Any]]
@@ -144,14 +145,9 @@ def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
     if workers <= 1:
         yield from map(do_case, jobs)
         return
-    with ProcessPoolExecutor(max_workers=workers) as pool:
-        waiting = [pool.submit(do_case, job) for job in jobs]
-        try:
-            for one in as_completed(waiting):
-                yield one.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with pool(workers) as several:
+        for one in as_completed([several.submit(do_case, job) for job in jobs]):
+            yield one.result()
 
 
 def _workflow() -> Close:
