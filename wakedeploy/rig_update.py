@@ -5,14 +5,13 @@ these constants, replaced whole or not at all.
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_text_whole
-from wakedeploy.rig import Rig, parse_rig
+from wakedeploy.files import toml_of, write_text_whole
+from wakedeploy.rig import Rig, parse_rig, read_rig_text
 
 _DIGITS = 6
 
@@ -40,8 +39,12 @@ def update_rig(
     """
     out = out or path
     source = out if out.exists() else path
-    text = source.read_text(encoding="utf-8")
-    wanted = updated(parse_rig(text, str(source)), constants, date)
+    text = read_rig_text(source)
+    rig = parse_rig(text, str(source))
+    try:
+        wanted = updated(rig, constants, date)
+    except UnusableInput as error:
+        raise UnusableInput(f"{out}: not changed, for of the {error}") from error
     for name, known in constants.items():
         text = _with_constant(text, name, _inline(known, date))
     kept = _reads_as(text, wanted)
@@ -106,8 +109,8 @@ def _extent(lines: list[str], at: int) -> tuple[int, str]:
 
 def _is_toml(text: str) -> bool:
     try:
-        return bool(tomllib.loads(text))
-    except tomllib.TOMLDecodeError:
+        return bool(toml_of(text))
+    except ValueError:
         return False
 
 
