@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks import records
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.benchmark.cases import FLIGHT_S, FLIGHTS, Case, all_cases
-from wakedeploy.gap.benchmark.run import read_lines
+from wakedeploy.gap.benchmark.lines import read_lines
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.naming import fitted_base

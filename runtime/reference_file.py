@@ -20,6 +20,8 @@ from wakedeploy.rig import Rig
 COLUMNS = ("t_s", "z_m", "x_m", "source_us")
 SHORTEST_S, LONGEST_S = 1.0, 3600.0
 REST_M, REST_MPS, REST_US = 0.001, 0.02, 1.0  # what counts as being at rest
+_SHORTEST_STEP_S = 1e-4
+_ABSURD = 1e6  # in the columns' units, nothing here is so large
 _ROUNDING = 1e-6  # a limit may be met exactly, in a file with rounded numbers
 
 
@@ -164,11 +166,11 @@ def _table(path: Path) -> FloatArray:
 
 
 def _require_order(t_s: FloatArray, numbers: list[int], path: Path) -> None:
-    back = np.flatnonzero(np.diff(t_s) <= 0.0)
+    back = np.flatnonzero(~(np.diff(t_s) >= _SHORTEST_STEP_S))
     if back.size:
         raise UnusableInput(
             f"{path}, line {numbers[int(back[0]) + 1]}: t_s = {t_s[back[0] + 1]:g} comes after "
-            f"{t_s[back[0]]:g}; time must rise from row to row."
+            f"{t_s[back[0]]:g}; time must rise from row to row, by {_SHORTEST_STEP_S:g} s or more."
         )
 
 
@@ -178,6 +180,9 @@ def _row(line: str, where: str) -> list[float]:
         values = [float(cell) for cell in cells]
     except ValueError:
         raise UnusableInput(f"{where}: {line.strip()!r} holds something not a number.") from None
-    if len(values) != len(COLUMNS) or not np.all(np.isfinite(values)):
-        raise UnusableInput(f"{where}: {len(COLUMNS)} finite numbers are needed in every row.")
+    if len(values) != len(COLUMNS) or not all(abs(value) <= _ABSURD for value in values):
+        raise UnusableInput(
+            f"{where}: {len(COLUMNS)} finite numbers are needed in every row, "
+            f"none beyond {_ABSURD:g}."
+        )
     return values

@@ -5,19 +5,19 @@ Those that ship lie in `presets/<domain>/<arch>.toml`.
 """
 
 import dataclasses
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from trainers.bounds import check_settings
 from trainers.build import hyper_parameters
 from trainers.fit import FitSettings
+from trainers.runs import LONGEST_LEAD_S
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import toml_of, write_text_whole
 from wakedeploy.validation import first_problem
 
 SHIPPED = Path(__file__).with_name("presets")
@@ -35,11 +35,19 @@ class Preset(BaseModel):
     settings: dict[str, int | float]
     study: dict[str, Any] = Field(default_factory=dict)
 
+    @field_validator("study")
+    @classmethod
+    def _lead_is_a_time(cls, study: dict[str, Any]) -> dict[str, Any]:
+        lead_s = study.get("lead_s", 0.0)
+        if not isinstance(lead_s, int | float) or not 0 <= lead_s <= LONGEST_LEAD_S:
+            raise ValueError(f"lead_s has to be a number from 0 to {LONGEST_LEAD_S:g}")
+        return study
+
 
 def read_preset(path: Path) -> Preset:
     """Read and check a preset; UnusableInput names the file and what is wrong in it."""
     try:
-        preset = Preset.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+        preset = Preset.model_validate(toml_of(path.read_text(encoding="utf-8")))
         hyper_parameters(preset.arch, preset.hyper)
         check_settings(dataclasses.asdict(FitSettings()), preset.settings)
     except FileNotFoundError as error:

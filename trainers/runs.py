@@ -10,11 +10,11 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
 import safetensors.torch
 import torch
-from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError, model_validator
 from safetensors import SafetensorError, safe_open
 from torch import Tensor
 
@@ -22,7 +22,7 @@ from trainers.build import build
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, write_bytes_whole, write_text_whole
+from wakedeploy.files import json_of, sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.manifest import ObservationChannel, Quantity, Scores
 from wakedeploy.validation import first_problem
 
@@ -30,6 +30,8 @@ from wakedeploy.validation import first_problem
 # are refused. A number and not a hash of the source, for no edited comment should cost hours; a
 # test holds the fits of this revision against stored ones.
 TRAINING = 2
+
+LONGEST_LEAD_S = 3600.0
 
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
@@ -55,18 +57,27 @@ class RunConfig(_Record):
     arch: str
     hyper: dict[str, JsonValue]
     domain: str
-    rate_hz: float
-    lead_s: float
-    window_s: float
-    warm_up_steps: int
-    observation: tuple[ObservationChannel, ...]
-    force: tuple[Quantity, ...]
-    loss_weights: tuple[float, ...]
+    rate_hz: float = Field(gt=0, le=1e5)
+    lead_s: float = Field(ge=0, le=LONGEST_LEAD_S)
+    window_s: float = Field(gt=0, le=1e3)
+    warm_up_steps: int = Field(ge=1, le=10**9)
+    observation: tuple[ObservationChannel, ...] = Field(min_length=1)
+    force: tuple[Quantity, ...] = Field(min_length=1)
+    loss_weights: tuple[Annotated[float, Field(gt=0)], ...]
     data_sha256: str
-    seed: int
+    seed: int = Field(ge=0, lt=2**63)
     settings: dict[str, float | int]
     present_only: tuple[str, ...] = ()
     training: int = 1
+
+    @model_validator(mode="after")
+    def _channels_are_known(self) -> Self:
+        unknown = set(self.present_only) - {channel.name for channel in self.observation}
+        if unknown:
+            raise ValueError(f"present_only names {min(unknown)}, which is not observed")
+        if len(self.loss_weights) != len(self.force):
+            raise ValueError("loss_weights has to have one weight for each force")
+        return self
 
 
 class RidgeErrors(_Record):
@@ -148,13 +159,29 @@ def require_buildable(config: RunConfig) -> None:
 def load_run(folder: Path) -> TrainedRun:
     """Read a finished run; UnusableInput names the file and what to do about it."""
     config, metrics = read_config(folder), read_metrics(folder)
-    predictor = new_predictor(config)
     weights = _read_weights(folder / BEST, metrics.weights_sha256)
+    predictor = _predictor_of(config, weights, folder)
+    return TrainedRun(folder, config, metrics, predictor.eval())
+
+
+def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path) -> Predictor:
+    """The predictor of a configuration with these weights; UnusableRun where they do not fit.
+
+    Shapes are compared before any memory is taken: drawing weights anew may take seconds.
+    """
+    try:
+        with torch.device("meta"):
+            shapes = {name: one.shape for name, one in new_predictor(config).state_dict().items()}
+    except UnusableInput as error:
+        raise damaged(folder / CONFIG, str(error).removesuffix(".")) from error
+    if shapes != {name: one.shape for name, one in weights.items()}:
+        raise damaged(folder / BEST, "its tensors are not those of its config.json")
+    predictor = new_predictor(config)
     try:
         predictor.load_state_dict(weights)
-    except RuntimeError as error:  # torch's word for missing, foreign and misshapen tensors
+    except RuntimeError as error:  # torch's word for tensors of another type
         raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
-    return TrainedRun(folder, config, metrics, predictor.eval())
+    return predictor
 
 
 def restore_best(predictor: Predictor, folder: Path) -> None:
@@ -221,7 +248,7 @@ def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     try:
         with safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            facts = json.loads((file.metadata() or {})["facts"])
+            facts = json_of((file.metadata() or {})["facts"])
     except (OSError, SafetensorError, KeyError, ValueError) as error:
         raise damaged(path, one_line(error)) from error
     return tensors, facts
@@ -257,4 +284,7 @@ def _read_weights(path: Path, sha256: str) -> dict[str, Tensor]:
         raise damaged(path, one_line(error)) from error
     if sha256_of(data) != sha256:
         raise damaged(path, f"its hash is not the one in {METRICS}")
-    return safetensors.torch.load(data)
+    try:
+        return safetensors.torch.load(data)
+    except (SafetensorError, ValueError, KeyError, TypeError) as error:
+        raise damaged(path, one_line(error)) from error

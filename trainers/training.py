@@ -22,6 +22,7 @@ from trainers.runs import (
     CONFIG,
     CURVES,
     LAST,
+    LONGEST_LEAD_S,
     METRICS,
     PREDICTION,
     TRAINING,
@@ -40,7 +41,7 @@ from trainers.runs import (
     write_record,
     write_tensors,
 )
-from trainers.score import score
+from trainers.score import Score, score
 from trainers.tape import Tape, lay_tape
 from wakedeploy.episodes import SPLITS, EpisodeSet
 from wakedeploy.errors import CheckFailed, UnusableInput
@@ -127,8 +128,15 @@ def idle_settings(arch: str) -> set[str]:
 def stated_lead_s(data: EpisodeSet) -> float:
     """The lead in seconds that a set's rig asks for; 0 where the set states none."""
     stated = data.provenance.get(_LEAD_KEY, 0.0)
-    if not isinstance(stated, int | float) or isinstance(stated, bool):
-        raise UnusableInput(f"{_LEAD_KEY} = {stated!r} in the set is no number; ask for a lead.")
+    if (
+        isinstance(stated, bool)
+        or not isinstance(stated, int | float)
+        or not 0 <= stated <= LONGEST_LEAD_S
+    ):
+        raise UnusableInput(
+            f"{_LEAD_KEY} = {stated!r} in the set is no number from 0 to {LONGEST_LEAD_S:g}; ask"
+            " for a lead."
+        )
     return float(stated)
 
 
@@ -357,11 +365,22 @@ def _finish(folder: Path, config: RunConfig, data: EpisodeSet, ended: _Ended, de
         ridge=ended.ridge,
         trainable=predictor.trainable,
         frozen=predictor.frozen,
-        validation=Scores(rmse=validation.rmse, r2=validation.r2),
-        test=Scores(rmse=test.rmse, r2=test.r2),
+        validation=_scores(validation, folder),
+        test=_scores(test, folder),
         test_r2_ceiling=test.ceiling,
         weights_sha256=sha256_of((folder / BEST).read_bytes()),
         device=device,
         data_folder=None if data.folder is None else str(data.folder),
     )
     write_record(folder / METRICS, metrics)
+
+
+def _scores(found: Score, folder: Path) -> Scores:
+    """The errors as a record holds them; CheckFailed where they are no numbers."""
+    try:
+        return Scores(rmse=found.rmse, r2=found.r2)
+    except ValidationError as error:
+        raise CheckFailed(
+            f"{folder}: the errors of the best weights are no numbers ({first_problem(error)});"
+            " train it with --fresh."
+        ) from error

@@ -21,8 +21,9 @@ import pydantic
 from numpy.typing import NDArray
 from pydantic import Field, JsonValue
 
+from wakedeploy.archive import read_archive
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, write_bytes_whole, write_text_whole
+from wakedeploy.files import json_of, sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.locks import one_at_a_time
 from wakedeploy.validation import first_problem
 
@@ -74,7 +75,7 @@ class Episode:
         for name in self.extras:
             if not _EXTRA_NAME.fullmatch(name) or name in _RESERVED:
                 raise ValueError(f"extra array {name!r}: not an allowed name")
-        _check_array("observation", self.observation, len(self.observation), 2)
+        _check_array("observation", self.observation, None, 2)
         _check_array("force", self.force, len(self.observation), 2)
         for name, array in self.extras.items():
             _check_array(name, array, len(self.observation))
@@ -189,11 +190,14 @@ def stated_sha256(folder: Path) -> str:
 # --- checks -------------------------------------------------------------------------------------
 
 
-def _check_array(name: str, array: Array, length: int, dimensions: int | None = None) -> None:
+def _check_array(
+    name: str, array: Array, length: int | None, dimensions: int | None = None
+) -> None:
     if not isinstance(array, np.ndarray) or array.dtype != np.float32:
         raise ValueError(f"{name} is {getattr(array, 'dtype', type(array))}, not float32")
     if array.ndim == 0 or dimensions not in (None, array.ndim):
         raise ValueError(f"{name} has shape {array.shape}, not (T, channels)")
+    length = len(array) if length is None else length
     if len(array) != length or length == 0:
         raise ValueError(f"{name} has {len(array)} samples, where observation has {length}")
     if not np.isfinite(array).all():
@@ -348,10 +352,10 @@ def _read_document(path: Path) -> _Document:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        raw = json.loads(path.read_text(encoding="utf-8"))
+        raw = json_of(path.read_text(encoding="utf-8"))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise UnusableInput(f"{path}: not found; give the folder of an episode set.") from error
-    except (OSError, ValueError, RecursionError) as error:
+    except (OSError, ValueError) as error:
         raise UnusableInput(f"{path}: cannot be read as JSON ({one_line(error)}).") from error
     if not isinstance(raw, dict):
         raise UnusableInput(f"{path}: is not the description of an episode set.")
@@ -368,7 +372,7 @@ def _read_episode(folder: Path, entry: _EpisodeEntry) -> Episode:
         raise UnusableInput(f"{path}: damaged, its sha256 is not the one that {DESCRIPTION} lists.")
     try:
         episode = _episode_from(entry.name, data)
-    except Exception as error:  # a foreign file: zip, NumPy and the checks each raise their own
+    except (ValueError, KeyError) as error:  # damaged, not allowed, or not there
         raise UnusableInput(f"{path}: {one_line(error)}; make the set again.") from error
     if len(episode) != entry.steps:
         raise UnusableInput(
@@ -378,6 +382,5 @@ def _read_episode(folder: Path, entry: _EpisodeEntry) -> Episode:
 
 
 def _episode_from(name: str, data: bytes) -> Episode:
-    with np.load(io.BytesIO(data), allow_pickle=False) as archive:
-        arrays = {key: archive[key] for key in archive.files}
+    arrays = read_archive(data)
     return Episode(name, arrays.pop("observation"), arrays.pop("force"), arrays)

@@ -4,12 +4,19 @@ import errno
 import sys
 
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+_HEAD, _TAIL = 600, 250  # letters of a sentence that is too long: where, and what to do
 
 
 class WakedeployError(Exception):
-    """An error told to the user as one sentence: what is wrong, where, what to do."""
+    """An error told to the user as one sentence: what is wrong, where, what to do.
+
+    Whatever a file has put into it, it is one line that a terminal can show, and not a long one.
+    """
 
     exit_status = 1
+
+    def __init__(self, sentence: str) -> None:
+        super().__init__(shown(sentence))
 
 
 class UnusableInput(WakedeployError):
@@ -49,4 +56,16 @@ def why(error: BaseException) -> str:
 
 def one_line(error: BaseException) -> str:
     """The text of another library's exception, folded to a single line."""
-    return " ".join(str(error).split()) or type(error).__name__
+    return shown(str(error)) or type(error).__name__
+
+
+def shown(text: str) -> str:
+    """A text on one line, without control characters; one that is too long loses its middle."""
+    plain = " ".join(text.split())
+    if len(plain) > _HEAD + _TAIL:
+        plain = f"{plain[:_HEAD]} … {plain[-_TAIL:]}"
+    return plain if plain.isprintable() else "".join(map(_letter, plain))
+
+
+def _letter(letter: str) -> str:
+    return letter if letter.isprintable() else letter.encode("unicode_escape").decode()

@@ -7,6 +7,7 @@ import json
 import math
 import os
 import tempfile
+import tomllib
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -132,10 +133,26 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
     lines = []
     for text in path.read_bytes().splitlines():
         try:
-            lines.append(json.loads(text))
+            lines.append(json_of(text))
         except ValueError:  # torn, maybe within a letter
             continue
     return [line for line in lines if isinstance(line, dict)]
+
+
+def json_of(text: str | bytes) -> Any:
+    """The value of a JSON document; ValueError for none, and for one that is nested too deeply."""
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
+
+
+def toml_of(text: str) -> dict[str, Any]:
+    """The tables of a TOML document; ValueError for none, and for one that is nested too deeply."""
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def _write_text(path: Path, text: str) -> None:

@@ -7,7 +7,6 @@ uncertainty, is kept in `Rig.calibration`.
 
 import functools
 import importlib.resources
-import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
@@ -17,8 +16,8 @@ import pydantic
 import tomli_w
 from pydantic import Field
 
-from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of, write_text_whole
+from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.files import sha256_of, toml_of, write_text_whole
 from wakedeploy.physics.expression import expression_of
 from wakedeploy.rig_units import in_own_units
 from wakedeploy.validation import first_problem
@@ -371,19 +370,26 @@ class Rig(_Section):
 
 def read_rig(path: Path) -> Rig:
     """Read and validate a rig file; UnusableInput names file, section, key, value and bound."""
+    return parse_rig(read_rig_text(path), str(path))
+
+
+def read_rig_text(path: Path) -> str:
+    """The text of a rig file as it is, comments included; UnusableInput where it cannot be read."""
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise UnusableInput(f"{path}: cannot be read as a rig file ({error}).") from error
-    return parse_rig(text, str(path))
+        return path.read_text(encoding="utf-8")
+    except (OSError, ValueError) as error:
+        raise UnusableInput(
+            f"{path}: cannot be read as a rig file ({one_line(error)}); give a text in UTF-8, such "
+            "as `wakedeploy rig init` writes."
+        ) from error
 
 
 def parse_rig(text: str, name: str = "rig.toml") -> Rig:
     """Validate the text of a rig file; `name` stands in error messages."""
     try:
-        raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise UnusableInput(f"{name}: not valid TOML: {error}.") from error
+        raw = toml_of(text)
+    except ValueError as error:
+        raise UnusableInput(f"{name}: not valid TOML: {one_line(error)}.") from error
     return _validated(raw, name)
 
 
@@ -398,6 +404,8 @@ def default_rig_text() -> str:
 
 
 def _validated(raw: dict[str, Any], name: str) -> Rig:
+    from wakedeploy.physics.effects.chain import require_effects  # it builds on what is here
+
     schema = raw.get("schema")
     if isinstance(schema, int) and schema > SCHEMA:
         raise UnusableInput(
@@ -413,9 +421,13 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
     calibration: dict[str, dict[str, Any]] = {}
     plain = _without_calibration({k: v for k, v in raw.items() if k != "effect"}, "", calibration)
     try:
-        return Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
+        rig = Rig.model_validate(plain | {"effect": effects, "calibration": calibration})
+        require_effects(rig)
     except pydantic.ValidationError as error:
         raise UnusableInput(f"{name}: {first_problem(error)}.") from error
+    except UnusableInput as error:
+        raise UnusableInput(f"{name}: {error}") from error
+    return rig
 
 
 def _without_calibration(

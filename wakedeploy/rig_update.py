@@ -5,15 +5,14 @@ these constants, replaced whole or not at all.
 """
 
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import toml_of, write_text_whole
 from wakedeploy.locks import one_at_a_time
-from wakedeploy.rig import Rig, parse_rig
+from wakedeploy.rig import Rig, parse_rig, read_rig_text
 
 _DIGITS = 6
 
@@ -43,8 +42,12 @@ def update_rig(
     # Of two calibrations that end in one moment, the second would take the first one's value away.
     with one_at_a_time(out.parent, out.name, traceless=True):
         source = out if out.exists() else path
-        text = source.read_text(encoding="utf-8")
-        wanted = updated(parse_rig(text, str(source)), constants, date)
+        text = read_rig_text(source)
+        rig = parse_rig(text, str(source))
+        try:
+            wanted = updated(rig, constants, date)
+        except UnusableInput as error:
+            raise UnusableInput(f"{out}: not changed, for of the {error}") from error
         for name, known in constants.items():
             text = _with_constant(text, name, _inline(known, date))
         kept = _reads_as(text, wanted)
@@ -109,8 +112,8 @@ def _extent(lines: list[str], at: int) -> tuple[int, str]:
 
 def _is_toml(text: str) -> bool:
     try:
-        return bool(tomllib.loads(text))
-    except tomllib.TOMLDecodeError:
+        return bool(toml_of(text))
+    except ValueError:
         return False
 
 

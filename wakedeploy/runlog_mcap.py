@@ -4,21 +4,29 @@ The library's default chunk is a megabyte, which a killed run would lose; here a
 and handed to the operating system at least twice a second.
 """
 
+import io
 import json
 import os
-from collections.abc import Mapping
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from mcap.records import Channel, Message, Metadata, Schema
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import MCAP0_MAGIC, Writer
 
 import wakedeploy
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import write_whole
+from wakedeploy.files import json_of, write_whole
 from wakedeploy.runlog import (
     COLUMN,
     COLUMNS,
@@ -32,6 +40,8 @@ from wakedeploy.runlog import (
 )
 
 CHUNK_NS = 500_000_000
+_MOST_BYTES = 256 << 20  # of ticks, unpacked: three hours
+_MOST_PACKED = 100  # times that chunks may be larger than the file; a log packs by 8
 _TOPIC = "/run"
 _SCHEMA_NAME = "wakedeploy.run"
 _METADATA_NAME = "wakedeploy.run"
@@ -186,17 +196,69 @@ def read_mcap(path: Path) -> RunLog:
 def _read_into(found: _Found, path: Path) -> Exception | None:
     """Read records until the end or the first that cannot be read; that problem is returned."""
     try:
-        with path.open("rb") as handle:
-            size = max(path.stat().st_size, 1)
-            reader = StreamReader(handle, validate_crcs=True, record_size_limit=size)
-            for record in reader.records:
-                _take(found, record)
+        content = path.read_bytes()
     except OSError as error:
         raise UnusableInput(f"{path}: cannot be read ({one_line(error)}).") from error
+    try:
+        for record in _records(content):
+            _take(found, record)
     # Decompressor, decoder and record parser share no base class; all mean: no further than this.
     except Exception as error:
         return error
     return None
+
+
+def _records(content: bytes) -> Iterator[McapRecord]:
+    """The records of a file and those in its chunks, of which no more is unpacked than a log has.
+
+    The library would take whatever memory a chunk asks for.
+    """
+    size = max(len(content), 1)
+    room = min(_MOST_BYTES, _MOST_PACKED * size)
+    reader = StreamReader(
+        io.BytesIO(content), emit_chunks=True, validate_crcs=True, record_size_limit=size
+    )
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            plain = _unpacked(record, room)
+            room -= len(plain)
+            yield from _inside(plain)
+        else:
+            yield record
+
+
+def _unpacked(chunk: Chunk, room: int) -> bytes:
+    """The bytes of a chunk; ValueError for more than `room`, or for others than were written."""
+    plain: bytes = chunk.data
+    if chunk.compression == "zstd":
+        plain = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(room + 1)
+    elif chunk.compression == "lz4":
+        plain = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=room + 1)
+    elif chunk.compression:
+        raise ValueError(f"a chunk is packed by {chunk.compression!r}")
+    if len(plain) > room:
+        raise ValueError("it unpacks to more than a run log holds")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(plain)):
+        raise ValueError("the sum of a chunk does not fit its bytes")
+    return plain
+
+
+def _inside(plain: bytes) -> Iterator[McapRecord]:
+    """The schemas, channels and messages of a chunk; ValueError for one that is cut or empty."""
+    at = 0
+    while at < len(plain):
+        kind, length = struct.unpack_from("<BQ", plain, at)
+        content = plain[at + 9 : at + 9 + length]
+        if kind == 0 or len(content) < length:
+            raise ValueError("a chunk ends within a record")
+        stream = ReadDataStream(io.BytesIO(content))
+        if kind == Opcode.MESSAGE:
+            yield Message.read(stream, length)
+        elif kind == Opcode.SCHEMA:
+            yield Schema.read(stream)
+        elif kind == Opcode.CHANNEL:
+            yield Channel.read(stream)
+        at += 9 + length
 
 
 def _take(found: _Found, record: object) -> None:
@@ -214,7 +276,7 @@ def _take(found: _Found, record: object) -> None:
 
 
 def _message(data: bytes) -> dict[str, Value]:
-    row = json.loads(data)
+    row = json_of(data)
     if not isinstance(row, dict):
         raise ValueError("a tick that is no JSON object")
     return row
@@ -222,7 +284,7 @@ def _message(data: bytes) -> dict[str, Value]:
 
 def _refuse_newer(metadata: Mapping[str, str], path: Path) -> None:
     schema = metadata.get("schema", "")
-    if not schema.isdigit() or int(schema) > SCHEMA:
+    if not re.fullmatch("[0-9]{1,9}", schema) or int(schema) > SCHEMA:
         raise UnusableInput(
             f"{path}: run log schema {schema!r} is not one this wakedeploy reads ({SCHEMA}); "
             "upgrade it."

@@ -85,13 +85,14 @@ def test_what_stands_in_other_units_stays_so_beside_what_is_calibrated(rig_file)
     assert (again.sufferer.mass_kg, again.range_sensor.bias_m) == (0.45, 0.0042)
 
 
-GAIN = "parameters.gain = { value = 0.1, unit = '1' }\n"
+SIZES = "parameters.gain = { value = 0.1, unit = '1' }\n"
+SIZES += "parameters.height_m = { value = 0.1, unit = 'm' }\n"
 
 
 def test_a_section_that_is_missing_is_added_and_a_list_over_lines_is_replaced(tmp_path):
     text = default_rig().without("spool").text
     path = tmp_path / "rig.toml"
-    path.write_text(text + "\n[[effect]]\nname = 'ground-effect'\n# the end\n" + GAIN)
+    path.write_text(text + "\n[[effect]]\nname = 'ground-effect'\n# the end\n" + SIZES)
     several = {
         "thrust.sufferer.thrust_n": Calibrated(default_rig().thrust.sufferer.thrust_n, 0.03, "N"),
         "spool.sufferer.up_s": Calibrated(0.05, 0.004, "s"),

@@ -19,6 +19,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
+from trainers.tuning.sound import problem_of
 from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.storage import Place
 from wakedeploy.errors import UnusableInput
@@ -47,6 +48,7 @@ def open_study(place: Place, plan: Plan, name: str | None, pruner: str) -> optun
             _refuse(place, there[0], f"is named so, not {asked}")
         study = _load(storage, asked) if asked in there else _made(storage, asked, plan)
         _require_same(place, study, plan)
+        _require_sound(place, study, plan)
         study.sampler = SeededByTrial(plan.seed, study)
         study.pruner = _pruner(pruner, plan)
     return study
@@ -188,10 +190,19 @@ def _require_same(place: Place, study: optuna.Study, plan: Plan) -> None:
         if all_trials(study) or len(study.directions) != len(plan.objective):
             _refuse(place, study.study_name, "was not made by `wakedeploy tune`")
         _mark(study, plan)  # who made it was killed before it could say so
-    there: dict[str, Any] = study.user_attrs[_IDENTITY]
+    there = study.user_attrs[_IDENTITY]
+    if not isinstance(there, dict):
+        _refuse(place, study.study_name, "does not say what it is a study of")
     for name, value in plan.identity.items():
         if there.get(name) != value:
             _refuse(place, study.study_name, _difference(name, there.get(name), value))
+
+
+def _require_sound(place: Place, study: optuna.Study, plan: Plan) -> None:
+    searched = {dimension.name for dimension in plan.dimensions}
+    for trial in all_trials(study):
+        if problem := problem_of(trial, searched, len(plan.objective)):
+            _refuse(place, study.study_name, problem)
 
 
 def _difference(name: str, there: Any, asked: Any) -> str:

@@ -266,17 +266,27 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
     from wakedeploy.episodes import SPLITS
 
     parts = {split: described.part(split) for split in SPLITS}
-    told = described.provenance.get("recordings")
-    recordings: dict[str, Any] = told if isinstance(told, dict) else {}
+    recordings = _recordings(described)
     return [
         {
             "split": split,
-            **{name: recordings[split][name] for name in _COUNTED if split in recordings},
+            **recordings.get(split, {}),
             "episodes": len(part),
             "seconds": sum(map(len, part)) / described.rate_hz,
         }
         for split, part in parts.items()
     ]
+
+
+def _recordings(described: "EpisodeSet") -> dict[str, dict[str, int]]:
+    """How many recordings each split has; nothing where the provenance does not tell all of it."""
+    from wakedeploy.episodes import SPLITS
+
+    told: Any = described.provenance.get("recordings")
+    try:
+        return {split: {name: int(told[split][name]) for name in _COUNTED} for split in SPLITS}
+    except (KeyError, TypeError, ValueError, OverflowError):
+        return {}
 
 
 def _channels(described: "EpisodeSet") -> list[dict[str, Any]]:

@@ -47,7 +47,8 @@ def benchmark(
         wakedeploy gap benchmark --short
         wakedeploy gap benchmark --workers 2
     """
-    from wakedeploy.gap.benchmark.run import read_lines, run_cases
+    from wakedeploy.gap.benchmark.lines import read_lines
+    from wakedeploy.gap.benchmark.run import run_cases
 
     if short and full:
         raise UnusableInput("Give --short or --full, not both.")
@@ -76,8 +77,8 @@ def _chosen(short: bool, full: bool, only: tuple[str, ...]) -> "list[Case]":
 def _write(lines: list[dict[str, Any]], out: Path) -> None:
     from wakedeploy import figures
     from wakedeploy.files import write_text_whole
+    from wakedeploy.gap.benchmark.lines import LINES
     from wakedeploy.gap.benchmark.page import draw, markdown_of, text_of
-    from wakedeploy.gap.benchmark.run import LINES
     from wakedeploy.gap.benchmark.table import summary
 
     told, picture = summary(lines), out / "benchmark.png"

@@ -1,15 +1,14 @@
 """`wakedeploy gap plan` and `gap power`: what to fly next, and what flying can tell at all."""
 
-import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.gap.plan import Option, Plan
@@ -160,12 +159,20 @@ def _keep(made: "Plan", out: Path) -> None:
 
 def _class_in(out: Path | None) -> tuple[str, ...]:
     """The class that `gap close` or `gap name` left."""
+    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.physics.effects import LIBRARY
+
     if out is None:
         raise UnusableInput("Say what to split: --class NAME twice, or --out with a result.json.")
-    members = _read(out / "result.json").get("class", [])
+    members = read_steps(out).result.get("class", [])
     if len(members) < 2:
         raise UnusableInput(f"{out / 'result.json'}: holds no class; give --class NAME twice.")
-    return tuple(str(name) for name in members)
+    unknown = [name for name in members if name not in LIBRARY]
+    if unknown:
+        raise UnusableInput(
+            f"{out / 'result.json'}: {unknown[0]!r} of its class is no effect; name it again."
+        )
+    return tuple(members)
 
 
 def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
@@ -184,20 +191,9 @@ def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
 def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     """Each member's parameters as `name` fitted them, where it did."""
     from wakedeploy.gap.plan import stated_sizes
+    from wakedeploy.gap.steps import read_steps
 
-    if out is None or not (out / "name.json").exists():
-        return {}
-    return stated_sizes(_read(out / "name.json"), names)
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        read = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise UnusableInput(f"{path}: cannot be read as JSON ({one_line(error)}).") from error
-    if not isinstance(read, dict):
-        raise UnusableInput(f"{path}: holds no JSON object; run `wakedeploy gap close` again.")
-    return read
+    return {} if out is None else stated_sizes(read_steps(out).name, names)
 
 
 def _threshold(rig: "Rig", is_simulated: bool, workers: int) -> float | None:

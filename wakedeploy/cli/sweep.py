@@ -251,7 +251,10 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
         groups.setdefault(key, []).append(row)
     groups = {key: [row | {"preset": _presets(own)} for row in own] for key, own in groups.items()}
     rows = [row for own in groups.values() for row in own]
-    channels = list(rows[0]["test"]["rmse"])
+    tests = [row["test"] for row in rows]
+    channels = [
+        name for name in tests[0]["rmse"] if all(name in t["rmse"].keys() & t["r2"] for t in tests)
+    ]
     columns = ["architecture", "settings", "seeds", "trainable"]
     columns += [f"{kind} {name}" for name in channels for kind in ("RMSE", "R²")]
     lines = []

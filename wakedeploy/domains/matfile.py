@@ -14,6 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.archive import MOST_BYTES
+
 _HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15
 _NUMBER_TYPES = {
@@ -21,7 +23,6 @@ _NUMBER_TYPES = {
 }  # fmt: skip
 _NUMBER_CLASSES = range(6, 16)  # double, single and the integers
 _COMPLEX = 0x0800
-_MOST_BYTES = 2**30  # of one variable, unpacked
 
 Element = tuple[int, bytes]  # type, content
 
@@ -44,17 +45,24 @@ def read_mat(path: Path) -> dict[str, NDArray[np.float64] | None]:
 
 
 def _variables(body: bytes, order: str) -> Iterator[tuple[str, NDArray[np.float64] | None]]:
+    room = MOST_BYTES
     for kind, content in _elements(body, order):
         if kind == _COMPRESSED:
-            (kind, content), *_ = _elements(_unpacked(content), order)
+            (kind, content), *_ = _elements(_unpacked(content, room), order)
         if kind != _MATRIX:
             raise ValueError(f"damaged: an element of type {kind} where a variable should stand")
-        yield _variable(content, order)
+        name, values = _variable(content, order)
+        room -= max(len(content), 0 if values is None else values.nbytes)
+        if room < 0:
+            raise ValueError(f"takes more than {MOST_BYTES >> 20} MiB unpacked")
+        yield name, values
 
 
-def _unpacked(content: bytes) -> bytes:
+def _unpacked(content: bytes, room: int) -> bytes:
     unpacking = zlib.decompressobj()
-    unpacked = unpacking.decompress(content, _MOST_BYTES)
+    unpacked = unpacking.decompress(content, room + 1)
+    if len(unpacked) > room:
+        raise ValueError(f"takes more than {MOST_BYTES >> 20} MiB unpacked")
     if not unpacking.eof:
         raise ValueError("damaged: a compressed variable is cut off")
     return unpacked
@@ -75,6 +83,8 @@ def _variable(content: bytes, order: str) -> tuple[str, NDArray[np.float64] | No
     shape = struct.unpack(f"{order}{len(dimensions) // 4}i", dimensions)
     if min(shape, default=-1) < 0 or math.prod(shape) != len(values):
         raise ValueError(f"damaged: {name} has {len(values)} numbers for shape {shape}")
+    if 8 * len(values) > MOST_BYTES:
+        raise ValueError(f"{name} takes more than {MOST_BYTES >> 20} MiB")
     return name, values.astype(np.float64).reshape(shape, order="F")
 
 

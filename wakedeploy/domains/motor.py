@@ -8,6 +8,8 @@ those of arrival: the records come in bursts, one burst in 1/60 s, of which the 
 import csv
 import datetime
 import gzip
+import io
+import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +25,8 @@ BEFORE_S, AFTER_S = 0.3, 1.0
 _BURST_S = 0.005  # records closer than this arrived together
 _LOWEST_DUTY = 5.0  # below, a sensorless motor is being started or stopped, which is no lag
 _FEWEST = 30  # samples of a step
+_MOST_BYTES = 16 << 20  # of a log as text, an hour of records
+_ABSURD = 1e6  # no motor has so many revolutions a minute
 
 Vector = NDArray[np.float64]
 
@@ -68,11 +72,9 @@ def _logs(path: Path) -> list[Path]:
 
 def _table(file: Path) -> tuple[Vector, Vector, Vector, Vector] | None:
     """Time [s], speed, duty and battery voltage of a log; None for one without a duty."""
-    opened = gzip.open if file.suffix == ".gz" else open
     try:
-        with opened(file, "rt", encoding="utf-8-sig", newline="") as handle:
-            header, *rows = csv.reader(handle)
-    except (OSError, EOFError, ValueError) as error:
+        header, *rows = csv.reader(io.StringIO(_text(file), newline=""))
+    except (OSError, EOFError, ValueError, zlib.error, csv.Error) as error:
         raise UnusableInput(
             f"{file}: cannot be read ({one_line(error)}); copy it again."
         ) from error
@@ -84,7 +86,7 @@ def _table(file: Path) -> tuple[Vector, Vector, Vector, Vector] | None:
             raise UnusableInput(f"{file}: column {name!r} is missing; give the ESC's own log.")
     try:
         time_s = _seconds([row[places["Timestamp"]] for row in rows])
-        numbers = [np.array([float(row[places[n]]) for row in rows]) for n in COLUMNS[1:]]
+        numbers = [np.array([_number(row[places[n]]) for row in rows]) for n in COLUMNS[1:]]
     except (ValueError, IndexError) as error:
         raise UnusableInput(f"{file}: a row is damaged ({one_line(error)}).") from error
     if (np.diff(time_s) < 0).any():
@@ -92,6 +94,22 @@ def _table(file: Path) -> tuple[Vector, Vector, Vector, Vector] | None:
     kept = np.append(np.diff(time_s) > _BURST_S, True)
     rpm, duty, battery = (n[kept] for n in numbers)
     return time_s[kept], rpm, duty, battery
+
+
+def _text(file: Path) -> str:
+    """The text of a log, compressed or not; ValueError for more than a log is."""
+    with gzip.open(file) if file.suffix == ".gz" else file.open("rb") as handle:
+        content = handle.read(_MOST_BYTES + 1)
+    if len(content) > _MOST_BYTES:
+        raise ValueError(f"it is larger than {_MOST_BYTES >> 20} MiB")
+    return content.decode("utf-8-sig")
+
+
+def _number(cell: str) -> float:
+    value = float(cell)
+    if not abs(value) < _ABSURD:
+        raise ValueError(f"{cell!r} is no measurement")
+    return value
 
 
 def _seconds(stamps: Sequence[str]) -> Vector:

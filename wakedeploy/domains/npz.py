@@ -4,14 +4,13 @@ In: a file, and which keys are wanted. Out: its arrays. What cannot be a measure
 file, key and reason.
 """
 
-import zipfile
-import zlib
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from wakedeploy.archive import read_archive
 from wakedeploy.errors import UnusableInput, one_line
 
 _UNEVEN = 0.2  # of a sample period, by which one step may be off
@@ -25,13 +24,8 @@ Vector = NDArray[np.float64]
 def read_arrays(file: Path, keys: Collection[str] | None = None) -> Arrays:
     """All arrays of a file, or those of `keys` that it has; UnusableInput if it is damaged."""
     try:
-        with np.load(file, allow_pickle=False) as archive:
-            return {
-                key: np.asarray(archive[key])
-                for key in archive.files
-                if keys is None or key in keys
-            }
-    except (OSError, ValueError, EOFError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        return read_archive(file, keys)
+    except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{file}: cannot be read ({one_line(error)}); fetch it again."
         ) from error

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
@@ -51,8 +52,10 @@ from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.telling import mapping, texts
 from wakedeploy.gap.threshold import known_thresholds, thresholds_for
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import require_effects
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
+from wakedeploy.validation import first_problem
 
 Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
 
@@ -194,30 +197,33 @@ def add(
     if cannot_tell(len(case.recordings)) and only is None:
         few = headline(len(case.recordings))
         raise UnusableInput(f"{out / 'name.json'}: nothing was concluded, none to add. {few}")
-    if from_symbolic:
-        if not named.get("unknown"):
-            raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
-        known = next((e for e in case.rig.effect if e.name == SYMBOLIC), None)
-        beside = [_entry(e, digest, date) for e in named.get("beside", ())]
-        added = [*beside, to_effect(named["unknown"], digest, date, onto=known)]
-    else:
-        added = [_entry(e, digest, date) for e in _to_add(case, out, named, only)]
+    if from_symbolic and not named.get("unknown"):
+        raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
+    told = named.get("beside", ()) if from_symbolic else _to_add(case, out, named, only)
+    try:
+        added = [_entry(e, digest, date) for e in told]
+        if from_symbolic:
+            known = next((e for e in case.rig.effect if e.name == SYMBOLIC), None)
+            added.append(to_effect(named["unknown"], digest, date, onto=known))
+        kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
+        corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
+        require_effects(corrected)
+    except UnusableInput as error:
+        raise UnusableInput(f"{out / 'name.json'}: {error}") from error
     if not added:
         hint = "; its expression can be added --from-symbolic" if named.get("unknown") else ""
         hint = "; of a class, one is added with --effect" if named.get("class") else hint
         raise UnusableInput(f"{out / 'name.json'}: no effect was named, none to add{hint}.")
-    kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
-    corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
     refuse_foreign_rig(out)
     forget(out, "add")
-    told = {
+    written = {
         "rig": "rig.toml",
         "old_sha256": case.rig.sha256,
         "new_sha256": corrected.sha256,
         "effects": [e.model_dump(exclude_none=True) for e in added],
     }
     # First what tells of it: a `rig.toml` that nothing tells of would be another hand's.
-    added_step = write_step(out, "add", told)
+    added_step = write_step(out, "add", written)
     corrected.write(out / "rig.toml")
     return added_step
 
@@ -286,7 +292,7 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "more_classes": named.get("more_classes", []),
         "others": named.get("others", []),
         "where": [
-            {k: p[k] for k in _WHERE} | {"words": p["words"]} for p in steps.find.get("places", ())
+            {key: p.get(key) for key in (*_WHERE, "words")} for p in steps.find.get("places", ())
         ],
         "gap": gap,
         "placebo": shown.get("placebo", {}),
@@ -369,9 +375,8 @@ def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> dict[
 def _members(named: Mapping[str, Any]) -> list[dict[str, Any]]:
     """What each effect of the class would be, as the last round that ranked it fitted it."""
     ranked = {
-        str(entry["name"]): {k: entry[k] for k in ("name", "confidence", "parameters")}
-        for searched in named.get("rounds", ())
-        for entry in searched["ranking"]
+        name: {k: entry.get(k) for k in ("name", "confidence", "parameters")}
+        for name, entry in _ranked(named).items()
     }
     leading = mapping(named.get("leading"))
     names = texts(leading.get("names")) if leading.get("clear") else texts(named.get("class"))
@@ -398,7 +403,7 @@ def _to_add(
     effects = list(named.get("effects", ()))
     if only is None:
         return effects
-    if all(e["name"] != only for searched in named.get("rounds", ()) for e in searched["ranking"]):
+    if only not in _ranked(named):
         raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
     names = [*(e["name"] for e in effects if e["name"] != only), only]
     found = Found.read(out, case.rig, case.flights)
@@ -408,13 +413,24 @@ def _to_add(
     return [{"name": n, "parameters": sizes_of(fitted, n)} for n in names]
 
 
+def _ranked(named: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
+    """Every effect that `name` ranked, as its last round has it."""
+    rounds = [searched.get("ranking", ()) for searched in named.get("rounds", ())]
+    return {entry["name"]: entry for ranking in rounds for entry in ranking}
+
+
 def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
+    """An effect as a rig file lists it; UnusableInput for sizes that are none."""
     kept = EffectParameter.model_fields.keys()
-    parameters = {
-        name: EffectParameter(**{key: p[key] for key in kept & p.keys()})
-        for name, p in told["parameters"].items()
-    }
-    return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
+    try:
+        parameters = {
+            name: EffectParameter(**{key: p[key] for key in kept & p.keys()})
+            for name, p in told.get("parameters", {}).items()
+        }
+        return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
+    except ValidationError as error:
+        why = first_problem(error)
+        raise UnusableInput(f"effect {told['name']}: {why}; run `gap name` again.") from error
 
 
 def _corrected(
@@ -431,15 +447,17 @@ def _corrected(
     if texts(named.get("class")) and set(added) <= settled:
         return found.model, found.fit  # the best member stands for its class
     if not added:
-        as_if = found.fit if found.fit.hypothesis and named["verdict"] != "unknown" else None
+        as_if = found.fit if found.fit.hypothesis and named.get("verdict") != "unknown" else None
         return found.model, as_if
     hypothesis = tuple(added)
     free = found.model.free(hypothesis)
     ranked = {
-        f"{entry['name']}.{name}": p["value"]
-        for searched in named.get("rounds", ())
-        for entry in searched["ranking"]
-        for name, p in entry["parameters"].items()
+        f"{effect}.{name}": p.get("value")
+        for effect, entry in _ranked(named).items()
+        for name, p in entry.get("parameters", {}).items()
     }
-    start = [ranked.get(f.name, v) for f, v in zip(free, extended(found.base, free), strict=True)]
+    start = [
+        value if ranked.get(f.name) is None else ranked[f.name]
+        for f, value in zip(free, extended(found.base, free), strict=True)
+    ]
     return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, np.array(start)))

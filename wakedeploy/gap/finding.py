@@ -25,7 +25,7 @@ from wakedeploy.gap.residuals import (
     mean_square,
     residuals,
 )
-from wakedeploy.gap.telling import signs
+from wakedeploy.gap.telling import number, signs
 from wakedeploy.gap.whiteness import samples, spectrum, whiteness
 
 IntArray = npt.NDArray[np.int64]
@@ -362,7 +362,9 @@ def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
 
     Innovations do not count: their whiteness is a gate of its own.
     """
-    return any(p["channel"] != INNOVATION and p["q_value"] <= FORBIDS_NONE for p in places)
+    return any(
+        p.get("channel") != INNOVATION and number(p.get("q_value")) <= FORBIDS_NONE for p in places
+    )
 
 
 def _sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:

@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
+from wakedeploy.archive import Arrays, read_archive
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import write_bytes_whole
 from wakedeploy.gap.flight import Flight, FloatArray
@@ -80,28 +80,41 @@ class Found:
         """
         path = folder / FITS
         try:
-            with np.load(path, allow_pickle=False) as file:
-                return cls._of_file({name: file[name] for name in file.files}, rig, flights)
-        except (OSError, EOFError, ValueError, KeyError, BadZipFile) as error:
+            return cls._of_file(read_archive(path), rig, flights)
+        except (OSError, ValueError, KeyError, UnusableInput) as error:
             raise UnusableInput(
                 f"{path}: missing or not readable; run `wakedeploy gap name` again."
             ) from error
 
     @classmethod
-    def _of_file(cls, content: dict[str, Any], rig: Rig, flights: Sequence[Flight]) -> "Found":
-        base_model = _around(
-            rig, flights, [content[f"base_motion_{i}"] for i in range(len(flights))]
-        )
-        model = _around(rig, flights, [content[f"motion_{i}"] for i in range(len(flights))])
+    def _of_file(cls, content: Arrays, rig: Rig, flights: Sequence[Flight]) -> "Found":
+        count = range(len(flights))
+        base_model = _around(rig, flights, [_numbers(content, f"base_motion_{i}") for i in count])
+        model = _around(rig, flights, [_numbers(content, f"motion_{i}") for i in count])
+        gains = _numbers(content, "fitted_gain").tolist()
         tried = tuple(
-            Tried(str(name), _fit(base_model, (str(name),), content[f"tried_{i}"]), float(gain))
-            for i, (name, gain) in enumerate(
-                zip(content["tried"], content["fitted_gain"], strict=True)
-            )
+            Tried(name, _fit(base_model, (name,), _numbers(content, f"tried_{i}")), gain)
+            for i, (name, gain) in enumerate(zip(_names(content, "tried"), gains, strict=True))
         )
-        effects = tuple(str(name) for name in content["effects"])
-        base, fitted = _fit(base_model, (), content["base"]), _fit(model, effects, content["fit"])
+        base = _fit(base_model, (), _numbers(content, "base"))
+        fitted = _fit(model, _names(content, "effects"), _numbers(content, "fit"))
         return cls(model, base_model, base, fitted, tried)
+
+
+def _numbers(content: Arrays, name: str) -> FloatArray:
+    """An array of finite numbers, a list at least; ValueError for anything else."""
+    values = content[name]
+    if values.dtype.kind not in "fiu" or not values.ndim or not np.isfinite(values).all():
+        raise ValueError(f"{name} holds something not a number")
+    return values.astype(np.float64)
+
+
+def _names(content: Arrays, name: str) -> tuple[str, ...]:
+    """A list of names; ValueError for anything else."""
+    values = content[name]
+    if values.dtype.kind != "U" or values.ndim != 1:
+        raise ValueError(f"{name} is no list of names")
+    return tuple(map(str, values))
 
 
 def _around(rig: Rig, flights: Sequence[Flight], motions: Sequence[FloatArray]) -> GantryModel:

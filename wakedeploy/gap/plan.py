@@ -6,6 +6,7 @@ least time. Each manoeuvre is flown on the simulated rig and judged by the likel
 itself uses.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,6 +25,7 @@ from wakedeploy.gap.manoeuvres import Manoeuvre, menu
 from wakedeploy.gap.naming import fitted_base
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.separation import Evidence, gather, loss_nats
+from wakedeploy.gap.telling import entries, mapping, number
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, effect
 from wakedeploy.rig import Rig
@@ -183,15 +185,15 @@ def stated_sizes(named: Mapping[str, Any], names: Sequence[str]) -> dict[str, tu
     """The parameters that name.json states for these effects, from the last round with each."""
     ranking = {
         str(one.get("name")): one
-        for searched in named.get("rounds") or ()
-        for one in searched.get("ranking", [])
+        for searched in entries(named.get("rounds"))
+        for one in entries(searched.get("ranking"))
     }
     sizes = {}
     for name in names:
-        stated = ranking.get(name, {}).get("parameters", {})
-        wanted = [p.name for p in effect(name).parameters]
-        if all(p in stated for p in wanted):
-            sizes[name] = tuple(float(stated[p]["value"]) for p in wanted)
+        stated = mapping(ranking.get(name, {}).get("parameters"))
+        wanted = [number(mapping(stated.get(p.name)).get("value")) for p in effect(name).parameters]
+        if all(math.isfinite(value) for value in wanted):
+            sizes[name] = tuple(wanted)
     return sizes
 
 

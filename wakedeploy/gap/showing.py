@@ -227,8 +227,14 @@ def _line(model: GantryModel, base: Fit) -> GantryModel:
 
 def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """Channel and coordinate of the places, each map once, in order; "everywhere" over height."""
-    maps = [(p["channel"], p["coordinate"]) for p in places]
-    return list(dict.fromkeys((c, n if n in COORDINATES else "height") for c, n in maps))
+    maps = [(str(p.get("channel")), str(p.get("coordinate"))) for p in places]
+    return list(
+        dict.fromkeys(
+            (channel, name if name in COORDINATES else "height")
+            for channel, name in maps
+            if channel in CHANNELS
+        )
+    )
 
 
 def _binned(

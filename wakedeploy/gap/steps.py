@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import remove_unfinished, sha256_of, write_text_whole
+from wakedeploy.files import json_of, remove_unfinished, sha256_of, write_text_whole
+from wakedeploy.gap.artefacts import problem_of
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.telling import entries, mapping, texts
 from wakedeploy.locks import alone
@@ -225,13 +226,15 @@ def _read(path: Path) -> Artefact:
     if not path.exists():
         return {}
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json_of(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{path}: cannot be read ({one_line(error)}); run the step that writes it again."
         ) from error
     if not isinstance(content, dict):
         raise UnusableInput(f"{path}: holds no JSON object; run the step that writes it again.")
+    if problem := problem_of(path.stem, content):
+        raise UnusableInput(f"{path}: {problem}; run the step that writes it again.")
     return content
 
 

@@ -14,6 +14,7 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 UNKNOWN = "–"
+_LARGEST = 1e15
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
 _DIMENSIONLESS = ("", "1", "-", "–")
@@ -22,10 +23,10 @@ _UNIT_SUFFIX = re.compile(r"_(n_per_mps|n_per_m|s_per_m|per_s|per_m|m2ps|mps|us|
 
 
 def number(value: Any) -> float:
-    """A finite float, or NaN for whatever is none (null, text, infinity)."""
+    """A finite float, or NaN for whatever is none (null, text, infinity, what nobody measured)."""
     if isinstance(value, bool) or not isinstance(value, int | float):
         return math.nan
-    return float(value) if math.isfinite(value) else math.nan
+    return float(value) if abs(value) <= _LARGEST else math.nan
 
 
 def numbers(values: Any) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 
 from wakedeploy.episodes import EpisodeSet
 from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import parse_rig, read_rig
+from wakedeploy.rig import parse_rig, read_rig, read_rig_text
 
 LEVELS = ("slender", "vortex")
 WIDEST_SPREAD = 0.75
@@ -55,7 +55,7 @@ def checked(asked: Generate, base: Path, where: Callable[..., str]) -> Generate:
         return asked
     path = base / str(asked.settings["rig"])
     read_rig(path)
-    return dataclasses.replace(asked, rig=path.read_text(encoding="utf-8"))
+    return dataclasses.replace(asked, rig=read_rig_text(path))
 
 
 def make(asked: Generate) -> EpisodeSet:

@@ -7,7 +7,6 @@ simulated for it is said one set at a time.
 import dataclasses
 import itertools
 import re
-import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,6 +21,7 @@ from trainers.fit import FitSettings
 from trainers.preset import REFERENCE, TUNED, read_preset
 from wakedeploy.episodes import DESCRIPTION
 from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.files import toml_of
 from wakedeploy.names import ALL, DOMAINS, meant
 from wakedeploy.sweep.generate import Generate, checked
 from wakedeploy.validation import first_problem
@@ -161,8 +161,8 @@ def _file(path: Path) -> tuple[str, dict[str, Any]]:
         why = getattr(error, "strerror", None) or one_line(error)
         raise UnusableInput(f"{path}: cannot be read as a plan ({why}).") from error
     try:
-        return text, _spelled(tomllib.loads(text))
-    except tomllib.TOMLDecodeError as error:
+        return text, _spelled(toml_of(text))
+    except ValueError as error:
         raise UnusableInput(f"{path}: not valid TOML: {one_line(error)}.") from error
 
 
@@ -243,7 +243,7 @@ def _data(
     found: dict[str, Path | None] = {}
     for name in document.data:
         folder = sets / name
-        if name not in generated and not (folder / DESCRIPTION).is_file():
+        if name not in generated and not _is_file(folder / DESCRIPTION):
             made = f" and none of its own sets ({', '.join(generated)})" if generated else ""
             raise UnusableInput(
                 f"{where(('data',))}'{name}' is no folder with an episode set{made}; make one with"
@@ -251,6 +251,13 @@ def _data(
             )
         found[name] = None if name in generated else folder
     return found
+
+
+def _is_file(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except OSError:  # a name that is too long to be one
+        return False
 
 
 def _choices(document: _Document, presets_in: Path, where: Where) -> Iterator[Choice]:

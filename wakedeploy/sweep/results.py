@@ -7,12 +7,53 @@ import csv
 import io
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
+
+from wakedeploy.errors import UnusableInput, shown
 from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
 from wakedeploy.sweep.jobs import Row
+from wakedeploy.validation import first_problem
 
 LINES, TABLE = "results.jsonl", "results.csv"
+
+
+class _Record(BaseModel):
+    """What is read of a row later; it may say more."""
+
+    model_config = ConfigDict(strict=True, extra="allow", allow_inf_nan=False)
+
+
+class _Job(_Record):
+    kind: Literal["train", "generate"]
+    data: str
+    reason: str | None = None
+    seconds: float | None = None
+    commit: str | None = None
+
+
+class _Made(_Job):
+    kind: Literal["generate"]
+    data_sha256: str
+
+
+class _Scores(_Record):
+    rmse: dict[str, float]
+    r2: dict[str, float | None]
+
+
+class _Trained(_Job):
+    kind: Literal["train"]
+    seconds: float
+    arch: str
+    preset: str
+    lead_s: float
+    settings: dict[str, JsonValue]
+    hyper: dict[str, JsonValue]
+    trainable: int
+    test: _Scores
+    device: str
 
 
 class Results:
@@ -36,6 +77,20 @@ class Results:
         append_json_line(self._lines, row)
         self._take(row)
         return True
+
+    def require_sound(self) -> None:
+        """UnusableInput for a row that no job has left."""
+        for identity, row in self.rows.items():
+            kind: type[_Job] = _Job
+            if row["state"] == "done":
+                kind = _Made if row.get("kind") == "generate" else _Trained
+            try:
+                kind.model_validate(row)
+            except ValidationError as error:
+                raise UnusableInput(
+                    f"{self._lines}: in the row of job {identity[:16]} {first_problem(error)}; take"
+                    " its line out to have the job done again."
+                ) from error
 
     def done(self, identity: str) -> bool:
         """Whether this job has succeeded."""
@@ -75,5 +130,5 @@ def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
             cells |= _flat(value, f"{prefix}{name}.")
         else:
             told = "" if value is None else value
-            cells[prefix + name] = " ".join(told.split()) if isinstance(told, str) else told
+            cells[shown(prefix + name)] = shown(told) if isinstance(told, str) else told
     return cells

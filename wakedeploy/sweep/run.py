@@ -160,6 +160,7 @@ class _Sweep:
     def begin(self, known: list[TrainJob]) -> None:
         """Read what is done, and hand the rest out."""
         self.results = Results(self.out)
+        self.results.require_sound()
         for making in self.generate:
             self._begin_making(making)
         for job in known:

@@ -19,9 +19,10 @@ from wakedeploy.gap.benchmark.judge import (
     share_by_own_floor,
     share_closed,
 )
+from wakedeploy.gap.benchmark.lines import LINES, read_lines
 from wakedeploy.gap.benchmark.measure import Floor
 from wakedeploy.gap.benchmark.page import draw, markdown_of
-from wakedeploy.gap.benchmark.run import LINES, read_lines, run_cases
+from wakedeploy.gap.benchmark.run import run_cases
 from wakedeploy.gap.benchmark.table import belief, coverage, summary, wilson
 from wakedeploy.physics.effects import LIBRARY
 

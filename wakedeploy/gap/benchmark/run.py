@@ -17,14 +17,14 @@ from typing import Any
 
 from wakedeploy.commit import frozen_at
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
+from wakedeploy.files import append_json_line, write_text_whole
 from wakedeploy.gap.benchmark.cases import Case
 from wakedeploy.gap.benchmark.flown import TRACKED, tracked
 from wakedeploy.gap.benchmark.judge import FAILED, judge
+from wakedeploy.gap.benchmark.lines import LINES, read_lines
 from wakedeploy.gap.benchmark.worlds import write_world
 from wakedeploy.processes import pool
 
-LINES = "cases.jsonl"
 Close = Callable[..., Mapping[str, Any]]
 
 
@@ -71,11 +71,6 @@ def run_cases(
         if progress is not None:
             progress(count, len(cases))
     return [done[c.name] for c in cases if c.name in done]
-
-
-def read_lines(out: Path) -> list[dict[str, Any]]:
-    """Every whole line of a run so far, the newest of each case last."""
-    return read_json_lines(out / LINES)
 
 
 def _require_same_code(out: Path, lines: Sequence[Mapping[str, Any]], commit: str) -> None:

@@ -166,6 +166,12 @@ class Chain:
         return range_m
 
 
+def require_effects(rig: Rig) -> None:
+    """UnusableInput for effects that a rig file may not list; as `Chain.of`."""
+    if rig.effect:
+        Chain.of(rig)
+
+
 def setting_of(rig: Rig) -> Setting:
     """What effects may know of a rig."""
     return Setting(

@@ -1,0 +1,18 @@
+"""All kinds of files that a person can hand over, by their names."""
+
+from collections.abc import Callable, Iterable
+
+from benchmarks.fuzz import gantry, gap, learning, recordings
+from benchmarks.fuzz.kind import Kind
+
+MAKE: dict[str, Callable[[], Kind]] = {
+    **gantry.kinds(),
+    **learning.kinds(),
+    **gap.kinds(),
+    **recordings.kinds(),
+}
+
+
+def made(names: Iterable[str] = tuple(MAKE)) -> dict[str, Kind]:
+    """The kinds of these names; some fly or train for what they begin with, which takes seconds."""
+    return {name: MAKE[name]() for name in names}
