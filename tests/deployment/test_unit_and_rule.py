@@ -8,8 +8,11 @@ from pathlib import Path
 import needs
 import pytest
 
+from runtime.blind import ladder_s
+from runtime.descent import DESCENT_LIMIT, DESCENT_MPS
 from runtime.recorder import CLOSE_LIMIT_S
-from runtime.safety import DESCENT_LIMIT, DESCENT_MPS, LINK_LOST_S
+from runtime.settling import LONGEST_S
+from runtime.way_down import DEADMAN_S
 from wakedeploy.cli.run_gantry import command as run_gantry
 from wakedeploy.rig import default_rig
 
@@ -68,14 +71,14 @@ def test_the_unit_flies_only_when_asked_and_its_command_exists():
 
 def test_a_restart_does_not_reset_the_board_on_its_way_down():
     (pause_s,) = settings("RestartSec")
-    assert float(pause_s) > LINK_LOST_S + default_rig().limits.sufferer_descent_s + 1.0
+    assert float(pause_s) > DEADMAN_S + ladder_s(default_rig().limits) + 1.0
 
 
 def test_the_unit_leaves_time_to_land_and_flights_do_not_count_as_failures():
     (stop,), (burst,) = settings("TimeoutStopSec"), settings("StartLimitBurst")
     (interval,), (signals,) = settings("StartLimitIntervalSec"), settings("KillMode")
     down_s = DESCENT_LIMIT * default_rig().limits.z_m[1] / DESCENT_MPS
-    assert float(stop) > down_s + CLOSE_LIMIT_S
+    assert float(stop) > down_s + LONGEST_S + CLOSE_LIMIT_S
     assert signals == "mixed"
     shortest_s = 6.0 + 2 * 3.0  # `--seconds 6`, and the rest before and after it
     assert float(burst) * shortest_s >= float(interval)
