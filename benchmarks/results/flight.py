@@ -196,7 +196,7 @@ def soak(records: Records) -> Section:
             "What grows is the log's index, which is written at its end, and the summary's "
             "numbers of each tick.",
         ),
-        ("nice -n 5 python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json",),
+        ("python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json",),
     )
 
 

@@ -83,7 +83,7 @@ def frames(records: Records) -> Section:
         "the speed, and motors idle where nothing flies.",
         paragraphs(table(["what was sent", ""], [[k, f"{n:,}"] for k, n in lines]), text),
         (
-            f"nice -n 5 python -m benchmarks.frames --count {one['frames']} "
+            f"python -m benchmarks.frames --count {one['frames']} "
             "--json docs/records/frames.json",
         ),
     )
