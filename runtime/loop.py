@@ -220,7 +220,7 @@ class Loop:
         laps.mark("t_predict_s")
         self._supervise(prediction, reading, seen, heard, measured)
         passed_s = self._state.estimate.t_s - before.estimate.t_s
-        aim, command, terms = self._control(tick.index, aim, passed_s, measured, prediction)
+        aim, command, terms = self._control(aim, passed_s, measured, prediction)
         laps.mark("t_control_s")
         self._write(command)
         laps.mark("t_write_s")
@@ -271,8 +271,8 @@ class Loop:
         if planned < len(self._plan):
             self._safety = safety.happened(self._safety, Event.START)
             return self._plan.at(planned, self._pilot.preview_s)
-        if self._plan.motors_off:
-            self._safety = safety.happened(self._safety, Event.FINISH)
+        over = Event.FINISH if self._plan.motors_off else Event.LAND
+        self._safety = safety.happened(self._safety, over)
         if self._safety.mode is Mode.ARMED:
             self._rested += 1
             self._finished = self._rested >= self._rest_ticks
@@ -342,7 +342,6 @@ class Loop:
 
     def _control(
         self,
-        index: int,
         aim: Reference,
         passed_s: float,
         measured: Measurement,
@@ -361,7 +360,7 @@ class Loop:
             self._state, command, terms = self._pilot.rest(self._state)
         elif self._plan.motors_off:
             self._state, command, terms = self._pilot.drive(self._state, aim)
-        elif index - self._rest_ticks >= len(self._plan):
+        elif mode is Mode.LANDING:
             command, terms = self._touch_down(measured)
         else:
             most_us = self._way_down.most_us(self._state)

@@ -65,6 +65,7 @@ class Mode(enum.StrEnum):
     ARMED = "ARMED"
     RUNNING = "RUNNING"
     DEGRADED = "DEGRADED"
+    LANDING = "LANDING"
     FAILSAFE = "FAILSAFE"
 
 
@@ -75,7 +76,8 @@ class Event(enum.Enum):
     START = enum.auto()  # the rest before the flight is over
     TROUBLE = enum.auto()  # predictions cannot be used: PID alone
     RECOVERED = enum.auto()  # a clean second
-    FINISH = enum.auto()  # the flight is over: motors idle
+    LAND = enum.auto()  # the plan is over: the touch-down begins
+    FINISH = enum.auto()  # the sufferer stands: motors idle
     FAULT = enum.auto()  # flying on is not safe
     DISARM = enum.auto()  # outputs off; the only way out of a failsafe
 
@@ -86,13 +88,18 @@ TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
     (Mode.ARMED, Event.FAULT): Mode.FAILSAFE,
     (Mode.ARMED, Event.DISARM): Mode.DISARMED,
     (Mode.RUNNING, Event.TROUBLE): Mode.DEGRADED,
+    (Mode.RUNNING, Event.LAND): Mode.LANDING,
     (Mode.RUNNING, Event.FINISH): Mode.ARMED,
     (Mode.RUNNING, Event.FAULT): Mode.FAILSAFE,
     (Mode.RUNNING, Event.DISARM): Mode.DISARMED,
     (Mode.DEGRADED, Event.RECOVERED): Mode.RUNNING,
+    (Mode.DEGRADED, Event.LAND): Mode.LANDING,
     (Mode.DEGRADED, Event.FINISH): Mode.ARMED,
     (Mode.DEGRADED, Event.FAULT): Mode.FAILSAFE,
     (Mode.DEGRADED, Event.DISARM): Mode.DISARMED,
+    (Mode.LANDING, Event.FINISH): Mode.ARMED,
+    (Mode.LANDING, Event.FAULT): Mode.FAILSAFE,
+    (Mode.LANDING, Event.DISARM): Mode.DISARMED,
     (Mode.FAILSAFE, Event.DISARM): Mode.DISARMED,
 }
 

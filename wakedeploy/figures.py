@@ -29,6 +29,7 @@ MODE_SHADES = {
     "ARMED": "#efefef",
     "RUNNING": "#ffffff",
     "DEGRADED": "#ffe9c6",
+    "LANDING": "#e8eef5",
     "FAILSAFE": "#f9c9c0",
 }
 

@@ -19,7 +19,7 @@ Array = npt.NDArray[Any]
 Value = float | int | str | None
 
 SCHEMA = 1
-MODES = ("DISARMED", "ARMED", "RUNNING", "DEGRADED", "FAILSAFE")
+MODES = ("DISARMED", "ARMED", "RUNNING", "DEGRADED", "LANDING", "FAILSAFE")
 FLYING = ("RUNNING", "DEGRADED")
 
 

@@ -75,7 +75,9 @@ def test_a_clean_flight_rests_flies_rests_and_tracks():
     modes = rows.column("mode")
     assert modes[:8] == ["ARMED"] * 8
     assert modes[-8:] == ["ARMED"] * 8
-    assert set(modes[8:-8]) == {"RUNNING"}
+    landing = modes.index("LANDING")
+    assert set(modes[8:landing]) == {"RUNNING"}
+    assert set(modes[landing:-8]) == {"LANDING"}
     assert loop.failsafe_cause == ()
     assert loop.tally.rmse_m < 0.1
     assert max(rows.column("z_est_m")) > 0.3

@@ -20,13 +20,18 @@ EXPECTED = {
     ("ARMED", "FAULT", "FAILSAFE"),
     ("ARMED", "DISARM", "DISARMED"),
     ("RUNNING", "TROUBLE", "DEGRADED"),
+    ("RUNNING", "LAND", "LANDING"),
     ("RUNNING", "FINISH", "ARMED"),
     ("RUNNING", "FAULT", "FAILSAFE"),
     ("RUNNING", "DISARM", "DISARMED"),
     ("DEGRADED", "RECOVERED", "RUNNING"),
+    ("DEGRADED", "LAND", "LANDING"),
     ("DEGRADED", "FINISH", "ARMED"),
     ("DEGRADED", "FAULT", "FAILSAFE"),
     ("DEGRADED", "DISARM", "DISARMED"),
+    ("LANDING", "FINISH", "ARMED"),
+    ("LANDING", "FAULT", "FAILSAFE"),
+    ("LANDING", "DISARM", "DISARMED"),
     ("FAILSAFE", "DISARM", "DISARMED"),
 }
 
@@ -52,7 +57,7 @@ def test_nothing_flies_without_arming_and_starting(events):
         mode = next_mode(mode, event)
         armed |= event is Event.ARM
         started |= event is Event.START
-        if mode in (Mode.RUNNING, Mode.DEGRADED):
+        if mode in (Mode.RUNNING, Mode.DEGRADED, Mode.LANDING):
             assert armed
             assert started
 
