@@ -4,7 +4,7 @@ Compiles the decisions with sanitizers and a driver that sends them what a broke
 host could send, and checks after every byte and every tick what must hold. One core takes about
 six minutes for 10⁸ frames.
 
-    nice -n 5 python -m benchmarks.frames --count 100000000 --json docs/records/frames.json
+    python -m benchmarks.frames --count 100000000 --json docs/records/frames.json
 """
 
 import argparse
@@ -37,11 +37,7 @@ def tried(count: int, seed: int) -> dict[str, Any]:
 
 def main() -> None:
     """Compile, send, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--count", type=int, default=1_000_000, help="frames")
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = _options()
     try:
         told = tried(options.count, options.seed)
     except UnusableInput as error:
@@ -49,6 +45,14 @@ def main() -> None:
     print(json.dumps(told, indent=1))
     if options.json:
         records.write(options.json, told)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--count", type=int, default=1_000_000, help="frames")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

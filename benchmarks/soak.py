@@ -4,7 +4,7 @@ The loop, the wire, the board and the recorder are those of a flight at the rig;
 Behind one another it flies random plans of a minute. A flight that a failsafe ends is counted, and
 the next one goes on. One core takes about a quarter of an hour for 10⁶ ticks, 8.7 hours of flight.
 
-    nice -n 5 python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json
+    python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json
 """
 
 import argparse
@@ -158,16 +158,20 @@ def _rows(log: Path) -> Iterator[dict[str, Any]]:
 
 def main() -> None:
     """Fly, read the log back, print, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--ticks", type=int, default=TICKS)
-    parser.add_argument("--package", type=Path, help="without one: PID alone")
-    parser.add_argument("--json", type=Path)
-    options = parser.parse_args()
+    options = _options()
     with tempfile.TemporaryDirectory() as folder:
         told = soaked(options.ticks, options.package, Path(folder))
     print(json.dumps(told, indent=1))
     if options.json:
         records.write(options.json, told)
+
+
+def _options() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--ticks", type=int, default=TICKS)
+    parser.add_argument("--package", type=Path, help="without one: PID alone")
+    parser.add_argument("--json", type=Path)
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

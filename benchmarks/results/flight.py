@@ -196,7 +196,12 @@ def soak(records: Records) -> Section:
             "What grows is the log's index, which is written at its end, and the summary's "
             "numbers of each tick.",
         ),
-        ("python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json",),
+        (
+            "wakedeploy data make gantry --minutes 6 --out sets/gantry",
+            "wakedeploy train --data sets/gantry --arch gru --epochs 12",
+            "wakedeploy export --arch gru",
+            "python -m benchmarks.soak --package gru.onnx --json docs/records/soak.json",
+        ),
     )
 
 

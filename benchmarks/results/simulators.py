@@ -82,10 +82,7 @@ def frames(records: Records) -> Section:
         "be the model's. In every tick pulses stay within the limits and the slew, steps within "
         "the speed, and motors idle where nothing flies.",
         paragraphs(table(["what was sent", ""], [[k, f"{n:,}"] for k, n in lines]), text),
-        (
-            f"python -m benchmarks.frames --count {one['frames']} "
-            "--json docs/records/frames.json",
-        ),
+        (f"python -m benchmarks.frames --count {one['frames']} --json docs/records/frames.json",),
     )
 
 
