@@ -20,6 +20,19 @@ def interruptible() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
+def was_interrupted(error: BaseException) -> bool:
+    """Whether an interruption is what an error came of, at whatever depth.
+
+    A library that is interrupted while it is imported may complain of what it lacks.
+    """
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__cause__ or cause.__context__
+    return False
+
+
 def _interrupt_once(number: int, frame: FrameType | None) -> None:
     signal.signal(number, signal.SIG_IGN)  # nothing may disturb what is put in order now
     raise KeyboardInterrupt

@@ -8,7 +8,8 @@ import signal
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +51,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--twice", type=int, default=24, help="two processes at once")
     parser.add_argument("--command", nargs="*", default=[], help="only these, by their first words")
     parser.add_argument("--seed", type=int, default=0, help="of the moments and sizes")
+    parser.add_argument("--workers", type=int, default=1, help="commands at the same time")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
@@ -58,19 +60,27 @@ def _disturbed(options: argparse.Namespace, folder: Path) -> dict[str, Any]:
     """The rows of each kind; none of full disks where this user may mount none."""
     world = World(folder / "world")
     world.make()
-    result: dict[str, Any] = {kind: [] for kind in KINDS}
     kinds = [kind for kind in KINDS if kind != "disks" or are_possible(folder)]
     with _chosen(options.command, world, folder) as chosen:
-        for case in chosen:
-            base = measured(case, folder)
-            print(f"{case.name}: {base.seconds:.1f} s undisturbed", flush=True)
-            for kind in kinds:
-                count = _count(getattr(options, kind), kind, case, chosen)
-                if count:
-                    row = KINDS[kind](case, base, folder, count, f"{options.seed}")
-                    result[kind].append(row)
-                    print(json.dumps({kind: row}, indent=1), flush=True)
-    return result
+        counts = [
+            {kind: _count(getattr(options, kind), kind, case, chosen) for kind in kinds}
+            for case in chosen
+        ]
+        with ThreadPoolExecutor(options.workers) as several:
+            of_cases = functools.partial(_of_case, folder, f"{options.seed}")
+            rows = list(several.map(of_cases, chosen, counts))
+    return {kind: [row[kind] for row in rows if kind in row] for kind in KINDS}
+
+
+def _of_case(folder: Path, seed: str, case: Case, counts: Mapping[str, int]) -> dict[str, Any]:
+    """A command's row for each kind in which it is disturbed."""
+    base, rows = measured(case, folder), {}
+    print(f"{case.name}: {base.seconds:.1f} s undisturbed", flush=True)
+    for kind, count in counts.items():
+        if count:
+            rows[kind] = KINDS[kind](case, base, folder, count, seed)
+            print(json.dumps({kind: rows[kind]}, indent=1), flush=True)
+    return rows
 
 
 def _count(whole: int, kind: str, case: Case, chosen: list[Case]) -> int:

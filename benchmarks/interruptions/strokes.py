@@ -58,6 +58,8 @@ def _round(case: Case, base: Baseline, place: Place, strokes: list[Stroke], row:
         row.judge_files(place.folder, ended, done)
         if case.endless and not ended.struck:
             return
+        if ended.struck and ended.status == 0 and _went_on(stroke, ended):
+            row.found["answer"].append(f"went on after {', '.join(done)}: {ended.stderr[-3000:]}")
         if not ended.struck or ended.status == 0:
             row.judge_result(case, base, place.folder, ended, done)
             return
@@ -71,6 +73,14 @@ def _round(case: Case, base: Baseline, place: Place, strokes: list[Stroke], row:
         done.append("nothing")
         row.judge_files(place.folder, ended, done)
         row.judge_result(case, base, place.folder, ended, done)
+
+
+def _went_on(stroke: Stroke, ended: Ended) -> bool:
+    """Whether a command did much after its stroke: it should have ended."""
+    if stroke.at_file is not None:
+        return ended.files - stroke.at_file > 3 + 0.2 * ended.files
+    assert stroke.after_s is not None
+    return ended.seconds - stroke.after_s > 1.0 + 0.3 * ended.seconds
 
 
 def _judge_answer(

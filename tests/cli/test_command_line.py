@@ -129,6 +129,22 @@ def test_the_traceback_comes_with_debug_only(monkeypatch: pytest.MonkeyPatch) ->
     assert isinstance(result.exception, UnusableInput)
 
 
+def test_what_a_library_makes_of_an_interruption_is_one_all_the_same(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    try:
+        try:
+            raise KeyboardInterrupt
+        finally:
+            raise AttributeError("module 'torch' has no attribute 'half'")
+    except AttributeError as cause:
+        error = RuntimeError("Failed to export the model.")
+        error.__cause__ = cause
+    failing_with(error, monkeypatch)
+    result = CliRunner().invoke(cli.main, ["doctor"])
+    assert (result.exit_code, result.stderr) == (130, "Interrupted.\n")
+
+
 def test_interrupting_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     failing_with(KeyboardInterrupt(), monkeypatch)
     result = CliRunner().invoke(cli.main, ["doctor"])

@@ -9,7 +9,7 @@ import errno
 import importlib
 import os
 import signal
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -17,7 +17,7 @@ import wakedeploy
 from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
 from wakedeploy.errors import WakedeployError, installs, is_full, one_line, relief
-from wakedeploy.interruption import interruptible
+from wakedeploy.interruption import interruptible, was_interrupted
 
 COMMANDS = (
     "demo",
@@ -92,12 +92,18 @@ class _Commands(Group):
         except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except KeyboardInterrupt:
-            click.echo("Interrupted.", err=True)
-            ctx.exit(130)
+            _interrupted(ctx)
         except Exception as error:
+            if was_interrupted(error):
+                _interrupted(ctx)
             if ctx.params["debug"] or getattr(error, "errno", None) == errno.EPIPE:
                 raise
             raise _Told(error) from error
+
+
+def _interrupted(ctx: click.Context) -> NoReturn:
+    click.echo("Interrupted.", err=True)
+    ctx.exit(130)
 
 
 class _Told(click.ClickException):
