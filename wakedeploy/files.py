@@ -1,6 +1,7 @@
 """Writing files so that a killed process leaves the old one or none, never half a new one."""
 
 import hashlib
+import io
 import json
 import math
 import os
@@ -9,6 +10,8 @@ import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
+
+MOST_TEXT_BYTES = 64 << 20
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
@@ -63,6 +66,18 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
         except ValueError:  # torn, maybe within a letter
             continue
     return [line for line in lines if isinstance(line, dict)]
+
+
+def text_of(path: Path) -> str:
+    """The text of a document; OSError where it cannot be read, ValueError for one that has no end.
+
+    A name in a file may be that of a device.
+    """
+    with path.open("rb") as file:
+        content = file.read(MOST_TEXT_BYTES + 1)
+    if len(content) > MOST_TEXT_BYTES:
+        raise ValueError(f"it is larger than {MOST_TEXT_BYTES >> 20} MiB")
+    return io.TextIOWrapper(io.BytesIO(content), "utf-8").read()
 
 
 def json_of(text: str | bytes) -> Any:

@@ -17,7 +17,7 @@ import tomli_w
 from pydantic import Field
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, toml_of, write_text_whole
+from wakedeploy.files import sha256_of, text_of, toml_of, write_text_whole
 from wakedeploy.physics.expression import expression_of
 from wakedeploy.rig_units import in_own_units
 from wakedeploy.validation import first_problem
@@ -366,7 +366,7 @@ def read_rig(path: Path) -> Rig:
 def read_rig_text(path: Path) -> str:
     """The text of a rig file as it is, comments included; UnusableInput where it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return text_of(path)
     except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{path}: cannot be read as a rig file ({one_line(error)}); give a text in UTF-8, such "
@@ -403,6 +403,7 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
         )
     if "calibration" in raw:
         raise UnusableInput(f"{name}: [calibration] is not a section; spreads stand at constants.")
+    raw = _with_one_zero(raw)
     try:
         raw = in_own_units(raw)
     except ValueError as error:
@@ -418,6 +419,15 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
     except UnusableInput as error:
         raise UnusableInput(f"{name}: {error}") from error
     return rig
+
+
+def _with_one_zero(entry: Any) -> Any:
+    """The tables with 0.0 for -0.0, which passes for no less than nothing and is less elsewhere."""
+    if isinstance(entry, Mapping):
+        return {key: _with_one_zero(below) for key, below in entry.items()}
+    if isinstance(entry, list | tuple):
+        return [_with_one_zero(one) for one in entry]
+    return entry + 0.0 if isinstance(entry, float) else entry
 
 
 def _without_calibration(

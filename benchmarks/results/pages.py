@@ -10,6 +10,7 @@ from benchmarks.results import (
     flown,
     gap,
     gap_domains,
+    hostile,
     learning,
     readme,
     simulators,
@@ -45,6 +46,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.estimates,
         simulators.mutants,
     ),
+    "Files from anyone": (hostile.files,),
 }
 
 
