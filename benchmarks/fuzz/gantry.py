@@ -195,7 +195,7 @@ def _show_log(folder: Path) -> None:
 def _log_picture() -> Kind:
     sound = (written(_short(), ".csv"),)
     return Kind(
-        "log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0, weight=0.5
+        "log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0, weight=0.3
     )
 
 
@@ -233,7 +233,9 @@ def flown_rig() -> Rig:
 
 
 def _smoothing() -> Kind:
-    return Kind("smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",))
+    return Kind(
+        "smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",), weight=0.5
+    )
 
 
 def _smooth(folder: Path) -> None:
@@ -251,7 +253,9 @@ def _calibration() -> Kind:
         path = _log_of(folder)
         made[path.stem][1](read_run_log(path))
 
-    return Kind("calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",))
+    return Kind(
+        "calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",), weight=0.5
+    )
 
 
 def _named(name: str, log: RunLog) -> Files:

@@ -28,8 +28,9 @@ def files(records: Records) -> Section:
     head = ["kind", "files", "read", "refused", "failures", "files a second", "slowest"]
     return Section(
         "Hostile files",
-        f"{result['files']:,} damaged and forged files, each read by what the commands read it "
-        f"with; {failed or 'no'} failure{'' if failed == 1 else 's'}.",
+        f"{result['files']:,} damaged and forged files in {result['processor_s'] / 60:.0f} minutes "
+        "of processor time, each read by what the commands read it with: "
+        f"{failed or 'no'} failure{'' if failed == 1 else 's'}.",
         paragraphs(limits, table(head, lines)),
         (
             "python -m benchmarks.fuzz --minutes "
