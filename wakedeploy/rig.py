@@ -403,7 +403,6 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
         )
     if "calibration" in raw:
         raise UnusableInput(f"{name}: [calibration] is not a section; spreads stand at constants.")
-    raw = _with_one_zero(raw)
     try:
         raw = in_own_units(raw)
     except ValueError as error:
@@ -419,15 +418,6 @@ def _validated(raw: dict[str, Any], name: str) -> Rig:
     except UnusableInput as error:
         raise UnusableInput(f"{name}: {error}") from error
     return rig
-
-
-def _with_one_zero(entry: Any) -> Any:
-    """The tables with 0.0 for -0.0, which passes for no less than nothing and is less elsewhere."""
-    if isinstance(entry, Mapping):
-        return {key: _with_one_zero(below) for key, below in entry.items()}
-    if isinstance(entry, list | tuple):
-        return [_with_one_zero(one) for one in entry]
-    return entry + 0.0 if isinstance(entry, float) else entry
 
 
 def _without_calibration(
