@@ -13,7 +13,7 @@ import numpy as np
 
 from runtime.reference import PLAN_RATE_HZ, FlightPlan, FloatArray
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import write_text_whole
+from wakedeploy.files import text_of, write_text_whole
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import Rig
 
@@ -141,8 +141,8 @@ def _acceleration(values: FloatArray) -> FloatArray:
 def _table(path: Path) -> FloatArray:
     """The file's numbers (n, 4), finite and in order of time."""
     try:
-        text = path.read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
+        text = text_of(path).removeprefix("\ufeff")
+    except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{path}: cannot be read as a reference ({one_line(error)})."
         ) from error

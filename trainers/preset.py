@@ -17,7 +17,7 @@ from trainers.build import hyper_parameters
 from trainers.fit import FitSettings
 from trainers.runs import LONGEST_LEAD_S
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import toml_of, write_text_whole
+from wakedeploy.files import text_of, toml_of, write_text_whole
 from wakedeploy.validation import first_problem
 
 SHIPPED = Path(__file__).with_name("presets")
@@ -47,7 +47,7 @@ class Preset(BaseModel):
 def read_preset(path: Path) -> Preset:
     """Read and check a preset; UnusableInput names the file and what is wrong in it."""
     try:
-        preset = Preset.model_validate(toml_of(path.read_text(encoding="utf-8")))
+        preset = Preset.model_validate(toml_of(text_of(path)))
         hyper_parameters(preset.arch, preset.hyper)
         check_settings(dataclasses.asdict(FitSettings()), preset.settings)
     except FileNotFoundError as error:

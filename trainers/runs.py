@@ -172,13 +172,14 @@ def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path
     try:
         with torch.device("meta"):
             shapes = {name: one.shape for name, one in new_predictor(config).state_dict().items()}
+        if shapes != {name: one.shape for name, one in weights.items()}:
+            raise damaged(folder / BEST, "its tensors are not those of its config.json")
+        predictor = new_predictor(config)
+        predictor.load_state_dict(weights)
+    except UnusableRun:
+        raise
     except UnusableInput as error:
         raise damaged(folder / CONFIG, str(error).removesuffix(".")) from error
-    if shapes != {name: one.shape for name, one in weights.items()}:
-        raise damaged(folder / BEST, "its tensors are not those of its config.json")
-    predictor = new_predictor(config)
-    try:
-        predictor.load_state_dict(weights)
     except RuntimeError as error:  # torch's word for tensors of another type
         raise damaged(folder / BEST, "its tensors are not those of its config.json") from error
     return predictor

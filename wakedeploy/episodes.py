@@ -23,7 +23,7 @@ from pydantic import Field, JsonValue
 
 from wakedeploy.archive import read_archive
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import json_of, sha256_of, write_bytes_whole, write_text_whole
+from wakedeploy.files import json_of, sha256_of, text_of, write_bytes_whole, write_text_whole
 from wakedeploy.locks import one_at_a_time
 from wakedeploy.validation import first_problem
 
@@ -352,7 +352,7 @@ def _read_document(path: Path) -> _Document:
 
 def _read_json(path: Path) -> dict[str, Any]:
     try:
-        raw = json_of(path.read_text(encoding="utf-8"))
+        raw = json_of(text_of(path))
     except (FileNotFoundError, NotADirectoryError) as error:
         raise UnusableInput(f"{path}: not found; give the folder of an episode set.") from error
     except (OSError, ValueError) as error:

@@ -64,7 +64,12 @@ def shown(text: str) -> str:
     plain = " ".join(text.split())
     if len(plain) > _HEAD + _TAIL:
         plain = f"{plain[:_HEAD]} … {plain[-_TAIL:]}"
-    return plain if plain.isprintable() else "".join(map(_letter, plain))
+    return printable(plain)
+
+
+def printable(text: str) -> str:
+    """A text whose letters a terminal shows, and none of which steers it."""
+    return text if text.isprintable() else "".join(map(_letter, text))
 
 
 def _letter(letter: str) -> str:

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import math
 import os
@@ -18,6 +19,7 @@ _NO_LINKS = (
     errno.ENOTSUP,
     errno.EMLINK,
 )  # where files have one name, as on a USB stick
+MOST_TEXT_BYTES = 64 << 20
 
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> None:
@@ -137,6 +139,18 @@ def read_json_lines(path: Path) -> list[dict[str, Any]]:
         except ValueError:  # torn, maybe within a letter
             continue
     return [line for line in lines if isinstance(line, dict)]
+
+
+def text_of(path: Path) -> str:
+    """The text of a document; OSError where it cannot be read, ValueError for one that has no end.
+
+    A name in a file may be that of a device.
+    """
+    with path.open("rb") as file:
+        content = file.read(MOST_TEXT_BYTES + 1)
+    if len(content) > MOST_TEXT_BYTES:
+        raise ValueError(f"it is larger than {MOST_TEXT_BYTES >> 20} MiB")
+    return io.TextIOWrapper(io.BytesIO(content), "utf-8").read()
 
 
 def json_of(text: str | bytes) -> Any:

@@ -17,7 +17,7 @@ import tomli_w
 from pydantic import Field
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of, toml_of, write_text_whole
+from wakedeploy.files import sha256_of, text_of, toml_of, write_text_whole
 from wakedeploy.physics.expression import expression_of
 from wakedeploy.rig_units import in_own_units
 from wakedeploy.validation import first_problem
@@ -376,7 +376,7 @@ def read_rig(path: Path) -> Rig:
 def read_rig_text(path: Path) -> str:
     """The text of a rig file as it is, comments included; UnusableInput where it cannot be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return text_of(path)
     except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{path}: cannot be read as a rig file ({one_line(error)}); give a text in UTF-8, such "

@@ -14,11 +14,21 @@ _CONVERTED = ("value", "spread", "low", "high")
 
 
 def in_own_units(raw: Mapping[str, Any]) -> dict[str, Any]:
-    """A rig file's tables in their own units; ValueError says which of them cannot be."""
+    """A rig file's tables in their own units, -0.0 as 0.0; ValueError says which cannot be."""
+    raw = _with_one_zero(raw)
     told = {name: _section(table, name) for name, table in raw.items() if name != "effect"}
     if "effect" in raw:
         told["effect"] = _effects(raw["effect"])
     return told
+
+
+def _with_one_zero(entry: Any) -> Any:
+    """What is not below nothing by its bounds, as -0.0, may be so where it is computed with."""
+    if isinstance(entry, Mapping):
+        return {key: _with_one_zero(below) for key, below in entry.items()}
+    if isinstance(entry, list | tuple):
+        return [_with_one_zero(one) for one in entry]
+    return entry + 0.0 if isinstance(entry, float) else entry
 
 
 def _section(entry: Any, path: str) -> Any:

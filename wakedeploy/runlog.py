@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.errors import UnusableInput, shown
 
 Array = npt.NDArray[Any]
 Value = float | int | str | None
@@ -204,7 +204,7 @@ def log_from_table(
         raise UnusableInput(f"{path}: not a run log, it lacks the column(s) {', '.join(missing)}.")
     unknown = [name for name in names if name not in COLUMN]
     if unknown:
-        metadata = metadata | {"ignored_columns": ", ".join(unknown)}
+        metadata = metadata | {"ignored_columns": shown(", ".join(unknown))}
     try:
         log = RunLog.from_rows([_checked_row(row) for row in rows], metadata)
     except ValueError as error:

@@ -5,7 +5,7 @@ import json
 from pathlib import Path
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import json_of, write_text_whole, write_whole
+from wakedeploy.files import json_of, text_of, write_text_whole, write_whole
 from wakedeploy.runlog import COLUMN, RunLog, Value, log_from_table
 
 
@@ -67,7 +67,7 @@ def _read_metadata(path: Path) -> dict[str, str]:
     if not path.exists():
         return {}
     try:
-        raw = json_of(path.read_text(encoding="utf-8"))
+        raw = json_of(text_of(path))
     except (OSError, ValueError) as error:
         raise UnusableInput(f"{path}: not readable as JSON ({one_line(error)}).") from error
     if not isinstance(raw, dict):

@@ -160,8 +160,11 @@ def conversion(given: str, wanted: str) -> Fraction:
 
 
 def converted(value: float, factor: Fraction) -> float:
-    """A number times an exact factor, rounded once: 450 times 1/1000 is 0.45."""
-    return float(Fraction(repr(value)) * factor) if math.isfinite(value) else value
+    """A number times an exact factor, rounded once: 450 times 1/1000 is 0.45. Infinite beyond."""
+    try:
+        return float(Fraction(repr(value)) * factor) if math.isfinite(value) else value
+    except OverflowError:
+        return math.inf if value > 0 else -math.inf
 
 
 def _read(text: str) -> Quantity | None:

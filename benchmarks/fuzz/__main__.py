@@ -113,6 +113,7 @@ def _record(
         "seed": options.seed,
         "workers": options.workers,
         "seconds": round(seconds, 1),
+        "processor_s": round(sum(tally.seconds for tally in account.tallies.values()), 1),
         "files": account.files,
         "failures": [told(alike[0]) for alike in account.failures.values()],
         "slowest_allowed_s": SLOWEST_S,

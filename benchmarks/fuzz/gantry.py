@@ -6,16 +6,19 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import click
 import numpy as np
 
 from benchmarks.fuzz.binary import mcap_file
 from benchmarks.fuzz.documents import json_file, toml_file
-from benchmarks.fuzz.kind import Files, Kind, taken
+from benchmarks.fuzz.kind import Files, Kind, spoken, taken
 from benchmarks.fuzz.tables import csv_file
 from runtime.calibration import Outcome, latency, noise, spool, steps, thrust, zero
 from runtime.calibration.session import with_clip
 from runtime.reference import require_plan_fits
 from runtime.reference_file import read_reference, write_reference
+from wakedeploy.cli import log as log_command
+from wakedeploy.cli import rig as rig_command
 from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set
 from wakedeploy.gap.flight import read_flights
@@ -43,8 +46,10 @@ def kinds() -> dict[str, Callable[[], Kind]]:
     return {
         "rig": _rig,
         "rig-update": _rig_update,
+        "rig-show": _rig_show,
         "log-csv": _log_csv,
         "log-mcap": _log_mcap,
+        "log-show": _log_show,
         "log-picture": _log_picture,
         "flight": _flight,
         "smoothing": _smoothing,
@@ -105,6 +110,21 @@ def _read_rig(folder: Path) -> None:
     GantryPlant(rig, seed=0)
 
 
+def _rig_show() -> Kind:
+    return Kind("rig-show", "rig files, shown", rig_files(), _show_rig, {"*.toml": toml_file})
+
+
+def _show_rig(folder: Path) -> None:
+    with spoken():
+        _called(rig_command.show, folder / "rig.toml", None)
+
+
+def _called(command: click.Command, *arguments: Any) -> None:
+    """A command as the command line calls it, its arguments as they stand in its signature."""
+    assert command.callback is not None
+    command.callback(*arguments)
+
+
 def _rig_update() -> Kind:
     ways = {"*.toml": toml_file}
     return Kind("rig-update", "rig files, calibrated", rig_files(), _update_rig, ways, writes=True)
@@ -160,10 +180,22 @@ def _read_log(folder: Path, suffix: str) -> None:
     _ = log.has("battery_v"), log.tracking_rmse_m(), list(log.rows())
 
 
+def _log_show() -> Kind:
+    sound = (written(_short(), ".csv"), written(_short(), ".mcap"))
+    return Kind("log-show", "run logs, shown", sound, _show_log, LOG_WAYS, writes=True)
+
+
+def _show_log(folder: Path) -> None:
+    path = _log_of(folder)
+    with spoken():
+        _called(log_command.show, (path,), None, True, folder / "told.json")
+        _called(log_command.export, path, folder / "again.csv")
+
+
 def _log_picture() -> Kind:
     sound = (written(_short(), ".csv"),)
     return Kind(
-        "log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0, weight=0.5
+        "log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0, weight=0.3
     )
 
 
@@ -201,7 +233,9 @@ def flown_rig() -> Rig:
 
 
 def _smoothing() -> Kind:
-    return Kind("smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",))
+    return Kind(
+        "smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",), weight=0.5
+    )
 
 
 def _smooth(folder: Path) -> None:
@@ -219,7 +253,9 @@ def _calibration() -> Kind:
         path = _log_of(folder)
         made[path.stem][1](read_run_log(path))
 
-    return Kind("calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",))
+    return Kind(
+        "calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",), weight=0.5
+    )
 
 
 def _named(name: str, log: RunLog) -> Files:

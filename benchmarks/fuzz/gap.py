@@ -98,7 +98,7 @@ def _report() -> Kind:
     sound = _folders(*artefacts.VERDICTS)
     ways = {"*.json": json_file}
     return Kind("gap-report", "gap reports", sound, write_report, ways, writes=True,
-                slowest_s=10.0, weight=0.5)  # fmt: skip
+                slowest_s=10.0, weight=0.3)  # fmt: skip
 
 
 def _fits() -> Kind:

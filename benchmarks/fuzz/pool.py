@@ -25,7 +25,7 @@ from benchmarks.fuzz.kind import Kind
 
 MOST_MIB = 512  # of address space above what a worker begins with
 _BATCH_S = 2.0
-_FIRST_BATCH = 3
+_GROWTH = 4  # times the batch before, at most: the first ones tell little of their time
 _SILENT_S = 60.0  # of processor time: what hangs where no signal is heard
 _FILES_PER_WORKER = 50_000
 _FIRST_PATIENCE = 60.0  # with the first read, which imports and compiles
@@ -95,7 +95,8 @@ class Pool:
         self._next = dict.fromkeys(kinds, 0)
         self._spent_s: dict[str, float] = dict.fromkeys(kinds, 0.0)
         self._under_way: collections.Counter[str] = collections.Counter()
-        self._rate: dict[str, float] = {}
+        self._read: collections.Counter[str] = collections.Counter()
+        self._last: dict[str, int] = {}
 
     def outcomes(self, seconds: float) -> Iterator[Outcome]:
         """Batches as they end, until so much wall-clock time has gone by."""
@@ -130,19 +131,23 @@ class Pool:
             return (self._spent_s[name] + coming_s) / self._kinds[name].weight
 
         name = min(self._kinds, key=due)
-        rate = self._rate.get(name)
-        count = _FIRST_BATCH if rate is None else max(1, round(rate * _BATCH_S))
+        count = min(self._wanted(name), _GROWTH * self._last.get(name, 1))
+        self._last[name] = count
         batch = Batch(name, self._next[name], count)
         self._next[name] += count
         self._under_way[name] += 1
         return batch
 
+    def _wanted(self, name: str) -> int:
+        """As many files as take a batch's time, by all that were read before."""
+        rate = self._read[name] / max(self._spent_s[name], 1e-3)
+        return max(1, round(rate * _BATCH_S))
+
     def _learn(self, outcome: Outcome) -> None:
         name, tally = outcome.batch.kind, outcome.tally
         self._under_way[name] -= 1
         self._spent_s[name] += tally.seconds
-        if tally.files and tally.seconds:
-            self._rate[name] = tally.files / tally.seconds
+        self._read[name] += tally.files
 
 
 class _Worker:

@@ -10,6 +10,7 @@ from benchmarks.results import (
     flown,
     gap,
     gap_domains,
+    hostile,
     interrupted,
     learning,
     readme,
@@ -54,7 +55,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.mutants,
         simulators.frames,
     ),
-    "Robustness": (interrupted.interrupted,),
+    "Robustness": (interrupted.interrupted, hostile.files),
 }
 
 

@@ -25,6 +25,12 @@ def test_an_esc_log_holds_measurements(tmp_path: Path, cell: str) -> None:
         motor.read_steps(tmp_path)
 
 
+def test_an_esc_log_without_a_record_is_told(tmp_path: Path) -> None:
+    (tmp_path / "empty.csv").write_text(HEAD)
+    with pytest.raises(UnusableInput, match=r"empty\.csv: holds no record"):
+        motor.read_steps(tmp_path)
+
+
 @pytest.mark.parametrize(
     "content",
     [

@@ -4,8 +4,8 @@ import pytest
 from recorded import RIG, flown
 
 from wakedeploy.gap.account import account
+from wakedeploy.gap.adding import entry_of
 from wakedeploy.gap.answered import bent, sizes_of
-from wakedeploy.gap.close import _entry
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import extended, fit
 from wakedeploy.gap.naming import fitted_base
@@ -60,7 +60,7 @@ def test_an_effect_whose_interval_holds_nothing_is_doubted(told) -> None:
 
 
 def test_the_rig_file_has_the_size_without_the_mark(told) -> None:
-    written = _entry({"name": STRONG, "parameters": told[STRONG]}, "ab" * 32, "2026-01-01")
+    written = entry_of({"name": STRONG, "parameters": told[STRONG]}, "ab" * 32, "2026-01-01")
     stated = written.parameters["loss_s_per_m"].model_dump()
     assert stated == {k: v for k, v in told[STRONG]["loss_s_per_m"].items() if k != "at_bound"}
 

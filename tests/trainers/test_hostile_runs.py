@@ -72,6 +72,19 @@ def test_a_configuration_that_nothing_can_be_built_from_is_named(
         load_run(forged(**changed))
 
 
+def test_a_reservoir_that_another_seed_draws_without_a_loop_is_named(
+    echo: EpisodeSet, tmp_path: Path
+) -> None:
+    hyper = {"neurons": 2, "density": 0.9}
+    config = configure(echo, "esn", seed=0, lead_s=0.0, hyper=hyper, settings=SETTINGS)
+    folder = train(config, echo, tmp_path).folder
+    told = json.loads((folder / CONFIG).read_text())
+    told["hyper"]["density"] = 0.001
+    (folder / CONFIG).write_text(json.dumps(told))
+    with pytest.raises(UnusableInput, match=r"config\.json is damaged \(esn: .* without a loop"):
+        load_run(folder)
+
+
 def test_tensors_are_compared_before_a_model_is_made_of_them(
     forged: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

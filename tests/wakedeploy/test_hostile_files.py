@@ -1,6 +1,7 @@
 """Rig files, run logs and sets that somebody forged: one sentence that names the file, at once."""
 
 import io
+import math
 import struct
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from wakedeploy import runlog_mcap
 from wakedeploy.cli import main
 from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.errors import UnusableInput
+from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig import default_rig_text, read_rig
 from wakedeploy.rig_update import Calibrated, update_rig
 from wakedeploy.runlog import read_run_log
@@ -158,3 +160,41 @@ def test_a_set_that_tells_some_of_its_recordings_is_shown_without(
     shown = CliRunner().invoke(main, ["data", "show", str(tmp_path / "set")])
     assert shown.exit_code == 0, shown.output
     assert "independent" not in shown.output
+
+
+@pytest.mark.parametrize("value", ["1e308", "1" + "0" * 400, "-1e308"])
+def test_a_constant_too_large_for_its_own_unit_is_refused(tmp_path: Path, value: str) -> None:
+    in_tonnes = f"mass_kg = {{ value = {value}, unit = 'Mg' }}"
+    text = default_rig_text().replace("mass_kg = 0.45", in_tonnes)
+    (tmp_path / "mine.toml").write_text(text)
+    with pytest.raises(UnusableInput, match=r"mine\.toml: sufferer\.mass_kg = -?inf"):
+        read_rig(tmp_path / "mine.toml")
+
+
+def test_names_in_a_log_do_not_steer_the_terminal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("click.utils.should_strip_ansi", lambda *_, **__: False)  # as at a terminal
+    row = "tick,t_s,range_m,range_age_s,steps,source_cmd_us,sufferer_cmd_us,mode,faults,\x1b[2J{}\n"
+    rows = (f"{i},{i / 32},0.1,0.01,0,1000,1000,ARMED,\x1b[2Jlost,\n" for i in range(3))
+    (tmp_path / "a.csv").write_text(row.format("x" * 2000) + "".join(rows))
+    shown = CliRunner().invoke(main, ["log", "show", str(tmp_path / "a.csv"), "--no-picture"])
+    assert shown.exit_code == 0, shown.output
+    assert shown.output.count(r"\x1b[2J") == 2
+    assert "\x1b" not in shown.output
+    assert max(map(len, shown.output.splitlines())) < 1500
+
+
+def test_a_rig_file_that_has_no_end_is_refused() -> None:
+    with pytest.raises(UnusableInput, match=r"/dev/zero: .*larger than 64 MiB"):
+        read_rig(Path("/dev/zero"))
+
+
+def test_no_frame_is_shorter_than_nothing(tmp_path: Path) -> None:
+    text = default_rig_text().replace("[disturbance]", "[disturbance]\nesc_frame_s = -0.0")
+    (tmp_path / "mine.toml").write_text(text)
+    rig = read_rig(tmp_path / "mine.toml")
+    assert math.copysign(1.0, rig.disturbance.esc_frame_s) == 1.0
+    frame = "\n[[effect]]\nname = 'esc-frame'\nparameters.frame_s = { value = -0.0, unit = 's' }\n"
+    (tmp_path / "mine.toml").write_text(default_rig_text() + frame)
+    GantryPlant(read_rig(tmp_path / "mine.toml"), seed=0)

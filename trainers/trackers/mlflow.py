@@ -4,7 +4,6 @@ A run's folder keeps the number that MLflow gave it, so that a resumed training 
 """
 
 import contextlib
-import json
 import logging
 import os
 import shlex
@@ -28,7 +27,7 @@ from trainers.runs import CONFIG, RunConfig, TrainedRun
 from trainers.trackers import FAILED, FINISHED, INTERRUPTED
 from trainers.trackers.values import VALIDATION_LOSS, epochs, finals, parameters, standing_of
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import json_text, write_text_whole
+from wakedeploy.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.locks import one_at_a_time
 
 EXPERIMENT = "wakedeploy"
@@ -148,7 +147,7 @@ class _Run:
 
     def _known(self) -> dict[str, str]:
         try:
-            known = json.loads((self._folder / KNOWN_AS).read_text(encoding="utf-8"))
+            known = json_of(text_of(self._folder / KNOWN_AS))
         except (OSError, ValueError):  # none yet, or one of which nothing can be learned
             return {}
         return known if isinstance(known, dict) else {}

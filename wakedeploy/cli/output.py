@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.log_lines import LogLines, ticking
+from wakedeploy.errors import printable
 
 json_option = click.option(
     "--json",
@@ -103,7 +104,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
     for index, column in enumerate(columns):
         table.add_column(Text(column), justify="left" if index == 0 else _side(rows, index))
     for row in rows:
-        table.add_row(*(Text(cell) for cell in row))
+        table.add_row(*(Text(printable(cell)) for cell in row))
     console.print(table)
 
 

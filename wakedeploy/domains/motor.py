@@ -84,6 +84,8 @@ def _table(file: Path) -> tuple[Vector, Vector, Vector, Vector] | None:
     for name in COLUMNS:
         if name not in places:
             raise UnusableInput(f"{file}: column {name!r} is missing; give the ESC's own log.")
+    if not rows:
+        raise UnusableInput(f"{file}: holds no record; leave this log out.")
     try:
         time_s = _seconds([row[places["Timestamp"]] for row in rows])
         numbers = [np.array([_number(row[places[n]]) for row in rows]) for n in COLUMNS[1:]]

@@ -5,7 +5,6 @@ In: a rig file and run logs. Out: a folder with `find.json`, `name.json`, `add.j
 that a person can stop, look, and go on.
 """
 
-import datetime
 import functools
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.gap.account import verdict_sentence
+from wakedeploy.gap.adding import corrected_rig, ranked
 from wakedeploy.gap.advice import advice
 from wakedeploy.gap.answered import sizes_of, write_answer
 from wakedeploy.gap.few_flights import cannot_tell, headline
@@ -48,14 +47,11 @@ from wakedeploy.gap.steps import (
     require,
     write_step,
 )
-from wakedeploy.gap.symbolic import to_effect
 from wakedeploy.gap.telling import mapping, texts
 from wakedeploy.gap.threshold import known_thresholds, thresholds_for
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.physics.effects.chain import require_effects
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
-from wakedeploy.rig import Effect, EffectParameter, Rig, read_rig
-from wakedeploy.validation import first_problem
+from wakedeploy.rig import Rig, read_rig
 
 Retrain = Callable[[Rig, Rig, Sequence[Path], Path], Mapping[str, Any]]
 
@@ -193,21 +189,15 @@ def add(
     require(out, "name", case.rig.sha256, case.recordings)
     named = read_steps(out).name
     digest = sha256_of("".join(f.sha256 for f in case.flights).encode())
-    date = datetime.datetime.now(datetime.UTC).date().isoformat()
     if cannot_tell(len(case.recordings)) and only is None:
         few = headline(len(case.recordings))
         raise UnusableInput(f"{out / 'name.json'}: nothing was concluded, none to add. {few}")
     if from_symbolic and not named.get("unknown"):
         raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
     told = named.get("beside", ()) if from_symbolic else _to_add(case, out, named, only)
+    unknown = named["unknown"] if from_symbolic else None
     try:
-        added = [_entry(e, digest, date) for e in told]
-        if from_symbolic:
-            known = next((e for e in case.rig.effect if e.name == SYMBOLIC), None)
-            added.append(to_effect(named["unknown"], digest, date, onto=known))
-        kept = tuple(e for e in case.rig.effect if e.name not in {a.name for a in added})
-        corrected = case.rig.model_copy(update={"effect": (*kept, *added)})
-        require_effects(corrected)
+        corrected, added = corrected_rig(case.rig, told, unknown, digest)
     except UnusableInput as error:
         raise UnusableInput(f"{out / 'name.json'}: {error}") from error
     if not added:
@@ -374,13 +364,13 @@ def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> dict[
 
 def _members(named: Mapping[str, Any]) -> list[dict[str, Any]]:
     """What each effect of the class would be, as the last round that ranked it fitted it."""
-    ranked = {
+    told = {
         name: {k: entry.get(k) for k in ("name", "confidence", "parameters")}
-        for name, entry in _ranked(named).items()
+        for name, entry in ranked(named).items()
     }
     leading = mapping(named.get("leading"))
     names = texts(leading.get("names")) if leading.get("clear") else texts(named.get("class"))
-    return [ranked[name] for name in names if name in ranked]
+    return [told[name] for name in names if name in told]
 
 
 def planned(named: Mapping[str, Any], out: Path) -> dict[str, Any]:
@@ -403,7 +393,7 @@ def _to_add(
     effects = list(named.get("effects", ()))
     if only is None:
         return effects
-    if only not in _ranked(named):
+    if only not in ranked(named):
         raise UnusableInput(f"name.json ranks no effect {only!r}; give one that it lists.")
     names = [*(e["name"] for e in effects if e["name"] != only), only]
     found = Found.read(out, case.rig, case.flights)
@@ -411,26 +401,6 @@ def _to_add(
     if fitted is None or fitted is found.fit:  # its slopes, and so intervals, were not kept
         return [e for e in named.get("together", ()) if e["name"] in names]
     return [{"name": n, "parameters": sizes_of(fitted, n)} for n in names]
-
-
-def _ranked(named: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Every effect that `name` ranked, as its last round has it."""
-    rounds = [searched.get("ranking", ()) for searched in named.get("rounds", ())]
-    return {entry["name"]: entry for ranking in rounds for entry in ranking}
-
-
-def _entry(told: Mapping[str, Any], digest: str, date: str) -> Effect:
-    """An effect as a rig file lists it; UnusableInput for sizes that are none."""
-    kept = EffectParameter.model_fields.keys()
-    try:
-        parameters = {
-            name: EffectParameter(**{key: p[key] for key in kept & p.keys()})
-            for name, p in told.get("parameters", {}).items()
-        }
-        return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
-    except ValidationError as error:
-        why = first_problem(error)
-        raise UnusableInput(f"effect {told['name']}: {why}; run `gap name` again.") from error
 
 
 def _corrected(
@@ -451,13 +421,13 @@ def _corrected(
         return found.model, as_if
     hypothesis = tuple(added)
     free = found.model.free(hypothesis)
-    ranked = {
+    sizes = {
         f"{effect}.{name}": p.get("value")
-        for effect, entry in _ranked(named).items()
+        for effect, entry in ranked(named).items()
         for name, p in entry.get("parameters", {}).items()
     }
     start = [
-        value if ranked.get(f.name) is None else ranked[f.name]
+        value if sizes.get(f.name) is None else sizes[f.name]
         for f, value in zip(free, extended(found.base, free), strict=True)
     ]
     return refitted(found.model, fit(found.model, hypothesis, found.base.episodes, np.array(start)))

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import json_of, remove_unfinished, sha256_of, write_text_whole
+from wakedeploy.files import json_of, remove_unfinished, sha256_of, text_of, write_text_whole
 from wakedeploy.gap.artefacts import problem_of
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.telling import entries, mapping, texts
@@ -226,7 +226,7 @@ def _read(path: Path) -> Artefact:
     if not path.exists():
         return {}
     try:
-        content = json_of(path.read_text(encoding="utf-8"))
+        content = json_of(text_of(path))
     except (OSError, ValueError) as error:
         raise UnusableInput(
             f"{path}: cannot be read ({one_line(error)}); run the step that writes it again."

@@ -18,7 +18,13 @@ import numpy as np
 
 from wakedeploy.domains.gantry import record
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
+from wakedeploy.files import (
+    append_json_line,
+    json_of,
+    read_json_lines,
+    text_of,
+    write_text_whole,
+)
 from wakedeploy.gap.finding import find_places
 from wakedeploy.gap.flight import flight_from_log
 from wakedeploy.gap.gantry import GantryModel
@@ -256,7 +262,7 @@ def _shipped() -> dict[str, dict[str, float]]:
 
 def _cached(rig: Rig) -> dict[str, float] | None:
     try:
-        known = json.loads(_cache_path(rig).read_text("utf-8"))
+        known = json_of(text_of(_cache_path(rig)))
         return {name: float(known[name]) for name in asdict(LEAST)}
     except (OSError, ValueError, KeyError, TypeError):
         return None  # never simulated, or unreadable: it is simulated again

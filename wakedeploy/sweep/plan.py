@@ -21,7 +21,7 @@ from trainers.fit import FitSettings
 from trainers.preset import REFERENCE, TUNED, read_preset
 from wakedeploy.episodes import DESCRIPTION
 from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import toml_of
+from wakedeploy.files import text_of, toml_of
 from wakedeploy.names import ALL, DOMAINS, meant
 from wakedeploy.sweep.generate import Generate, checked
 from wakedeploy.validation import first_problem
@@ -156,8 +156,8 @@ def _checked_plan(
 
 def _file(path: Path) -> tuple[str, dict[str, Any]]:
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
+        text = text_of(path)
+    except (OSError, ValueError) as error:
         why = getattr(error, "strerror", None) or one_line(error)
         raise UnusableInput(f"{path}: cannot be read as a plan ({why}).") from error
     try:

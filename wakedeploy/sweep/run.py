@@ -12,7 +12,7 @@ from pathlib import Path
 
 from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
 from wakedeploy.errors import UnusableInput
-from wakedeploy.files import remove_unfinished, write_text_whole
+from wakedeploy.files import json_of, remove_unfinished, text_of, write_text_whole
 from wakedeploy.locks import alone
 from wakedeploy.sweep.executor import Executor
 from wakedeploy.sweep.jobs import (
@@ -102,7 +102,7 @@ def require_ours(out: Path) -> None:
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return
     try:
-        told = json.loads(mark.read_text(encoding="utf-8"))["wakedeploy_sweep"]
+        told = json_of(text_of(mark))["wakedeploy_sweep"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UnusableInput(
             f"{out} is not the folder of a sweep; give --out a new folder, or one that a sweep has"
