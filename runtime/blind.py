@@ -29,9 +29,8 @@ _WAKE_STEP_S, _WAKE_STEPS = 0.1, 5
 _SPOOL_DOWN_S = 0.05  # of a source that idles, counted as its present thrust
 _STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
 _NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
-_MOST_NEAR_SHARE = 1.3  # of the weight, beside such a wake
 _SINKING_S = 0.3  # within which a sink that is seen takes its speed
-_RISE_SHARE, _RISE_WAKE = 1.07, 1.5  # weight and wake that a thrust must exceed to count as lifting
+_RISE_SHARE, _RISE_WAKE = 1.35, 1.5  # weight and wake that a thrust must exceed to count as lifting
 GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
 _LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
@@ -162,13 +161,6 @@ class BlindPlanner:
         wanted_n += self._mass_kg * (-SINK_MPS - now.vz_mps) / _SINKING_S
         least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
         return self._pulse(min(max(wanted_n, least_n), most_n))
-
-    def most_near_stop(self, now: Estimate, trim: TrimReader) -> float | None:
-        """The most [µs] that a take-off may ask for while the sensor still shows the stop."""
-        if not now.z_m < _NEAR_M:
-            return None
-        wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
-        return self._pulse(_MOST_NEAR_SHARE * self._weight_n - wake_n)
 
     def rise(self, before: Rise, now: Estimate, trim: TrimReader, dt_s: float) -> Rise:
         """One tick on: how far the sufferer should have risen near the stop, and is not seen to.

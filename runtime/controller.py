@@ -61,13 +61,11 @@ class Controller:
         feedforward_n: float,
         *,
         gently: bool = False,
-        most_us: float | None = None,
     ) -> tuple[ControlState, Command, Terms]:
         """One tick: thrust demand in newtons, through the inverse thrust curve, limits and slew.
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
-        derivative otherwise acts on the measurement alone. `gently` lands where commands act late;
-        `most_us` is a limit of this tick's pulse.
+        derivative otherwise acts on the measurement alone. `gently` lands where commands act late.
         """
         gains = self._gentle if gently else self._rig.control
         error_m = aim.z_m - estimate.z_m
@@ -77,8 +75,7 @@ class Controller:
         base_n = self._hover_n + self._rig.sufferer.mass_kg * aim.az_mps2
         base_n += smooth_friction(self._rig.rail, aim.vz_mps)
         wanted_us = self._pulse(base_n + p_n + d_n + integral_n + feedforward_n)
-        allowed_us = wanted_us if most_us is None else min(wanted_us, most_us)
-        sufferer_us = self._slewed(state.sufferer_us, allowed_us)
+        sufferer_us = self._slewed(state.sufferer_us, wanted_us)
         if self._winds_up(sufferer_us, wanted_us, error_m):
             integral_n = state.integral_n
         carriage_mps = self.carriage_mps(estimate, aim)

@@ -174,7 +174,8 @@ class Loop:
         status = self._link.greet_again()
         if status is not None and status.boot != self._boot:
             self.last_reset = status.faults
-            cause = ("mcu_reboot", *(c for c in self.failsafe_cause if c != "link_lost"))
+            others = (c for c in self.failsafe_cause if c not in ("link_lost", "thrust_lost"))
+            cause = ("mcu_reboot", *others)
             self._safety = replace(self._safety, cause=cause)
 
     def _ending(self) -> str:
@@ -363,10 +364,7 @@ class Loop:
         elif mode is Mode.LANDING:
             command, terms = self._touch_down(measured)
         else:
-            most_us = self._way_down.most_us(self._state)
-            self._state, command, terms = self._pilot.control(
-                self._state, aim, feedforward_n, most_us=most_us
-            )
+            self._state, command, terms = self._pilot.control(self._state, aim, feedforward_n)
         if measured.steps_repeats > OLD_TICKS and self._flies:
             command = replace(command, carriage_mps=0.0)  # nobody knows where it is
         self._way_down.commanded(command, flies=self._flies)

@@ -86,13 +86,11 @@ class Pilot:
         feedforward_n: float | None,
         *,
         gently: bool = False,
-        most_us: float | None = None,
     ) -> tuple[PilotState, Command, Terms]:
         """The command for this tick, with `feedforward_n` added to the thrust demand.
 
         The feedforward is the opposite of the wake force expected `lead_s` from now; None flies by
-        PID alone and tells the estimator to expect any wake. `gently` and `most_us`:
-        see the controller.
+        PID alone and tells the estimator to expect any wake. `gently`: see the controller.
         """
         control, command, terms = self._controller.step(
             state.control,
@@ -100,7 +98,6 @@ class Pilot:
             aim,
             feedforward_n or 0.0,
             gently=gently,
-            most_us=most_us,
         )
         forecasts = (
             ()

@@ -45,7 +45,7 @@ NOT_LIFTING_S = 1.0
 UNSEEN_RISE_M = 0.1
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
-UNEXPLAINED_SD_N, UNEXPLAINED_S = 1.3, 0.5
+UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
@@ -180,18 +180,20 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
 def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
     """Names of the faults that end a flight, what explains the others first."""
     fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
+    stands = found.not_lifting_s > NOT_LIFTING_S or found.unseen_rise_m > UNSEEN_RISE_M
+    lost_thrust = fell or stands
+    # A board that restarts answers nothing, and its motors stop.
+    is_mute = lost_thrust and found.link_silence_s > ANSWERS_MISSING_S
     named = {
         "loop_error": found.tick_failed,
         "loop_stalled": found.stalled_s > STALLED_S and not found.link_failed,
-        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S,
+        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S or is_mute,
         "commands_late": found.late_commands >= LATE_COMMANDS,
         "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
         "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
-        "thrust_lost": fell
-        or found.not_lifting_s > NOT_LIFTING_S
-        or found.unseen_rise_m > UNSEEN_RISE_M,
+        "thrust_lost": lost_thrust,
         "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,
         "mcu_fault": found.mcu_fault,
         "recorder_failed": found.recorder_failed,

@@ -60,10 +60,6 @@ class WayDown:
         """How far it should have risen from the stop without being seen to."""
         return self._rise.unseen_m
 
-    def most_us(self, state: PilotState) -> float | None:
-        """The most [µs] that control may ask for now; None where it is free."""
-        return self._planner.most_near_stop(state.estimate, self._trim)
-
     def without_the_last_samples(self, state: PilotState) -> PilotState:
         """The state as the forces alone have it, where samples have only been repeated."""
         now, reckoned, trim = state.estimate, self._reckoned, self._trim

@@ -11,6 +11,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import pytest
+
 from runtime.loop import Loop
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
@@ -191,7 +193,7 @@ def test_bare_motors_never_get_more_than_the_page_says() -> None:
         loop.run()
         assert loop.failsafe_cause == cause
         asked_us = [row["sufferer_cmd_us"] for row in rows]
-        assert max(asked_us) == pulse_us[1]
+        assert max(asked_us) == pytest.approx(pulse_us[1], abs=1.0)
         assert sum(us > 1900.0 for us in asked_us) / 32.0 < 1.5
 
 

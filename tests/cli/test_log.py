@@ -35,7 +35,7 @@ def test_show_tells_and_draws(flights: list[Path], tmp_path: Path) -> None:
     runs = json.loads((tmp_path / "runs.json").read_text())["runs"]
     assert [Path(row["file"]).name for row in runs] == [path.name for path in flights]
     assert 0.001 < runs[0]["tracking_rmse_m"] < 0.2
-    assert runs[0]["seconds_in_mode"] == {"ARMED": 6.0, "RUNNING": 12.0}
+    assert runs[0]["seconds_in_mode"] == {"ARMED": 6.0, "RUNNING": 12.0, "LANDING": 0.5}
     for path in flights:
         assert path.with_suffix(".png").read_bytes().startswith(b"\x89PNG")
 
@@ -74,7 +74,7 @@ def test_a_cut_off_recording_is_shown_with_a_note(flights: list[Path], tmp_path:
 def test_export_gives_the_same_log_as_csv(flights: list[Path], tmp_path: Path) -> None:
     done = run("log", "export", flights[0], "--out", tmp_path / "flight.csv")
     assert done.exit_code == 0, done.output
-    assert f"{tmp_path / 'flight.csv'}: 576 ticks" in done.output
+    assert f"{tmp_path / 'flight.csv'}: 592 ticks" in done.output
     given, told = read_run_log(flights[0]), read_run_log(tmp_path / "flight.csv")
     for name in given.columns:
         np.testing.assert_array_equal(given[name], told[name])

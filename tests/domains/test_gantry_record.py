@@ -33,7 +33,9 @@ def test_a_flight_repeats_by_seed(pid_flight: RunLog) -> None:
 
 def test_three_seconds_of_rest_stand_before_and_after(pid_flight: RunLog) -> None:
     resting = pid_flight["mode"] == "ARMED"
-    assert len(pid_flight) == round((15.0 + 6.0) * 32)
+    landing = np.flatnonzero(pid_flight["mode"] == "LANDING")
+    assert 0 < len(landing) < 64
+    assert len(pid_flight) == round((15.0 + 6.0) * 32) + len(landing)
     assert np.all(resting[:96])
     assert np.all(resting[-96:])
     assert not np.any(resting[96:-96])
@@ -82,7 +84,7 @@ def test_each_disturbance_can_be_switched_off() -> None:
         range_sensor={"noise_m": 0.0, "resolution_m": 0.0},
     )
     log = record(clean, seconds=8.0, seed=1)
-    assert len(log) == 8 * 32 + 1  # and the tick that switches the motors off
+    assert len(log) == 8 * 32 + 16 + 1  # the touch-down, and the tick that switches the motors off
     assert np.allclose(np.diff(log["t_s"]), 1 / 32, atol=1e-12)
     assert np.nanmax(np.abs(log["innovation_m"])) < 0.03
 

@@ -52,7 +52,8 @@ def flown(act, first_fault="link_lost"):
     loop = Loop(rig, world, world, hold_plan(rig, 6.0, 0.5, 1400.0), None, rows, world)
     loop.run()
     assert rows.faults[AT - 1] == ""
-    assert next(f for f in rows.faults if f) == first_fault
+    ending = next(f for f in rows.faults if f not in ("", "answers_missing"))
+    assert ending.split("+")[0] == first_fault
     return loop, world
 
 

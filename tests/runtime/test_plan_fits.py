@@ -30,7 +30,7 @@ def test_a_built_in_flight_stays_below_a_low_limit_and_ends_whole(name):
     require_plan_fits(plan, LOW)
     assert 0.3 < plan.z_m.max() <= ceiling_m(LOW) + 1e-9
     log = SimulatedSite(LOW, seed=2).flown(name, LOW, plan)  # which allows no failsafe
-    assert set(log["mode"]) == {"ARMED", "RUNNING"}
+    assert set(log["mode"]) == {"ARMED", "RUNNING", "LANDING"}
     assert log["z_est_m"].max() > 0.3
 
 

@@ -349,7 +349,7 @@ def _rests(
     noise_m: float,
 ) -> FloatArray:
     """Mean, variance, mean time and "is a ceiling" (r, 4) of readings at rest, before and after."""
-    first, last = t_s[flying][0], t_s[flying][-1]
+    first, last = t_s[flying][0], t_s[flying | (log["mode"] == "LANDING")][-1]
     rests = []
     # A failsafe may end in the air: only rests that the board confirms are rests.
     landed = np.isin(log["mode"][t_s > last], _AT_REST).all()
