@@ -151,9 +151,12 @@ class BlindPlanner:
         gained_mps2 = (_LANDING_MPS**2 - SINK_MPS**2) / (2.0 * height_m) - doubt_mps2
         return min(max(gained_mps2 / GRAVITY_MPS2, _LEAST_MARGIN), _MOST_MARGIN)
 
-    def carried(self, share: float, other_n: float) -> float:
-        """The pulse [µs] that carries a share of the weight beside other forces [N]."""
-        return self._pulse(share * self._weight_n - other_n)
+    def carried(self, share: float, other_n: float, hover_n: float) -> float:
+        """The pulse [µs] that carries a share of the weight beside other forces [N].
+
+        It is that share of what a hover took at most: the curve may be far off.
+        """
+        return self._pulse(min(share * self._weight_n - other_n, share * hover_n))
 
     def sinking(self, now: Estimate, other_n: float) -> float:
         """The pulse [µs] towards the speed of a sink, where the height is seen."""

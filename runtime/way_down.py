@@ -38,6 +38,7 @@ from runtime.trim import TrimReader
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause it begins anew where it is
+HOVER_S = 1.0  # over which the thrust of a flight is averaged, for the same
 FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the touch-down
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
@@ -52,6 +53,7 @@ class WayDown:
         self._descent: Descent | None = None
         self._rise, self._settling = Rise(), Settling(0.0, 0.0)
         self._is_settling, self._lifting_n = False, 0.0
+        self._hover_n = math.inf
         self.unexplained_s = 0.0  # since the force that nothing explains swings
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
 
@@ -85,6 +87,9 @@ class WayDown:
             share = -math.expm1(-dt_s / LIFTING_S)
             self._lifting_n += share * (state.unexplained_n - self._lifting_n)
             self._lifting_n = max(self._lifting_n, self._trim.trim.thrust_n)
+            thrust_n = now.rotor_speed**2
+            before_n = self._hover_n if math.isfinite(self._hover_n) else thrust_n
+            self._hover_n = before_n - math.expm1(-dt_s / HOVER_S) * (thrust_n - before_n)
         self._rise = self._planner.rise(self._rise, now, self._trim, dt_s) if believe else Rise()
 
     def commanded(self, command: Command, *, flies: bool) -> None:
@@ -140,7 +145,7 @@ class WayDown:
         if self._settling.stage is Stage.STANDS:
             return None
         if self._settling.stage is Stage.TEST:
-            return self._planner.carried(TEST_SHARE, self._lifting_n)
+            return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
         return self._planner.sinking(state.estimate, self._lifting_n)
 
     def sink(self, t_s: float) -> Command | None:
