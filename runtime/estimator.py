@@ -220,13 +220,8 @@ class Estimator:
         return height, cov
 
     def _resting(self, now: Estimate, thrust_n: float) -> bool:
-        """On the stop with too little thrust to leave it: the stop carries the weight.
-
-        Unless samples say otherwise, again and again: then something else lifts it.
-        """
+        """On the stop with too little thrust to leave it: the stop carries the weight."""
         weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
-        if now.rejected >= _PERSISTENT - 1 and thrust_n > 0.5 * weight_n:
-            return False
         return now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
 
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
