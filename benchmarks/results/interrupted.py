@@ -14,10 +14,12 @@ _KINDS = {
     "twice": "two at once",
 }
 
+RECORD = "interruptions.json"
+
 
 def interrupted(records: Records) -> Section:
     """How often each command came out right, by how it was disturbed."""
-    result = records.json("interruptions.json")
+    result = records.json(RECORD)
     by_command: dict[str, dict[str, Row]] = {}
     for kind in _KINDS:
         for row in result[kind]:
