@@ -6,6 +6,7 @@ from pathlib import Path
 from benchmarks import downwash_estimates, records, tuned
 from benchmarks.results import (
     effects,
+    faults,
     flight,
     flown,
     gap,
@@ -20,7 +21,14 @@ from wakedeploy.gap.benchmark.page import markdown_of
 from wakedeploy.gap.benchmark.table import summary
 
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
-    "In flight": (flight.demo, flight.tracking, flight.latency, flight.endings, flight.watch),
+    "In flight": (
+        flight.demo,
+        flight.tracking,
+        flight.latency,
+        flight.endings,
+        faults.faults,
+        flight.watch,
+    ),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
         studies.domains,
@@ -73,6 +81,7 @@ DETAILS: dict[str, Callable[[Records], str]] = {
     "studies.md": studies.page,
     "tuned.md": tuned_shapes,
     "downwash-estimates.md": estimates,
+    "faults.md": faults.page,
 }
 
 
