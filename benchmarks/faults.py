@@ -58,6 +58,8 @@ def campaign(options: argparse.Namespace, package: Path) -> Iterator[dict[str, A
         "seconds": SECONDS,
         "rest_s": REST_S,
         "phases": [one.phase for one in when],
+        "seeds": [one.seed for one in when],
+        "unsafe_flights": table.COLUMNS,
     }
     for name in ("exact", "mismatched") if options.mismatch else ("exact",):
         jobs = bundles(chosen, when, package, is_mismatched=name == "mismatched")

@@ -11,6 +11,8 @@ from benchmarks.injected.flight import Flown
 LOWER_MPS, UPPER_MPS = 1.0, 0.5  # a harder contact with a stop is unsafe
 FORMER_LOWER_MPS = 1.5  # what the first campaign called unsafe
 
+COLUMNS = "phase, pilot, lower_mps, upper_mps, detected_s, degraded_s, failsafe_s, ended"
+
 Row = dict[str, Any]
 
 
@@ -34,7 +36,6 @@ def _summed_up(name: str, flights: Sequence[Flown]) -> Row:
     return {
         "fault": name,
         "group": fault.group,
-        "sentence": fault.sentence,
         "obeys": fault.obeys,
         "survivable": fault.survivable,
         "flights": len(flights),
@@ -52,28 +53,22 @@ def _summed_up(name: str, flights: Sequence[Flown]) -> Row:
     }
 
 
-def unsafe_rows(flights: Iterable[Flown]) -> list[Row]:
-    """A row for each unsafe flight that some command could have saved."""
-    return [_told(one) for one in flights if is_unsafe(one) and FAULTS[one.case.fault].survivable]
+def unsafe_rows(flights: Iterable[Flown]) -> dict[str, list[str]]:
+    """By fault, a line of `COLUMNS` for each unsafe flight that some command could have saved."""
+    found: dict[str, list[str]] = {}
+    for one in flights:
+        if is_unsafe(one) and FAULTS[one.case.fault].survivable:
+            found.setdefault(one.case.fault, []).append(_unsafe_line(one))
+    return found
 
 
-def _told(flown: Flown) -> Row:
-    case, moment = flown.case, flown.case.moment
-    told = {
-        "fault": case.fault,
-        "phase": moment.phase,
-        "seed": moment.seed,
-        "pilot": case.pilot,
-        "height_m": _rounded(flown.height_m),
-        "lower_mps": _rounded(flown.lower_mps),
-        "upper_mps": _rounded(flown.upper_mps),
-        "ended": flown.ended,
-        "detected_s": _rounded(flown.detected_s),
-        "degraded_s": _rounded(flown.degraded_s),
-        "failsafe_s": _rounded(flown.failsafe_s),
-    }
-    marks = {"is_idle": flown.is_idle, "is_whole": flown.is_whole}
-    return told | {name: mark for name, mark in marks.items() if not mark}
+def _unsafe_line(flown: Flown) -> str:
+    speeds = (f"{speed:.2f}" for speed in (flown.lower_mps, flown.upper_mps))
+    times_s = (flown.detected_s, flown.degraded_s, flown.failsafe_s)
+    told = ("-" if time_s is None else f"{time_s:.2f}" for time_s in times_s)
+    idle = "" if flown.is_idle else ", motors turn"
+    case = flown.case
+    return ", ".join((case.moment.phase, case.pilot, *speeds, *told, flown.ended)) + idle
 
 
 def printed(rows: Iterable[Row]) -> str:

@@ -101,7 +101,8 @@ def page(records: Records) -> str:
         "# Faults in flight",
         "Every fault begins in these phases: " + ", ".join(told["phases"]) + ".",
         "*Noticed* is the median time until the loop names a fault or leaves its mode. Speeds are "
-        "the hardest contacts with the stops. A fault without a length lasts for ever.",
+        "the hardest contacts with the stops. The carriage's column is how far it was from home, "
+        "which counts for nothing in what is unsafe. A fault without a length lasts for ever.",
         *(
             paragraphs(f"## {PLANTS[plant].capitalize()}", _all(told[plant]["faults"]))
             for plant in PLANTS
@@ -117,7 +118,8 @@ def _all(rows: Sequence[Row]) -> str:
     return paragraphs(*parts)
 
 
-_HEAD = ["fault", "unsafe", "lower [m/s]", "upper [m/s]", "noticed [s]", "most common ending"]
+_HEAD = ["fault", "unsafe", "lower [m/s]", "upper [m/s]", "carriage [m]", "noticed [s]"]
+_HEAD += ["most common ending"]
 
 
 def _titled(group: str) -> str:
@@ -132,6 +134,7 @@ def _line(row: Row) -> list[str]:
         f"{row['unsafe']} of {row['flights']}",
         f"{row['worst_lower_mps']:.2f}",
         f"{row['worst_upper_mps']:.2f}",
+        f"{row['worst_reach_m']:.2f}",
         "–" if noticed_s is None else f"{noticed_s:.2f}",
         f"{ending} ({count})",
     ]

@@ -6,6 +6,7 @@ from pathlib import Path
 from benchmarks import downwash_estimates, records, tuned
 from benchmarks.results import (
     effects,
+    faults,
     flight,
     flown,
     gap,
@@ -29,6 +30,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         flight.endings,
         flight.watch,
         flight.soak,
+        faults.faults,
     ),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
@@ -88,6 +90,7 @@ DETAILS: dict[str, Callable[[Records], str]] = {
     "studies.md": studies.page,
     "tuned.md": tuned_shapes,
     "downwash-estimates.md": estimates,
+    "faults.md": faults.page,
 }
 
 

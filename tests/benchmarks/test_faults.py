@@ -172,14 +172,15 @@ def test_a_fault_is_summed_up_over_its_flights():
     assert row["unsafe_by_pilot"] == {"PID": 1}
     assert (row["worst_lower_mps"], row["detected"], row["median_detection_s"]) == (1.25, 2, 0.2)
     assert next(iter(row["endings"].items())) == ("whole", 2)
-    (told,) = table.unsafe_rows([RESULT, hard, unnoticed])
-    assert (told["phase"], told["lower_mps"]) == ("in the air", 1.25)
+    (told,) = table.unsafe_rows([RESULT, hard, unnoticed])["link cut"]
+    assert told == "in the air, PID, 1.25, 0.00, 0.30, -, 0.20, failsafe: link_lost"
+    assert len(told.split(", ")) == len(table.COLUMNS.split(", "))
     assert "link cut" in table.printed([row])
 
 
 def test_flights_that_no_command_saves_are_counted_and_not_listed():
     lost = replace(RESULT, case=Case("battery pulled", MOMENT), lower_mps=3.0)
-    assert table.unsafe_rows([lost]) == []
+    assert table.unsafe_rows([lost]) == {}
     assert table.by_fault([lost])[0]["unsafe"] == 1
 
 
@@ -211,7 +212,7 @@ def test_the_section_sets_before_and_now_side_by_side(tmp_path):
     before_only = faults.faults(Records(tmp_path)).body
     assert "| link | 1 | 2 of 2 | 2 | 1 of 2 | 1 |" in before_only
     assert "| not survivable | 1 | 1 of 1 | 1 | 1 of 1 | 1 |" in before_only
-    assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | whole (2) |" in faults.page(
+    assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | 0.10 | whole (2) |" in faults.page(
         Records(tmp_path)
     )
     (tmp_path / "faults.json").unlink()
