@@ -105,7 +105,10 @@ def with_pulses_too_long(sketch: str) -> str:
 
 @pytest.mark.parametrize(
     ("spoil", "ends"),
-    [(with_the_motors_swapped, "failsafe: thrust_lost"), (with_pulses_too_long, "failsafe: z_limit")],
+    [
+        (with_the_motors_swapped, "failsafe: thrust_lost"),
+        (with_pulses_too_long, "failsafe: z_limit"),
+    ],
 )
 def test_a_bug_in_the_sketch_is_seen_in_the_flight(
     spoil: Callable[[str], str], ends: str, tmp_path: Path, as_it_should_be: RunLog
