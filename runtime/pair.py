@@ -107,7 +107,9 @@ def _require_room(folder: Path, flights: list[Leg]) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise UnusableInput(f"{folder}: no folder can be made there ({error.strerror}).") from error
+        raise UnusableInput(
+            f"{folder}: no folder can be made there ({error.strerror}); name another --out folder."
+        ) from error
 
 
 def _question(leg: Leg) -> str:

@@ -32,7 +32,7 @@ from runtime.standby import begin_standby, stand_by
 from runtime.tally import Tally
 from runtime.verdict import judge, recording_sentence
 from runtime.watch import GapWatch
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.errors import UnusableInput, why
 from wakedeploy.files import sha256_of
 from wakedeploy.package import Package
 from wakedeploy.physics.effects.chain import unplaced_constants
@@ -186,7 +186,9 @@ def _folder_or_file(log: Path) -> Path:
         try:
             log.mkdir(parents=True)
         except OSError as error:
-            raise UnusableInput(f"{log}: no folder can be made ({one_line(error)}).") from error
+            raise UnusableInput(
+                f"{log}: no folder can be made ({why(error)}); name another place for --log."
+            ) from error
     return log
 
 

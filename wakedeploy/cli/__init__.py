@@ -9,7 +9,8 @@ import errno
 import importlib
 import os
 import signal
-from typing import Any, NoReturn
+import sys
+from typing import Any
 
 import click
 
@@ -59,17 +60,21 @@ class _Commands(Group):
         try:
             with interruptible():
                 return super().__call__(*args, **kwargs)
+        except KeyboardInterrupt:
+            sys.exit(_interrupted())
         finally:
             if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
                 # What is left is to let go of libraries, and nobody is there to take an exception.
                 signal.signal(signal.SIGINT, signal.SIG_DFL)
 
     def make_context(self, *args: Any, **kwargs: Any) -> click.Context:
-        """Read the group's own options; help that cannot be printed is told in one line."""
+        """Read the group's own options; what goes wrong here is one line, too."""
         try:
             return super().make_context(*args, **kwargs)
         except OSError as error:
             raise _Told(error) from error
+        except KeyboardInterrupt:
+            raise click.exceptions.Exit(_interrupted()) from None
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """The commands in the order of a person's work."""
@@ -92,18 +97,19 @@ class _Commands(Group):
         except (click.ClickException, click.Abort, click.exceptions.Exit):
             raise
         except KeyboardInterrupt:
-            _interrupted(ctx)
+            ctx.exit(_interrupted())
         except Exception as error:
             if was_interrupted(error):
-                _interrupted(ctx)
+                ctx.exit(_interrupted())
             if ctx.params["debug"] or getattr(error, "errno", None) == errno.EPIPE:
                 raise
             raise _Told(error) from error
 
 
-def _interrupted(ctx: click.Context) -> NoReturn:
+def _interrupted() -> int:
+    """Say the one word; the exit status that goes with it."""
     click.echo("Interrupted.", err=True)
-    ctx.exit(130)
+    return 130
 
 
 class _Told(click.ClickException):
