@@ -1,5 +1,6 @@
 """Kinds of files around learning: episode sets, runs, presets, studies, sweeps, packages."""
 
+import dataclasses
 import functools
 import hashlib
 import json
@@ -20,7 +21,7 @@ from runtime.predictor import PackagePredictor
 from trainers.fit import FitSettings
 from trainers.preset import chosen_preset, read_preset
 from trainers.runs import BEST, CONFIG, LAST, METRICS, load_run, read_config, runs_of
-from trainers.training import configure, train
+from trainers.training import chosen_lead_s, configure, train
 from trainers.tuning.conclude import conclude
 from trainers.tuning.plan import Plan, make_plan
 from trainers.tuning.report import best_of, front_of, importances, rows_of
@@ -56,6 +57,7 @@ def kinds() -> dict[str, Callable[[], Kind]]:
     """What makes each kind, by its name."""
     return {
         "episodes": _episodes,
+        "episodes-train": _training,
         "run": _run,
         "run-interrupted": _interrupted,
         "preset": _preset,
@@ -121,18 +123,37 @@ def _show_set(folder: Path) -> None:
     stated_sha256(folder)
 
 
-def mend_set(draw: random.Random, files: dict[str, bytes]) -> None:
+def _training() -> Kind:
+    ways = {"*.npz": npz_file, "*.json": json_file}
+    sound = ({f"set/{name}": content for name, content in set_files().items()},)
+    return Kind("episodes-train", "episode sets, trained on", sound, _train_on, ways,
+                lambda draw, files: mend_set(draw, files, "set/"), names=("This ", "fit"),
+                writes=True, weight=0.5)  # fmt: skip
+
+
+def _train_on(folder: Path) -> None:
+    """As `train` does, for an epoch."""
+    data = read_episode_set(folder / "set")
+    lead_s = chosen_lead_s(data, None)
+    settings = dataclasses.replace(_SETTINGS, epochs=1)
+    config = configure(data, "gru", seed=0, lead_s=lead_s, hyper=_SMALL, settings=settings)
+    run = train(config, data, folder / "runs")
+    train_command._row(run)
+
+
+def mend_set(draw: random.Random, files: dict[str, bytes], folder: str = "") -> None:
     """Hashes that fit the damaged arrays and the damaged description, as a forger would do."""
     if draw.random() > _MENDED:
         return
     try:
-        document = json.loads(files[DESCRIPTION])
+        document = json.loads(files[folder + DESCRIPTION])
         for entry in document["episodes"]:
-            entry["sha256"] = hashlib.sha256(files[entry["file"]]).hexdigest()
+            content = files[folder + entry["file"]]
+            entry["sha256"] = hashlib.sha256(content).hexdigest()
         plain = {key: value for key, value in document.items() if key != "checksum"}
         told = json.dumps(plain, sort_keys=True, separators=(",", ":"))
         document["checksum"] = hashlib.sha256(told.encode()).hexdigest()
-        files[DESCRIPTION] = as_json(document)
+        files[folder + DESCRIPTION] = as_json(document)
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return
 
