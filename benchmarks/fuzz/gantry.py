@@ -100,7 +100,7 @@ def _inline(table: dict[str, Any]) -> str:
 
 
 def _rig() -> Kind:
-    return Kind("rig", "rig files", rig_files(), _read_rig, {"*.toml": toml_file}, weight=2.0)
+    return Kind("rig", "rig files", rig_files(), _read_rig, {"*.toml": toml_file})
 
 
 def _read_rig(folder: Path) -> None:
@@ -170,7 +170,7 @@ def _log_csv() -> Kind:
 def _log_mcap() -> Kind:
     whole, cut = written(_short(), ".mcap"), written(_short().without_truth(), ".mcap")
     read = functools.partial(_read_log, suffix=".mcap")
-    return Kind("log-mcap", "run logs, MCAP", (whole, cut), read, LOG_WAYS, weight=2.0)
+    return Kind("log-mcap", "run logs, MCAP", (whole, cut), read, LOG_WAYS)
 
 
 def _read_log(folder: Path, suffix: str) -> None:
@@ -194,9 +194,7 @@ def _show_log(folder: Path) -> None:
 
 def _log_picture() -> Kind:
     sound = (written(_short(), ".csv"),)
-    return Kind(
-        "log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0, weight=0.3
-    )
+    return Kind("log-picture", "run logs, drawn", sound, _draw_log, LOG_WAYS, slowest_s=10.0)
 
 
 def _draw_log(folder: Path) -> None:
@@ -233,9 +231,7 @@ def flown_rig() -> Rig:
 
 
 def _smoothing() -> Kind:
-    return Kind(
-        "smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",), weight=0.5
-    )
+    return Kind("smoothing", "flights to smooth", _flights(), _smooth, LOG_WAYS, names=("",))
 
 
 def _smooth(folder: Path) -> None:
@@ -253,9 +249,7 @@ def _calibration() -> Kind:
         path = _log_of(folder)
         made[path.stem][1](read_run_log(path))
 
-    return Kind(
-        "calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",), weight=0.5
-    )
+    return Kind("calibration", "logs to calibrate from", sound, calibrate, LOG_WAYS, names=("",))
 
 
 def _named(name: str, log: RunLog) -> Files:
@@ -325,4 +319,4 @@ def _expression() -> Kind:
 
     sound = tuple({"expression": text} for text in _EXPRESSIONS)
     names = ("The expression",)
-    return Kind("expression", "symbolic expressions", sound, evaluate, names=names, weight=0.3)
+    return Kind("expression", "symbolic expressions", sound, evaluate, names=names)

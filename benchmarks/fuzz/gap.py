@@ -65,7 +65,7 @@ def _folders(*verdicts: str) -> tuple[Files, ...]:
 def _steps() -> Kind:
     sound = _folders(*artefacts.VERDICTS)
     ways = {"*.json": json_file}
-    return Kind("gap-steps", "gap artefacts", sound, _go_on, ways, writes=True, weight=2.0)
+    return Kind("gap-steps", "gap artefacts", sound, _go_on, ways, writes=True)
 
 
 def _go_on(folder: Path) -> None:
@@ -98,7 +98,7 @@ def _report() -> Kind:
     sound = _folders(*artefacts.VERDICTS)
     ways = {"*.json": json_file}
     return Kind("gap-report", "gap reports", sound, write_report, ways, writes=True,
-                slowest_s=10.0, weight=0.3)  # fmt: skip
+                slowest_s=10.0)  # fmt: skip
 
 
 def _fits() -> Kind:

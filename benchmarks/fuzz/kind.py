@@ -32,8 +32,7 @@ class Kind:
     `ways`: how a file is damaged, by a pattern of its name; what no pattern fits is damaged as
     text. `mend` puts hashes right in some of the damaged folders, or nothing behind them would ever
     be looked at. A refusal has to name a damaged file, the folder, or one of `names`. `writes` says
-    that the reader changes the folder. `weight` is the kind's share of the time; `slowest_s` is
-    more than usual where the reader draws.
+    that the reader changes the folder. `slowest_s` is more than usual where the reader draws.
     """
 
     name: str
@@ -45,7 +44,6 @@ class Kind:
     names: tuple[str, ...] = ()
     writes: bool = False
     slowest_s: float = SLOWEST_S
-    weight: float = 1.0
 
     def damaged(self, seed: int, number: int) -> tuple[Files, dict[str, bytes]]:
         """A sound folder, and the files of it that are damaged in the folder of this number."""

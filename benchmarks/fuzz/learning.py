@@ -113,7 +113,7 @@ def set_files() -> Files:
 def _episodes() -> Kind:
     ways = {"*.npz": npz_file, "*.json": json_file}
     sound = (set_files(),)
-    return Kind("episodes", "episode sets", sound, _show_set, ways, mend_set, weight=2.0)
+    return Kind("episodes", "episode sets", sound, _show_set, ways, mend_set)
 
 
 def _show_set(folder: Path) -> None:
@@ -128,7 +128,7 @@ def _training() -> Kind:
     sound = ({f"set/{name}": content for name, content in set_files().items()},)
     return Kind("episodes-train", "episode sets, trained on", sound, _train_on, ways,
                 lambda draw, files: mend_set(draw, files, "set/"), names=("This ", "fit"),
-                writes=True, weight=0.5)  # fmt: skip
+                writes=True)  # fmt: skip
 
 
 def _train_on(folder: Path) -> None:
@@ -277,7 +277,7 @@ def _study_end() -> Kind:
     ways = {"*.journal": json_lines, "*.toml": toml_file, "*.csv": json_lines}
     names = (f"tuned/{JOURNAL}", "tuned/best.toml", "tuned/trials.csv")
     sound = ({name: _tuned()[name] for name in names},)
-    return Kind("study-end", "studies, concluded", sound, _end_study, ways, writes=True, weight=0.5)
+    return Kind("study-end", "studies, concluded", sound, _end_study, ways, writes=True)
 
 
 def _end_study(folder: Path) -> None:
@@ -415,7 +415,7 @@ def _package() -> Kind:
 
 def _package_run() -> Kind:
     ways = {"*.onnx": onnx_file}
-    return Kind("package-run", "packages, run", _packages(), _step, ways, names=("",), weight=0.5)
+    return Kind("package-run", "packages, run", _packages(), _step, ways, names=("",))
 
 
 def _step(folder: Path) -> None:

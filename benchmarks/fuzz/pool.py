@@ -6,6 +6,7 @@ its files. Which number a worker is at stands in shared memory, so that what kil
 
 import collections
 import contextlib
+import math
 import mmap
 import multiprocessing
 import os
@@ -26,6 +27,7 @@ from benchmarks.fuzz.kind import Kind
 MOST_MIB = 512  # of address space above what a worker begins with
 _BATCH_S = 2.0
 _GROWTH = 4  # times the batch before, at most: the first ones tell little of their time
+_MOST_SHARE = 30.0
 _SILENT_S = 60.0  # of processor time: what hangs where no signal is heard
 _FILES_PER_WORKER = 50_000
 _FIRST_PATIENCE = 60.0  # with the first read, which imports and compiles
@@ -124,11 +126,14 @@ class Pool:
         return [worker for worker in busy if worker.connection in ready]
 
     def _batch(self) -> Batch:
-        """The next files of the kind that had the least of its share of time."""
+        """The next files of the kind that had the least of its share of time.
+
+        Kinds that are cheap to read have a larger one: by the root of files a second, up to a bound.
+        """
 
         def due(name: str) -> float:
             coming_s = self._under_way[name] * _BATCH_S
-            return (self._spent_s[name] + coming_s) / self._kinds[name].weight
+            return (self._spent_s[name] + coming_s) / min(math.sqrt(self._rate(name)), _MOST_SHARE)
 
         name = min(self._kinds, key=due)
         count = min(self._wanted(name), _GROWTH * self._last.get(name, 1))
@@ -140,8 +145,11 @@ class Pool:
 
     def _wanted(self, name: str) -> int:
         """As many files as take a batch's time, by all that were read before."""
-        rate = self._read[name] / max(self._spent_s[name], 1e-3)
-        return max(1, round(rate * _BATCH_S))
+        return max(1, round(self._rate(name) * _BATCH_S))
+
+    def _rate(self, name: str) -> float:
+        """Files of a kind in a second of the processor, as far as they were read."""
+        return max(self._read[name], 1) / max(self._spent_s[name], 1e-3)
 
     def _learn(self, outcome: Outcome) -> None:
         name, tally = outcome.batch.kind, outcome.tally
