@@ -128,7 +128,7 @@ class Pool:
     def _batch(self) -> Batch:
         """The next files of the kind that had the least of its share of time.
 
-        Kinds that are cheap to read have a larger one: by the root of files a second, up to a bound.
+        Kinds that are cheap to read have a larger one: by the root of files a second, to a bound.
         """
 
         def due(name: str) -> float:
