@@ -67,13 +67,13 @@ def what_a_test_imports_from_its_own_folder_is_forgotten(tmp_path_factory):
 @pytest.fixture(autouse=True, scope="session")
 def workers_begin_warm():
     """Importing torch takes each worker two seconds; commands started as programs spend them."""
-    ordinary, begun_warm = multiprocessing.get_context, warm.context()
+    ordinary = multiprocessing.get_context
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("OMP_NUM_THREADS", "1")  # as workers do before they import
         patch.setattr(
             multiprocessing,
             "get_context",
-            lambda method=None: begun_warm if method == "spawn" else ordinary(method),
+            lambda method=None: warm.context() if method == "spawn" else ordinary(method),
         )
         yield
 

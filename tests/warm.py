@@ -5,7 +5,9 @@ What a user starts imports by itself, and so do the commands that tests start as
 
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable
+from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -17,7 +19,21 @@ def context() -> ForkServerContext:
     """Where such processes come from, in the place of `multiprocessing.get_context("spawn")`."""
     warm = multiprocessing.get_context("forkserver")
     warm.set_forkserver_preload(list(IMPORTED))
+    _begin_hearing_all_signals()
     return warm
+
+
+def _begin_hearing_all_signals() -> None:
+    """What is forked hears what its origin hears, and that begins where it is first asked for.
+
+    In the midst of `wakedeploy.processes.pool` that is deaf to SIGTERM: what a test ended politely
+    afterwards would run for ever.
+    """
+    before = signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def started(log: Path, work: Callable[..., object], *arguments: object) -> BaseProcess:
