@@ -31,6 +31,11 @@ _STILL_M = 0.025  # of height, which a sensor that shows no motion stays within
 _NEAR_M = 0.12  # below, a sensor may say the same for long, and a take-off may go unseen
 _SINKING_S = 0.3  # within which a sink that is seen takes its speed
 _RISE_SHARE, _RISE_WAKE = 1.35, 1.5  # weight and wake that a thrust must exceed to count as lifting
+# A sensor that says the very same so many times shows nothing at all: then a thrust counts that is
+# as far above the weight as calibration may leave the curve.
+_ALIKE, _SILENT_SHARE = 6, 1.08
+# So far it should have risen, or with such a sensor so fast it should be.
+UNSEEN_RISE_M, SILENT_RISE_MPS = 0.1, 0.25
 GROUND_M, GROUND_MPS = 0.03, 0.1  # no more than this: on the stop
 _LEAST_SHARE, _MOST_SHARE = 0.5, 1.9  # of the weight, that a brake may ask for
 _LAG_S = 0.03  # until a pulse acts: the wire and half a servo frame
@@ -59,6 +64,12 @@ class Rise:
     vz_mps: float = 0.0
     likely_mps: float = 0.0  # its speed by the forces as they are thought to be
     since_m: float = 0.0  # what the sensor has shown all the time
+    silent_mps: float = 0.0  # its speed at least, while the sensor says the very same
+
+    @property
+    def is_unseen(self) -> bool:
+        """Whether it is beyond doubt: either nothing lifts, or the sensor does not see it."""
+        return self.unseen_m > UNSEEN_RISE_M or self.silent_mps > SILENT_RISE_MPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -165,17 +176,22 @@ class BlindPlanner:
         least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
         return self._pulse(min(max(wanted_n, least_n), most_n))
 
-    def rise(self, before: Rise, now: Estimate, trim: TrimReader, dt_s: float) -> Rise:
+    def rise(self, before: Rise, now: Estimate, alike: int, trim: TrimReader, dt_s: float) -> Rise:
         """One tick on: how far the sufferer should have risen near the stop, and is not seen to.
 
         Only what thrust has above the weight and a wake half as strong again counts, and only while
-        the sensor shows no motion at all.
+        the sensor shows no motion at all. `alike`: samples in a row that said the very same.
         """
         if not now.z_m < _NEAR_M or abs(now.z_m - before.since_m) > _STILL_M:
-            return Rise(since_m=now.z_m)
+            # What the same sample again makes of the filter is no motion.
+            last_mps = before.likely_mps if alike > 0 else 0.0
+            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0))
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
-        lifting_n = now.rotor_speed**2 + wake_n - _RISE_SHARE * self._weight_n
+        carried_n = now.rotor_speed**2 + wake_n
+        lifting_n = carried_n - _RISE_SHARE * self._weight_n
         vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
+        silent_n = carried_n - _SILENT_SHARE * self._weight_n
+        silent_mps = max(before.silent_mps + silent_n / self._mass_kg * dt_s, 0.0)
         seen_m = max(now.vz_mps, 0.0) * dt_s
         unseen_m = max(before.unseen_m + vz_mps * dt_s - seen_m, 0.0)
         likely_n = self._force_n(
@@ -185,7 +201,13 @@ class BlindPlanner:
             wake_n / _RISE_WAKE,
         )
         likely_mps = max(before.likely_mps + likely_n / self._mass_kg * dt_s, 0.0)
-        return Rise(unseen_m, vz_mps, likely_mps, before.since_m)
+        return Rise(
+            unseen_m,
+            vz_mps,
+            likely_mps,
+            before.since_m,
+            silent_mps if alike >= _ALIKE else 0.0,
+        )
 
     def _pulse(self, thrust_n: float) -> float:
         low, high = self._rig.limits.pulse_us

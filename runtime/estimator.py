@@ -48,7 +48,8 @@ class Measurement:
     """What one tick read: newest range sample (NaN: none), its age, its repeats; step count.
 
     The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
-    `same` counts samples in a row that say what the one before said.
+    `same` counts samples in a row that say what the one before said, off the stop; `alike` counts
+    them there, too.
     """
 
     t_s: float
@@ -58,6 +59,7 @@ class Measurement:
     steps: int
     steps_repeats: int = 0
     same: int = 0
+    alike: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -220,9 +222,14 @@ class Estimator:
         return height, cov
 
     def _resting(self, now: Estimate, thrust_n: float) -> bool:
-        """On the stop with too little thrust to leave it: the stop carries the weight."""
+        """On the stop with too little thrust to leave it: the stop carries the weight.
+
+        Unless it is seen to leave all the same: something else lifts it.
+        """
         weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
-        return now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
+        is_near = now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
+        lifts = now.innovation_m > 0.0 and now.innovation_m**2 > _STARTLED * now.innovation_var_m2
+        return is_near and not lifts
 
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
         position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
@@ -253,7 +260,8 @@ class Estimator:
         first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
         rejects = (first_m, range_m, path_m + abs(range_m - last_m))
         is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
-        if is_far and (now.rejected < _PERSISTENT or is_scattered):
+        is_same = now.rejected > 0 and measured.alike > 0  # the same again is no news
+        if is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered)):
             if now.rejected >= _PERSISTENT:
                 return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
             return replace(seen, rejected=now.rejected + 1, off_m=off_m, rejects=rejects)
@@ -266,7 +274,7 @@ class Estimator:
             height_cov=cov,
             rejected=0,
             off_m=math.inf,
-            jumped_m=off_m if is_far else 0.0,
+            jumped_m=off_m if now.rejected >= _PERSISTENT else 0.0,
             rejected_s=0.0,
         )
 

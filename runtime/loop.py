@@ -97,6 +97,7 @@ class Loop:
         self._way_down = WayDown(rig, self._pilot)
         self._range_door, self._answer_door = RangeDoor(rig), AnswerDoor(rig)
         self._finished, self._rested = False, 0
+        self._late_writes = 0  # commands in a row that went out after their tick was over
         self.error: Exception | None = None  # of the program, after which the flight landed
         self.last_reset = Fault.NONE  # of a board that restarted in flight
         self.stop_asked = False
@@ -224,6 +225,8 @@ class Loop:
         aim, command, terms = self._control(aim, passed_s, measured, prediction)
         laps.mark("t_control_s")
         self._write(command)
+        is_late = self._clock.monotonic() > tick.start_s + PERIOD_S
+        self._late_writes = self._late_writes + 1 if is_late else 0
         laps.mark("t_write_s")
         row = tick_row(tick.index, measured, self._state, aim, command, terms)
         row |= laps.times_s if self._is_timed else {}
@@ -261,6 +264,7 @@ class Loop:
             answer.status.steps,
             heard.repeats,
             seen.same,
+            seen.alike,
         )
         return reading, seen, heard, measured
 
@@ -322,7 +326,7 @@ class Loop:
             stalled_s=stalled_s,
             link_silence_s=silent_s,
             late_answers=0 if behind_s else heard.late_answers,
-            late_commands=0 if behind_s else heard.late_commands,
+            late_commands=0 if behind_s else max(heard.late_commands, self._late_writes),
             link_failed=self._link.failure is not None
             or (at_rest and silent_s > ANSWERS_MISSING_S),
             mcu_fault=bool(status.faults) or not status.armed,
@@ -331,8 +335,9 @@ class Loop:
             range_jump_m=estimate.jumped_m if self._flies else 0.0,
             range_frozen_s=signs.range_frozen_s,
             range_frozen_limit_s=self._sign_reader.frozen_limit_s,
+            moves_unseen=self._way_down.moves_unseen,
             not_lifting_s=signs.not_lifting_s,
-            unseen_rise_m=self._way_down.unseen_rise_m,
+            rises_unseen=self._way_down.rises_unseen,
             unexplained_s=self._way_down.unexplained_s,
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,

@@ -7,12 +7,14 @@ import math
 from dataclasses import dataclass
 
 from runtime.range_source import RangeReading
-from runtime.safety import RANGE_FROZEN_S, SAMPLE_OLD_S
-from runtime.signs import AIRBORNE_M, frozen_limit_s
+from runtime.safety import SAMPLE_OLD_S
+from runtime.signs import may_repeat
 from wakedeploy.physics.effects.chain import unplaced_constants
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 ABOVE_M, BELOW_M = 0.3, 0.1  # past the stops, that noise, outliers and calibration can reach
+# Nearer, a sensor that cannot say less than nothing says the same again and again.
+NEAR_M, NEAR_SD = 0.02, 4.0
 AHEAD_S = 0.005  # by which a sample's stamp may lie in the future: two clocks' resolution
 MOST_SILENCE_S = 2.0 / LOOP_RATE_HZ  # that one look can add
 
@@ -25,7 +27,8 @@ class Seen:
     age_s: float
     repeats: int  # ticks since this sample was new
     is_bad: bool = False  # good by its own status, and impossible
-    same: int = 0  # samples in a row that are new by their stamps, and the same
+    same: int = 0  # samples in a row that are new by their stamps, and the same, off the stop
+    alike: int = 0  # the same wherever they are: on the stop half of all may say zero
     silence_s: float = 0.0  # since the last new sample that can be believed
 
 
@@ -35,12 +38,12 @@ class RangeDoor:
     def __init__(self, rig: Rig) -> None:
         constants = unplaced_constants(rig)
         bias_m, scale = constants["range.bias_m"], constants["range.scale"]
-        self._near_m = bias_m + AIRBORNE_M
+        self._near_m = bias_m + max(NEAR_M, NEAR_SD * rig.range_sensor.noise_m)
         self._low_m = bias_m - BELOW_M
         self._high_m = bias_m + scale * rig.sufferer.travel_m + ABOVE_M
-        self._may_repeat = frozen_limit_s(rig) > RANGE_FROZEN_S  # its noise is below its step
+        self._may_repeat = may_repeat(rig)
         self._newest_us, self._repeats = -1, 0
-        self._value_m, self._same = math.nan, 0
+        self._value_m, self._alike = math.nan, 0
         self._silence_s, self._looked_s = 0.0, math.nan
 
     def step(self, reading: RangeReading, now_s: float) -> Seen:
@@ -55,15 +58,16 @@ class RangeDoor:
         self._silence_s += min(passed_s, MOST_SILENCE_S) if passed_s > 0.0 else 0.0
         if is_new and is_possible:
             self._silence_s = 0.0
-            is_same = reading.range_m == self._value_m and reading.range_m > self._near_m
-            self._same = self._same + 1 if is_same else 0
+            self._alike = self._alike + 1 if reading.range_m == self._value_m else 0
             self._value_m = reading.range_m
+        alike = 0 if self._may_repeat else self._alike
         return Seen(
             reading.range_m if is_possible else math.nan,
             age_s,
             self._repeats,
             is_bad=reading.status == 0 and not is_possible,
-            same=0 if self._may_repeat else self._same,
+            same=alike if self._value_m > self._near_m else 0,
+            alike=alike,
             silence_s=self._silence_s,
         )
 

@@ -40,9 +40,6 @@ REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has
 # 5 m/s², also where the rig file's thrust curve is a third too strong. Only a wake of more than
 # half the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
 NOT_LIFTING_S = 1.0
-# The same by the forces: so far it should have risen, the wake half as strong again. Either nothing
-# lifts, or the sensor does not see it.
-UNSEEN_RISE_M = 0.1
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
 UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
@@ -131,8 +128,9 @@ class Findings:
     range_jump_m: float = 0.0  # which five samples in a row are off at least
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
+    moves_unseen: bool = False  # in the air, while the range sensor says the very same
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
-    unseen_rise_m: float = 0.0  # which the commands should have brought, and the sensor denies
+    rises_unseen: bool = False  # as the commands should have brought about, and the sensor denies
     unexplained_s: float = 0.0  # since a force swings that neither thrust, wake nor weight explains
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     battery_gone_s: float = 0.0  # since a battery that was measured is gone
@@ -180,7 +178,7 @@ def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
 def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
     """Names of the faults that end a flight, what explains the others first."""
     fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
-    stands = found.not_lifting_s > NOT_LIFTING_S or found.unseen_rise_m > UNSEEN_RISE_M
+    stands = found.not_lifting_s > NOT_LIFTING_S or found.rises_unseen
     lost_thrust = fell or stands
     # A board that restarts answers nothing, and its motors stop.
     is_mute = lost_thrust and found.link_silence_s > ANSWERS_MISSING_S
@@ -191,7 +189,7 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "commands_late": found.late_commands >= LATE_COMMANDS,
         "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
-        "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s,
+        "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s or found.moves_unseen,
         "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
         "thrust_lost": lost_thrust,
         "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,

@@ -2,7 +2,8 @@
 
 In: heights as they are read. Out: a share of the weight for the motor to carry, and whether it
 stands. A sensor that drifted says the stop where there is none; what hangs in the air sinks as soon
-as it is carried less, and what stands does not.
+as it is carried less, and what stands does not. A sensor that says the very same all the time shows
+neither: then the sufferer comes down as one whose height nobody knows.
 """
 
 import enum
@@ -14,7 +15,8 @@ TEST_S = 0.5
 SINK_S = 0.75  # on the way down between two tests
 MOVED_M = 0.025  # in a test, which noise alone does not show
 _READINGS = 4  # at each end of a test, averaged
-LONGEST_S = 12.0  # then the motors stop wherever it is
+NEAR_STOP_M = 0.06  # what stands is read below
+LONGEST_S = 12.0  # then it comes down as one whose height nobody knows
 
 
 class Stage(enum.Enum):
@@ -22,6 +24,7 @@ class Stage(enum.Enum):
 
     TEST = enum.auto()  # carried less: does it sink?
     SINK = enum.auto()  # it did: down, at the speed of a blind descent
+    BLIND = enum.auto()  # nothing shows where it is: the ladder of a blind descent
     STANDS = enum.auto()
 
 
@@ -35,26 +38,38 @@ class Settling:
     ranges_m: tuple[float, ...] = ()
 
 
-def settled(before: Settling, t_s: float, range_m: float) -> Settling:
-    """One tick: `range_m` is a new reading, or NaN."""
-    if before.stage is Stage.STANDS or t_s - before.began_s > LONGEST_S:
-        return replace(before, stage=Stage.STANDS)
+def settled(
+    before: Settling, t_s: float, range_m: float, *, ladder_s: float, may_repeat: bool = False
+) -> Settling:
+    """One tick: `range_m` is a new reading, corrected by the sensor's bias, or NaN.
+
+    `ladder_s`: what a blind descent takes. `may_repeat`: the sensor's noise is below its step.
+    """
+    if before.stage is Stage.STANDS:
+        return before
+    if before.stage is Stage.BLIND:
+        is_over = t_s - before.stage_s >= ladder_s
+        return replace(before, stage=Stage.STANDS) if is_over else before
+    if t_s - before.began_s > LONGEST_S:
+        return Settling(before.began_s, t_s, Stage.BLIND)
     if before.stage is Stage.SINK:
         is_over = t_s - before.stage_s >= SINK_S
         return Settling(before.began_s, t_s) if is_over else before
     read = (*before.ranges_m, range_m) if math.isfinite(range_m) else before.ranges_m
     if t_s - before.stage_s < TEST_S:
         return replace(before, ranges_m=read)
+    if len(set(read)) == 1 and not may_repeat:
+        return Settling(before.began_s, t_s, Stage.BLIND)
     stage = Stage.STANDS if _is_still(read) else Stage.SINK
     return Settling(before.began_s, t_s, stage)
 
 
 def _is_still(ranges_m: tuple[float, ...]) -> bool:
-    """Whether readings at both ends of a test agree; too few of them show nothing."""
+    """Whether readings at both ends of a test agree, near the stop; too few show nothing."""
     if len(ranges_m) < 2 * _READINGS:
         return False
     first, last = ranges_m[:_READINGS], ranges_m[-_READINGS:]
-    return abs(_median(first) - _median(last)) < MOVED_M
+    return abs(_median(first) - _median(last)) < MOVED_M and _median(last) < NEAR_STOP_M
 
 
 def _median(values: tuple[float, ...]) -> float:

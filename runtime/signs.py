@@ -35,6 +35,11 @@ class Signs:
     armed_v: float = 0.0  # the battery's voltage at arming; 0 where none is measured
 
 
+def may_repeat(rig: Rig) -> bool:
+    """Whether a healthy sensor says the same again and again: its noise is below its step."""
+    return frozen_limit_s(rig) > RANGE_FROZEN_S
+
+
 def frozen_limit_s(rig: Rig) -> float:
     """How long a sensor may say the same in the air [s]; infinite for one that always may.
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from runtime.blind import (
+    UNSEEN_RISE_M,
     BlindPlanner,
     BlindPulses,
     Reckoned,
@@ -32,14 +33,19 @@ from runtime.descent import (
 from runtime.estimator import Measurement
 from runtime.pilot import Pilot, PilotState
 from runtime.reference import Reference
-from runtime.safety import UNEXPLAINED_SD_N, UNSEEN_RISE_M
+from runtime.safety import UNEXPLAINED_SD_N
 from runtime.settling import TEST_SHARE, Settling, Stage, settled
+from runtime.signs import may_repeat
 from runtime.trim import TrimReader
+from wakedeploy.physics.effects.chain import unplaced_constants
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 OFF_THE_LINE_M = 0.15  # from a descent's line: after a pause it begins anew where it is
 HOVER_S = 1.0  # over which the thrust of a flight is averaged, for the same
 FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the touch-down
+# The very same for longer than any sensor holds a reading, while the forces moved it so far: it is
+# frozen, and what the forces say is still good.
+FROZEN_TICKS, FROZEN_MOVED_M = 8, 0.05
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -52,15 +58,24 @@ class WayDown:
         self._source_us = self._last_us = rig.limits.pulse_us[0]
         self._descent: Descent | None = None
         self._rise, self._settling = Rise(), Settling(0.0, 0.0)
+        self._range_bias_m = unplaced_constants(rig)["range.bias_m"]
+        self._may_repeat, self._ladder = may_repeat(rig), self._planner.idle
         self._is_settling, self._lifting_n = False, 0.0
         self._hover_n = math.inf
         self.unexplained_s = 0.0  # since the force that nothing explains swings
+        self._froze_m = 0.0  # where the sufferer was when the sensor began to say the same
+        self._moves_unseen = False
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
 
     @property
-    def unseen_rise_m(self) -> float:
-        """How far it should have risen from the stop without being seen to."""
-        return self._rise.unseen_m
+    def rises_unseen(self) -> bool:
+        """Whether it should have risen from the stop, and is not seen to."""
+        return self._rise.is_unseen
+
+    @property
+    def moves_unseen(self) -> bool:
+        """Whether it should have moved in the air while the sensor said the very same."""
+        return self._moves_unseen
 
     def without_the_last_samples(self, state: PilotState) -> PilotState:
         """The state as the forces alone have it, where samples have only been repeated."""
@@ -80,6 +95,10 @@ class WayDown:
         self._reckoned = self._planner.reckon(
             self._reckoned, now, self._trim, dt_s, trusted=trusted
         )
+        if measured.same == 0:
+            self._froze_m = self._reckoned.z_m
+        moved_m = abs(self._reckoned.z_m - self._froze_m)
+        self._moves_unseen |= believe and measured.same >= FROZEN_TICKS and moved_m > FROZEN_MOVED_M
         swings = self._trim.unexplained_sd_n > UNEXPLAINED_SD_N
         self.unexplained_s = self.unexplained_s + dt_s if swings else 0.0
         if now.z_m > FREE_M:
@@ -90,7 +109,8 @@ class WayDown:
             thrust_n = now.rotor_speed**2
             before_n = self._hover_n if math.isfinite(self._hover_n) else thrust_n
             self._hover_n = before_n - math.expm1(-dt_s / HOVER_S) * (thrust_n - before_n)
-        self._rise = self._planner.rise(self._rise, now, self._trim, dt_s) if believe else Rise()
+        if believe:
+            self._rise = self._planner.rise(self._rise, now, measured.alike, self._trim, dt_s)
 
     def commanded(self, command: Command, *, flies: bool) -> None:
         """A command is about to go out."""
@@ -138,12 +158,23 @@ class WayDown:
         """The pulse [µs] of one tick of a touch-down; None once the sufferer stands."""
         if not self._is_settling:
             self._is_settling, self._settling = True, Settling(measured.t_s, measured.t_s)
+        limits, before = self._rig.limits, self._settling.stage
         is_new = measured.range_repeats == 0
-        self._settling = settled(
-            self._settling, measured.t_s, measured.range_m if is_new else math.nan
+        self._settling = now = settled(
+            self._settling,
+            measured.t_s,
+            measured.range_m - self._range_bias_m if is_new else math.nan,
+            ladder_s=ladder_s(limits),
+            may_repeat=self._may_repeat,
         )
-        if self._settling.stage is Stage.STANDS:
+        if now.stage is Stage.STANDS:
             return None
+        if now.stage is Stage.BLIND:
+            if before is not Stage.BLIND:
+                self._ladder = self._planner.pulses(
+                    self._reckoned, self._trim, self._last_us, 0.0, height_known=False
+                )
+            return ladder_pulse(self._ladder, measured.t_s - now.stage_s, limits)
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
         return self._planner.sinking(state.estimate, self._lifting_n)
@@ -177,7 +208,7 @@ class WayDown:
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
         last = self._reckoned
-        has_risen = self._rise.unseen_m > UNSEEN_RISE_M
+        has_risen = self._rise.is_unseen
         if has_risen:
             last = replace(last, z_m=last.z_m + UNSEEN_RISE_M, vz_mps=self._rise.likely_mps)
         blind = self._planner.pulses(
@@ -185,7 +216,7 @@ class WayDown:
             self._trim,
             state.last_us,
             0.0,
-            height_known=has_risen or HEIGHTLESS.isdisjoint(faults),
+            height_known=has_risen or self._moves_unseen or HEIGHTLESS.isdisjoint(faults),
         )
         return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), blind)
 

@@ -168,8 +168,8 @@ class Limits(_Section):
     source_descent_s: float = Field(default=0.25, ge=0.01, le=10)
     sufferer_descent_s: float = Field(default=1.0, ge=0.01, le=10)
     brake_s: float = Field(default=0.3, ge=0, le=2)
-    sink_s: float = Field(default=6.0, ge=0, le=20)
-    sink_rate_us_per_s: float = Field(default=8.0, ge=0, le=1000)
+    sink_s: float = Field(default=9.0, ge=0, le=20)
+    sink_rate_us_per_s: float = Field(default=6.0, ge=0, le=1000)
 
     @pydantic.field_validator("pulse_us", "x_m", "z_m")
     @classmethod

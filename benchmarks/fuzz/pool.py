@@ -86,6 +86,7 @@ class Outcome:
     batch: Batch
     tally: Tally = field(default_factory=Tally)
     failures: list[Failure] = field(default_factory=list)
+    died_at: int | None = None  # the file that ended the worker, and with it what it had found
 
 
 class Pool:
@@ -99,6 +100,7 @@ class Pool:
         self._under_way: collections.Counter[str] = collections.Counter()
         self._read: collections.Counter[str] = collections.Counter()
         self._last: dict[str, int] = {}
+        self._again: list[Batch] = []  # a dead worker's, around the file that ended it
 
     def outcomes(self, seconds: float) -> Iterator[Outcome]:
         """Batches as they end, until so much wall-clock time has gone by."""
@@ -131,6 +133,9 @@ class Pool:
         Kinds that are cheap to read have a larger one: by the root of files a second, to a bound.
         """
 
+        if self._again:
+            return self._again.pop()
+
         def due(name: str) -> float:
             coming_s = self._under_way[name] * _BATCH_S
             return (self._spent_s[name] + coming_s) / min(math.sqrt(self._rate(name)), _MOST_SHARE)
@@ -153,9 +158,20 @@ class Pool:
 
     def _learn(self, outcome: Outcome) -> None:
         name, tally = outcome.batch.kind, outcome.tally
+        if outcome.died_at is not None:
+            rest = _around(outcome.batch, outcome.died_at)
+            self._again += rest
+            self._under_way[name] += len(rest)
         self._under_way[name] -= 1
         self._spent_s[name] += tally.seconds
         self._read[name] += tally.files
+
+
+def _around(batch: Batch, number: int) -> list[Batch]:
+    """The files of a batch before and after one of them."""
+    before, after = number - batch.first, batch.first + batch.count - number - 1
+    parts = Batch(batch.kind, batch.first, before), Batch(batch.kind, number + 1, after)
+    return [part for part in parts if part.count]
 
 
 class _Worker:
@@ -217,7 +233,7 @@ class _Worker:
         failure = Failure(batch.kind, number, Verdict("failed", how, how, "the process"))
         tally = Tally(files=1, failed=1)
         self._start()
-        return Outcome(batch, tally, [failure])
+        return Outcome(batch, tally, [failure], number)
 
     def _start(self) -> None:
         self.connection, theirs = _fork.Pipe()

@@ -84,6 +84,8 @@ def test_scripts_have_these_options(page: Path, monkeypatch: pytest.MonkeyPatch)
         _, *words = shlex.split(line.text)
         if words[0] == "-m":
             module = importlib.import_module(words[1])
+            if hasattr(module, "__path__"):  # what -m runs of a package
+                module = importlib.import_module(f"{words[1]}.__main__")
             monkeypatch.setattr(sys, "argv", [words[1], *words[2:]])
             assert module._options(), line
         else:

