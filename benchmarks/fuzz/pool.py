@@ -132,7 +132,6 @@ class Pool:
 
         Kinds that are cheap to read have a larger one: by the root of files a second, to a bound.
         """
-
         if self._again:
             return self._again.pop()
 
