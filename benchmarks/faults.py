@@ -12,6 +12,11 @@ motor turns at the end.
 With --healthy nothing breaks: how often the loop ends a flight that it should not have ended.
 
     python -m benchmarks.faults --healthy 500 --json docs/records/faults-healthy.json
+
+With --blind the link or the sensor is gone at random moments, on other plants, in weak and strong
+wakes.
+
+    python -m benchmarks.faults --blind 100 --json docs/records/faults-blind.json
 """
 
 import argparse
@@ -26,7 +31,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from benchmarks import records
-from benchmarks.injected import healthy, table
+from benchmarks.injected import descents, healthy, table
 from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import REST_S, SECONDS, Case, Moment, fly
 from benchmarks.injected.parting import fly_all
@@ -45,7 +50,8 @@ def main() -> None:
     """Fly, print the tables, write them."""
     options = _options()
     package = options.package or trained(WORK)
-    for told in (healthy_flights if options.healthy else campaign)(options, package):
+    work = healthy_flights if options.healthy else blind_descents if options.blind else campaign
+    for told in work(options, package):
         if options.json:
             records.write(options.json, told)
 
@@ -77,6 +83,13 @@ def healthy_flights(options: argparse.Namespace, package: Path) -> Iterator[dict
         jobs = healthy.healthy_cases(wake, count, package)
         rows += healthy.summed_up(wake, each(fly, jobs, options.workers))
     print(healthy.printed(rows))
+    yield {"seconds": SECONDS, "rows": rows}
+
+
+def blind_descents(options: argparse.Namespace, package: Path) -> Iterator[dict[str, Any]]:
+    """Descents without a link or a height, from anywhere."""
+    rows = descents.summed_up(each(fly, descents.cases(options.blind, package), options.workers))
+    print(descents.printed(rows))
     yield {"seconds": SECONDS, "rows": rows}
 
 
@@ -146,6 +159,7 @@ def _options() -> argparse.Namespace:
     )
     parser.add_argument("--mismatch", action="store_true", help="Fly other plants as well.")
     parser.add_argument("--healthy", type=int, metavar="FLIGHTS", help="Let nothing break.")
+    parser.add_argument("--blind", type=int, metavar="FLIGHTS", help="Of each fault and wake.")
     parser.add_argument("--only", nargs="+", default=[], choices=list(FAULTS), metavar="NAME")
     parser.add_argument("--group", choices=GROUPS)
     parser.add_argument("--package", type=Path, help="Default: a GRU, trained once.")

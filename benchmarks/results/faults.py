@@ -9,6 +9,7 @@ Row = Mapping[str, Any]
 RECORDS = {"before": "faults-before.json", "now": "faults.json"}
 HEALTHY = {"before": "faults-healthy-before.json", "now": "faults-healthy.json"}
 PLANTS = {"exact": "exact plant", "mismatched": "other plants"}
+BLIND = "faults-blind.json"
 NO_FAULT, ALL = "none", "all"
 
 
@@ -28,10 +29,12 @@ def faults(records: Records) -> Section:
             "rig file as far as calibration leaves it. No command could save the flights of the "
             "last row. [results/faults.md](results/faults.md) has every fault.",
             _false_alarms(_present(records, HEALTHY)),
+            _blind(_present(records, {"now": BLIND})),
         ),
         (
             "python -m benchmarks.faults --mismatch --json docs/records/faults.json",
             "python -m benchmarks.faults --healthy 500 --json docs/records/faults-healthy.json",
+            "python -m benchmarks.faults --blind 100 --json docs/records/faults-blind.json",
         ),
     )
 
@@ -92,6 +95,39 @@ def _false_alarms(told: Mapping[str, Mapping[str, Any]]) -> str:
     moment = ["when"] if len(told) > 1 else []
     head = ["wake", "pilot", *moment, "flights", "ended early", "unsafe", "time DEGRADED"]
     return paragraphs("Nothing breaks in the flights of this table.", table(head, sorted(lines)))
+
+
+def _blind(told: Mapping[str, Mapping[str, Any]]) -> str:
+    """How hard blind descents end, by what is gone and how strong the wake is."""
+    lines = [
+        [
+            row["fault"],
+            f"× {row['wake_factor']:g}",
+            f"{row['unsafe']} of {row['flights']}",
+            *(f"{row[f'{name}_mps']:.2f}" for name in _LANDINGS),
+        ]
+        for result in told.values()
+        for row in result["rows"]
+    ]
+    if not lines:
+        return ""
+    head = [
+        "what is gone",
+        "wake",
+        "unsafe",
+        "lower, median [m/s]",
+        "95 %",
+        "worst",
+        "upper, worst",
+    ]
+    return paragraphs(
+        "At a random moment the link is cut, or the range sensor falls silent, on plants whose "
+        "thrust, friction and wake differ from the rig file.",
+        table(head, lines),
+    )
+
+
+_LANDINGS = ("median_lower", "p95_lower", "worst_lower", "worst_upper")
 
 
 def page(records: Records) -> str:

@@ -9,7 +9,7 @@ import pytest
 from made_packages import gantry_package
 
 from benchmarks.faults import MOST_OF_A_BUNDLE, bundles
-from benchmarks.injected import healthy, plant, table
+from benchmarks.injected import descents, healthy, plant, table
 from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import (
     REST_S,
@@ -205,6 +205,21 @@ def test_healthy_flights_are_summed_up_by_pilot():
     assert row["degraded_share"] == pytest.approx(0.6 / (2 * SECONDS), abs=1e-6)
     assert len(row["early"]) == 1
     assert "1 of 2 ended early" in healthy.printed([row])
+
+
+def test_blind_descents_begin_anywhere_in_the_air_and_are_summed_up_by_wake(tmp_path):
+    cases = descents.cases(20, tmp_path / "any.onnx")
+    assert len(cases) == 20 * len(descents.FAULTS) * len(descents.WAKE_FACTORS)
+    begun_s = [case.moment.begins_s for case in cases]
+    assert min(begun_s) > REST_S + 1.0
+    assert max(begun_s) - min(begun_s) > 9.0
+    assert len({case.moment.seed for case in cases}) == len(cases)
+    flown_ones = [replace(RESULT, case=case, lower_mps=0.01 * n) for n, case in enumerate(cases)]
+    rows = descents.summed_up(flown_ones)
+    assert [row["flights"] for row in rows] == [20] * 8
+    assert sum(row["unsafe"] for row in rows) == sum(one.lower_mps > 1.0 for one in flown_ones)
+    assert rows[0]["median_lower_mps"] == pytest.approx(0.095)
+    assert "link cut, wake x 0.5: 0 of 20 unsafe" in descents.printed(rows)
 
 
 def test_the_section_sets_before_and_now_side_by_side(tmp_path):
