@@ -19,6 +19,13 @@ from wakedeploy.package import Package
 _UNTIMED = {"deadline": None, "suppress_health_check": [hypothesis.HealthCheck.too_slow]}
 hypothesis.settings.register_profile("repeatable", derandomize=True, **_UNTIMED)
 hypothesis.settings.register_profile("explore", print_blob=True, **_UNTIMED)
+# Mutants only need to be noticed: the smallest example that does it is of no interest.
+hypothesis.settings.register_profile(
+    "unshrunk",
+    derandomize=True,
+    phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate),
+    **_UNTIMED,
+)
 hypothesis.settings.load_profile("repeatable")
 
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.

@@ -247,6 +247,7 @@ def fate(mutant: Mutant | None, folder: Path) -> str:
     frames_first = mutant is not None and mutant.file.startswith("frames")
     tests = TESTS[::-1] if frames_first else TESTS  # the likelier ones first
     pytest_alone = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider"]
+    pytest_alone += ["--hypothesis-profile", "unshrunk"]
     try:
         ended = subprocess.run(
             [*pytest_alone, *(HERE / name for name in tests)],
