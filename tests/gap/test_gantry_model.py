@@ -13,7 +13,7 @@ from wakedeploy.gap.ranking import rank, scanned_starts
 from wakedeploy.gap.sensors import _carriage_error
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.rig import parse_rig
+from wakedeploy.rig import Effect, EffectParameter, parse_rig
 
 SEEDS = (40, 41, 42)
 
@@ -259,3 +259,29 @@ def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
     low, high = found.interval("pwm-dead-band.band_us")
     assert low < 9.0 < high
     assert high - low > 0.05 * 9.0  # summits stand so close that no smaller one can be told
+
+
+def test_a_force_of_time_acts_at_the_same_moment_in_plant_and_likelihood() -> None:
+    """At 4 Hz a tenth of a second, from the first tick to half the weight, is 144 degrees."""
+
+    def rig_with(early_s: float):
+        values = {"a": (0.4, "N"), "b": (early_s, "s")}
+        entry = Effect(
+            name="symbolic-force",
+            expression="a*sin(25.13*(time_s + b))",
+            parameters={n: EffectParameter(value=v, unit=u) for n, (v, u) in values.items()},
+        )
+        return RIG.model_copy(update={"effect": (entry,)})
+
+    flights = [flown(seed, rig_with(0.0)) for seed in SEEDS]
+
+    def likely(early_s: float) -> float:
+        model = GantryModel(rig_with(early_s), flights)
+        theta = model.start(())
+        return sum(model.score((), theta, e).log_density.sum() for e in range(len(flights)))
+
+    shifts_s = np.arange(-0.12, 0.121, 0.02)
+    found = np.array([likely(shift_s) for shift_s in shifts_s])
+    bend = np.polyfit(shifts_s[4:9], found[4:9], 2)
+    assert abs(shifts_s[np.argmax(found)]) < 0.03
+    assert -0.5 * bend[1] / bend[0] == pytest.approx(0.0, abs=0.01)

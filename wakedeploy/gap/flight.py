@@ -14,11 +14,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_ndtr, ndtri
 
+from runtime.measured_force import thrust_after_spool
 from runtime.simulated import COMPUTE_S
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
 from wakedeploy.gap.frames import Frames, frames_of
 from wakedeploy.gap.plausible import require_plausible, told_of_columns
+from wakedeploy.physics.effects.acting import TAKEN_OFF
+from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.series import filtered, smoothed
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import FLYING, RunLog, read_run_log
@@ -42,6 +45,7 @@ _ZERO_M = 0.0005  # what reads less reads zero
 _NOISE_KNOWN = 0.3  # to which share a rig file knows the noise at rest
 _REST_SD_M = 0.0015  # quantisation and the sensor's own zero at the stop
 _CARRIAGE_MOVED_M = 0.02
+_TAKE_OFF_LIMIT_S, _FINE_S = 2.0, 0.002
 _IDLE_US = 20.0  # above the idle pulse a motor turns
 _AT_REST = ("ARMED", "DISARMED")
 OUTLIER = np.array([0.01, 0.1**2])  # probability, and variance [m²] of what strays
@@ -166,7 +170,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         stop=stop,
         nominal=nominal,
         rest=_rests(log, t_s, flying, sample_s, reading_m, rig.range_sensor.noise_m),
-        take_off_s=float(t_s[flying][0]),
+        take_off_s=_take_off_s(log, rig, float(t_s[flying][0])),
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
         notes=(*notes, *_doubts(log, rig, frames, x_m, flying)),
@@ -177,6 +181,17 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     )
     _require_content(flight, log, flying)
     return flight
+
+
+def _take_off_s(log: RunLog, rig: Rig, begins_s: float) -> float:
+    """When the thrust reaches half the weight, as in the plant: `Motion.time_s` counts from then.
+
+    The first tick in flight is a tenth of a second earlier, which is a third of a fast sine's
+    period.
+    """
+    fine_s = np.arange(begins_s, begins_s + _TAKE_OFF_LIMIT_S, _FINE_S)
+    lifts = thrust_after_spool(log, rig, fine_s) >= TAKEN_OFF * rig.sufferer.mass_kg * GRAVITY_MPS2
+    return float(fine_s[np.argmax(lifts)])
 
 
 def _seed(metadata: Mapping[str, str]) -> int | None:
