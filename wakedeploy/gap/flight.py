@@ -14,7 +14,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import log_ndtr, ndtri
 
-from runtime.measured_force import thrust_after_spool
 from runtime.simulated import COMPUTE_S
 from wakedeploy.errors import UnusableInput
 from wakedeploy.files import sha256_of
@@ -22,7 +21,7 @@ from wakedeploy.gap.frames import Frames, frames_of
 from wakedeploy.gap.plausible import require_plausible, told_of_columns
 from wakedeploy.physics.effects.acting import TAKEN_OFF
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.physics.series import filtered, smoothed
+from wakedeploy.physics.series import filtered, smoothed, spooled_thrust
 from wakedeploy.rig import Rig
 from wakedeploy.runlog import FLYING, RunLog, read_run_log
 
@@ -156,11 +155,12 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     arrivals_s = t_s + COMPUTE_S + 0.5 * rig.latency.round_trip_s
     x_m, vx_mps = _carriage(log, rig, t_s, arrivals_s, grid_s)
     frames = frames_of(log, rig, grid_s)
+    sufferer = _mcu_output(arrivals_s, log["sufferer_cmd_us"], rig)
     flight = Flight(
         name=name,
         grid_s=grid_s,
         source=_mcu_output(arrivals_s, log["source_cmd_us"], rig),
-        sufferer=_mcu_output(arrivals_s, log["sufferer_cmd_us"], rig),
+        sufferer=sufferer,
         frame_s=frames.stated_s,
         x_m=x_m,
         vx_mps=vx_mps,
@@ -170,7 +170,7 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
         stop=stop,
         nominal=nominal,
         rest=_rests(log, t_s, flying, sample_s, reading_m, rig.range_sensor.noise_m),
-        take_off_s=_take_off_s(log, rig, float(t_s[flying][0])),
+        take_off_s=_take_off_s(sufferer, frames.stated_s, rig, float(t_s[flying][0])),
         resolution_m=max(rig.range_sensor.resolution_m, 1e-4),
         sha256=sha256,
         notes=(*notes, *_doubts(log, rig, frames, x_m, flying)),
@@ -183,14 +183,18 @@ def flight_from_log(log: RunLog, rig: Rig, name: str, sha256: str = "") -> Fligh
     return flight
 
 
-def _take_off_s(log: RunLog, rig: Rig, begins_s: float) -> float:
+def _take_off_s(sufferer: Line, frame_s: FloatArray, rig: Rig, begins_s: float) -> float:
     """When the thrust reaches half the weight, as in the plant: `Motion.time_s` counts from then.
 
     The first tick in flight is a tenth of a second earlier, which is a third of a fast sine's
     period.
     """
     fine_s = np.arange(begins_s, begins_s + _TAKE_OFF_LIMIT_S, _FINE_S)
-    lifts = thrust_after_spool(log, rig, fine_s) >= TAKEN_OFF * rig.sufferer.mass_kg * GRAVITY_MPS2
+    taken = np.maximum(np.searchsorted(frame_s, fine_s, side="right") - 1, 0)
+    curve, lag = rig.thrust.sufferer, rig.spool.sufferer
+    target = np.sqrt(np.interp(sufferer.at(frame_s[taken]), curve.pulse_us, curve.thrust_n))
+    thrust_n = spooled_thrust(target, lag.up_s, lag.down_s, _FINE_S)
+    lifts = thrust_n >= TAKEN_OFF * rig.sufferer.mass_kg * GRAVITY_MPS2
     return float(fine_s[np.argmax(lifts)])
 
 
