@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from runtime.estimator import Estimate
 from runtime.trim import TrimReader
 from wakedeploy.physics.effects.chain import believed
-from wakedeploy.physics.motor import spooled
+from wakedeploy.physics.motor import mean_thrust, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import Limits, Rig
 
@@ -144,7 +144,7 @@ class BlindPlanner:
         """The speed [m/s] gained while a pulse is held and the source stays as it is."""
         speed, target = now.rotor_speed, math.sqrt(self._rig.thrust.sufferer.thrust(held_us))
         after = spooled(speed, target, self._rig.spool.sufferer, span_s)
-        thrust_n = (speed * speed + speed * after + after * after) / 3.0
+        thrust_n = mean_thrust(speed, after, self._rig.spool.sufferer)
         wake_n = trim.wake_n(now.x_m, now.z_m, 0.5 * span_s, span_s)
         return self._force_n(now, trim, thrust_n, wake_n) / self._mass_kg * span_s
 

@@ -14,7 +14,7 @@ from filterpy.kalman import predict as kalman_predict
 from filterpy.kalman import update as kalman_update
 
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
-from wakedeploy.physics.motor import spooled
+from wakedeploy.physics.motor import mean_thrust, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
@@ -40,6 +40,7 @@ _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
 _NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
+_CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
 _STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
 
 
@@ -190,7 +191,7 @@ class Estimator:
         for pulse_us, span_s in zip(pulses_us, (early_s, dt - early_s), strict=True):
             target = math.sqrt(curve.thrust(pulse_us))
             after = spooled(speed, target, lag, span_s)
-            total += span_s * (speed * speed + speed * after + after * after) / 3.0
+            total += span_s * mean_thrust(speed, after, lag)
             speed = after
         return speed, total / dt
 
@@ -224,12 +225,12 @@ class Estimator:
     def _resting(self, now: Estimate, thrust_n: float) -> bool:
         """On the stop with too little thrust to leave it: the stop carries the weight.
 
-        Unless it is seen to leave all the same: something else lifts it.
+        Unless it is seen to leave although the motor carries a part only: something else lifts it.
         """
         weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
         is_near = now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
         lifts = now.innovation_m > 0.0 and now.innovation_m**2 > _STARTLED * now.innovation_var_m2
-        return is_near and not lifts
+        return is_near and not (lifts and thrust_n > _CARRIED_SHARE * weight_n)
 
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
         position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])

@@ -19,7 +19,7 @@ from wakedeploy.physics.effects import Motion, Setting
 from wakedeploy.physics.effects.acting import LEAST_MOTION_MPS, TAKEN_OFF
 from wakedeploy.physics.effects.chain import Chain, believed, setting_of, unplaced_constants
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3, LEAST_ROOT_THRUST, PuffTable
-from wakedeploy.physics.motor import spooled
+from wakedeploy.physics.motor import mean_thrust, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import Rig, SpoolLag, Wake
 
@@ -148,7 +148,7 @@ class Rotors:
             for i, lag in enumerate(self._lags):
                 speed = self._speeds[i]
                 after = spooled(speed, target, lag, span_s)
-                totals[i] += span_s * (speed * speed + speed * after + after * after) / 3.0
+                totals[i] += span_s * mean_thrust(speed, after, lag)
                 self._speeds[i] = after
         return [total / whole_s for total in totals]
 

@@ -18,8 +18,8 @@ from wakedeploy.gap.frames import period_s
 from wakedeploy.gap.holding import Held, chance_of_equals, held
 from wakedeploy.physics.constants import Constants, moved_thrust
 from wakedeploy.physics.effects import Effect, Motion, Setting
+from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
-from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
 from wakedeploy.rig import Rig
 
@@ -60,14 +60,8 @@ class Physics:
 
     def __init__(self, rig: Rig, flight: Flight) -> None:
         self._rig, self._flight = rig, flight
-        self._weight_n = rig.sufferer.mass_kg * GRAVITY_MPS2
-        self._setting = Setting(
-            source_height_m=rig.source.height_m,
-            mass_kg=rig.sufferer.mass_kg,
-            weight_n=self._weight_n,
-            rotor_radius_m=rig.sufferer.rotor_radius_m,
-            travel_m=rig.sufferer.travel_m,
-        )
+        self._setting = setting_of(rig)
+        self._weight_n = self._setting.weight_n
         margin = round(1.0 / DT_S)  # a puff needs less than that to pass
         first = max(int(flight.start.min(initial=0)) - margin, 0) // 2 * 2
         last = int(flight.stop.max(initial=len(flight.grid_s)))
@@ -262,9 +256,7 @@ class Physics:
             constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
         )
         acting = tuple(
-            e
-            for e in effects
-            if _overrides(e[0], "sufferer_n", "wake_mps", "force_n", "added_mass_kg")
+            e for e in effects if e[0].changes("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
         )
         key = (id(source_n), id(sufferer_n), id(wake[0]), rail)
 
@@ -395,12 +387,8 @@ def _direction(vx_mps: FloatArray) -> FloatArray:
     return np.where(last >= 0, np.sign(vx_mps[np.maximum(last, 0)]), 0.0)
 
 
-def _overrides(effect: Effect, *methods: str) -> bool:
-    return any(getattr(type(effect), m) is not getattr(Effect, m) for m in methods)
-
-
 def _overriding(effects: Active, method: str) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
-    return tuple(entry for entry in effects if _overrides(entry[0], method))
+    return tuple(entry for entry in effects if entry[0].changes(method))
 
 
 def _key(effects: Active) -> Hashable:

@@ -15,7 +15,8 @@ from wakedeploy.gap.forces import Forces
 from wakedeploy.gap.gantry import GantryModel
 from wakedeploy.gap.inference import Fit
 from wakedeploy.gap.separation import Evidence
-from wakedeploy.physics.effects import Motion, Setting
+from wakedeploy.physics.effects import Motion
+from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig import LOOP_RATE_HZ
 
@@ -158,7 +159,6 @@ _READINGS: dict[str, Callable[[Forces], FloatArray]] = {
 
 def _carriage_error(model: GantryModel, fitted: Fit, flight: Flight) -> FloatArray:
     """How far the carriage is from where its steps say, (N,) [m]."""
-    rig = model.rig
     moving = np.abs(flight.vx_mps) > _STILL_MPS
     last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), 0))
     motion = Motion(
@@ -168,14 +168,7 @@ def _carriage_error(model: GantryModel, fitted: Fit, flight: Flight) -> FloatArr
         travelled_m=np.cumsum(np.abs(flight.vx_mps)) * DT_S,
         direction=np.sign(flight.vx_mps[last]),
     )
-    weight_n = rig.sufferer.mass_kg * GRAVITY_MPS2
-    setting = Setting(
-        rig.source.height_m,
-        rig.sufferer.mass_kg,
-        weight_n,
-        rig.sufferer.rotor_radius_m,
-        rig.sufferer.travel_m,
-    )
+    setting = setting_of(model.rig)
     theta = dict(zip((f.name for f in model.free(fitted.hypothesis)), fitted.theta, strict=True))
     error, carriage_m = np.zeros(len(flight.grid_s)), flight.x_m
     for name in fitted.hypothesis:

@@ -99,6 +99,11 @@ class Effect:
     confused_with: ClassVar[tuple[str, ...]] = ()
     split_by: ClassVar[str] = ""
 
+    @classmethod
+    def changes(cls, *quantities: str) -> bool:
+        """Whether it changes any of these quantities, named as its methods are."""
+        return any(getattr(cls, name) is not getattr(Effect, name) for name in quantities)
+
     def pulse_us(
         self, p: Values, pulse_us: float, applied_us: float, motor: str, idle_us: float
     ) -> float:

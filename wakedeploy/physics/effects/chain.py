@@ -57,7 +57,7 @@ class Chain:
             (one, as_numbers(values[one.name])) for one in known
         )
         self._acting = {
-            method: tuple(part for part in self.parts if _overrides(part[0], method))
+            method: tuple(part for part in self.parts if part[0].changes(method))
             for method in METHODS
         }
 
@@ -250,7 +250,3 @@ def _in_sections(one: Effect) -> bool:
     """Whether all that the effect does is to replace constants that a section has."""
     replaced = [parameter.constant for parameter in one.parameters]
     return all(name and (name not in NEUTRAL or name.startswith("thrust.")) for name in replaced)
-
-
-def _overrides(one: Effect, method: str) -> bool:
-    return getattr(type(one), method) is not getattr(Effect, method)
