@@ -2,6 +2,7 @@
 
 import math
 import multiprocessing
+import os
 import signal
 import sys
 from collections.abc import Callable
@@ -26,7 +27,7 @@ hypothesis.settings.register_profile(
     phases=(hypothesis.Phase.explicit, hypothesis.Phase.generate),
     **_UNTIMED,
 )
-hypothesis.settings.load_profile("repeatable")
+hypothesis.settings.load_profile(os.environ.get("WAKEDEPLOY_EXAMPLES", "repeatable"))
 
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -244,10 +244,10 @@ def fate(mutant: Mutant | None, folder: Path) -> str:
     if compiled.returncode != 0:
         return "no program"
     environment = os.environ | {"WAKEDEPLOY_DECISIONS": str(library), "PYTHONPATH": str(ROOT)}
+    environment["WAKEDEPLOY_EXAMPLES"] = "unshrunk"
     frames_first = mutant is not None and mutant.file.startswith("frames")
     tests = TESTS[::-1] if frames_first else TESTS  # the likelier ones first
     pytest_alone = [sys.executable, "-m", "pytest", "-qx", "-p", "no:cacheprovider"]
-    pytest_alone += ["--hypothesis-profile", "unshrunk"]
     try:
         ended = subprocess.run(
             [*pytest_alone, *(HERE / name for name in tests)],
