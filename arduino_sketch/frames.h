@@ -1,4 +1,4 @@
-// The wire between Pi and UNO, byte for byte that of runtime/protocol.py.
+// The wire between Pi and UNO, byte for byte that of runtime/io/protocol.py.
 //
 // A frame before byte stuffing, little-endian: type u8, sequence u16, sender's time u32 [us],
 // payload, CRC-16/CCITT u16 over everything before it. Stuffed (COBS) and ended by a zero byte.

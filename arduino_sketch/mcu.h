@@ -1,4 +1,4 @@
-// The board's decisions: limits, slew, carriage, deadman. runtime/mcu.py is the same in Python.
+// The board's decisions: limits, slew, carriage, deadman. runtime/virtual/mcu.py is the same in Python.
 //
 // `tick` runs in the 10 kHz interrupt, everything else in the main loop with interrupts stopped.
 

@@ -9,7 +9,7 @@
 #include "mcu.h"
 
 const uint8_t BOARD_UNO = 1;
-const uint16_t FIRMWARE = 4;  // as in runtime/protocol.py; counts changes of what the sketch does
+const uint16_t FIRMWARE = 4;  // as in runtime/io/protocol.py; counts changes of what the sketch does
 
 // Given by whoever runs a session: the sketch stops the 10 kHz interrupt, the tests have none.
 void stop_interrupts();

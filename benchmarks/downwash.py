@@ -18,7 +18,7 @@ import torch
 
 from benchmarks import records
 from trainers.build import ARCHITECTURES, build
-from trainers.lockstep import Lockstep
+from trainers.inspection.lockstep import Lockstep
 from trainers.model import Predictor
 from wakedeploy.domains.downwash import FORCE, OBSERVATION, RATE_HZ, WINDOW_S, World, fly
 

@@ -36,7 +36,7 @@ from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import REST_S, SECONDS, Case, Moment, fly
 from benchmarks.injected.parting import fly_all
 from benchmarks.injected.phases import PHASES, moments
-from wakedeploy.processes import processes
+from wakedeploy.core.processes import processes
 
 WORK = Path(tempfile.gettempdir()) / "wakedeploy-faults"
 MINUTES = 8.0

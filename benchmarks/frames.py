@@ -17,7 +17,7 @@ from typing import Any
 
 from benchmarks import records
 from runtime.virtual.firmware_build import sanitized_program
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 DRIVER = records.ROOT / "tests" / "firmware" / "frames_fuzz.cpp"
 

@@ -1,7 +1,7 @@
 """Predicted against realised naming: what `gap power` expects of each case of the gap benchmark.
 
-Reads `cases.jsonl` of a `wakedeploy gap benchmark` run and flies each rig file's flights without
-any effect. For all hidden single effects together, by the
+Reads `cases.jsonl` of a `python -m benchmarks.hidden_effects` run and flies each rig file's
+flights without any effect. For all hidden single effects together, by the
 strength that was judged in the flights, and by the share that was promised, the share that should
 be named, the share that was, and the same for "right", a class with the effect included. Takes a
 minute:
@@ -19,17 +19,17 @@ from typing import Any
 import numpy as np
 
 from benchmarks import records
+from benchmarks.hidden_effects.cases import FLIGHT_S, FLIGHTS, Case, all_cases
+from benchmarks.hidden_effects.lines import read_lines
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.benchmark.cases import FLIGHT_S, FLIGHTS, Case, all_cases
-from wakedeploy.gap.benchmark.lines import read_lines
-from wakedeploy.gap.flight import flight_from_log
-from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.naming import fitted_base
-from wakedeploy.gap.plan import plausible_size
-from wakedeploy.gap.power_page import SURELY
-from wakedeploy.gap.rates import Draws, fitted_share
-from wakedeploy.gap.separation import gather
-from wakedeploy.gap.threshold import thresholds_for
+from wakedeploy.gap.evidence.separation import gather
+from wakedeploy.gap.planning.plan import plausible_size
+from wakedeploy.gap.planning.rates import Draws, fitted_share
+from wakedeploy.gap.report.power_page import SURELY
+from wakedeploy.gap.search.naming import fitted_base
+from wakedeploy.gap.search.threshold import thresholds_for
+from wakedeploy.gap.systems.gantry.flight import flight_from_log
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 
@@ -61,7 +61,7 @@ def main() -> None:
 
 def _options() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="of a `wakedeploy gap benchmark` run")
+    parser.add_argument("folder", type=Path, help="of a `python -m benchmarks.hidden_effects` run")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 

@@ -1,6 +1,6 @@
 """Simulate the thresholds that ship with the package, for the default rig with and without spool.
 
-Writes `wakedeploy/gap/thresholds.json`: by the rig's hash, what 48 sets of five flights each
+Writes `wakedeploy/gap/search/thresholds.json`: by the rig's hash, what 48 sets of five flights each
 without any missing effect, miscalibrated as the rig file allows, exceed together once in twenty.
 Takes about half an hour on two cores: `python -m benchmarks.gap_thresholds`.
 """
@@ -10,9 +10,9 @@ import sys
 from dataclasses import asdict
 from pathlib import Path
 
-from wakedeploy.files import write_text_whole
-from wakedeploy.gap import threshold
-from wakedeploy.rig import default_rig
+from wakedeploy.core.files import write_text_whole
+from wakedeploy.gap.search import threshold
+from wakedeploy.rig.file import default_rig
 
 SETS = {"default": 48, "without spool": 48}
 

@@ -3,8 +3,8 @@
     python -m benchmarks.keep table runs.json training      # a table of `train --json`
     python -m benchmarks.keep study study/shift             # a study's folder
     python -m benchmarks.keep gap-demo gap-demo             # folders of `gap demo`,
-    python -m benchmarks.keep gap-domain runs/motor         # `gap domain`
-    python -m benchmarks.keep gap-benchmark gap-benchmark   # and `gap benchmark`
+    python -m benchmarks.keep gap-domain runs/motor         # and `gap domain`
+    python -m benchmarks.keep gap-benchmark gap-benchmark   # what `benchmarks.hidden_effects` wrote
 
 The day is the one on which the command wrote its result. The commit is the one that the result
 states, else the present one. Of a study's tables and pictures those are kept that pages show. What
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import records
-from wakedeploy.files import write_text_whole
+from wakedeploy.core.files import write_text_whole
 
 
 def main() -> None:

@@ -5,10 +5,10 @@ from typing import Any
 from torch import Tensor, nn
 from torch.utils.hooks import RemovableHandle
 
-from trainers.cross_attention import CrossAttention
-from trainers.delay_embedding import DelayEmbedding
-from trainers.gru import Gru
-from trainers.mamba import Mamba
+from trainers.architectures.cross_attention import CrossAttention
+from trainers.architectures.delay_embedding import DelayEmbedding
+from trainers.architectures.gru import Gru
+from trainers.architectures.mamba import Mamba
 from trainers.model import WakeModel
 
 

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.commit import frozen_at
-from wakedeploy.files import write_text_whole
+from wakedeploy.core.commit import frozen_at
+from wakedeploy.core.files import write_text_whole
 
 ROOT = Path(__file__).parents[1]
 FOLDER = ROOT / "docs" / "records"

@@ -22,14 +22,15 @@ from mcap.reader import make_reader
 
 from benchmarks import records
 from runtime.bench import resident_mb
-from runtime.loop import PERIOD_S
+from runtime.loop.loop import PERIOD_S
+from runtime.loop.tally import Tally
 from runtime.reference import FlightPlan, random_plan
 from runtime.request import RunRequest
 from runtime.run import fly
-from runtime.tally import Tally
-from wakedeploy.errors import CheckFailed
-from wakedeploy.package import read_package
-from wakedeploy.rig import LOOP_RATE_HZ, Rig, default_rig
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.package import read_package
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.rig.file import default_rig
 
 TICKS = 1_000_000
 PLAN_S = 60.0

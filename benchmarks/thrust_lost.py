@@ -21,7 +21,7 @@ import numpy as np
 from benchmarks import records
 from benchmarks.watch import miscalibrated
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 FIRST_SEED = 920_000_000
 SECONDS = 20.0

@@ -20,11 +20,11 @@ import numpy as np
 
 from benchmarks import records
 from trainers.build import ARCHITECTURES
+from wakedeploy.core.episodes import stated_sha256
+from wakedeploy.core.manifest import Parity
+from wakedeploy.core.package import read_package
 from wakedeploy.domains.gantry import record
-from wakedeploy.episodes import stated_sha256
-from wakedeploy.manifest import Parity
-from wakedeploy.package import read_package
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 FIRST_SEED = 900_000_000  # far from every training seed
 SECONDS = 25.0

@@ -31,17 +31,17 @@ from torch.utils.data import DataLoader, TensorDataset
 
 from benchmarks import records
 from benchmarks.multiply_adds import MultiplyAdds
+from trainers.architectures.cross_attention import CrossAttention
+from trainers.architectures.gru import Gru
 from trainers.build import ARCHITECTURES
-from trainers.cross_attention import CrossAttention
-from trainers.fit import Fit, learning_rate
-from trainers.gru import Gru
-from trainers.loss import WeightedMse
 from trainers.memory import Memory
 from trainers.model import Predictor, WakeModel, window_indices
-from trainers.runs import RunConfig, new_predictor
-from trainers.tape import Tape
-from trainers.training import configure, new_fit, settings_for, stated_lead_s, tapes
-from wakedeploy.episodes import EpisodeSet, read_episode_set
+from trainers.training.fit import Fit, learning_rate
+from trainers.training.loss import WeightedMse
+from trainers.training.runs import RunConfig, new_predictor
+from trainers.training.tape import Tape
+from trainers.training.trainer import configure, new_fit, settings_for, stated_lead_s, tapes
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 
 DESCENDING = tuple(arch for arch in ARCHITECTURES if arch != "esn")  # the reservoir is solved
 REFERENCE = 1024  # rows and columns of the matrix product that says what the core can do

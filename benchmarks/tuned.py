@@ -31,8 +31,8 @@ from typing import TYPE_CHECKING, Any
 from benchmarks import records
 from trainers.build import ARCHITECTURES
 from trainers.preset import SHIPPED, Preset, read_preset, write_preset
-from trainers.runs import METRICS
-from wakedeploy import figures
+from trainers.training.runs import METRICS
+from wakedeploy.core import figures
 from wakedeploy.study.domains import MAIN
 
 if TYPE_CHECKING:

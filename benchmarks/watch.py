@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 
 from benchmarks import records
-from runtime.watch import GapWatch
+from runtime.loop.watch import GapWatch
+from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
-from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig
+from wakedeploy.rig.file import default_rig
 
 FIRST_SEED = 800_000_000  # none of these flights has set a limit
 SECONDS = 30.0

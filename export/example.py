@@ -7,9 +7,9 @@ import torch
 
 from export.limits import limited
 from trainers.model import Predictor
-from trainers.runs import RunConfig
-from wakedeploy.manifest import FloatArray, ForceChannel, ObservationChannel
-from wakedeploy.package import EXAMPLE_STEPS, Example
+from trainers.training.runs import RunConfig
+from wakedeploy.core.manifest import FloatArray, ForceChannel, ObservationChannel
+from wakedeploy.core.package import EXAMPLE_STEPS, Example
 
 _FASTEST_HZ = 2.0
 

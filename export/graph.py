@@ -13,10 +13,10 @@ from torch import Tensor, nn
 
 from export.limits import Limits
 from trainers.model import Predictor
-from wakedeploy.errors import CheckFailed
-from wakedeploy.manifest import ForceChannel
-from wakedeploy.onnx_graph import OPSET, ForbiddenGraph, read_graph
-from wakedeploy.onnx_shapes import cost_of
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import ForceChannel
+from wakedeploy.core.onnx_graph import OPSET, ForbiddenGraph, read_graph
+from wakedeploy.core.onnx_shapes import cost_of
 
 _TRACED_BATCH = 2  # any number above 1: torch takes an axis of length 1 for a constant
 
@@ -50,7 +50,7 @@ def graph_bytes(predictor: Predictor, force: Sequence[ForceChannel]) -> bytes:
     """The ONNX model of one step, opset 20, weights inside, nothing of this machine in it.
 
     Its force stays within what is possible by the channels. Inputs and outputs are those that
-    `wakedeploy.manifest.Manifest` derives from the memory.
+    `wakedeploy.core.manifest.Manifest` derives from the memory.
     """
     kept = predictor.training
     try:

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from wakedeploy.manifest import FloatArray, ForceChannel, Quantity
+from wakedeploy.core.manifest import FloatArray, ForceChannel, Quantity
 
 
 class Limits(nn.Module):

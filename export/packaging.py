@@ -9,17 +9,16 @@ import numpy as np
 import torch
 from pydantic import ValidationError
 
-import wakedeploy
 from export.example import example_rollout
 from export.graph import graph_bytes
 from export.limits import force_channels
 from export.parity import joined, measure, require_parity
 from runtime.replay import require_bounded
 from trainers.model import Predictor
-from trainers.runs import RunConfig, TrainedRun
-from wakedeploy.episodes import Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import (
+from trainers.training.runs import RunConfig, TrainedRun
+from wakedeploy.core.episodes import Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import (
     PARITY_LIMIT,
     ForceChannel,
     Manifest,
@@ -28,13 +27,9 @@ from wakedeploy.manifest import (
     Scores,
     State,
 )
-from wakedeploy.package import (
-    Package,
-    make_package,
-    package_from_bytes,
-    write_package,
-)
-from wakedeploy.validation import first_problem
+from wakedeploy.core.package import Package, make_package, package_from_bytes, write_package
+from wakedeploy.core.validation import first_problem
+from wakedeploy.core.version import VERSION
 
 Progress = Callable[[int, int], None]
 
@@ -161,5 +156,5 @@ def _warm_up_steps(predictor: Predictor, config: RunConfig) -> int:
 
 
 def _versions() -> dict[str, str]:
-    own = {"wakedeploy": wakedeploy.__version__, "python": platform.python_version()}
+    own = {"wakedeploy": VERSION, "python": platform.python_version()}
     return own | {name: version(name) for name in _LIBRARIES}

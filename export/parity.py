@@ -16,9 +16,9 @@ from export.limits import limited
 from runtime.predictor import PackagePredictor
 from runtime.replay import Difference, compare, require_manners, rolled_out
 from trainers.model import Predictor
-from wakedeploy.episodes import Episode
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.manifest import (
+from wakedeploy.core.episodes import Episode
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.manifest import (
     PARITY_STEPS,
     WORST_FLOAT32_ERROR,
     FloatArray,
@@ -26,7 +26,7 @@ from wakedeploy.manifest import (
     Parity,
     parity_limit,
 )
-from wakedeploy.package import Package
+from wakedeploy.core.package import Package
 
 # The reservoir multiplies rounding errors through a thousand neurons: its own float32 error is the
 # yardstick there.

@@ -14,9 +14,9 @@ from export.example import rollout
 from export.limits import force_channels
 from export.packaging import export_predictor
 from trainers.build import ARCHITECTURES
-from trainers.runs import RunConfig, new_predictor
-from wakedeploy.episodes import Episode
-from wakedeploy.manifest import PARITY_STEPS, ObservationChannel, Quantity
+from trainers.training.runs import RunConfig, new_predictor
+from wakedeploy.core.episodes import Episode
+from wakedeploy.core.manifest import PARITY_STEPS, ObservationChannel, Quantity
 
 RATE_HZ = 32.0
 WINDOW_S = 30.0 / RATE_HZ  # 31 snapshots, as in Table I

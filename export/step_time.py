@@ -10,9 +10,9 @@ from export.limits import force_channels
 from export.packaging import manifest_of
 from runtime.predictor import PackagePredictor
 from trainers.model import Predictor
-from trainers.runs import RunConfig
-from wakedeploy.manifest import FloatArray
-from wakedeploy.package import Package, make_package
+from trainers.training.runs import RunConfig
+from wakedeploy.core.manifest import FloatArray
+from wakedeploy.core.package import Package, make_package
 
 _ROUNDS, _STEPS, _WARM_UP = 5, 400, 64
 

@@ -20,19 +20,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from runtime.link import Link
-from runtime.loop import PERIOD_S, Loop, budget_s, require_wait
-from runtime.pilot import OBSERVATION
-from runtime.prediction import PredictionWorker
+from runtime.io.link import Link
+from runtime.io.range_source import SocketRangeSource, wait_for_first
+from runtime.io.realtime import loop_core, quieten_interpreter, take_priority
+from runtime.loop.loop import PERIOD_S, Loop, budget_s, require_wait
+from runtime.loop.pilot import OBSERVATION
+from runtime.loop.prediction import PredictionWorker
 from runtime.predictor import PackagePredictor
-from runtime.range_source import SocketRangeSource, wait_for_first
-from runtime.realtime import loop_core, quieten_interpreter, take_priority
 from runtime.reference import hold_plan
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.manifest import ObservationChannel
-from wakedeploy.package import Package, read_package
-from wakedeploy.rig import Rig, default_rig, parse_rig
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.manifest import ObservationChannel
+from wakedeploy.core.package import Package, read_package
+from wakedeploy.core.rig import Rig
+from wakedeploy.rig.file import default_rig, parse_rig
 
 ENOUGH_TICKS = 3000  # for a p99.9
 STARTING_S = 8.0  # reboot, warm-up and imports, for the progress bar

@@ -11,11 +11,11 @@ from pathlib import Path
 
 import numpy as np
 
+from runtime.loop.tally import Tally
 from runtime.request import RunRequest, wanted
 from runtime.run import fly
-from runtime.tally import Tally
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.processes import processes
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.processes import processes
 
 PID, FEEDFORWARD = "pid", "feedforward"
 WHOLE = "whole"

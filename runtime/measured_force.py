@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
-from runtime.estimator import Estimator
+from runtime.loop.estimator import Estimator
 from runtime.smoother import (
     MAX_STEP_S,
     Flight,
@@ -23,12 +23,12 @@ from runtime.smoother import (
     known_motion,
     smooth,
 )
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import RunLog
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from runtime.request import RunRequest, Show, Tell, Warn
 from runtime.run import fly
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 _SEEDS_OF_A_FLIGHT = 1_000_003  # apart from each other, and from the seeds that people choose
 

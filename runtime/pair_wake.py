@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.measured_force import MeasuredForce, measure
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
 
 FloatArray = npt.NDArray[np.float64]
 _LEAST_TICKS = 16

@@ -9,20 +9,20 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from runtime.conversation import Conversation
-from runtime.link import Link
-from runtime.loop import PERIOD_S
-from runtime.prediction import Predictions, PredictionWorker
+from runtime.io.conversation import Conversation
+from runtime.io.link import Link
+from runtime.io.range_source import I2cRangeSource, RangeSource, SocketRangeSource
+from runtime.io.realtime import Clock, Priority, become_ordinary, quieten_interpreter, take_priority
+from runtime.loop.loop import PERIOD_S
+from runtime.loop.prediction import Predictions, PredictionWorker
 from runtime.predictor import PackagePredictor
-from runtime.range_source import I2cRangeSource, RangeSource, SocketRangeSource
-from runtime.realtime import Clock, Priority, become_ordinary, quieten_interpreter, take_priority
 from runtime.request import RunRequest
 from runtime.simulated import PackageForecast, SimulatedGantry
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.virtual.simulated_uno import SimulatedUno
-from wakedeploy.package import Package
+from wakedeploy.core.package import Package
 from wakedeploy.physics.gantry import GantryPlant
 
 

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 import onnxruntime as ort
 
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
-from wakedeploy.manifest import FloatArray, Manifest, Memory
-from wakedeploy.package import Package
+from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.core.manifest import FloatArray, Manifest, Memory
+from wakedeploy.core.package import Package
 
 _LONGEST = 300  # letters of what onnxruntime says, which may quote the model
 

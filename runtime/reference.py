@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 FloatArray = npt.NDArray[np.float64]
 TAKE_OFF_S = 2.5

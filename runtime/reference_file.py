@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from runtime.reference import PLAN_RATE_HZ, FlightPlan, FloatArray
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import text_of, write_text_whole
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import text_of, write_text_whole
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig
 
 COLUMNS = ("t_s", "z_m", "x_m", "source_us")
 SHORTEST_S, LONGEST_S = 1.0, 3600.0

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from runtime.predictor import PackagePredictor
-from wakedeploy.errors import CheckFailed
-from wakedeploy.manifest import PARITY_STEPS, FloatArray, Manifest, Parity
-from wakedeploy.package import Package
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import PARITY_STEPS, FloatArray, Manifest, Parity
+from wakedeploy.core.package import Package
 
 _SHORT = 64  # steps of the checks that compare the runner with itself
 _DRIVEN_STEPS = 1024  # at each of the shares beyond the ranges

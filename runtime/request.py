@@ -4,16 +4,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from runtime.loop import PERIOD_S, require_wait
-from runtime.pilot import FORCE, OBSERVATION
+from runtime.loop.loop import PERIOD_S, require_wait
+from runtime.loop.pilot import FORCE, OBSERVATION
+from runtime.loop.tally import Tally
 from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
-from runtime.tally import Tally
 from runtime.trial import require_trial
-from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import ForceChannel, Manifest
-from wakedeploy.package import Package, read_package
-from wakedeploy.rig import LOOP_RATE_HZ, Rig, read_rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import ForceChannel, Manifest
+from wakedeploy.core.package import Package, read_package
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.rig.file import read_rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S
 

@@ -18,25 +18,25 @@ from pathlib import Path
 import numpy as np
 import onnxruntime as ort
 
-import wakedeploy
-from runtime.board import BoardNews, met_board
-from runtime.loop import PERIOD_S, Loop
+from runtime.io.board import BoardNews, met_board
+from runtime.io.range_source import RangeSource, resting_range_m, wait_for_first
+from runtime.io.realtime import Clock
+from runtime.io.recorder import Recorder, RecorderReport, Taken
+from runtime.io.sd_notify import ServiceManager
+from runtime.loop.loop import PERIOD_S, Loop
+from runtime.loop.prediction import PredictionWorker
+from runtime.loop.tally import Tally
+from runtime.loop.watch import GapWatch
 from runtime.place import Place, opened_place
-from runtime.prediction import PredictionWorker
-from runtime.range_source import RangeSource, resting_range_m, wait_for_first
-from runtime.realtime import Clock
-from runtime.recorder import Recorder, RecorderReport, Taken
 from runtime.request import RunRequest, Show, Tell, Warn, wanted
-from runtime.sd_notify import ServiceManager
 from runtime.standby import begin_standby, stand_by
-from runtime.tally import Tally
 from runtime.verdict import judge, recording_sentence
-from runtime.watch import GapWatch
-from wakedeploy.errors import UnusableInput, why
-from wakedeploy.files import sha256_of
-from wakedeploy.package import Package
+from wakedeploy.core.errors import UnusableInput, why
+from wakedeploy.core.files import sha256_of
+from wakedeploy.core.package import Package
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.version import VERSION
 from wakedeploy.physics.effects.chain import unplaced_constants
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
 
 SHOW_PERIOD_S = 0.5
 # A VL53L0X that nobody has calibrated is off by up to some cm; 5 cm of height are never noise.
@@ -212,7 +212,7 @@ def metadata(
         "lead_s": f"{package.manifest.lead_s:g}" if package else "",
         "seed": str(seed),
         "started_utc": started.isoformat(timespec="seconds"),
-        "wakedeploy_version": wakedeploy.__version__,
+        "wakedeploy_version": VERSION,
         "python_version": platform.python_version(),
         "numpy_version": np.__version__,
         "onnxruntime_version": ort.__version__,

@@ -10,16 +10,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from runtime.conversation import Conversation
-from runtime.prediction import Result, predicted
+from runtime.io.conversation import Conversation
+from runtime.io.protocol import Command, Message
+from runtime.io.range_source import STATUS_NO_TARGET, RangeReading
+from runtime.loop.prediction import Result, predicted
 from runtime.predictor import PackagePredictor
-from runtime.protocol import Command, Message
-from runtime.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
-from wakedeploy.manifest import FloatArray
+from wakedeploy.core.manifest import FloatArray
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
 
 COMPUTE_S = 0.001  # from reading to writing, as the loop has been timed
 _MOST_JITTER_S = 0.003

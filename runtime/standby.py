@@ -9,9 +9,9 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from runtime.conversation import Conversation
-from runtime.range_source import RangeSource, failure_sentence
-from wakedeploy.errors import CheckFailed, UnusableInput
+from runtime.io.conversation import Conversation
+from runtime.io.range_source import RangeSource, failure_sentence
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 LOOK_S = 0.1
 GREETING_S = 1.0  # between two handshakes, which also keep the board disarmed

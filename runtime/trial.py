@@ -18,10 +18,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from runtime.realtime import become_ordinary
+from runtime.io.realtime import become_ordinary
 from runtime.replay import Difference, Replay, replay
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import Package, package_from_bytes
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.package import Package, package_from_bytes
 
 _MIB = 1 << 20
 _LOOK_S = 0.1  # how often who waits is heard

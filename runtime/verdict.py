@@ -1,12 +1,12 @@
 """How a run ended, as one sentence: what happened, and what a person can do about it."""
 
-from runtime.board import last_reset
-from runtime.conversation import Conversation
-from runtime.loop import Loop
-from runtime.range_source import RangeSource
-from runtime.recorder import RecorderReport
-from wakedeploy.errors import CheckFailed
-from wakedeploy.failsafes import HINTS
+from runtime.io.board import last_reset
+from runtime.io.conversation import Conversation
+from runtime.io.range_source import RangeSource
+from runtime.io.recorder import RecorderReport
+from runtime.loop.loop import Loop
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.failsafes import HINTS
 
 # What a computer that stands still can look like from inside.
 _BY_THE_COMPUTER = ("loop_stalled", "link_lost", "mcu_fault", "sensor_lost")

@@ -6,7 +6,7 @@ import threading
 import time
 import tty
 
-from runtime.protocol import Frame, FrameDecoder, Status, encode_frame
+from runtime.io.protocol import Frame, FrameDecoder, Status, encode_frame
 
 
 class Cable:

@@ -13,7 +13,7 @@ import pytest
 import warm
 from made_packages import package_of, tiny_manifest, tiny_model
 
-from wakedeploy.package import Package
+from wakedeploy.core.package import Package
 
 # The same examples in every run: a check that fails must fail again. `make explore` draws new ones.
 # How long an example takes depends on what else the machine does.
@@ -56,7 +56,7 @@ def boards_boot_at_once():
 def boards_may_take_their_time():
     """A busy machine lets a board's process or thread answer later than half a second."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("runtime.conversation.ANSWER_LIMIT_S", 5.0)
+        patch.setattr("runtime.io.conversation.ANSWER_LIMIT_S", 5.0)
         yield
 
 

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from wakedeploy.errors import UnusableInput
-from wakedeploy.runlog import RunLog, read_run_log
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.runlog import RunLog, read_run_log
 
 
 def written_so_far(log: Path | str) -> RunLog | None:

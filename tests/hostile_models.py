@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_packages import HEADER, package_of, parsed, tiny_manifest
 
-from wakedeploy.package import Package
+from wakedeploy.core.package import Package
 
 HEAD = "t (float[B, 2] observation) => (float[B, 2] force)"
 

@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from runtime.pilot import OBSERVATION
+from runtime.loop.pilot import OBSERVATION
 from runtime.predictor import PackagePredictor
-from wakedeploy import onnx_wire
-from wakedeploy.manifest import Manifest
-from wakedeploy.package import EXAMPLE_STEPS, MANIFEST_KEY, Example, Package, make_package
+from wakedeploy.core import onnx_wire
+from wakedeploy.core.manifest import Manifest
+from wakedeploy.core.package import EXAMPLE_STEPS, MANIFEST_KEY, Example, Package, make_package
 
 HEADER = '<ir_version: 10, opset_import: ["" : 20]>'
 BODIES = {

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from made_packages import sound
 
-from wakedeploy.package import Package, write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.core.package import Package, write_package
+from wakedeploy.rig.file import default_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.install]
 

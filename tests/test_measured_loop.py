@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from wakedeploy.cli import main
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 FLIGHTS = 8
 

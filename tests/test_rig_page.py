@@ -13,12 +13,12 @@ from typing import Any
 
 import pytest
 
-from runtime.loop import Loop
+from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
-from wakedeploy.failsafes import HINTS
+from wakedeploy.core.failsafes import HINTS
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "docs" / "rig.md").read_text("utf-8")

@@ -12,7 +12,7 @@ from multiprocessing.context import ForkServerContext
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-IMPORTED = ("trainers.training", "wakedeploy.sweep.jobs", "distributed")
+IMPORTED = ("trainers.training.trainer", "wakedeploy.sweep.jobs", "distributed")
 
 
 def context() -> ForkServerContext:
@@ -26,8 +26,8 @@ def context() -> ForkServerContext:
 def _begin_hearing_all_signals() -> None:
     """What is forked hears what its origin hears, and that begins where it is first asked for.
 
-    In the midst of `wakedeploy.processes.pool` that is deaf to SIGTERM: what a test ended politely
-    afterwards would run for ever.
+    In the midst of `wakedeploy.core.processes.pool` that is deaf to SIGTERM: what a test ended
+    politely afterwards would run for ever.
     """
     before = signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT, signal.SIGTERM})
     try:

@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 
-from runtime.conversation import HELLO_PERIOD_S, REBOOT_LIMIT_S, Answer
-from runtime.protocol import Disarm, Frame, FrameDecoder, Hello, HelloReply, Status, encode_frame
-from runtime.range_source import RangeReading
+from runtime.io.conversation import HELLO_PERIOD_S, REBOOT_LIMIT_S, Answer
+from runtime.io.protocol import Disarm, Frame, FrameDecoder, Hello, HelloReply, Status, encode_frame
+from runtime.io.range_source import RangeReading
 from runtime.reference import FlightPlan
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.25})
 

@@ -1,8 +1,8 @@
 """The eight predictors and how they are trained.
 
-In: an EpisodeSet (`wakedeploy.episodes`). Out: run folders with safetensors and JSON (`runs.py`).
-One architecture, one file; `build.py` lists them, `fit.py` trains, `score.py` scores, `tuning/`
-searches hyper-parameters. May import torch, numpy, safetensors (optuna in `tuning/` alone) and the
-ground (`wakedeploy.episodes` and what it needs); never `export`, `runtime`, the domains or the
-command line.
+In: an EpisodeSet (`wakedeploy.core.episodes`). Out: run folders with safetensors and JSON
+(`training/runs.py`). `architectures` has a file for each, `build` lists them, `training` fits and
+scores, `tuning` searches hyper-parameters, `inspection` looks at what was trained, `trackers` tell
+others. May import torch, numpy, safetensors (optuna in `tuning` alone) and `wakedeploy.core`; never
+`export`, `runtime`, the domains or the command line.
 """

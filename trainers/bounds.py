@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 
 @dataclass(frozen=True)

@@ -7,21 +7,21 @@ from typing import Any
 
 import torch
 
-from trainers.agile_mlp import AgileMlp, AgileMlpHyper
+from trainers.architectures.agile_mlp import AgileMlp, AgileMlpHyper
+from trainers.architectures.cross_attention import CrossAttention, CrossAttentionHyper
+from trainers.architectures.delay_embedding import DelayEmbedding, DelayEmbeddingHyper
+from trainers.architectures.esn import Esn, EsnHyper
+from trainers.architectures.gru import Gru, GruHyper
+from trainers.architectures.history_mlp import HistoryMlp, HistoryMlpHyper
+from trainers.architectures.mamba import Mamba, MambaHyper
+from trainers.architectures.tcn import Tcn, TcnHyper
 from trainers.bounds import check_hyper
-from trainers.cross_attention import CrossAttention, CrossAttentionHyper
-from trainers.delay_embedding import DelayEmbedding, DelayEmbeddingHyper
 from trainers.dimensions import Dimension
-from trainers.esn import Esn, EsnHyper
-from trainers.gru import Gru, GruHyper
-from trainers.history_mlp import HistoryMlp, HistoryMlpHyper
-from trainers.mamba import Mamba, MambaHyper
 from trainers.memory import Sizes
 from trainers.model import WakeModel
-from trainers.tcn import Tcn, TcnHyper
-from wakedeploy.episodes import window_shape
-from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import PARAMETER_BUDGET
+from wakedeploy.core.episodes import window_shape
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import PARAMETER_BUDGET
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """What a search may change: each architecture lists its own dimensions in its own file.
 
 A dimension carries the name of a hyper-parameter of the architecture or of a fit setting
-(`trainers.fit.FitSettings`), and what values it may take.
+(`trainers.training.fit.FitSettings`), and what values it may take.
 """
 
 from dataclasses import dataclass

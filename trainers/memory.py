@@ -5,7 +5,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Literal
 
-from wakedeploy.episodes import whole_steps, window_shape
+from wakedeploy.core.episodes import whole_steps, window_shape
 
 
 @dataclass(frozen=True)

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor, nn
 
-from trainers.agile_mlp import mlp
-from trainers.esn import Esn
+from trainers.architectures.agile_mlp import mlp
+from trainers.architectures.esn import Esn
 from trainers.model import State, StateModel, WakeModel
-from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import PARAMETER_BUDGET
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import PARAMETER_BUDGET
 
 CODE = 16  # numbers in which the core tells of the past
 _HIDDEN, _LAYERS = 64, 2

@@ -14,11 +14,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 
 from trainers.bounds import check_settings
 from trainers.build import hyper_parameters
-from trainers.fit import FitSettings
-from trainers.runs import LONGEST_LEAD_S
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import text_of, toml_of, write_text_whole
-from wakedeploy.validation import first_problem
+from trainers.training.fit import FitSettings
+from trainers.training.runs import LONGEST_LEAD_S
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import text_of, toml_of, write_text_whole
+from wakedeploy.core.validation import first_problem
 
 SHIPPED = Path(__file__).with_name("presets")
 REFERENCE, TUNED = "reference", "tuned"  # the paper's shapes, and those that ship

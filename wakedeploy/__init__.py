@@ -1,8 +1,11 @@
 """Small predictors of wake forces: simulated, trained, deployed, questioned when they are wrong.
 
-This package holds the command line (`cli`) and what all parts share: recorded series (`episodes`),
-gantry flights (`runlog`), a gantry's constants (`rig`), the contract of an exported model
-(`package`), the physics and the domains. `trainers`, `export` and `runtime` stand beside it.
+The ground that all parts share lies in `core`; `rig` reads rig files, `physics` has the models,
+`domains` the places where episodes come from, `gap` compares simulation and measurement, `study`
+and `sweep` run many trainings, `deploy` copies packages to the rig, `cli` is the command line.
+`trainers`, `export` and `runtime` stand beside this package.
 """
 
-__version__ = "0.1.0"
+from wakedeploy.core.version import VERSION as __version__
+
+__all__ = ["__version__"]

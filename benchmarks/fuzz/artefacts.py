@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.gap.naming import FEWEST_IN_ALL
-from wakedeploy.gap.shrinking import FORECAST
+from wakedeploy.gap.report.shrinkage import FORECAST
+from wakedeploy.gap.rules import FEWEST_IN_ALL
 
 Artefact = dict[str, Any]
 

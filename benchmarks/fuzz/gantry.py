@@ -19,18 +19,19 @@ from runtime.reference import require_plan_fits
 from runtime.reference_file import read_reference, write_reference
 from wakedeploy.cli import log as log_command
 from wakedeploy.cli import rig as rig_command
+from wakedeploy.core.expression import VARIABLES, expression_of
+from wakedeploy.core.rig import Effect, EffectParameter, Rig
+from wakedeploy.core.run_figure import draw_run
+from wakedeploy.core.run_summary import summarise
+from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set
-from wakedeploy.gap.flight import read_flights
-from wakedeploy.gap.manoeuvres import menu
+from wakedeploy.gap.planning.manoeuvres import menu
+from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.physics.effects.chain import Chain, believed
-from wakedeploy.physics.expression import VARIABLES, expression_of
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig, default_rig_text, read_rig
-from wakedeploy.rig_update import Calibrated, update_rig
-from wakedeploy.run_figure import draw_run
-from wakedeploy.run_summary import summarise
-from wakedeploy.runlog import RunLog, read_run_log
+from wakedeploy.rig.file import default_rig, default_rig_text, read_rig
+from wakedeploy.rig.update import Calibrated, update_rig
 
 LOG_WAYS = {"*.csv": csv_file, "*.mcap": mcap_file, "*.json": json_file}
 _FLIGHT_S = 9.0

@@ -13,21 +13,21 @@ from benchmarks.fuzz.archives import npz_file, packed
 from benchmarks.fuzz.documents import as_json, json_file, json_lines
 from benchmarks.fuzz.gantry import flown, flown_rig
 from benchmarks.fuzz.kind import Files, Kind
+from benchmarks.hidden_effects.lines import LINES, read_lines
+from benchmarks.hidden_effects.page import markdown_of, text_of
+from benchmarks.hidden_effects.table import summary
 from wakedeploy.cli import gap_plan
-from wakedeploy.gap import close
-from wakedeploy.gap.account import account
-from wakedeploy.gap.advice import advice
-from wakedeploy.gap.benchmark.lines import LINES, read_lines
-from wakedeploy.gap.benchmark.page import markdown_of, text_of
-from wakedeploy.gap.benchmark.table import summary
-from wakedeploy.gap.flight import Flight, flight_from_log
-from wakedeploy.gap.found import FITS, Found
-from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.glance import UNSIMULATED
-from wakedeploy.gap.report import write_report
-from wakedeploy.gap.shrinking import channel_lines
-from wakedeploy.gap.steps import prepare, read_plan, read_steps, refuse_foreign_rig
-from wakedeploy.gap.terms import TERMS
+from wakedeploy.gap import workflow as close
+from wakedeploy.gap.folder import prepare, read_plan, read_steps, refuse_foreign_rig
+from wakedeploy.gap.report.advice import advice
+from wakedeploy.gap.report.page import write_report
+from wakedeploy.gap.report.shrinkage import channel_lines
+from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.search.candidates import TERMS
+from wakedeploy.gap.search.glance import UNSIMULATED
+from wakedeploy.gap.search.saved_fits import FITS, Found
+from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 
 _RIG = "/nowhere/rig.toml"  # of the flights; never read
 
@@ -151,6 +151,6 @@ def _benchmark() -> Kind:
 
 
 def _tabulate(folder: Path) -> None:
-    """As `gap benchmark --table-only` does."""
+    """As `python -m benchmarks.hidden_effects --table-only` does."""
     told = summary(read_lines(folder))
     markdown_of(told, "benchmark.png", LINES), text_of(told)

@@ -20,7 +20,7 @@ from pathlib import Path
 from types import FrameType
 
 from benchmarks.fuzz.kind import Files, Kind, put
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 _LONGEST = 1000  # letters of a sentence; a folder's path is one part of it
 _AGAIN_S = 0.5  # between two tries to end a reader that hangs

@@ -18,10 +18,10 @@ from benchmarks.fuzz.packages import onnx_file
 from export.limits import force_channels
 from export.packaging import export_predictor
 from runtime.predictor import PackagePredictor
-from trainers.fit import FitSettings
 from trainers.preset import chosen_preset, read_preset
-from trainers.runs import BEST, CONFIG, LAST, METRICS, load_run, read_config, runs_of
-from trainers.training import chosen_lead_s, configure, train
+from trainers.training.fit import FitSettings
+from trainers.training.runs import BEST, CONFIG, LAST, METRICS, load_run, read_config, runs_of
+from trainers.training.trainer import chosen_lead_s, configure, train
 from trainers.tuning.conclude import conclude
 from trainers.tuning.plan import Plan, make_plan
 from trainers.tuning.report import best_of, front_of, importances, rows_of
@@ -32,7 +32,7 @@ from trainers.tuning.workers import Work, run_trials
 from wakedeploy.cli import data as data_command
 from wakedeploy.cli import sweep as sweep_command
 from wakedeploy.cli import train as train_command
-from wakedeploy.episodes import (
+from wakedeploy.core.episodes import (
     DESCRIPTION,
     Channel,
     Episode,
@@ -40,8 +40,8 @@ from wakedeploy.episodes import (
     read_episode_set,
     stated_sha256,
 )
-from wakedeploy.manifest import PARITY_STEPS
-from wakedeploy.package import read_package
+from wakedeploy.core.manifest import PARITY_STEPS
+from wakedeploy.core.package import read_package
 from wakedeploy.sweep.jobs import Job, Outcome, failure
 from wakedeploy.sweep.plan import read_plan
 from wakedeploy.sweep.run import sweep

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 
 from benchmarks.fuzz.documents import altered
 from benchmarks.fuzz.text import Mutator, damaged
-from wakedeploy import onnx_wire
-from wakedeploy.package import EXAMPLE_KEY, MANIFEST_KEY, graph_sha256
+from wakedeploy.core import onnx_wire
+from wakedeploy.core.package import EXAMPLE_KEY, MANIFEST_KEY, graph_sha256
 
 _NUMBERS = (
     0, 1, 2, 7, 127, 128, 2**31, 2**32, 2**32 + 1, 2**63 - 1, 2**63, 2**64 - 1, 10**12,

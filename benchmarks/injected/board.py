@@ -5,9 +5,9 @@ from dataclasses import replace
 from functools import partial
 
 from benchmarks.injected.fault import Fault, Scene
-from runtime import protocol
-from runtime.mcu import Outputs
-from runtime.protocol import Status
+from runtime.io import protocol
+from runtime.io.protocol import Status
+from runtime.virtual.mcu import Outputs
 
 GROUP = "board"
 JUMPS = {"0.3 m": 1260, "0.7 m": 2940, "of the sign bit": -(1 << 31)}

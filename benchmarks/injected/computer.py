@@ -8,9 +8,9 @@ from typing import Any
 from unittest import mock
 
 from benchmarks.injected.fault import Fault, Scene
-from runtime.controller import Controller
-from runtime.estimator import Estimator
-from runtime.range_source import TIMING_BUDGET_US, RangeReading
+from runtime.io.range_source import TIMING_BUDGET_US, RangeReading
+from runtime.loop.controller import Controller
+from runtime.loop.estimator import Estimator
 
 GROUP = "computer"
 STALLS_MS = (45, 71, 95, 110, 120, 135, 150, 250, 500, 1000, 2000)

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from benchmarks.injected.world import FaultyForecast, FaultyGantry, Rows
-from runtime.loop import Loop
-from wakedeploy.rig import Rig
+from runtime.loop.loop import Loop
+from wakedeploy.core.rig import Rig
 
 
 @dataclass

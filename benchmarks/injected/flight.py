@@ -12,13 +12,14 @@ import numpy as np
 from benchmarks.injected.catalogue import FAULTS
 from benchmarks.injected.fault import Scene
 from benchmarks.injected.world import Endless, FaultyForecast, FaultyGantry, FaultyPlant, Rows
-from runtime.loop import Loop
-from runtime.pilot import LogValue
+from runtime.loop.loop import Loop
+from runtime.loop.pilot import LogValue
 from runtime.predictor import PackagePredictor
 from runtime.reference import random_plan
 from runtime.simulated import PackageForecast
-from wakedeploy.package import read_package
-from wakedeploy.rig import Rig, default_rig
+from wakedeploy.core.package import read_package
+from wakedeploy.core.rig import Rig
+from wakedeploy.rig.file import default_rig
 
 SECONDS, REST_S = 14.0, 1.0
 AFTER_S = 3.0  # the deadman is through by then, and whatever falls has fallen

@@ -5,7 +5,7 @@ from functools import partial
 
 from benchmarks.injected.fault import Fault, Scene
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 GROUP = "plant"
 PUSHES_N = (0.5, -0.5, 1.0, -1.0, 2.0, -2.0, -3.0)

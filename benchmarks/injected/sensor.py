@@ -6,7 +6,7 @@ from dataclasses import replace
 from functools import partial
 
 from benchmarks.injected.fault import Fault, Scene
-from runtime.range_source import NOTHING_IN_RANGE_MM, STATUS_NO_TARGET, RangeReading
+from runtime.io.range_source import NOTHING_IN_RANGE_MM, STATUS_NO_TARGET, RangeReading
 
 GROUP = "range sensor"
 HAND_M, FAR_M = 0.1, 1.2

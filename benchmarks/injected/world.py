@@ -9,16 +9,16 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
-from runtime.mcu import Outputs
-from runtime.pilot import LogValue
-from runtime.prediction import Predictions, Result
-from runtime.protocol import Command, FrameDecoder, Status, encode_frame
-from runtime.range_source import RangeReading
+from runtime.io.protocol import Command, FrameDecoder, Status, encode_frame
+from runtime.io.range_source import RangeReading
+from runtime.loop.pilot import LogValue
+from runtime.loop.prediction import Predictions, Result
 from runtime.simulated import SimulatedGantry
+from runtime.virtual.mcu import Outputs
 from runtime.virtual.mcu_port import BOOT_S, McuPort
-from wakedeploy.manifest import FloatArray
+from wakedeploy.core.manifest import FloatArray
+from wakedeploy.core.rig import Rig, SpoolLag
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig, SpoolLag
 
 LONGEST_S = 150.0  # of simulated time; a loop that has not ended by then never will
 

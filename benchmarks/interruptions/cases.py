@@ -20,11 +20,11 @@ import numpy as np
 
 from benchmarks.interruptions.processes import wakedeploy
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.episodes import stated_sha256
-from wakedeploy.files import read_json_lines, sha256_of
-from wakedeploy.package import read_package
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.episodes import stated_sha256
+from wakedeploy.core.files import read_json_lines, sha256_of
+from wakedeploy.core.package import read_package
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 TESTS = Path(__file__).parents[2] / "tests"
 _TIMES = {"seconds", "finished_utc", "host", "data_folder", "date", "commit", "path", "run"}

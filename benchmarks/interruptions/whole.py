@@ -11,12 +11,19 @@ import numpy as np
 from PIL import Image
 
 from trainers.preset import read_preset
-from trainers.runs import CONFIG, METRICS, load_run, read_config, read_metrics, read_tensors
-from wakedeploy.episodes import DESCRIPTION, read_episode_set
-from wakedeploy.errors import WakedeployError
-from wakedeploy.package import read_package
-from wakedeploy.rig import read_rig
-from wakedeploy.runlog import read_run_log
+from trainers.training.runs import (
+    CONFIG,
+    METRICS,
+    load_run,
+    read_config,
+    read_metrics,
+    read_tensors,
+)
+from wakedeploy.core.episodes import DESCRIPTION, read_episode_set
+from wakedeploy.core.errors import WakedeployError
+from wakedeploy.core.package import read_package
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import read_rig
 
 _FAILURES = (WakedeployError, OSError, ValueError, KeyError, EOFError, BadZipFile)
 

@@ -1,12 +1,12 @@
 """Write every generated page and picture of results: `python -m benchmarks.results`."""
 
 from benchmarks import records, tuned
+from benchmarks.hidden_effects.page import draw
+from benchmarks.hidden_effects.table import summary
 from benchmarks.results.pages import Pages
 from benchmarks.results.section import Records
-from wakedeploy import figures
-from wakedeploy.files import write_text_whole
-from wakedeploy.gap.benchmark.page import draw
-from wakedeploy.gap.benchmark.table import summary
+from wakedeploy.core import figures
+from wakedeploy.core.files import write_text_whole
 
 
 def main() -> None:

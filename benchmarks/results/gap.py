@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
+from benchmarks.hidden_effects.page import headline
+from benchmarks.hidden_effects.table import summary
 from benchmarks.results.section import Records, Section, paragraphs, percent, table, within
-from wakedeploy.gap.benchmark.page import headline
-from wakedeploy.gap.benchmark.table import summary
 
 Row = Mapping[str, Any]
 
@@ -76,7 +76,7 @@ def hidden_effects(records: Records) -> Section:
             "[results/gap-benchmark.md](results/gap-benchmark.md) has the tables behind these.",
         ),
         (
-            "wakedeploy gap benchmark --workers 2 --out gap-benchmark",
+            "python -m benchmarks.hidden_effects --workers 2 --out gap-benchmark",
             "python -m benchmarks.keep gap-benchmark gap-benchmark",
         ),
     )

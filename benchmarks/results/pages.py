@@ -4,6 +4,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks import downwash_estimates, records, tuned
+from benchmarks.hidden_effects.page import markdown_of
+from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
     effects,
     faults,
@@ -19,8 +21,6 @@ from benchmarks.results import (
     studies,
 )
 from benchmarks.results.section import Records, Section, paragraphs
-from wakedeploy.gap.benchmark.page import markdown_of
-from wakedeploy.gap.benchmark.table import summary
 
 SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
     "In flight": (

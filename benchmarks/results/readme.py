@@ -5,9 +5,9 @@ import io
 import statistics
 from collections.abc import Callable
 
+from benchmarks.hidden_effects.table import summary
 from benchmarks.results.section import ARCHITECTURES, MEMORYLESS, Records, span, table
 from wakedeploy.cli.demo import tell
-from wakedeploy.gap.benchmark.table import summary
 
 
 def filled(text: str, records: Records) -> str:

@@ -8,8 +8,8 @@ the Pi, where only the base install is.
 
 from dataclasses import dataclass, field
 
-from wakedeploy.errors import CheckFailed
-from wakedeploy.rig_update import Calibrated
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.rig.update import Calibrated
 
 
 @dataclass(frozen=True)

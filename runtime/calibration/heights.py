@@ -13,10 +13,10 @@ import numpy.typing as npt
 from runtime.calibration import Outcome, require
 from runtime.calibration.readings import rest_of
 from runtime.calibration.session import Site, resting
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site, resting
-from wakedeploy.rig import LOOP_RATE_HZ, Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 SECONDS = 20.0
 _FEWEST = 200

@@ -13,9 +13,9 @@ from runtime.calibration import Outcome, require
 from runtime.calibration.readings import FEWEST, rest_of
 from runtime.calibration.session import Site
 from runtime.reference import TAKE_OFF_S, FlightPlan, ceiling_m, hold_plan
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 FloatArray = npt.NDArray[np.float64]
 

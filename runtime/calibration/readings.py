@@ -13,8 +13,8 @@ from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from runtime.calibration import require
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
 
 FloatArray = npt.NDArray[np.float64]
 

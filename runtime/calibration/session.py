@@ -8,9 +8,9 @@ import numpy as np
 from runtime.reference import FlightPlan
 from runtime.request import RunRequest, Show, Tell, Warn
 from runtime.run import fly
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import RunLog, read_run_log
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog, read_run_log
 
 _ANYWHERE_M = (-20.0, 20.0)
 

@@ -18,11 +18,11 @@ from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site
 from runtime.measured_force import FINE_S, range_offset, thrust_after_spool
 from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, ceiling_m, smooth_rise
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 FloatArray = npt.NDArray[np.float64]
 

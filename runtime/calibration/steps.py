@@ -11,10 +11,10 @@ import numpy as np
 from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site, resting
 from runtime.reference import PLAN_RATE_HZ, FlightPlan, smooth_rise
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 RULE_SD_M = 0.0007  # 0.5 mm at either end
 _SHORTEST_M = 0.1

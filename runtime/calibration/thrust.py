@@ -23,12 +23,12 @@ from runtime.calibration import Outcome, require
 from runtime.calibration.session import Site, with_clip
 from runtime.measured_force import FINE_S, thrust_after_spool
 from runtime.reference import PLAN_RATE_HZ, TAKE_OFF_S, FlightPlan, ceiling_m, smooth_rise
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.physics.constants import moved_thrust, spreads_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 FloatArray = npt.NDArray[np.float64]
 

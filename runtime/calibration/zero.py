@@ -8,9 +8,9 @@ how far the two halves of the time lie apart.
 from runtime.calibration import Outcome, require
 from runtime.calibration.readings import rest_of
 from runtime.calibration.session import Site, resting
-from wakedeploy.rig import Rig
-from wakedeploy.rig_update import Calibrated
-from wakedeploy.runlog import RunLog
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.rig.update import Calibrated
 
 SECONDS = 20.0
 _FURTHEST_M = 0.3  # as the rig file allows; a stop that far away leaves too little of the travel

@@ -2,7 +2,7 @@
 
 import signal
 
-from runtime.realtime import become_ordinary
+from runtime.io.realtime import become_ordinary
 from runtime.virtual.server import main
 
 signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which then ends this process

@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 ROOT = Path(__file__).parents[2]
 SKETCH = ROOT / "arduino_sketch"

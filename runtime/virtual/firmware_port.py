@@ -7,11 +7,11 @@ that were measured on the ESC pins, and the steps that were counted on the step 
 import math
 from collections import deque
 
-from runtime.mcu import Outputs
+from runtime.virtual.mcu import Outputs
 from runtime.virtual.mcu_port import HOME_SWITCH_M, battery_v
 from runtime.virtual.simulated_uno import SOURCE_PIN, SUFFERER_PIN, SimulatedUno
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
 
 DIVIDER = 4.0  # 30 kΩ over 10 kΩ, as arduino_sketch/pins.h has it
 WIRE_S = 0.001  # a command's bytes on the simulated wire, and the main loop's turn

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
 
 HOOKS = ("command_hook", "force_hook", "sensor_hook", "wake_hook")
 

@@ -3,8 +3,7 @@
 import math
 from collections import deque
 
-from runtime.mcu import Mcu, McuStatus, Outputs
-from runtime.protocol import (
+from runtime.io.protocol import (
     FIRMWARE,
     PROTOCOL_VERSION,
     SEQUENCE_WRAP,
@@ -22,8 +21,9 @@ from runtime.protocol import (
     Status,
     encode_frame,
 )
+from runtime.virtual.mcu import Mcu, McuStatus, Outputs
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
 
 BOOT_S = 1.7  # an UNO's bootloader, from opening the port
 HOME_SWITCH_M = 1e-3

@@ -8,8 +8,8 @@ import tempfile
 from pathlib import Path
 
 from runtime.virtual.mcu_port import BOOT_S
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
 
 STOP_LIMIT_S = 2.0
 

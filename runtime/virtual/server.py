@@ -16,15 +16,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from runtime.protocol import TIME_WRAP_US, FrameDecoder
-from runtime.range_source import PLANT_HANGS_S, STATUS_NO_TARGET, RangeReading
+from runtime.io.protocol import TIME_WRAP_US, FrameDecoder
+from runtime.io.range_source import PLANT_HANGS_S, STATUS_NO_TARGET, RangeReading
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.mcu_port import BOOT_S, McuPort
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.range_sensor import NO_SAMPLE
-from wakedeploy.rig import parse_rig
+from wakedeploy.rig.file import parse_rig
 
 LATE_S = 0.1  # the deadman holds after 62 ms of silence and takes thrust away after 125 ms
 

@@ -26,9 +26,9 @@ from benchmarks.injected.parting import fly_all
 from benchmarks.injected.phases import PHASES, moments
 from benchmarks.results import faults
 from benchmarks.results.section import Records
+from wakedeploy.core.package import write_package
 from wakedeploy.domains.gantry import record
-from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 SECONDS = 6.0
 MOMENT = Moment("in the air", 5, 4.0, SECONDS)

@@ -16,7 +16,7 @@ from benchmarks.fuzz.judge import Judge, Verdict
 from benchmarks.fuzz.kind import Kind
 from benchmarks.fuzz.pool import Batch, Pool, judged, unread_sound
 from benchmarks.fuzz.smallest import smallest
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 FILES = {
     "rig": 200, "rig-update": 60, "log-csv": 200, "log-mcap": 120, "flight": 12, "reference": 400,

@@ -14,7 +14,7 @@ from benchmarks.interruptions.whole import broken_files
 from benchmarks.results import interrupted
 from benchmarks.results.section import Records
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 WRITES = """
 from pathlib import Path

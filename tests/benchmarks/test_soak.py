@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.soak import Growth, read_back, soak_plan, soaked
-from runtime.loop import PERIOD_S
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog_mcap import RunLogWriter
+from runtime.loop.loop import PERIOD_S
+from wakedeploy.core.runlog_mcap import RunLogWriter
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 

@@ -6,7 +6,7 @@ import numpy as np
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 
 LIMIT_S = 120
 FAST = ("--dimension", "hidden=4:9", "--dimension", "chunk_steps=32:64")

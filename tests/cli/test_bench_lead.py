@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 
 def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> None:

@@ -15,9 +15,10 @@ from click.testing import CliRunner
 from runtime.calibration import zero
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import calibrate, calibrate_options, main
+from wakedeploy.core.rig import Effect, EffectParameter
+from wakedeploy.core.runlog import read_run_log
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import Effect, EffectParameter, default_rig, default_rig_text, read_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.rig.file import default_rig, default_rig_text, read_rig
 
 # Half a second at rest before and after each run, not three: nothing here is measured in them.
 RIG_TEXT = default_rig_text().replace("[disturbance]\n", "[disturbance]\nrest_s = 0.5\n")

@@ -13,7 +13,7 @@ from click.testing import CliRunner
 
 import wakedeploy
 from wakedeploy import cli
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 HEAVY = [
     "torch", "numpy", "scipy", "onnx", "onnxruntime", "optuna", "numba", "pandas", "matplotlib",

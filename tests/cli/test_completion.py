@@ -12,7 +12,7 @@ from test_command_line import HEAVY
 
 from wakedeploy.cli import main
 from wakedeploy.cli.completion import SHELLS
-from wakedeploy.names import ARCHITECTURES, DOMAINS
+from wakedeploy.core.names import ARCHITECTURES, DOMAINS
 
 PROGRAMS = Path(sys.executable).parent  # where `wakedeploy` is
 

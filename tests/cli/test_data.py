@@ -7,7 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import read_episode_set
+from wakedeploy.core.episodes import read_episode_set
 
 
 def test_a_gantry_set_is_made_and_described(tmp_path: Path) -> None:

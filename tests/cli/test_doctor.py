@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import doctor, main
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 
 def test_a_sound_machine_passes_and_says_so_as_json(tmp_path: Path) -> None:

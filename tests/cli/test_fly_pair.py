@@ -12,8 +12,8 @@ from growing import written_so_far
 
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.75})  # in which the carriage goes home
 CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "fly-pair"]

@@ -15,8 +15,8 @@ from click.testing import CliRunner, Result
 from small_tune import FAST, small_set
 
 from wakedeploy.cli import main
+from wakedeploy.core.runlog import read_run_log
 from wakedeploy.domains.gantry import record
-from wakedeploy.runlog import read_run_log
 
 BYTES = 3_000
 

@@ -12,13 +12,12 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.naming import Thresholds
-from wakedeploy.gap.steps import at_work, write_step
-from wakedeploy.gap.threshold import _cache_path
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import RunLog
-from wakedeploy.runlog_csv import write_csv
+from wakedeploy.gap.folder import at_work, write_step
+from wakedeploy.gap.search.naming import Thresholds
+from wakedeploy.gap.search.threshold import _cache_path
+from wakedeploy.rig.file import default_rig
 
 STEPS = ("close", "find", "name", "add", "show")
 
@@ -37,7 +36,7 @@ def folder(tmp_path: Path, log: RunLog, monkeypatch: pytest.MonkeyPatch) -> Path
     cached = _cache_path(rig)
     cached.parent.mkdir(parents=True)
     cached.write_text(json.dumps(asdict(Thresholds(6.0, 8.0, 8.0, 60.0, 0.03, 0.03, 0.003))))
-    write_csv(log, tmp_path / "flight.csv")
+    log.write_csv(tmp_path / "flight.csv")
     return tmp_path
 
 
@@ -59,7 +58,7 @@ def refused(told: Result, words: str) -> None:
 
 def test_every_command_explains_itself() -> None:
     listed = CliRunner().invoke(main, ["gap", "--help"]).output
-    for step in (*STEPS, "plan", "power", "demo", "benchmark", "export", "domain"):
+    for step in (*STEPS, "plan", "power", "demo", "export", "domain"):
         assert f"  {step} " in listed
         told = CliRunner().invoke(main, ["gap", step, "--help"])
         assert told.exit_code == 0
@@ -67,7 +66,7 @@ def test_every_command_explains_itself() -> None:
 
 
 def without(log: RunLog, folder: Path, column: str) -> None:
-    write_csv(log, folder / "bad.csv")
+    log.write_csv(folder / "bad.csv")
     rows = list(csv.reader((folder / "bad.csv").read_text("utf-8").splitlines()))
     at = rows[0].index(column)
     lines = [",".join(row[:at] + row[at + 1 :]) for row in rows]
@@ -75,7 +74,7 @@ def without(log: RunLog, folder: Path, column: str) -> None:
 
 
 def changed(log: RunLog, folder: Path, column: str, values: object) -> None:
-    write_csv(RunLog({**log.columns, column: values}, dict(log.metadata)), folder / "bad.csv")
+    RunLog({**log.columns, column: values}, dict(log.metadata)).write_csv(folder / "bad.csv")
 
 
 @pytest.mark.parametrize("column", ["t_s", "mode", "range_m", "steps"])
@@ -99,7 +98,7 @@ def test_broken_flights_are_refused_with_the_reason(folder: Path, log: RunLog) -
         changed(log, folder, column, values)
         refused(gap(folder, "find", "bad.csv"), words)
     for ticks, words in ((20, "only 20 ticks"), (90, "never flew"), (200, "s in the air")):
-        write_csv(log.select(slice(0, ticks)), folder / "bad.csv")
+        log.select(slice(0, ticks)).write_csv(folder / "bad.csv")
         refused(gap(folder, "find", "bad.csv"), words)
 
 
@@ -136,19 +135,19 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
         return run
 
     named = {"verdict": "named", "effects": [{"name": "spool-lag-source"}], "class": []}
-    monkeypatch.setattr("wakedeploy.gap.close.find", stands_in("find", {"maps": []}))
-    monkeypatch.setattr("wakedeploy.gap.close.name", stands_in("name", named))
+    monkeypatch.setattr("wakedeploy.gap.workflow.find", stands_in("find", {"maps": []}))
+    monkeypatch.setattr("wakedeploy.gap.workflow.name", stands_in("name", named))
     for step, told in (("add", {"effects": named["effects"]}), ("show", {}), ("result", named)):
         function = {"show": "show_gap", "result": "_concluded"}.get(step, step)
-        monkeypatch.setattr(f"wakedeploy.gap.close.{function}", stands_in(step, told | {"a": 1}))
+        monkeypatch.setattr(f"wakedeploy.gap.workflow.{function}", stands_in(step, told | {"a": 1}))
 
     def interrupted(*_: object) -> None:
         done.append("training")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.close.retrain_shown", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.workflow.retrain_shown", interrupted)
     for i in range(3):
-        write_csv(record(default_rig(), seconds=12, seed=8 + i), folder / f"flight{i}.csv")
+        record(default_rig(), seconds=12, seed=8 + i).write_csv(folder / f"flight{i}.csv")
     flights = ["flight.csv", *(f"flight{i}.csv" for i in range(3))]
     told = gap(folder, "close", *flights, more=("--retrain",))
     assert told.exit_code == 130, told.output
@@ -170,7 +169,7 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.close.name", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.workflow.name", interrupted)
     told = gap(folder, "close", "flight.csv")
     assert told.exit_code == 130
     assert "go on with `wakedeploy gap name`" in told.stderr

@@ -10,9 +10,9 @@ import scipy.io
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
+from wakedeploy.core.runlog import read_run_log
 from wakedeploy.domains.gantry import record
-from wakedeploy.episodes import read_episode_set
-from wakedeploy.runlog import read_run_log
 
 
 def run(*arguments: object) -> Result:

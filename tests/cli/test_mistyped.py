@@ -8,8 +8,8 @@ from trainers.build import ARCHITECTURES as BUILT
 from wakedeploy.cli import main
 from wakedeploy.cli.groups import COMMANDS, ELSEWHERE, OPTIONS
 from wakedeploy.cli.names import SOME_ARCHITECTURES
-from wakedeploy.errors import UnusableInput
-from wakedeploy.names import ARCHITECTURES, DOMAINS, meant, near, unknown
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import ARCHITECTURES, DOMAINS, meant, near, unknown
 from wakedeploy.study.sets import DOMAINS as STUDIED
 
 

@@ -7,7 +7,7 @@ from click.testing import CliRunner
 
 from wakedeploy.cli import main
 from wakedeploy.cli.recordings import VARIABLE, recordings_folder
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 
 def test_what_is_told_comes_first_then_the_variable(tmp_path, monkeypatch) -> None:

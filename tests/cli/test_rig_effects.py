@@ -5,7 +5,7 @@ from pathlib import Path
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.rig import default_rig_text
+from wakedeploy.rig.file import default_rig_text
 
 
 def test_effects_are_shown_with_their_values_or_refused(tmp_path: Path) -> None:

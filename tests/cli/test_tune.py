@@ -12,7 +12,7 @@ import pytest
 from small_tune import FAST, LIMIT_S, one_line, small_set, tune, wakedeploy
 
 from trainers.build import ARCHITECTURES
-from wakedeploy.episodes import read_episode_set
+from wakedeploy.core.episodes import read_episode_set
 
 
 @pytest.fixture(scope="module")

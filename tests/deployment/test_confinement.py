@@ -11,7 +11,7 @@ from pathlib import Path
 import needs
 import pytest
 
-from wakedeploy.package import write_package
+from wakedeploy.core.package import write_package
 
 UNIT = Path(__file__).parents[2] / "deployment" / "wakedeploy-gantry@.service"
 CEILING = 0.8  # systemd's exposure, of 10; real time, two devices and a socket are what remains
@@ -95,7 +95,7 @@ def missing_for_confinement():
         ctypes.CDLL("libseccomp.so.2")
     except OSError:
         return f"{needs.NOT_INSTALLED}libseccomp2"
-    command = [sys.executable, "-c", "from runtime.realtime import *; become_realtime()"]
+    command = [sys.executable, "-c", "from runtime.io.realtime import *; become_realtime()"]
     ended = subprocess.run(command, capture_output=True, check=False)
     return "this user may not use SCHED_FIFO" if ended.returncode else None
 

@@ -14,10 +14,10 @@ from made_packages import gantry_package, sound
 from rig_over_ssh import ROOT, needs_sshd, running_rig
 
 from wakedeploy.cli import main
-from wakedeploy.errors import UnusableInput
-from wakedeploy.package import read_package, write_package
-from wakedeploy.remote import Remote
-from wakedeploy.rig import default_rig, default_rig_text
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.package import read_package, write_package
+from wakedeploy.deploy.remote import Remote
+from wakedeploy.rig.file import default_rig, default_rig_text
 
 pytestmark = needs_sshd
 
@@ -182,7 +182,7 @@ def test_a_wakedeploy_that_is_missing_or_dies_there_is_named(rig, packages):
 
 
 def test_a_check_that_hangs_there_is_ended_there(rig, packages, monkeypatch, tmp_path):
-    monkeypatch.setattr("wakedeploy.deployment.CHECK_LIMIT_S", 1)
+    monkeypatch.setattr("wakedeploy.deploy.site.CHECK_LIMIT_S", 1)
     rig.command.write_text(f"#!/bin/sh\necho $$ > '{tmp_path}/checking'; exec sleep 60\n")
     done = deploy(rig, packages("first.onnx"))
     assert_refused(done, 1, "check` had not ended after 1 s and was ended there", "doctor` there")
@@ -191,8 +191,8 @@ def test_a_check_that_hangs_there_is_ended_there(rig, packages, monkeypatch, tmp
 
 
 def test_a_check_that_does_not_hear_is_ended_all_the_same(rig, packages, monkeypatch):
-    monkeypatch.setattr("wakedeploy.deployment.CHECK_LIMIT_S", 1)
-    monkeypatch.setattr("wakedeploy.deployment._END_S", 0.5)
+    monkeypatch.setattr("wakedeploy.deploy.site.CHECK_LIMIT_S", 1)
+    monkeypatch.setattr("wakedeploy.deploy.site._END_S", 0.5)
     rig.command.write_text("#!/bin/sh\ntrap '' TERM; while :; do sleep 0.1; done\n")
     assert_refused(deploy(rig, packages("first.onnx")), 1, "by SIGKILL", "it went on after 1 s")
     assert_unchanged(rig, {})

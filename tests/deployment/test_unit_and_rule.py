@@ -8,13 +8,13 @@ from pathlib import Path
 import needs
 import pytest
 
-from runtime.blind import ladder_s
-from runtime.descent import DESCENT_LIMIT, DESCENT_MPS
-from runtime.recorder import CLOSE_LIMIT_S
-from runtime.settling import LONGEST_S
-from runtime.way_down import DEADMAN_S
+from runtime.io.recorder import CLOSE_LIMIT_S
+from runtime.loop.blind import ladder_s
+from runtime.loop.descent import DESCENT_LIMIT, DESCENT_MPS
+from runtime.loop.settling import LONGEST_S
+from runtime.loop.way_down import DEADMAN_S
 from wakedeploy.cli.run_gantry import command as run_gantry
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 FOLDER = Path(__file__).parents[2] / "deployment"
 UNIT, RULES = FOLDER / "wakedeploy-gantry@.service", FOLDER / "60-wakedeploy.rules"

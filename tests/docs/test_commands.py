@@ -21,7 +21,7 @@ from shell_lines import ALL, NOT_RUN, OTHERS, PAGES, ROOT, Line, fences, files, 
 
 from wakedeploy.cli import main
 from wakedeploy.cli.doctor import CALIBRATIONS
-from wakedeploy.rig import default_rig_text, read_rig
+from wakedeploy.rig.file import default_rig_text, read_rig
 
 READ = [line for line in ALL if line.not_run_because]
 RUN = [line for line in ALL if line.is_ours and not line.not_run_because]

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from shell_lines import FENCE, PAGES, ROOT, fences
 
-from wakedeploy.rig import default_rig_text, parse_rig
+from wakedeploy.rig.file import default_rig_text, parse_rig
 
 # The studies' own sentences are as the studies write them.
 WRITTEN = [page for page in PAGES if page.name != "studies.md" or page.parent.name != "results"]

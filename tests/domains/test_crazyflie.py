@@ -9,9 +9,9 @@ from click.testing import CliRunner
 from scipy.spatial.transform import Rotation
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.crazyflie import MASS_KG, OBSERVATION, import_set
-from wakedeploy.episodes import read_episode_set
-from wakedeploy.errors import UnusableInput
 
 PUSH_N = {"a": np.array([0.01, -0.02, -0.07]), "b": np.array([0.0, 0.005, 0.03])}
 N = 300

@@ -5,6 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
 from wakedeploy.domains.downwash import (
     DT_S,
     OBSERVATION,
@@ -14,7 +15,6 @@ from wakedeploy.domains.downwash import (
     make_set,
     shifted,
 )
-from wakedeploy.episodes import read_episode_set
 from wakedeploy.physics.field_grid import FieldGrid, drag_force_n
 from wakedeploy.physics.rail import GRAVITY_MPS2
 

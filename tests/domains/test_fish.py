@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.io import savemat
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import import_set
-from wakedeploy.episodes import read_episode_set
-from wakedeploy.errors import UnusableInput
 
 SECONDS = 20.0
 

@@ -6,8 +6,8 @@ import needs
 import numpy as np
 import pytest
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.flaredw import read_flights
-from wakedeploy.errors import UnusableInput
 
 N = 600
 TIME_S = 5.0 + np.arange(N) / 200.0

@@ -7,13 +7,14 @@ import numpy as np
 import pytest
 
 from runtime.measured_force import measure, range_offset, thrust_after_spool
+from wakedeploy.core.episodes import Channel
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Effect, EffectParameter
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set, measured_stretches
-from wakedeploy.episodes import Channel
-from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Effect, EffectParameter, default_rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import _job, episode_from_log, make_set, record
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 

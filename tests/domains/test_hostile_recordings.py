@@ -10,9 +10,9 @@ import pytest
 from scipy.io import savemat
 
 from benchmarks.fuzz.archives import deflated
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains import matfile, motor
 from wakedeploy.domains.crazyflie import import_set
-from wakedeploy.errors import UnusableInput
 
 HEAD = "Timestamp,RPM,Duty,Batt. Volts\n"
 ROW = "2020-01-01 00:00:00:000,{},2,3\n"

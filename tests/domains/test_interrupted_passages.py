@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from wakedeploy import processes
+from wakedeploy.core import processes
 from wakedeploy.domains import ship
 
 SCRIPT = """

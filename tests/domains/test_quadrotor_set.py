@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
 from wakedeploy.domains.flaredw import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
-from wakedeploy.episodes import read_episode_set
 from wakedeploy.study.domains import _by_group
 
 HOVER_RADPS = 379.0

@@ -5,6 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
+from wakedeploy.core.episodes import read_episode_set
 from wakedeploy.domains.ship import (
     OBSERVATION,
     OWN_MOTION,
@@ -15,7 +16,6 @@ from wakedeploy.domains.ship import (
     _sail,
     _steps,
 )
-from wakedeploy.episodes import read_episode_set
 from wakedeploy.physics.ships.hull import WATER_KGPM3, Hull
 from wakedeploy.physics.ships.manoeuvring import Ship, State
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wakedeploy.episodes import Episode
-from wakedeploy.package import Package
+from wakedeploy.core.episodes import Episode
+from wakedeploy.core.package import Package
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ def predictor_of(arch: str):
     """Untrained weights, but a normalisation that is not the identity, and no weight that is 0."""
     torch = pytest.importorskip("torch")
     from export.reference import INPUTS, OUTPUTS, reference_config
-    from trainers.runs import new_predictor
+    from trainers.training.runs import new_predictor
 
     predictor = new_predictor(reference_config(arch)).eval()
     torch.manual_seed(5)

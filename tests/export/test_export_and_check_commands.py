@@ -12,10 +12,10 @@ from click.testing import CliRunner, Result
 
 pytest.importorskip("torch")
 
-from wakedeploy import onnx_wire
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.package import MANIFEST_KEY, read_package
+from wakedeploy.core import onnx_wire
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.package import MANIFEST_KEY, read_package
 
 KEYS = {"ok", "arch", "trainable", "parity"}
 

@@ -16,12 +16,12 @@ from trainers.build import ARCHITECTURES
 from trainers.memory import Memory
 from trainers.model import Predictor, WakeModel
 from trainers.preset import SHIPPED, read_preset
-from trainers.runs import new_predictor
-from wakedeploy.errors import CheckFailed
-from wakedeploy.manifest import ForceChannel
-from wakedeploy.onnx_graph import OPERATORS, read_graph
-from wakedeploy.onnx_shapes import MOST_VALUES, MOST_WORK, cost_of
-from wakedeploy.package import make_package
+from trainers.training.runs import new_predictor
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import ForceChannel
+from wakedeploy.core.onnx_graph import OPERATORS, read_graph
+from wakedeploy.core.onnx_shapes import MOST_VALUES, MOST_WORK, cost_of
+from wakedeploy.core.package import make_package
 
 UNIT = ForceChannel(name="force", unit="N", min=0.0, max=1.5)
 

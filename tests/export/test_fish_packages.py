@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from trainers.build import ARCHITECTURES
 from wakedeploy.cli import main
-from wakedeploy.package import read_package
+from wakedeploy.core.package import read_package
 
 pytestmark = [pytest.mark.slow, needs.recordings("fish")]
 

@@ -14,10 +14,10 @@ from runtime.predictor import PackagePredictor
 from runtime.replay import compare, replay, rolled_out
 from trainers.build import ARCHITECTURES
 from trainers.model import Predictor
-from wakedeploy.episodes import Episode
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.manifest import Manifest
-from wakedeploy.package import make_package, read_package, write_package
+from wakedeploy.core.episodes import Episode
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.manifest import Manifest
+from wakedeploy.core.package import make_package, read_package, write_package
 
 
 @pytest.mark.parametrize("arch", ARCHITECTURES)

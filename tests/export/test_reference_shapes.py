@@ -5,7 +5,7 @@ import pytest
 pytest.importorskip("torch")
 
 from export import reference
-from wakedeploy.package import read_package
+from wakedeploy.core.package import read_package
 
 TABLE_I = {  # trainable, frozen
     "agile-mlp": (17_922, 0),
@@ -35,7 +35,7 @@ def test_a_package_states_the_tables_counts(arch, counts, exported_arch):
 
 
 def test_the_window_of_the_reference_shapes_has_31_snapshots():
-    from trainers.runs import new_predictor
+    from trainers.training.runs import new_predictor
 
     predictor = new_predictor(reference.reference_config("history-mlp"))
     assert (predictor.memory.k, predictor.memory.stride) == (31, 1)

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.package import read_package
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.package import read_package
 
 
 def wakedeploy(*arguments: object) -> Result:

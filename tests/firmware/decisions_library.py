@@ -9,7 +9,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 
-from runtime.protocol import (
+from runtime.io.protocol import (
     Arm,
     Frame,
     FrameDecoder,

@@ -11,13 +11,13 @@ from pathlib import Path
 
 from world import World
 
-from runtime.loop import Loop
-from runtime.recorder import Recorder
+from runtime.io.recorder import Recorder
+from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
 from runtime.virtual.simulated_uno import BOOT_S
-from wakedeploy.rig import read_rig
+from wakedeploy.rig.file import read_rig
 
 
 def main(board: str, rig_file: str, seconds: str, seed: str, log: str) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from benchmarks import frames
 from runtime.virtual import firmware_build
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 pytestmark = needs.compiler
 

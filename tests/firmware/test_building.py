@@ -8,10 +8,10 @@ from pathlib import Path
 import needs
 import pytest
 
-from runtime.protocol import FIRMWARE
+from runtime.io.protocol import FIRMWARE
 from runtime.virtual import firmware_build
 from runtime.virtual.firmware_build import firmware, host_library, simulator_library
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 
 def test_missing_compilers_are_named_with_their_packages(monkeypatch):

@@ -1,4 +1,4 @@
-"""The firmware decides as runtime/mcu.py and runtime/virtual/mcu_port.py do, within limits."""
+"""The firmware decides as mcu.py and mcu_port.py of runtime/virtual do, within limits."""
 
 import dataclasses
 import math
@@ -22,8 +22,7 @@ from decisions_library import (
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from runtime.arming import arm_limits
-from runtime.protocol import (
+from runtime.io.protocol import (
     SEQUENCE_WRAP,
     Arm,
     Command,
@@ -35,8 +34,9 @@ from runtime.protocol import (
     Status,
     encode_frame,
 )
+from runtime.loop.arming import arm_limits
 from runtime.virtual.mcu_port import McuPort
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 pytestmark = needs.compiler
 

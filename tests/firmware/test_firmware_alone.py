@@ -5,10 +5,10 @@ import time
 import needs
 from cable import Cable
 
-from runtime.link import Link
-from runtime.protocol import Arm, Command, Fault
+from runtime.io.link import Link
+from runtime.io.protocol import Arm, Command, Fault
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 

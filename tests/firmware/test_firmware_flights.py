@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from runtime.virtual.firmware_build import ROOT
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import RunLog, read_run_log
+from wakedeploy.core.runlog import RunLog, read_run_log
+from wakedeploy.rig.file import default_rig
 
 pytestmark = needs.simulator
 

@@ -7,18 +7,18 @@ import pytest
 from click.testing import CliRunner
 from simulated import the_uno
 
-from runtime import protocol
-from runtime.board import met_board
 from runtime.calibration.session import Site, resting
-from runtime.link import Link
+from runtime.io import protocol
+from runtime.io.board import met_board
+from runtime.io.link import Link
+from runtime.io.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
 from runtime.place import opened_place
-from runtime.protocol import Arm, Command, Fault, Frame, FrameDecoder, Hello, encode_frame
 from runtime.request import RunRequest
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 LIMITS = Arm(1000, 2000, 20_000, 250, 1000, 2100, 8400, 0, 0, 0)
 

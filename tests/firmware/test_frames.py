@@ -1,4 +1,4 @@
-"""The firmware speaks runtime/protocol.py's wire, byte for byte, and drops what that drops."""
+"""The firmware speaks runtime/io/protocol.py's wire, byte for byte, and drops what that drops."""
 
 import needs
 import pytest
@@ -14,7 +14,7 @@ from decisions_library import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from runtime.protocol import (
+from runtime.io.protocol import (
     FIRMWARE,
     PROTOCOL_VERSION,
     Arm,

@@ -5,15 +5,15 @@ import pytest
 from decisions_library import Board
 from far_end import FarEnd
 
-from runtime.board import met_board
-from runtime.link import Link
-from runtime.protocol import Fault, encode_frame
+from runtime.io.board import met_board
+from runtime.io.link import Link
+from runtime.io.protocol import Fault, encode_frame
 from runtime.request import RunRequest
 from runtime.run import fly
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.errors import CheckFailed
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 pytestmark = needs.compiler
 

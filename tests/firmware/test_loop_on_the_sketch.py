@@ -8,12 +8,12 @@ import pytest
 from simulated import the_uno
 from world import RIG, World
 
-from runtime.loop import Loop
-from runtime.protocol import Fault
+from runtime.io.protocol import Fault
+from runtime.loop.loop import Loop
 from runtime.reference import hold_plan
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.simulated_uno import BOOT_S
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 pytestmark = needs.simulator
 

@@ -6,7 +6,7 @@ import needs
 import pytest
 from decisions_library import AT_ONCE, LIMITS, TICKS_PER_S, Board, flying
 
-from runtime.protocol import PROTOCOL_VERSION, SEQUENCE_WRAP, Command, Disarm, Fault, Hello
+from runtime.io.protocol import PROTOCOL_VERSION, SEQUENCE_WRAP, Command, Disarm, Fault, Hello
 
 pytestmark = needs.compiler
 

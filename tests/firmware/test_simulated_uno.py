@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import the_uno
 
-from runtime.protocol import (
+from runtime.io.protocol import (
     PROTOCOL_VERSION,
     Arm,
     Command,

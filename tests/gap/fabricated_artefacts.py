@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wakedeploy.gap.naming import sealed_count
+from wakedeploy.gap.rules import sealed_count
 from wakedeploy.physics.effects import LIBRARY
 
 _PAIR = ["spool-lag-sufferer", "command-latency"]

@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from wakedeploy.core.rig import Effect, EffectParameter, Rig
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.flight import Flight, flight_from_log
-from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.inference import Fit
-from wakedeploy.gap.naming import fitted_base
-from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig, read_rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.rig.file import default_rig, read_rig
 
 RIG = default_rig()
 QUIET = RIG.changed(

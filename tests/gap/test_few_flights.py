@@ -18,19 +18,21 @@ from recorded import RIG, SECONDS, with_effects
 
 from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan import power
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
-from wakedeploy.errors import UnusableInput
-from wakedeploy.gap import demo, finding
-from wakedeploy.gap.account import account
-from wakedeploy.gap.advice import advice
-from wakedeploy.gap.close import add, close, open_case, write_result
+from wakedeploy.gap import demo
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
-from wakedeploy.gap.glance import UNSIMULATED
-from wakedeploy.gap.naming import FEWEST_FLIGHTS, FEWEST_IN_ALL, Thresholds, sealed_count
-from wakedeploy.gap.report import write_report
-from wakedeploy.gap.steps import read_steps, write_step
+from wakedeploy.gap.folder import read_steps, write_step
+from wakedeploy.gap.report.advice import advice
+from wakedeploy.gap.report.page import write_report
+from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
+from wakedeploy.gap.search import places as finding
+from wakedeploy.gap.search.glance import UNSIMULATED
+from wakedeploy.gap.search.naming import Thresholds
+from wakedeploy.gap.workflow import add, close, open_case, write_result
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.rig import read_rig
+from wakedeploy.rig.file import read_rig
 
 LIMITS = Thresholds(6.0, 8.0, 8.0, 60.0, 0.02, 0.02, 0.003)
 HIDDEN = "crosswind-offset"
@@ -59,8 +61,10 @@ def searching(*names: str):
     """Few effects and no expression: the whole library and a search for one take a minute."""
     with pytest.MonkeyPatch.context() as patched:
         for module in ("glance", "naming"):
-            patched.setattr(f"wakedeploy.gap.{module}.LIBRARY", {n: LIBRARY[n] for n in names})
-        patched.setattr("wakedeploy.gap.naming.search", lambda *_, **__: None)
+            patched.setattr(
+                f"wakedeploy.gap.search.{module}.LIBRARY", {n: LIBRARY[n] for n in names}
+            )
+        patched.setattr("wakedeploy.gap.search.naming.search", lambda *_, **__: None)
         yield
 
 
@@ -254,7 +258,7 @@ def test_too_few_flights_do_not_wait_for_thresholds(flights, monkeypatch, tmp_pa
     def simulated(*_: object, **__: object) -> Thresholds:
         raise AssertionError("simulates")
 
-    monkeypatch.setattr("wakedeploy.gap.close.thresholds_for", simulated)
+    monkeypatch.setattr("wakedeploy.gap.workflow.thresholds_for", simulated)
     case = open_case(tmp_path / "rig.toml", flights[HIDDEN][:2])
     assert case.thresholds is UNSIMULATED
     assert not case.is_simulated
@@ -344,7 +348,7 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
 @pytest.mark.parametrize("verdict", ["named", "class", "unknown", "none"])
 def test_the_page_says_what_the_terminal_says(tmp_path, monkeypatch, verdict, count) -> None:
     if count >= FEWEST_FLIGHTS:  # of fewer, captions could claim too much as well
-        monkeypatch.setattr("wakedeploy.gap.report.PICTURES", ())
+        monkeypatch.setattr("wakedeploy.gap.report.page.PICTURES", ())
     fabricated(tmp_path, verdict, "none", True, count)
     page, steps = text_of(write_report(tmp_path)), read_steps(tmp_path)
     for sentence in account(steps.summary).splitlines():

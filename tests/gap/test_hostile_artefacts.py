@@ -10,19 +10,19 @@ import pytest
 from fabricated_artefacts import fabricate
 from recorded import flown
 
+from benchmarks.hidden_effects.lines import LINES, read_lines
 from wakedeploy.cli.gap_plan import _class_in
-from wakedeploy.errors import UnusableInput
-from wakedeploy.gap import close
-from wakedeploy.gap.account import account
-from wakedeploy.gap.benchmark.lines import LINES, read_lines
-from wakedeploy.gap.finding import forbids_none
-from wakedeploy.gap.found import FITS, Found
-from wakedeploy.gap.gantry import GantryModel
-from wakedeploy.gap.plan import stated_sizes
-from wakedeploy.gap.steps import read_steps
-from wakedeploy.gap.telling import number
-from wakedeploy.gap.terms import TERMS
-from wakedeploy.rig import default_rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap import workflow as close
+from wakedeploy.gap.folder import read_steps
+from wakedeploy.gap.planning.plan import stated_sizes
+from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.search.candidates import TERMS
+from wakedeploy.gap.search.places import forbids_none
+from wakedeploy.gap.search.saved_fits import FITS, Found
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.wording import number
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 LOGS = ["cd" * 32] * 7

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.special import fresnel
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.body import STATE, PlanarBody, thrust_vector_n
 
 G = 9.81

@@ -5,7 +5,7 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.constants import (
     DEFAULT_SPREAD,
     NEUTRAL,
@@ -17,10 +17,10 @@ from wakedeploy.physics.constants import (
 )
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.motor import Motor
-from wakedeploy.rig import default_rig, parse_rig
+from wakedeploy.rig.file import default_rig, parse_rig
 
 RIG = default_rig()
-TEXT = files("wakedeploy").joinpath("default_rig.toml").read_text("utf-8")
+TEXT = files("wakedeploy.rig").joinpath("default_rig.toml").read_text("utf-8")
 HOVER_N = RIG.sufferer.mass_kg * 9.81
 
 

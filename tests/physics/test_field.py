@@ -12,12 +12,13 @@ from hypothesis import strategies as st
 pytest.importorskip("numba", reason="the 2D field is part of the [train] install")
 pytest.importorskip("scipy", reason="the field's twin is part of the [train] install")
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Wake
 from wakedeploy.physics.field import WakeField
 from wakedeploy.physics.field_grid import FieldGrid, FieldPhysics, blur_weights, drag_force_n
 from wakedeploy.physics.field_reference import ReferenceField
 from wakedeploy.physics.jet import PuffTable, drag_force
-from wakedeploy.rig import Wake, default_rig
+from wakedeploy.rig.file import default_rig
 
 DT_S = 0.01
 SMALL = FieldGrid(0.06, 0.06, left_m=-0.9, bottom_m=-1.5, columns=31, rows=36)

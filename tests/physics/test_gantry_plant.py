@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig, default_rig, parse_rig
+from wakedeploy.rig.file import default_rig, parse_rig
 
 CLEAN = default_rig().changed(
     disturbance={

@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import quad
 
 from wakedeploy.physics.jet import VerticalJet, drag_force
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 DT_S = 1.0 / 256.0

@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from wakedeploy.core.rig import Rail, SpoolLag
 from wakedeploy.physics.motor import EscFrame, Motor, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2, RailBody
-from wakedeploy.rig import Rail, SpoolLag, default_rig
+from wakedeploy.rig.file import default_rig
 
 DT_S = 1.0 / 256.0
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.body import PlanarBody
 from wakedeploy.physics.planar_flight import lqr
 from wakedeploy.physics.rail import GRAVITY_MPS2

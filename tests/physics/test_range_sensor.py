@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from wakedeploy.core.rig import Disturbance, RangeSensor
 from wakedeploy.physics.range_sensor import RangeSensorModel
 from wakedeploy.physics.turbulence import OrnsteinUhlenbeck
-from wakedeploy.rig import Disturbance, RangeSensor
 
 DT_S = 1.0 / 256.0
 

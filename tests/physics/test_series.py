@@ -11,7 +11,7 @@ from wakedeploy.physics.jet import VerticalJet
 from wakedeploy.physics.motor import Motor
 from wakedeploy.physics.rail import GRAVITY_MPS2, RailBody
 from wakedeploy.physics.series import filtered, jet_along, rail_friction, smoothed, spooled_thrust
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 DT_S = 1.0 / 128.0

@@ -2,11 +2,11 @@
 
 from dataclasses import replace
 
-from runtime.loop import Loop
+from runtime.loop.loop import Loop
 from runtime.reference import FlightPlan
 from runtime.simulated import SimulatedGantry
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
 
 
 class Bench(SimulatedGantry):

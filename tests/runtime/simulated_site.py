@@ -3,12 +3,13 @@
 from dataclasses import dataclass
 
 from runtime.calibration.session import with_clip
-from runtime.loop import Loop
+from runtime.loop.loop import Loop
 from runtime.reference import FlightPlan
 from runtime.simulated import SimulatedGantry
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.core.runlog_columns import STAGES
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import STAGES, RunLog
 
 
 class Rows:

@@ -9,9 +9,9 @@ import pytest
 from runtime import bench
 from runtime.bench import BenchRow, bench_latency, budget_ms
 from wakedeploy.cli import bench as command_line
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.package import write_package
+from wakedeploy.rig.file import default_rig
 
 
 @pytest.fixture

@@ -13,12 +13,12 @@ from simulated_site import SimulatedSite
 from runtime.calibration import heights, latency, noise, spool, steps, thrust, zero
 from runtime.calibration.session import resting
 from runtime.reference import FlightPlan, hold_plan
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.runlog import RunLog
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.gantry import INNER_RATE_HZ
-from wakedeploy.rig import default_rig
-from wakedeploy.rig_update import updated
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.file import default_rig
+from wakedeploy.rig.update import updated
 
 RIG = default_rig()
 

@@ -11,8 +11,8 @@ from benchmarks.injected.catalogue import FAULTS, GROUPS
 from benchmarks.injected.flight import Case, Moment, fly
 from benchmarks.injected.phases import moments
 from benchmarks.injected.table import LOWER_MPS, UPPER_MPS
-from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.core.package import write_package
+from wakedeploy.rig.file import default_rig
 
 SECONDS = 8.0
 CALM = 0.0  # without a wake the package, which predicts no force, is right

@@ -15,9 +15,9 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
-from runtime.loop import Loop
-from runtime.protocol import Command, Frame, encode_frame
-from runtime.range_source import SOCKET_LAYOUT, RangeReading
+from runtime.io.protocol import Command, Frame, encode_frame
+from runtime.io.range_source import SOCKET_LAYOUT, RangeReading
+from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.request import RunRequest
 from runtime.run import fly
@@ -25,9 +25,10 @@ from runtime.simulated import SimulatedGantry
 from runtime.virtual.mcu_port import McuPort
 from runtime.virtual.server import FrameStamps
 from wakedeploy.cli import main
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.core.runlog_columns import STAGES
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import STAGES, read_run_log
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 
@@ -115,7 +116,7 @@ def test_the_bytes_on_the_wire_are_real_a_damaged_frame_is_dropped_and_counted()
 
 
 def test_an_hour_of_flight_outruns_the_disk_and_loses_no_tick(here, monkeypatch):
-    monkeypatch.setattr("runtime.recorder.QUEUE_SIZE", 8)
+    monkeypatch.setattr("runtime.io.recorder.QUEUE_SIZE", 8)
     fly(RunRequest(RIG, 30.0, log=Path("f.mcap")))
     log = read_run_log("f.mcap")
     assert log.metadata["dropped"] == "0"

@@ -7,9 +7,9 @@ from runtime.pair import fly_pairs, legs
 from runtime.pair_wake import PairWake, combined, compare
 from runtime.reference import hold_plan, random_plan
 from runtime.request import RunRequest
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.domains.gantry import record
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.5})
 

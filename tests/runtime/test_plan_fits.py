@@ -10,9 +10,9 @@ from runtime.calibration.steps import driving
 from runtime.reference import ceiling_m, hold_plan, random_plan, require_plan_fits
 from runtime.request import RunRequest
 from runtime.run import fly
-from wakedeploy.errors import UnusableInput
-from wakedeploy.gap.manoeuvres import menu
-from wakedeploy.rig import default_rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.planning.manoeuvres import menu
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 1.0})
 LOW = RIG.changed(limits={"z_m": [-0.05, 0.5]})

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from runtime.predictor import PackagePredictor, inference_session
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 KINDS = ("none", "window", "state")
 

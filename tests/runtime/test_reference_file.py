@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from runtime.reference import FlightPlan, hold_plan
 from runtime.reference_file import read_reference, write_reference
 from wakedeploy.cli import main
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 

@@ -6,7 +6,7 @@ from hostile_models import HEAD
 from made_packages import package_of, parsed, sound, tiny_manifest
 
 from runtime.replay import replay, require_bounded
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 STATES = {"memory": {"kind": "state", "states": {"count": {"shape": [1]}}}, "warm_up_steps": 8}
 PLAIN = {"memory": {"kind": "none"}, "warm_up_steps": 1}

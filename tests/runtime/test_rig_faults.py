@@ -24,9 +24,8 @@ from cable import Cable
 from click.testing import CliRunner
 from growing import written_so_far
 
-from runtime.conversation import Conversation
-from runtime.mcu import latch_s
-from runtime.protocol import (
+from runtime.io.conversation import Conversation
+from runtime.io.protocol import (
     PROTOCOL_VERSION,
     Command,
     Fault,
@@ -35,11 +34,12 @@ from runtime.protocol import (
     Status,
     encode_frame,
 )
-from runtime.range_source import RangeReading, wait_for_first
+from runtime.io.range_source import RangeReading, wait_for_first
+from runtime.virtual.mcu import latch_s
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "run-gantry", "--baseline"]
@@ -340,7 +340,7 @@ def test_a_port_without_permission_says_which_group(tmp_path):
     master, slave = os.openpty()
     os.fchmod(slave, 0o600)
     script = (
-        "import os, sys; from runtime.link import Link; from wakedeploy.errors import "
+        "import os, sys; from runtime.io.link import Link; from wakedeploy.core.errors import "
         "UnusableInput\nos.setgroups([]); os.setuid(65534)\n"
         "try: Link(sys.argv[1])\nexcept UnusableInput as error: print(error)"
     )

@@ -20,21 +20,21 @@ from growing import written_so_far
 from made_packages import gantry_package
 
 from runtime.calibration.session import resting
-from runtime.protocol import FIRMWARE, Fault
-from runtime.recorder import RunLogWriter
+from runtime.io.protocol import FIRMWARE, Fault
+from runtime.io.recorder import RunLogWriter
+from runtime.loop.safety import Findings, fatal_faults
+from runtime.loop.tally import Tally
 from runtime.request import RunRequest, require_fit
 from runtime.run import fly
-from runtime.safety import Findings, fatal_faults
-from runtime.tally import Tally
 from runtime.verdict import judge
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.cli import main
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.failsafes import HINTS
-from wakedeploy.manifest import ForceChannel
-from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig, parse_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.failsafes import HINTS
+from wakedeploy.core.manifest import ForceChannel
+from wakedeploy.core.package import write_package
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig, parse_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
 CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "run-gantry"]

@@ -8,16 +8,16 @@ import time
 import pytest
 from made_packages import gantry_package
 
-from runtime.arming import arm_limits
-from runtime.link import Link
-from runtime.protocol import Command
-from runtime.range_source import RangeReading, SocketRangeSource, wait_for_first
+from runtime.io.link import Link
+from runtime.io.protocol import Command
+from runtime.io.range_source import RangeReading, SocketRangeSource, wait_for_first
+from runtime.loop.arming import arm_limits
 from runtime.standby import begin_standby, stand_by
 from runtime.virtual.process import VirtualGantryProcess
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import write_package
-from wakedeploy.rig import default_rig
-from wakedeploy.runlog import read_run_log
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.package import write_package
+from wakedeploy.core.runlog import read_run_log
+from wakedeploy.rig.file import default_rig
 
 # A board that was armed greets again once its own descent is over.
 RIG = default_rig().changed(disturbance={"rest_s": 0.2}, limits={"sink_s": 0.5})

@@ -22,17 +22,17 @@ from runtime.replay import replay
 from runtime.request import RunRequest
 from runtime.run import fly
 from runtime.trial import Limits, require_trial, tried
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.package import Example, make_package, write_package
-from wakedeploy.rig import default_rig
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.package import Example, make_package, write_package
+from wakedeploy.rig.file import default_rig
 
 ROOT, PYTHON = Path(__file__).parents[2], sys.executable
 PLAIN = {"memory": {"kind": "none"}, "warm_up_steps": 1}
 # A reader of packages that believes everything.
 FOOLED = """
 import sys
-import wakedeploy.package as p
-from wakedeploy.onnx_wire import metadata
+import wakedeploy.core.package as p
+from wakedeploy.core.onnx_wire import metadata
 def believed(model, name):
     told = metadata(model)
     manifest = p.Manifest.model_validate_json(told[p.MANIFEST_KEY])

@@ -5,7 +5,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.study.closed_loop import (
     Always,
     Tracked,

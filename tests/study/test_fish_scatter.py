@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trainers.esn import EsnHyper
+from trainers.architectures.esn import EsnHyper
 from wakedeploy.cli.study_delay import fish_scatter
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import import_set
-from wakedeploy.errors import UnusableInput
 from wakedeploy.study.domains import Line, compare, held_out
 from wakedeploy.study.fish_scatter import Shown, best_memory, shown
 from wakedeploy.study.fish_scatter_figure import draw, sentence

@@ -6,10 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from trainers.runs import TRAINING
-from wakedeploy import figures
+from trainers.training.runs import TRAINING
 from wakedeploy.cli.study_options import Asked
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core import figures
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.study.folder import Part, write_study
 
 

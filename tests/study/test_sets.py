@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from wakedeploy.episodes import Channel, Episode, EpisodeSet, read_episode_set
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import default_rig
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.rig.file import default_rig
 from wakedeploy.study import code, sets, shift
 from wakedeploy.study.sets import DOMAINS, Domain, obtain
 
@@ -115,8 +115,8 @@ def test_the_hash_follows_imports_and_nothing_else(tmp_path, monkeypatch) -> Non
         "wakedeploy/__init__.py": "",
         "wakedeploy/made.py": "import numpy\ndef f():\n    from wakedeploy.deep import used\n",
         "wakedeploy/deep/__init__.py": "",
-        "wakedeploy/deep/used.py": "import runtime.loop\n",
-        "runtime/loop.py": "X = 1\n",
+        "wakedeploy/deep/used.py": "import runtime.loop.loop\n",
+        "runtime/loop/loop.py": "X = 1\n",
         "wakedeploy/other.py": "Y = 1\n",
     }
     for name, text in sources.items():
@@ -130,7 +130,7 @@ def test_the_hash_follows_imports_and_nothing_else(tmp_path, monkeypatch) -> Non
     first = told()
     (tmp_path / "wakedeploy/other.py").write_text("Y = 2\n")
     assert told() == first
-    (tmp_path / "runtime/loop.py").write_text("X = 2\n")
+    (tmp_path / "runtime/loop/loop.py").write_text("X = 2\n")
     assert told() != first
     with pytest.raises(ValueError, match="no module"):
         code.code_sha256("wakedeploy.moon")

@@ -12,8 +12,8 @@ from click.testing import CliRunner
 from matplotlib.figure import Figure
 
 from wakedeploy.cli.study_delay import basin
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import import_set
-from wakedeploy.errors import UnusableInput
 from wakedeploy.study.basin import (
     ALIAS,
     ELSEWHERE,

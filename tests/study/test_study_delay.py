@@ -10,13 +10,13 @@ import pytest
 from click.testing import CliRunner
 
 from trainers.build import build
-from trainers.lookback import attention, kernels
+from trainers.inspection.lookback import attention, kernels
 from trainers.model import Predictor
-from trainers.tape import lay_tape
+from trainers.training.tape import lay_tape
 from wakedeploy.cli.study_delay import delay
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.domains.downwash import World, make_set
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 from wakedeploy.study import delay as study
 from wakedeploy.study.delay import (
     Attended,

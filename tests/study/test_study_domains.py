@@ -9,11 +9,11 @@ import pytest
 from click.testing import CliRunner
 from scipy.signal import lfilter
 
-from trainers.esn import EsnHyper
+from trainers.architectures.esn import EsnHyper
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import sha256_of
 from wakedeploy.study.domains import SOURCE_ONLY, compare, planned
 from wakedeploy.study.domains_figure import best_over_kinds
 from wakedeploy.study.domains_sentence import sentence

@@ -11,10 +11,10 @@ from click.testing import CliRunner
 from scipy.signal import lfilter
 
 from wakedeploy.cli.study_horizon import lead
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set
 from wakedeploy.domains.downwash import RATE_HZ, fly
 from wakedeploy.domains.gantry_lead import sweep
-from wakedeploy.episodes import Channel, Episode, EpisodeSet, read_episode_set
-from wakedeploy.rig import default_rig
+from wakedeploy.rig.file import default_rig
 from wakedeploy.study.closed_loop import FIRST_SEED
 from wakedeploy.study.lead import (
     LEADS_S,

@@ -16,8 +16,8 @@ from scipy.signal import lfilter
 from runtime.bench import BenchRow
 from trainers.build import ARCHITECTURES
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.package import read_package
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.package import read_package
 from wakedeploy.study.pareto import ROUNDS, Point, by_parameters, by_step, front, sentence
 from wakedeploy.study.pareto_figure import headline, panels, parts, rows, summary
 

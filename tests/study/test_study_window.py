@@ -12,15 +12,15 @@ from click.testing import CliRunner
 from scipy.signal import lfilter
 
 from trainers.build import ARCHITECTURES
-from trainers.cold import predict_from_cold
-from trainers.predict import predict
-from trainers.tape import lay_tape
-from wakedeploy import figures
+from trainers.inspection.cold_start import predict_from_cold
+from trainers.training.predict import predict
+from trainers.training.tape import lay_tape
 from wakedeploy.cli import main
 from wakedeploy.cli.study_horizon import window
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.rig import default_rig
-from wakedeploy.study.looks import looks
+from wakedeploy.core import figures
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.rig.file import default_rig
+from wakedeploy.study.colours import looks
 from wakedeploy.study.runs import Wanted, candidates, obtained, obtained_run
 from wakedeploy.study.window import (
     WHOLE,

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.signal import lfilter
 
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.study.uncertainty import (
     blocks,
     interval,

@@ -9,8 +9,8 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.files import read_json_lines
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.files import read_json_lines
 
 SPLIT = ("train", "train", "train", "validation", "test")
 

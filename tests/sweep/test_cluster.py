@@ -22,10 +22,10 @@ from distributed.cli import dask_worker
 from distributed.scheduler import KilledWorker
 
 import wakedeploy as package
-from trainers.runs import TRAINING, load_run
-from trainers.training import configure, settings_for, train
-from wakedeploy.episodes import read_episode_set
-from wakedeploy.errors import CheckFailed, installs
+from trainers.training.runs import TRAINING, load_run
+from trainers.training.trainer import configure, settings_for, train
+from wakedeploy.core.episodes import read_episode_set
+from wakedeploy.core.errors import CheckFailed, installs
 from wakedeploy.sweep import cluster
 from wakedeploy.sweep.cluster import Cluster, misfit
 from wakedeploy.sweep.jobs import do, train_jobs

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.sweep.plan import read_plan
 from wakedeploy.sweep.results import Results
 

@@ -17,9 +17,9 @@ import pytest
 from click.testing import Result
 from said import sentences
 
-from trainers.runs import load_run
-from trainers.training import configure, settings_for, train
-from wakedeploy.episodes import EpisodeSet, read_episode_set
+from trainers.training.runs import load_run
+from trainers.training.trainer import configure, settings_for, train
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
 from wakedeploy.sweep.executor import ATTEMPTS, LocalProcesses
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure, train_jobs
 from wakedeploy.sweep.plan import Choice, read_plan
@@ -72,7 +72,7 @@ def test_asked_again_only_what_is_missing_is_done_and_rows_stay(
 
 
 def be_of(monkeypatch: pytest.MonkeyPatch, commit: str) -> None:
-    for module in ("wakedeploy.sweep.jobs", "wakedeploy.commit"):
+    for module in ("wakedeploy.sweep.jobs", "wakedeploy.core.commit"):
         monkeypatch.setattr(f"{module}.present_commit", lambda: commit)
 
 

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import default_rig_text
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.rig.file import default_rig_text
 from wakedeploy.sweep.jobs import generate_job
 from wakedeploy.sweep.plan import line_of, read_plan
 

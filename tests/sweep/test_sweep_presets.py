@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from trainers.training import configure, settings_for
-from wakedeploy.episodes import read_episode_set
-from wakedeploy.errors import UnusableInput
+from trainers.training.trainer import configure, settings_for
+from wakedeploy.core.episodes import read_episode_set
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.sweep.plan import read_plan
 
 TUNED = """format = 1

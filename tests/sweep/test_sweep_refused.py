@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.sweep import jobs
 from wakedeploy.sweep.plan import Choice
 

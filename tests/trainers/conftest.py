@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 
 RATE_HZ = 20.0
 DELAY_STEPS = 6

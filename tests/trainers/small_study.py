@@ -7,10 +7,10 @@ import numpy as np
 import optuna
 
 from trainers.model import Predictor
-from trainers.runs import RunConfig
+from trainers.training.runs import RunConfig
 from trainers.tuning.plan import Plan, make_plan
 from trainers.tuning.workers import Work, run_trials
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 
 # Narrowed so that a trial takes a tenth of a second.
 TINY = {

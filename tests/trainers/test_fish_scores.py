@@ -5,9 +5,9 @@ from pathlib import Path
 import needs
 import pytest
 
-from trainers.training import configure, train
+from trainers.training.trainer import configure, train
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.domains.fish import import_set
-from wakedeploy.episodes import EpisodeSet
 
 
 @pytest.fixture(scope="module")

@@ -7,13 +7,13 @@ import pytest
 import torch
 
 from trainers.build import ARCHITECTURES, build
-from trainers.lockstep import Lockstep
+from trainers.inspection.lockstep import Lockstep
 from trainers.model import Predictor
 from trainers.present_only import CODE, present_only
-from trainers.training import configure, settings_for, train
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.manifest import PARAMETER_BUDGET
+from trainers.training.trainer import configure, settings_for, train
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import PARAMETER_BUDGET
 
 INPUTS, OUTPUTS, HIDDEN = 4, 2, (1, 3)
 WITH_MEMORY = [name for name in ARCHITECTURES if name != "agile-mlp"]

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
-from trainers.fit import Fit, FitSettings, Standing, learning_rate
-from trainers.runs import BEST, finished_runs, load_run
 from trainers.trackers import following
 from trainers.trackers.values import epochs, named, parameters
-from trainers.training import configure
+from trainers.training.fit import Fit, FitSettings, Standing, learning_rate
+from trainers.training.runs import BEST, finished_runs, load_run
+from trainers.training.trainer import configure
 from wakedeploy.cli import main
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 
 needs_tensorboard = pytest.mark.skipif(
     importlib.util.find_spec("tensorboard") is None,

@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from wakedeploy.cli import main
-from wakedeploy.episodes import OBSERVER, EpisodeSet
+from wakedeploy.core.episodes import OBSERVER, EpisodeSet
 
 ROW = {"arch", "seed", "trainable", "frozen", "split", "rmse", "r2", "seconds", "device"}
 ROW |= {"run", "lead_s", "hyper", "settings", "kept_from", "data_sha256"}

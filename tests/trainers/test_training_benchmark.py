@@ -20,8 +20,8 @@ from benchmarks.training import (
     newest_force,
     table,
 )
-from trainers.training import configure, settings_for, tapes
-from wakedeploy.episodes import EpisodeSet
+from trainers.training.trainer import configure, settings_for, tapes
+from wakedeploy.core.episodes import EpisodeSet
 
 
 def config_of(data: EpisodeSet, arch: str, epochs: int = 2):

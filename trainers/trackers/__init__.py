@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Protocol
 
-from trainers.fit import Standing
-from trainers.runs import RunConfig, TrainedRun
-from wakedeploy.errors import UnusableInput, installs, one_line
+from trainers.training.fit import Standing
+from trainers.training.runs import RunConfig, TrainedRun
+from wakedeploy.core.errors import UnusableInput, installs, one_line
 
 TRACKERS = ("tensorboard", "mlflow")
 FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"

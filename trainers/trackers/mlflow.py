@@ -22,13 +22,13 @@ import mlflow
 from mlflow.entities import Metric, Param
 from mlflow.exceptions import MlflowException
 
-from trainers.fit import Standing
-from trainers.runs import CONFIG, RunConfig, TrainedRun
 from trainers.trackers import FAILED, FINISHED, INTERRUPTED
 from trainers.trackers.values import VALIDATION_LOSS, epochs, finals, parameters, standing_of
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import json_of, json_text, text_of, write_text_whole
-from wakedeploy.locks import one_at_a_time
+from trainers.training.fit import Standing
+from trainers.training.runs import CONFIG, RunConfig, TrainedRun
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
+from wakedeploy.core.locks import one_at_a_time
 
 EXPERIMENT = "wakedeploy"
 STORE, ARTIFACTS = "mlflow.db", "mlflow-artifacts"

@@ -10,10 +10,10 @@ import numpy as np
 from torch.utils.tensorboard import SummaryWriter
 from torch.utils.tensorboard.summary import hparams
 
-from trainers.fit import Standing
-from trainers.runs import RunConfig, TrainedRun
 from trainers.trackers.values import epochs, finals, parameters, standing_of
-from wakedeploy.errors import one_line
+from trainers.training.fit import Standing
+from trainers.training.runs import RunConfig, TrainedRun
+from wakedeploy.core.errors import one_line
 
 EVENTS = "events.out.tfevents.*"
 _SEEN_AFTER_S = 5  # what was told is on the disk then

@@ -5,9 +5,9 @@ import math
 import re
 from collections.abc import Iterator
 
-from trainers.fit import FitSettings, Standing, learning_rate
-from trainers.runs import RunConfig, RunMetrics
-from trainers.training import idle_settings
+from trainers.training.fit import FitSettings, Standing, learning_rate
+from trainers.training.runs import RunConfig, RunMetrics
+from trainers.training.trainer import idle_settings
 
 Scalar = float | int | str | bool
 

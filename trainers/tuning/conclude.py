@@ -12,10 +12,10 @@ from typing import Any
 import optuna
 import torch
 
-from trainers.pictures import write_pictures
+from trainers.inspection.pictures import write_pictures
 from trainers.preset import Preset, stated, write_preset
-from trainers.runs import RunConfig, TrainedRun, UnusableRun
-from trainers.training import OnEpoch, train
+from trainers.training.runs import RunConfig, TrainedRun, UnusableRun
+from trainers.training.trainer import OnEpoch, train
 from trainers.tuning.figure import write_figures
 from trainers.tuning.plan import described
 from trainers.tuning.report import (
@@ -29,10 +29,10 @@ from trainers.tuning.report import (
 )
 from trainers.tuning.study import PRUNER, all_trials, finished, running
 from trainers.tuning.workers import BEST, TRIALS, Work
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed
-from wakedeploy.files import remove_unfinished
-from wakedeploy.locks import one_at_a_time
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.files import remove_unfinished
+from wakedeploy.core.locks import one_at_a_time
 
 FRONT, RUNS = "pareto", "best"
 

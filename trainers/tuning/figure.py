@@ -20,7 +20,7 @@ from trainers.tuning.report import (
     front_of,
 )
 from trainers.tuning.study import INTERRUPTED
-from wakedeploy import figures
+from wakedeploy.core import figures
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

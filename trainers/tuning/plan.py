@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from trainers.dimensions import Dimension
-from trainers.fit import FitSettings
-from trainers.runs import TRAINING, RunConfig
-from trainers.training import configure, require_enough, settings_for, tapes
+from trainers.training.fit import FitSettings
+from trainers.training.runs import TRAINING, RunConfig
+from trainers.training.trainer import configure, require_enough, settings_for, tapes
 from trainers.tuning.space import Point, search_space, split
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import UnusableInput
 
 OBJECTIVES = (("rmse",), ("rmse", "latency"))
 FEWEST_SAMPLES = (

@@ -15,7 +15,7 @@ from optuna.trial import FrozenTrial, TrialState
 
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import Choice
-from trainers.training import idle_settings
+from trainers.training.trainer import idle_settings
 from trainers.tuning.plan import Plan
 from trainers.tuning.sampler import AGAIN
 from trainers.tuning.space import Point, split, trained_point
@@ -30,7 +30,7 @@ from trainers.tuning.study import (
     all_trials,
     arch_of,
 )
-from wakedeploy.files import write_text_whole
+from wakedeploy.core.files import write_text_whole
 
 FINISHED, BEHIND, OVER_BUDGET, IMPOSSIBLE = "finished", "pruned", "over budget", "impossible"
 FAILED, LOST, RUNNING, WAITING = "failed", "lost", "running", "waiting"

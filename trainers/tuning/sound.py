@@ -11,8 +11,8 @@ import optuna
 from optuna.trial import FrozenTrial, TrialState
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from wakedeploy.errors import one_line
-from wakedeploy.validation import first_problem
+from wakedeploy.core.errors import one_line
+from wakedeploy.core.validation import first_problem
 
 Number = float | int
 

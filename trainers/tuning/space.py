@@ -12,9 +12,9 @@ from optuna.trial import FrozenTrial, Trial
 from trainers.bounds import check_settings, check_value
 from trainers.build import ARCHITECTURES
 from trainers.dimensions import HISTORY, Choice, Dimension, Span
-from trainers.fit import FitSettings
-from wakedeploy.episodes import window_shape
-from wakedeploy.errors import UnusableInput
+from trainers.training.fit import FitSettings
+from wakedeploy.core.episodes import window_shape
+from wakedeploy.core.errors import UnusableInput
 
 Point = dict[str, float]
 

@@ -9,10 +9,10 @@ from collections.abc import Mapping
 
 from trainers.build import ARCHITECTURES
 from trainers.preset import Preset
-from trainers.training import idle_settings
+from trainers.training.trainer import idle_settings
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import Point, point_of
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 
 def reference_point(plan: Plan) -> Point | None:

@@ -21,9 +21,9 @@ from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
 from optuna.trial import FrozenTrial
 from sqlalchemy.engine import URL, make_url
 
-from wakedeploy.errors import UnusableInput, installs, one_line
-from wakedeploy.files import named
-from wakedeploy.locks import one_at_a_time
+from wakedeploy.core.errors import UnusableInput, installs, one_line
+from wakedeploy.core.files import named
+from wakedeploy.core.locks import one_at_a_time
 
 JOURNAL = "study.journal"
 OnLost = Callable[[optuna.Study, FrozenTrial], None]

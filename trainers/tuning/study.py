@@ -22,7 +22,7 @@ from trainers.tuning.sampler import AGAIN, SeededByTrial
 from trainers.tuning.sound import problem_of
 from trainers.tuning.space import Point, split, trained_point
 from trainers.tuning.storage import Place
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 # What a trial says of itself.
 REASON, PARAMETERS, EPOCHS, WORKER = "reason", "parameters", "epochs", "worker"

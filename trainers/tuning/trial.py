@@ -12,14 +12,14 @@ import optuna
 import torch
 from numpy.typing import NDArray
 
+from trainers.architectures.esn import Esn
 from trainers.build import trainable_weights
-from trainers.device import choose_device
-from trainers.esn import Esn
-from trainers.fit import FitSettings
 from trainers.model import Predictor
-from trainers.ridge import solve_readout
-from trainers.runs import RunConfig, new_predictor
-from trainers.training import new_fit, tapes
+from trainers.training.device import choose_device
+from trainers.training.fit import FitSettings
+from trainers.training.ridge import solve_readout
+from trainers.training.runs import RunConfig, new_predictor
+from trainers.training.trainer import new_fit, tapes
 from trainers.tuning.plan import Plan
 from trainers.tuning.space import Point, suggest
 from trainers.tuning.study import (
@@ -36,8 +36,8 @@ from trainers.tuning.study import (
     pruner_of,
     this_worker,
 )
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
 
 # What a step of the exported predictor costs, in µs, over observations (T, d).
 StepCost = Callable[[Predictor, RunConfig, NDArray[np.float32]], float]
@@ -54,7 +54,7 @@ _TIMED_SAMPLES = 512
 class Objective:
     """What Optuna minimises: a trial's validation error, and in a timed study its step's cost.
 
-    Trials train on `device`, which is "auto", "cpu" or "cuda" as in `trainers.training.train`.
+    Trials train on `device`, which is "auto", "cpu" or "cuda" as in `trainers.training.trainer`.
     Raises TrialPruned and what FAILURES names, each with its reason in the trial's attributes.
     """
 

@@ -19,8 +19,8 @@ from typing import Any
 import optuna
 import torch
 
-from trainers.device import require_cuda
 from trainers.preset import read_preset
+from trainers.training.device import require_cuda
 from trainers.tuning.plan import Plan
 from trainers.tuning.report import are_trials
 from trainers.tuning.space import Point
@@ -39,10 +39,10 @@ from trainers.tuning.study import (
     waiting,
 )
 from trainers.tuning.trial import FAILURES, Objective, StepCost
-from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, is_full
-from wakedeploy.interruption import interruptible
-from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
+from wakedeploy.core.errors import CheckFailed, UnusableInput, WakedeployError, is_full
+from wakedeploy.core.interruption import interruptible
+from wakedeploy.core.processes import deaf_to_ctrl_c, end_with_parent
 
 OnTrials = Callable[[optuna.Study], None]
 

@@ -17,8 +17,8 @@ import click
 import wakedeploy
 from wakedeploy.cli import shells
 from wakedeploy.cli.groups import Group, answered
-from wakedeploy.errors import WakedeployError, installs, is_full, one_line, relief
-from wakedeploy.interruption import interruptible, was_interrupted
+from wakedeploy.core.errors import WakedeployError, installs, is_full, one_line, relief
+from wakedeploy.core.interruption import interruptible, was_interrupted
 
 COMMANDS = (
     "demo",

@@ -9,7 +9,7 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.errors import CheckFailed
+from wakedeploy.core.errors import CheckFailed
 
 if TYPE_CHECKING:
     from runtime.bench import BenchRow
@@ -54,7 +54,7 @@ def latency(
         wakedeploy bench latency gru.onnx --busy
     """
     from runtime.bench import bench_latency, budget_ms
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     with tempfile.TemporaryDirectory() as folder:
@@ -179,7 +179,7 @@ def lead(
     import numpy as np
 
     from wakedeploy.domains.gantry_lead import best, sweep
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), rig.default_lead_s})

@@ -154,7 +154,7 @@ def steps(
         wakedeploy calibrate steps --distance-m 0.5 --rig rig.toml --port /dev/ttyACM0
     """
     from runtime.calibration import steps as procedure
-    from wakedeploy.errors import UnusableInput
+    from wakedeploy.core.errors import UnusableInput
 
     rig = request.rig("stepper.steps_per_m")
     if (distance_m is None) != bool(request.logs):

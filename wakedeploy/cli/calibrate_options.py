@@ -23,14 +23,14 @@ from wakedeploy.cli.flight_options import (
     with_options,
 )
 from wakedeploy.cli.output import print_table, write_json
-from wakedeploy.errors import UnusableInput, WakedeployError
+from wakedeploy.core.errors import UnusableInput, WakedeployError
 
 if TYPE_CHECKING:
     from runtime.calibration import Outcome
     from runtime.calibration.session import Site
-    from runtime.tally import Tally
-    from wakedeploy.rig import Rig
-    from wakedeploy.runlog import RunLog
+    from runtime.loop.tally import Tally
+    from wakedeploy.core.rig import Rig
+    from wakedeploy.core.runlog import RunLog
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _RIG_FILES = (
@@ -102,7 +102,7 @@ class Request:
             raise UnusableInput("--keep-logs belongs to a new measurement; --log has its own file.")
         if self.virtual:
             self._require_another_file("The virtual gantry")
-        from wakedeploy.rig import read_rig
+        from wakedeploy.rig.file import read_rig
 
         rig = read_rig(self.rig_path)
         for entry in rig.effect:
@@ -116,7 +116,7 @@ class Request:
 
     def true_rig(self, rig: "Rig") -> "Rig":
         """What the virtual gantry is in truth."""
-        from wakedeploy.rig import read_rig
+        from wakedeploy.rig.file import read_rig
 
         return read_rig(self.plant_rig) if self.plant_rig else rig
 
@@ -173,7 +173,7 @@ class Request:
 
     def read_logs(self, count: int) -> "list[RunLog]":
         """The logs recorded earlier; UnusableInput unless there are `count` of them."""
-        from wakedeploy.runlog import read_run_log
+        from wakedeploy.core.runlog import read_run_log
 
         if len(self.logs) != count:
             raise UnusableInput(
@@ -205,7 +205,7 @@ class Request:
 
     def finish(self, rig: "Rig", outcome: "Outcome") -> None:
         """Write the constants, then tell what they were and are."""
-        from wakedeploy.rig_update import update_rig
+        from wakedeploy.rig.update import update_rig
 
         date = _today()
         after, kept = update_rig(self.rig_path, outcome.constants, date, self.out)

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.manifest import Manifest
+    from wakedeploy.core.manifest import Manifest
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 
@@ -47,7 +47,7 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
 def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
     """The table of a package that passes; `result` is filled with what is known by then."""
     from runtime.trial import tried
-    from wakedeploy.package import read_package
+    from wakedeploy.core.package import read_package
 
     package = read_package(file)
     manifest = package.manifest
@@ -74,9 +74,9 @@ def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[
 
 def _fits(manifest: "Manifest", rig_path: Path) -> list[list[str]]:
     """What the package is for, once it is known to be for this rig's loop; UnusableInput if not."""
-    from runtime.loop import require_wait
+    from runtime.loop.loop import require_wait
     from runtime.request import require_fit
-    from wakedeploy.rig import read_rig
+    from wakedeploy.rig.file import read_rig
 
     rig = read_rig(rig_path)
     require_fit(manifest, rig)

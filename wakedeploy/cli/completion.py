@@ -13,7 +13,7 @@ from typing import NamedTuple
 import click
 from click.shell_completion import get_completion_class
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 SHELLS = ("bash", "zsh", "fish")
 _HEADER = "# Written by wakedeploy --install-completion, which replaces it."
@@ -60,7 +60,7 @@ def install(shell: str, program: click.Command, environment: Mapping[str, str]) 
 
     Raises UnusableInput where a file cannot be read, or a script there is somebody else's.
     """
-    from wakedeploy.files import write_text_whole
+    from wakedeploy.core.files import write_text_whole
 
     script, startup = place_of(shell, environment)
     there, wanted = _read(script), script_of(shell, program)

@@ -8,10 +8,10 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
 
 _OUT = click.option(
     "--out",
@@ -72,7 +72,7 @@ def make_gantry(
         wakedeploy data make gantry --out sets/second --package gru.onnx
     """
     from wakedeploy.domains.gantry import make_set
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     _require_writable(out)
@@ -236,7 +236,7 @@ def show(folder: Path, json_path: Path | None) -> None:
     Example:
         wakedeploy data show sets/gantry
     """
-    from wakedeploy.episodes import read_episode_set
+    from wakedeploy.core.episodes import read_episode_set
 
     _describe(read_episode_set(folder), folder, json_path)
 
@@ -263,7 +263,7 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
 
 
 def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
-    from wakedeploy.episodes import SPLITS
+    from wakedeploy.core.episodes import SPLITS
 
     parts = {split: described.part(split) for split in SPLITS}
     recordings = _recordings(described)
@@ -280,7 +280,7 @@ def _splits(described: "EpisodeSet") -> list[dict[str, Any]]:
 
 def _recordings(described: "EpisodeSet") -> dict[str, dict[str, int]]:
     """How many recordings each split has; nothing where the provenance does not tell all of it."""
-    from wakedeploy.episodes import SPLITS
+    from wakedeploy.core.episodes import SPLITS
 
     told: Any = described.provenance.get("recordings")
     try:

@@ -12,10 +12,10 @@ import click
 
 from wakedeploy.cli.many_flights import with_error
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.runlog import RunLog
+    from wakedeploy.core.runlog import RunLog
 
 _SEED = 7  # of the first flight; training episodes count from a million
 _EPOCHS = 40
@@ -104,7 +104,7 @@ def _compared(flown: dict[str, Any]) -> dict[str, Any]:
 def _latency(package: Path) -> dict[str, Any]:
     """What this computer takes from measurement to command; it may be too busy to say."""
     from runtime.bench import bench_latency, budget_ms
-    from wakedeploy.rig import default_rig
+    from wakedeploy.rig.file import default_rig
 
     budget = budget_ms(default_rig())
     click.secho(f"\n$ wakedeploy bench latency {package} --ticks {_LATENCY_TICKS}", bold=True)
@@ -156,8 +156,8 @@ def _latency_sentence(latency: dict[str, Any]) -> str:
 
 
 def _draw(pid_path: Path, fed_path: Path, picture: Path) -> None:
-    from wakedeploy import figures
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.core import figures
+    from wakedeploy.core.runlog import read_run_log
 
     pid, fed = read_run_log(pid_path), read_run_log(fed_path)
     with figures.style():
@@ -169,7 +169,7 @@ def _draw(pid_path: Path, fed_path: Path, picture: Path) -> None:
 
 
 def _draw_heights(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
-    from wakedeploy import figures
+    from wakedeploy.core import figures
 
     axes.plot(fed["t_s"], fed["z_ref_m"], color=figures.REFERENCE, ls="--", label="reference")
     axes.plot(pid["t_s"], pid["true_z_m"], color=figures.LIMIT, label="PID alone")
@@ -179,7 +179,7 @@ def _draw_heights(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
 
 
 def _draw_errors(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
-    from wakedeploy import figures
+    from wakedeploy.core import figures
 
     for log, color, name in (
         (pid, figures.LIMIT, "PID alone"),
@@ -193,7 +193,7 @@ def _draw_errors(axes: Any, pid: "RunLog", fed: "RunLog") -> None:
 
 
 def _draw_force(axes: Any, fed: "RunLog") -> None:
-    from wakedeploy import figures
+    from wakedeploy.core import figures
 
     lead_s = float(fed.metadata.get("lead_s") or 0.0)
     axes.plot(fed["t_s"], fed["true_wake_force_n"], color=figures.TRUE, label="true")

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import progress
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.deployment import Links, Site
+    from wakedeploy.deploy.site import Links, Site
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _DIRECTORY, _COMMAND = "wakedeploy", "wakedeploy"
@@ -53,8 +53,8 @@ def command(
     """
     if (package is None) != rollback:
         raise UnusableInput("Say what to do: either deploy a PACKAGE, or go back with --rollback.")
-    from wakedeploy.deployment import Site
-    from wakedeploy.remote import Remote
+    from wakedeploy.deploy.remote import Remote
+    from wakedeploy.deploy.site import Site
 
     site = Site(Remote(target, ssh_config), directory, remote_command)
     if package is None:
@@ -66,7 +66,7 @@ def command(
 
 
 def _deploy(site: "Site", file: Path) -> None:
-    from wakedeploy.package import read_package
+    from wakedeploy.core.package import read_package
 
     package = read_package(file)
     manifest = package.manifest

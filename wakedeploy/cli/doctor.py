@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.errors import installs
+from wakedeploy.core.errors import installs
 
 if TYPE_CHECKING:
-    from wakedeploy.rig import Calibration, Rig
+    from wakedeploy.core.rig import Calibration, Rig
 
 OK, OPTIONAL, STALE, BROKEN = "ok", "optional", "stale", "BROKEN"
 _ENOUGH_DISK_GIB = 1.0
@@ -149,7 +149,7 @@ def i2c_buses() -> list[Finding]:
 
 def realtime() -> list[Finding]:
     """The loop's own `--realtime` settings, tried in a process of its own."""
-    ended = _try("from runtime.realtime import become_realtime; become_realtime()")
+    ended = _try("from runtime.io.realtime import become_realtime; become_realtime()")
     if ended.returncode == 0:
         return [Finding("--realtime", OK, "allowed")]
     return [Finding("--realtime", OPTIONAL, "not allowed", _why(ended))]
@@ -169,7 +169,7 @@ def calibrations(path: Path, today: datetime.date | None = None) -> list[Finding
 
     Also how soon a sensor with its noise is found frozen, where that takes longer than usual.
     """
-    from wakedeploy.rig import read_rig
+    from wakedeploy.rig.file import read_rig
 
     rig, now = read_rig(path), today or datetime.datetime.now(datetime.UTC).date()
     return [
@@ -179,8 +179,8 @@ def calibrations(path: Path, today: datetime.date | None = None) -> list[Finding
 
 
 def _frozen_sensor(rig: "Rig") -> list[Finding]:
-    from runtime.safety import RANGE_FROZEN_S
-    from runtime.signs import frozen_limit_s
+    from runtime.loop.safety import RANGE_FROZEN_S
+    from runtime.loop.silent_faults import frozen_limit_s
 
     limit_s, fix = frozen_limit_s(rig), "check range_sensor.noise_m and resolution_m."
     if limit_s <= RANGE_FROZEN_S:
@@ -251,7 +251,7 @@ def _sensor_driver() -> Finding | None:
     """Why the range sensor's driver cannot be loaded where there is a bus to use it on."""
     if not glob.glob(_I2C_BUSES):
         return None
-    ended = _try("from runtime.range_source import import_driver; import_driver()")
+    ended = _try("from runtime.io.range_source import import_driver; import_driver()")
     return Finding("[rig]", OPTIONAL, "not usable", _why(ended)) if ended.returncode else None
 
 

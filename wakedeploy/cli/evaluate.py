@@ -8,11 +8,11 @@ import click
 
 from wakedeploy.cli.output import json_option, progress, write_json
 from wakedeploy.cli.train import print_scores, score_row, unlearned_rows
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from trainers.runs import RunConfig, TrainedRun
-    from wakedeploy.episodes import EpisodeSet
+    from trainers.training.runs import RunConfig, TrainedRun
+    from wakedeploy.core.episodes import EpisodeSet
 
 
 @click.command()
@@ -38,9 +38,9 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
         wakedeploy evaluate runs --data sets/gantry --split test --json table.json
         wakedeploy evaluate runs/gantry/gru/s0 --data sets/measured --split all
     """
-    from trainers.runs import finished_runs, load_run
-    from trainers.score import unlearned
-    from wakedeploy.episodes import read_episode_set
+    from trainers.training.runs import finished_runs, load_run
+    from trainers.training.score import unlearned
+    from wakedeploy.core.episodes import read_episode_set
 
     episodes = read_episode_set(data)
     folders, trained = _that_fit(finished_runs(runs), episodes, data), []
@@ -69,7 +69,7 @@ def command(runs: Path, data: Path, split: str, json_path: Path | None) -> None:
 
 def _that_fit(folders: list[Path], episodes: "EpisodeSet", data: Path) -> list[Path]:
     """The runs whose channels and rate are the set's; how many others there are is told."""
-    from trainers.runs import read_config
+    from trainers.training.runs import read_config
 
     misfits = {folder: _misfit(read_config(folder), episodes) for folder in folders}
     fitting = [folder for folder in folders if misfits[folder] is None]
@@ -110,7 +110,7 @@ def _listed(channels: list[tuple[str, str]]) -> str:
 def _evaluate(
     run: "TrainedRun", episodes: "EpisodeSet", split: str, warm_up: int
 ) -> dict[str, Any]:
-    from trainers.score import score
+    from trainers.training.score import score
 
     began = time.monotonic()
     result = score(run.predictor, episodes, split, run.config.lead_s, warm_up)

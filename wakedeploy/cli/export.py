@@ -9,12 +9,12 @@ from click.core import ParameterSource
 
 from wakedeploy.cli.names import ARCHITECTURE
 from wakedeploy.cli.output import print_table, progress, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from trainers.runs import TrainedRun
-    from wakedeploy.episodes import EpisodeSet
-    from wakedeploy.package import Package
+    from trainers.training.runs import TrainedRun
+    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.core.package import Package
 
 _DEPTH = 4  # how many folders down the set of a run is looked for
 _MOST_LISTED = 12
@@ -57,7 +57,7 @@ def command(
         wakedeploy export --run runs/gantry/gru/s0
     """
     from export.packaging import export_run
-    from trainers.runs import load_run
+    from trainers.training.runs import load_run
 
     is_bare = run is None and arch is None and not _is_given("runs")
     chosen, which = _chosen(run, runs, arch, is_bare=is_bare)
@@ -87,7 +87,7 @@ def _chosen(run: Path | None, runs: Path, arch: str | None, *, is_bare: bool) ->
 
     UnusableInput lists the runs where none of several is asked for.
     """
-    from trainers.runs import CONFIG, runs_of
+    from trainers.training.runs import CONFIG, runs_of
 
     place = runs
     if run is not None:
@@ -114,7 +114,7 @@ def _listed(runs: Sequence[Path], place: Path) -> str:
 
 def _episodes(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
     """The set given, the one that the run knows, or one below this folder with its hash."""
-    from wakedeploy.episodes import DESCRIPTION, read_episode_set
+    from wakedeploy.core.episodes import DESCRIPTION, read_episode_set
 
     if data is not None:
         return read_episode_set(data)
@@ -134,7 +134,7 @@ def _episodes(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
 
 def _hash_of(folder: Path) -> str | None:
     """The content hash that a set states; None for what is no set, as many a dataset.json."""
-    from wakedeploy.episodes import stated_sha256
+    from wakedeploy.core.episodes import stated_sha256
 
     try:
         return stated_sha256(folder)

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
     from runtime.request import RunRequest, Show
-    from wakedeploy.rig import Rig
+    from wakedeploy.core.rig import Rig
 
 FILE = click.Path(dir_okay=False, path_type=Path)
 _BAR_WIDTH = 30
@@ -116,7 +116,7 @@ def require_curve(rig: "Rig", path: Path | None, *, port: str | None, trusted: b
 
     A motor that gives more than the curve says takes off too fast.
     """
-    from wakedeploy.rig import default_rig
+    from wakedeploy.rig.file import default_rig
 
     if port and not trusted and rig.thrust.sufferer == default_rig().thrust.sufferer:
         raise UnusableInput(
@@ -156,7 +156,7 @@ def flight_request(
     if seconds is not None and others["reference"]:
         raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
     from runtime.request import RunRequest
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.rig.file import default_rig, read_rig
 
     model = read_rig(rig) if rig else default_rig()
     require_curve(model, rig, port=port, trusted=trust_curve)

@@ -15,13 +15,13 @@ from wakedeploy.cli.flight_options import (
     warn,
 )
 from wakedeploy.cli.output import print_table, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from runtime.loop.tally import Tally
     from runtime.pair import Leg, Pair
     from runtime.pair_wake import PairWake
     from runtime.request import Tell
-    from runtime.tally import Tally
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 
@@ -64,7 +64,7 @@ def command(
     request = flight_request(baseline=options["package"] is None, **options)
     from runtime.pair import fly_pairs
     from runtime.pair_wake import compare
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.core.runlog import read_run_log
 
     flown = fly_pairs(
         request,

@@ -16,13 +16,12 @@ from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.close import Case
+    from wakedeploy.gap.workflow import Case
 
 _OTHERS = {
     "plan": "gap_plan",
     "power": "gap_plan",
     "demo": "gap_demo",
-    "benchmark": "gap_benchmark",
     "export": "gap_export",
     "domain": "gap_domain",
 }
@@ -121,10 +120,10 @@ def close_gap(
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
     """
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.account import account
-    from wakedeploy.gap.advice import advice
-    from wakedeploy.gap.close import close
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.advice import advice
+    from wakedeploy.gap.report.summary import account
+    from wakedeploy.gap.workflow import close
 
     _enter(out, rig_path)
     train = _trainer(minutes, workers) if retrain else None
@@ -153,7 +152,7 @@ def find_gap(
     Example:
         wakedeploy gap find --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.close import find
+    from wakedeploy.gap.workflow import find
 
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
@@ -175,9 +174,9 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.account import leading_sentences, verdict_sentence
-    from wakedeploy.gap.close import name
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.summary import leading_sentences, verdict_sentence
+    from wakedeploy.gap.workflow import name
 
     case = _case(rig_path, measured, out, workers)
     told = name(case, out, _progress)
@@ -227,9 +226,9 @@ def add_effect(
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --effect stiction
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
-    from wakedeploy.gap.close import add
     from wakedeploy.gap.few_flights import caution
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.workflow import add
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
@@ -263,9 +262,9 @@ def show_gap(
     Example:
         wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.close import show_gap as show
-    from wakedeploy.gap.shrinking import channel_lines
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.shrinkage import channel_lines
+    from wakedeploy.gap.workflow import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
     train = _trainer(minutes, workers) if retrain else None
@@ -278,14 +277,14 @@ def show_gap(
 
 def _enter(out: Path, rig_path: Path) -> None:
     """Make the folder, and keep others out of it until the command ends."""
-    from wakedeploy.gap.steps import at_work, prepare
+    from wakedeploy.gap.folder import at_work, prepare
 
     prepare(out, rig_path)
     click.get_current_context().with_resource(at_work(out))
 
 
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
-    from wakedeploy.gap.close import open_case
+    from wakedeploy.gap.workflow import open_case
 
     _enter(out, rig_path)
     _progress("reading the flights")
@@ -295,10 +294,10 @@ def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -
 def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     """Bring result and report up to date with the step."""
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.advice import advice
-    from wakedeploy.gap.close import result
-    from wakedeploy.gap.report import write_report
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.advice import advice
+    from wakedeploy.gap.report.page import write_report
+    from wakedeploy.gap.workflow import result
 
     _progress("drawing the report")
     told = result(case, out)
@@ -313,7 +312,7 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
 def _say_if_few(out: Path) -> None:
     """The sentence that stands above whatever so few flights show."""
     from wakedeploy.gap.few_flights import cannot_tell, headline
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
 
     flights = read_steps(out).flights
     if cannot_tell(flights):
@@ -322,7 +321,7 @@ def _say_if_few(out: Path) -> None:
 
 def _say_what_is_left(out: Path) -> None:
     """After Ctrl-C: which step to go on with."""
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
 
     steps = read_steps(out)
     if steps.result and steps.missing is None:
@@ -338,8 +337,8 @@ def _say_what_is_left(out: Path) -> None:
 
 def _trainer(minutes: float, workers: int) -> Any:
     """What trains predictors on both rigs, and scores them on the flights that are shown."""
-    import trainers.training  # noqa: F401  what is not installed is told before minutes of fits
-    from wakedeploy.gap.retrain import retrain
+    import trainers.training.trainer  # noqa: F401  what is not installed is told before minutes of fits
+    from wakedeploy.gap.systems.gantry.retraining import retrain
 
     def train(old: Any, corrected: Any, logs: Any, out: Path) -> Any:
         into = out / "retrain"

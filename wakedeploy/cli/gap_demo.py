@@ -8,7 +8,7 @@ import click
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
-from wakedeploy.errors import CheckFailed
+from wakedeploy.core.errors import CheckFailed
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 
@@ -39,7 +39,7 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
     import shutil
 
     from wakedeploy.gap.demo import FULL, PICTURE, QUICK, run
-    from wakedeploy.gap.steps import at_work
+    from wakedeploy.gap.folder import at_work
 
     click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
     with at_work(out), stages() as progress:
@@ -55,9 +55,9 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
 
 def _tell(out: Path, told: dict[str, Any]) -> None:
     """The account, the rig file's new lines, the tracking, and where to look."""
-    from wakedeploy.gap.account import account, place_words
     from wakedeploy.gap.demo import effect_lines
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.summary import account, place_words
 
     steps = read_steps(out / "gap")
     click.secho("\nWhere they disagree", bold=True)

@@ -49,9 +49,9 @@ def domain(
         wakedeploy gap domain motor esc_test --out runs/motor
         wakedeploy gap domain downwash --out runs/downwash --simulations 3
     """
-    from wakedeploy.gap.domains import further, open_domain
-    from wakedeploy.gap.domains.closing import close
-    from wakedeploy.gap.domains.page import write_page
+    from wakedeploy.gap.report.system_page import write_page
+    from wakedeploy.gap.systems import further, open_domain
+    from wakedeploy.gap.systems.closing import close
 
     if path is None and name != "downwash":
         folder = recordings_folder(None)
@@ -72,7 +72,7 @@ def domain(
 
 
 def _print(title: str, document: dict[str, Any]) -> None:
-    from wakedeploy.gap.domains.page import doubt_sentence
+    from wakedeploy.gap.report.system_page import doubt_sentence
 
     found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
     if document["class"]:

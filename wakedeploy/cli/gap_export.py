@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from wakedeploy.cli.output import progress
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _PATH = click.Path(path_type=Path)
@@ -40,8 +40,8 @@ def export(rig_path: Path | None, log_path: Path | None, set_path: Path | None, 
 
 
 def _export_rig(rig_path: Path, out: Path) -> None:
-    from wakedeploy.gap.export import export_rig
-    from wakedeploy.rig import read_rig
+    from wakedeploy.gap.model_export.files import export_rig
+    from wakedeploy.rig.file import read_rig
 
     rig = read_rig(rig_path)
     if out.exists() and not out.is_dir():
@@ -55,8 +55,8 @@ def _export_rig(rig_path: Path, out: Path) -> None:
 
 def export_log(log_path: Path, out: Path) -> None:
     """Write a run log as CSV, Parquet or .mat, as the name of `out` ends, and say so."""
-    from wakedeploy.gap.tables import LOG_KINDS, require_kind, write_log
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.core.runlog import read_run_log
+    from wakedeploy.core.tables import LOG_KINDS, require_kind, write_log
 
     require_kind(out, LOG_KINDS)
     with progress(f"Writing {out}", 1):
@@ -66,8 +66,8 @@ def export_log(log_path: Path, out: Path) -> None:
 
 
 def _export_set(set_path: Path, out: Path) -> None:
-    from wakedeploy.episodes import read_episode_set
-    from wakedeploy.gap.tables import require_kind, write_set
+    from wakedeploy.core.episodes import read_episode_set
+    from wakedeploy.core.tables import require_kind, write_set
 
     require_kind(out)
     with progress(f"Writing {out}", 1):

@@ -8,11 +8,11 @@ import click
 from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.plan import Option, Plan
-    from wakedeploy.rig import Rig
+    from wakedeploy.core.rig import Rig
+    from wakedeploy.gap.planning.plan import Option, Plan
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -46,10 +46,10 @@ def plan(
         wakedeploy gap plan --class coulomb-friction --class viscous-friction
         wakedeploy gap plan --rig rig.toml --out gap --write-reference fly.csv
     """
-    from wakedeploy.gap.manoeuvres import menu
-    from wakedeploy.gap.plan import make_plan, write_plan_reference
-    from wakedeploy.gap.steps import at_work
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.planning.manoeuvres import menu
+    from wakedeploy.gap.planning.plan import make_plan, write_plan_reference
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     members = names or _class_in(out)
@@ -100,10 +100,10 @@ def power(
     Example:
         wakedeploy gap power --rig rig.toml --flights 7 --seconds 20 --out power
     """
-    from wakedeploy.gap.power import power as compute
-    from wakedeploy.gap.power import step_count
-    from wakedeploy.gap.power_page import COLUMNS, rows, sentences, write_page
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.gap.planning.power import power as compute
+    from wakedeploy.gap.planning.power import step_count
+    from wakedeploy.gap.report.power_page import COLUMNS, rows, sentences, write_page
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     threshold = _threshold(rig, simulate_threshold, workers)
@@ -146,9 +146,9 @@ def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
 
 def _keep(made: "Plan", out: Path) -> None:
     """plan.json, and where they are of this class, a result and a report that tell of it."""
-    from wakedeploy.gap.close import planned, write_result
-    from wakedeploy.gap.report import write_report
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.report.page import write_report
+    from wakedeploy.gap.workflow import planned, write_result
 
     write_json(out / "plan.json", made.as_json())
     told = read_steps(out).result
@@ -159,7 +159,7 @@ def _keep(made: "Plan", out: Path) -> None:
 
 def _class_in(out: Path | None) -> tuple[str, ...]:
     """The class that `gap close` or `gap name` left."""
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
     from wakedeploy.physics.effects import LIBRARY
 
     if out is None:
@@ -177,7 +177,7 @@ def _class_in(out: Path | None) -> tuple[str, ...]:
 
 def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
     """UnusableInput where the class in the folder was found with another rig file."""
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
 
     found_with = read_steps(out).find.get("rig_sha256")
     if found_with in (None, rig.sha256):
@@ -190,15 +190,15 @@ def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
 
 def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     """Each member's parameters as `name` fitted them, where it did."""
-    from wakedeploy.gap.plan import stated_sizes
-    from wakedeploy.gap.steps import read_steps
+    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.planning.plan import stated_sizes
 
     return {} if out is None else stated_sizes(read_steps(out).name, names)
 
 
 def _threshold(rig: "Rig", is_simulated: bool, workers: int) -> float | None:
     """The rig's threshold if it is known or asked for; None leaves it to Gaussian draws."""
-    from wakedeploy.gap.threshold import SETS, known_thresholds, thresholds_for
+    from wakedeploy.gap.search.threshold import SETS, known_thresholds, thresholds_for
 
     known = known_thresholds(rig)
     if known is None and is_simulated:

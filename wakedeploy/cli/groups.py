@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import click
 
-from wakedeploy.names import meant, near
+from wakedeploy.core.names import meant, near
 
 _UNCUT = 10_000
 

@@ -8,12 +8,12 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from wakedeploy.core.run_summary import RunSummary, Spread
+    from wakedeploy.core.runlog import RunLog
     from wakedeploy.domains.gantry_measured import MeasuredSet
-    from wakedeploy.run_summary import RunSummary, Spread
-    from wakedeploy.runlog import RunLog
 
 _FILES = click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 
@@ -46,8 +46,8 @@ def show(
         wakedeploy log show flight.mcap
         wakedeploy log show before.mcap after.mcap --no-picture --json runs.json
     """
-    from wakedeploy.run_summary import summarise
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.core.run_summary import summarise
+    from wakedeploy.core.runlog import read_run_log
 
     if png is not None and len(files) > 1:
         raise UnusableInput("--png names one picture; leave it out for several files.")
@@ -111,10 +111,10 @@ def smooth_logs(
         wakedeploy log smooth flight*.mcap --rig rig.toml --out sets/measured
         wakedeploy train --data sets/measured --arch gru --out runs
     """
+    from wakedeploy.core.files import sha256_of
+    from wakedeploy.core.runlog import read_run_log
     from wakedeploy.domains.gantry_measured import measured_set
-    from wakedeploy.files import sha256_of
-    from wakedeploy.rig import default_rig, read_rig
-    from wakedeploy.runlog import read_run_log
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
     names = _distinct_names(files)
@@ -162,7 +162,7 @@ def _lines(summary: "RunSummary") -> dict[str, str]:
 
 def _failsafe(summary: "RunSummary") -> str:
     """When, and what explains it and helps."""
-    from wakedeploy.failsafes import HINTS
+    from wakedeploy.core.failsafes import HINTS
 
     if summary.failsafe_s != summary.failsafe_s:
         return ""
@@ -186,8 +186,8 @@ def _known(value: float, form: str) -> str:
 
 
 def _draw(path: Path, log: "RunLog", summary: "RunSummary", png: Path | None) -> Path:
-    from wakedeploy import figures
-    from wakedeploy.run_figure import draw_run
+    from wakedeploy.core import figures
+    from wakedeploy.core.run_figure import draw_run
 
     target = png or path.with_suffix(".png")
     figures.save(draw_run(log, summary, path.name), target)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.output import print_table, progress, write_json
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from runtime.flights import Flight, Mean

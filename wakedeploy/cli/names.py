@@ -6,8 +6,8 @@ from typing import Any
 import click
 from click.shell_completion import CompletionItem
 
-from wakedeploy.errors import UnusableInput
-from wakedeploy.names import ALL, ARCHITECTURES, DOMAINS, meant, unknown
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import ALL, ARCHITECTURES, DOMAINS, meant, unknown
 
 Names = Callable[[], Sequence[str]]
 

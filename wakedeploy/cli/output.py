@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from wakedeploy.cli.log_lines import LogLines, ticking
-from wakedeploy.errors import printable
+from wakedeploy.core.errors import printable
 
 json_option = click.option(
     "--json",
@@ -110,7 +110,7 @@ def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]
 
 def write_json(path: Path, result: Any) -> None:
     """Write a result as JSON, whole or not at all; NaN and infinity become null."""
-    from wakedeploy.files import json_text, write_text_whole
+    from wakedeploy.core.files import json_text, write_text_whole
 
     write_text_whole(path, json_text(result))
 

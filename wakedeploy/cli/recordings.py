@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 VARIABLE = "WAKEDEPLOY_DATA"
 

@@ -7,7 +7,7 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.output import json_option, print_table, write_json
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 
 @click.group(cls=Group)
@@ -31,8 +31,8 @@ def init(path: Path, force: bool) -> None:
     Example:
         wakedeploy rig init rig.toml
     """
-    from wakedeploy.files import write_text_whole
-    from wakedeploy.rig import default_rig_text
+    from wakedeploy.core.files import write_text_whole
+    from wakedeploy.rig.file import default_rig_text
 
     if path.exists() and not force:
         raise UnusableInput(f"{path}: exists already; give another name, or --force to replace it.")
@@ -53,7 +53,7 @@ def show(path: Path | None, json_path: Path | None) -> None:
         wakedeploy rig show rig.toml
     """
     from wakedeploy.physics.effects.chain import Chain
-    from wakedeploy.rig import default_rig, read_rig
+    from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(path) if path else default_rig()
     constants = _flat(rig.model_dump(mode="json", by_alias=True))

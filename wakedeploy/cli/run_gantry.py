@@ -18,7 +18,7 @@ from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
-    from runtime.tally import Tally
+    from runtime.loop.tally import Tally
 
 
 @click.command()
@@ -70,7 +70,7 @@ def command(
     if flights is not None:
         fly_and_tell(request, flights, workers, json_path)
         return
-    from runtime.loop import budget_s
+    from runtime.loop.loop import budget_s
     from runtime.run import fly
 
     fly(

@@ -22,7 +22,7 @@ from wakedeploy.cli.study_pareto import pareto
 from wakedeploy.cli.training_options import architectures_option
 
 if TYPE_CHECKING:
-    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.study.closed_loop import Model
     from wakedeploy.study.domains import Line
 

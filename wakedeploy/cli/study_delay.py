@@ -17,7 +17,7 @@ from wakedeploy.cli.study_options import (
 )
 
 if TYPE_CHECKING:
-    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.study.delay import Case
 
 _SIMULATED = ("downwash", "gantry")

@@ -10,12 +10,12 @@ import click
 from wakedeploy.cli.names import SOME_DOMAINS
 from wakedeploy.cli.output import progress
 from wakedeploy.cli.recordings import VARIABLE, recordings_folder
-from wakedeploy.commit import present_commit
-from wakedeploy.errors import UnusableInput
-from wakedeploy.names import DOMAINS
+from wakedeploy.core.commit import present_commit
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.names import DOMAINS
 
 if TYPE_CHECKING:
-    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.study.folder import Part
     from wakedeploy.study.runs import Wanted
 

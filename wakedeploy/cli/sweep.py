@@ -18,9 +18,9 @@ from wakedeploy.cli.output import (
     write_json,
 )
 from wakedeploy.cli.training_options import architectures_option, device_option
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.interruption import interruptible
-from wakedeploy.names import ARCHITECTURES, meant
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.interruption import interruptible
+from wakedeploy.core.names import ARCHITECTURES, meant
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.executor import Executor
@@ -196,7 +196,7 @@ def _executor(out: Path, workers: int | None, scheduler: str | None, device: str
             on_misfit=lambda told: click.echo(f"{told} It gets no job.", err=True),
             device=device,
         )
-    from trainers.device import require_cuda
+    from trainers.training.device import require_cuda
     from wakedeploy.sweep.executor import LocalProcesses
     from wakedeploy.sweep.jobs import RUNS
 
@@ -231,7 +231,7 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
 
 
 def _tell_of_other_commits(report: "Report") -> None:
-    from wakedeploy.commit import present_commit
+    from wakedeploy.core.commit import present_commit
 
     others = report.of_other_commits(present_commit())
     if others:

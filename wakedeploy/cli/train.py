@@ -18,16 +18,16 @@ from wakedeploy.cli.output import (
     write_json,
 )
 from wakedeploy.cli.training_options import architectures_option, device_option, lead_option
-from wakedeploy.errors import CheckFailed, UnusableInput
-from wakedeploy.names import ARCHITECTURES, meant
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.names import ARCHITECTURES, meant
 
 if TYPE_CHECKING:
-    from trainers.fit import FitSettings
     from trainers.preset import Preset
-    from trainers.runs import RunConfig, TrainedRun
-    from trainers.score import Score
     from trainers.trackers import Tracker
-    from wakedeploy.episodes import EpisodeSet
+    from trainers.training.fit import FitSettings
+    from trainers.training.runs import RunConfig, TrainedRun
+    from trainers.training.score import Score
+    from wakedeploy.core.episodes import EpisodeSet
 
 
 @click.command()
@@ -107,9 +107,9 @@ def command(
     """
     import torch
 
-    from trainers.score import unlearned
-    from trainers.training import chosen_lead_s, configure
-    from wakedeploy.episodes import read_episode_set
+    from trainers.training.score import unlearned
+    from trainers.training.trainer import chosen_lead_s, configure
+    from wakedeploy.core.episodes import read_episode_set
 
     names = arch or _archs_of(preset)
     overrides = _hyper(hyper, names)
@@ -153,10 +153,10 @@ def _trained(
     asked: Mapping[str, Any],
 ) -> "TrainedRun":
     """Train one run and draw it; of one that was interrupted or diverged, what there is."""
-    from trainers.pictures import write_pictures, write_pictures_so_far
-    from trainers.runs import run_folder
+    from trainers.inspection.pictures import write_pictures, write_pictures_so_far
     from trainers.trackers import following
-    from trainers.training import train
+    from trainers.training.runs import run_folder
+    from trainers.training.trainer import train
 
     folder, warn = run_folder(out, config), functools.partial(click.echo, err=True)
     with following(tracker, config, folder, fresh=asked["fresh"], warn=warn) as told:
@@ -194,7 +194,7 @@ def _settings(
     name: str, preset: "Preset | None", epochs: int | None, learning_rate: float | None
 ) -> "FitSettings":
     """How an architecture is fitted: as asked for, else by the preset, else as usual."""
-    from trainers.training import settings_for
+    from trainers.training.trainer import settings_for
 
     others = preset.settings if preset is not None else None
     return settings_for(name, epochs=epochs, learning_rate=learning_rate, others=others)

@@ -16,7 +16,7 @@ from wakedeploy.cli.output import (
     write_json,
 )
 from wakedeploy.cli.training_options import device_option, lead_option
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from trainers.tuning.space import Point
     from trainers.tuning.study import Study
     from trainers.tuning.workers import OnTrials, Work
-    from wakedeploy.episodes import EpisodeSet
+    from wakedeploy.core.episodes import EpisodeSet
 
 _STOPPED = (
     "Stopped: the study in {} is kept, and what was in training will be begun again; the same"
@@ -158,11 +158,11 @@ def command(
             --objective rmse,latency --workers 4
         wakedeploy train --preset tuned/gru/best.toml --data sets/gantry
     """
-    from trainers.training import chosen_lead_s
+    from trainers.training.trainer import chosen_lead_s
     from trainers.tuning.plan import make_plan
     from trainers.tuning.study import default_name
     from trainers.tuning.workers import Work
-    from wakedeploy.episodes import read_episode_set
+    from wakedeploy.core.episodes import read_episode_set
 
     _require_of_use(arch, objective)
     episodes = read_episode_set(data)

@@ -5,7 +5,7 @@ from typing import Any
 
 import click
 
-from wakedeploy.processes import MOST_WORKERS, default_workers
+from wakedeploy.core.processes import MOST_WORKERS, default_workers
 
 
 def workers_option(purpose: str = "Processes.") -> Callable[..., Any]:

@@ -17,11 +17,11 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-import wakedeploy
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import sha256_of
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.npz import Arrays, Vector, clock, column, read_arrays, refused, require_even
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of
 
 RATE_HZ = 100.0
 WINDOW_S = 0.5
@@ -99,7 +99,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
         split=split,
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} crazyflie",
+            "generator": f"wakedeploy {VERSION} crazyflie",
             "files": {file.name: sha256_of(file.read_bytes()) for file in files},
             "manoeuvre": pairs,
             "groups": flights,

@@ -13,9 +13,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import JsonValue
 
-import wakedeploy
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.split import split_in_order
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.physics.body import PlanarBody, thrust_vector_n
 from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
 from wakedeploy.physics.field_grid import drag_force_n
@@ -221,7 +221,7 @@ def make_set(
         split=split_in_order([e.name for e in episodes]),
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} downwash",
+            "generator": f"wakedeploy {VERSION} downwash",
             "seed": seed,
             "minutes": minutes,
             "spread": spread,

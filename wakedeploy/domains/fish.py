@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-import wakedeploy
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import sha256_of
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.matfile import read_mat
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import sha256_of
 
 RATE_HZ = 30.0
 WINDOW_S = 0.5
@@ -58,7 +58,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
         split={episode.name: split for split, episode in pieces},
         episodes=tuple(episode for _, episode in pieces),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} fish",
+            "generator": f"wakedeploy {VERSION} fish",
             "files": {p.name: sha256_of(p.read_bytes()) for f in foils for p in _files(f)},
         },
     )

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.npz import (
     Arrays,
     Vector,
@@ -22,7 +23,6 @@ from wakedeploy.domains.npz import (
     refused,
     require_even,
 )
-from wakedeploy.errors import UnusableInput
 
 RATE_HZ = 200.0
 MASS_KG = 3.035

@@ -11,19 +11,22 @@ from pathlib import Path
 
 import numpy as np
 
-import wakedeploy
-from runtime.loop import Loop
-from runtime.pilot import FORCE, OBSERVATION, LogValue, observation
-from runtime.prediction import Predictions
+from runtime.loop.loop import Loop
+from runtime.loop.pilot import FORCE, OBSERVATION, LogValue, observation
+from runtime.loop.prediction import Predictions
 from runtime.predictor import PackagePredictor
 from runtime.reference import FlightPlan, random_plan
 from runtime.request import require_fit
 from runtime.run import metadata
 from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.package import Package, read_package
+from wakedeploy.core.processes import processes
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.split import split_in_order
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.package import Package, read_package
 from wakedeploy.physics.gantry import (
     CommandHook,
     ForceHook,
@@ -31,9 +34,7 @@ from wakedeploy.physics.gantry import (
     SensorHook,
     WakeHook,
 )
-from wakedeploy.processes import processes
-from wakedeploy.rig import LOOP_RATE_HZ, Rig, default_rig
-from wakedeploy.runlog import RunLog
+from wakedeploy.rig.file import default_rig
 
 WINDOW_S = 0.5
 EPISODE_S = 25.0
@@ -205,7 +206,7 @@ def _as_set(
         split=split_in_order([e.name for e in episodes]),
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} gantry",
+            "generator": f"wakedeploy {VERSION} gantry",
             "seed": seed,
             "minutes": minutes,
             "rig_sha256": rig.sha256,

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.rig import Rig
 
 _FIRST_SEED = 800_000_000  # plans that neither training nor the tracking table fly
 

@@ -14,15 +14,15 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import JsonValue
 
-import wakedeploy
+from runtime.loop.pilot import FORCE, OBSERVATION, observation
 from runtime.measured_force import MeasuredForce, measure, range_offset
-from runtime.pilot import FORCE, OBSERVATION, observation
 from runtime.smoother import ForceModel
+from wakedeploy.core.episodes import SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
+from wakedeploy.core.runlog import RunLog
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.gantry import WINDOW_S
-from wakedeploy.episodes import SPLITS, Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import Rig
-from wakedeploy.runlog import RunLog
 
 HELD_OUT = 0.15  # of the files, or of a stretch's time, for validation and as much for test
 # How a stretch is cut where there are too few files: the test lies in mid-flight, because landing,
@@ -264,7 +264,7 @@ def _provenance(
         for report in reports
     ]
     return {
-        "made_by": f"wakedeploy {wakedeploy.__version__} log smooth",
+        "made_by": f"wakedeploy {VERSION} log smooth",
         "sources": [row | {"sha256": sources.get(str(row["name"]))} for row in told],
         "force_model": vars(model),
         "rig_sha256": rig.sha256,

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wakedeploy.archive import MOST_BYTES
+from wakedeploy.core.archive import MOST_BYTES
 
 _HEADER_BYTES = 128
 _MATRIX, _COMPRESSED = 14, 15

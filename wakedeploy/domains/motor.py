@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.core.errors import UnusableInput, one_line
 
 COLUMNS = ("Timestamp", "RPM", "Duty", "Batt. Volts")
 BEFORE_S, AFTER_S = 0.3, 1.0

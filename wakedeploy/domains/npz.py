@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from wakedeploy.archive import read_archive
-from wakedeploy.errors import UnusableInput, one_line
+from wakedeploy.core.archive import read_archive
+from wakedeploy.core.errors import UnusableInput, one_line
 
 _UNEVEN = 0.2  # of a sample period, by which one step may be off
 _OFF = 0.01  # of the rate, by which all steps together may be off

@@ -14,7 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import JsonValue
 
-import wakedeploy
+from wakedeploy.core.episodes import OBSERVER, SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.core.files import sha256_of
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.courses import courses_of, split_courses
 from wakedeploy.domains.flaredw import (
     LABEL_GRAVITY_MPS2,
@@ -26,8 +28,6 @@ from wakedeploy.domains.flaredw import (
     read_flights,
     thrust_n,
 )
-from wakedeploy.episodes import OBSERVER, SPLITS, Channel, Episode, EpisodeSet
-from wakedeploy.files import sha256_of
 
 WINDOW_S = 0.5
 FORCE = tuple(Channel(f"force_{axis}_n", "N") for axis in "xyz")
@@ -83,7 +83,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
         split=splits,
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} flaredw",
+            "generator": f"wakedeploy {VERSION} flaredw",
             "files": {str(p.relative_to(path)): sha256_of(p.read_bytes()) for p in files},
             "manoeuvre": manoeuvres,
             "groups": groups,

@@ -14,16 +14,16 @@ from typing import Literal
 
 import numpy as np
 
-import wakedeploy
+from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.processes import processes
+from wakedeploy.core.version import VERSION
 from wakedeploy.domains.split import split_in_order
-from wakedeploy.episodes import Channel, Episode, EpisodeSet
-from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.ships.hull import Hull
 from wakedeploy.physics.ships.manoeuvring import Ship, State
 from wakedeploy.physics.ships.shallow import VortexShips, Waterway
 from wakedeploy.physics.ships.slender import Passing
-from wakedeploy.processes import processes
 
 RATE_HZ = 2.0
 WINDOW_S = 30.0  # in which a ship moves on by about its length
@@ -123,7 +123,7 @@ def make_set(
         split=split,
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {wakedeploy.__version__} ship",
+            "generator": f"wakedeploy {VERSION} ship",
             "seed": seed,
             "minutes": minutes,
             "level": level,

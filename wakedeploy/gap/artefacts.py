@@ -1,7 +1,7 @@
 """What the steps' artefacts have to be, as far as code goes by it; numbers may be null.
 
 In: an artefact as JSON gives it. Out: nothing, or what is wrong with it. Pages show whatever else
-an artefact says as far as it can be shown (`telling`); rig files are written from what is checked
+an artefact says as far as it can be shown (`wording`); rig files are written from what is checked
 here.
 """
 
@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from wakedeploy.validation import first_problem
+from wakedeploy.core.validation import first_problem
 
 _LARGEST = 1e15  # in any unit, nothing that was measured is so large
 Number = Annotated[float, Field(ge=-_LARGEST, le=_LARGEST)]

@@ -12,15 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.processes import pool
+from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.errors import UnusableInput
-from wakedeploy.gap.close import close
-from wakedeploy.gap.demo_figure import Flown, draw_story
+from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
-from wakedeploy.gap.retrain import Pilot, fly_both, retrain
-from wakedeploy.gap.steps import read_steps
-from wakedeploy.processes import pool
-from wakedeploy.rig import Rig, default_rig, read_rig
+from wakedeploy.gap.report.demo_figure import Flown, draw_story
+from wakedeploy.gap.systems.gantry.retraining import Pilot, fly_both, retrain
+from wakedeploy.gap.workflow import close
+from wakedeploy.rig.file import default_rig, read_rig
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")
 PICTURE = "gap-demo-story.png"

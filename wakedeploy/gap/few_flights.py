@@ -5,7 +5,7 @@ Of one or two nothing is concluded: a verdict takes three to fit to. Three give 
 is kept apart to confirm it: what they say is missing is added to no rig file unasked.
 """
 
-from wakedeploy.gap.naming import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
+from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six")
 

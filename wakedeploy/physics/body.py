@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 FloatArray = npt.NDArray[np.float64]

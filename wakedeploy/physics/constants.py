@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.core.rig import Rig, ThrustCurve
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Rig, ThrustCurve
 
 Constants = dict[str, float]
 

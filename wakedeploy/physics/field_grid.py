@@ -10,9 +10,9 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Wake
 from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
-from wakedeploy.rig import Wake
 
 FloatArray = npt.NDArray[np.float64]
 

@@ -17,7 +17,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects.acting import ActingEffects, DelayLine
 from wakedeploy.physics.effects.chain import Chain
@@ -26,7 +27,6 @@ from wakedeploy.physics.motor import EscFrame, Motor
 from wakedeploy.physics.rail import RailBody
 from wakedeploy.physics.range_sensor import RangeSample, RangeSensorModel
 from wakedeploy.physics.turbulence import OrnsteinUhlenbeck
-from wakedeploy.rig import Rig
 
 INNER_RATE_HZ = 256.0
 

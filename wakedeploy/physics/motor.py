@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from wakedeploy.rig import SpoolLag, ThrustCurve
+from wakedeploy.core.rig import SpoolLag, ThrustCurve
 
 
 def spooled(speed: float, target: float, lag: SpoolLag, dt_s: float) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.rig import Disturbance, RangeSensor
+from wakedeploy.core.rig import Disturbance, RangeSensor
 
 
 @dataclass(frozen=True, slots=True)

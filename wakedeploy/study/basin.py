@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained_run
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
@@ -103,8 +103,8 @@ def echo(
 
 def ended(data: EpisodeSet, runs: Sequence[Wanted], folder: Path) -> list[End]:
     """Where each run ended, on the test block; trains what is not trained yet."""
-    from trainers.lookback import kernels
-    from trainers.tape import lay_tape
+    from trainers.inspection.lookback import kernels
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     trained = [obtained_run(data, wanted, folder) for wanted in runs]

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.domains.downwash import Predict, World, fly
-from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FEWEST, FloatArray
@@ -134,7 +134,7 @@ def _flown(job: tuple[int, float, Any, World | None, float | None]) -> FloatArra
     """A predictor begins each lockstep without a past."""
     episodes, seconds, expect, world, settling_s = job
     if not isinstance(expect, str | Always):
-        from trainers.lockstep import Lockstep
+        from trainers.inspection.lockstep import Lockstep
 
         expect = Lockstep(expect)
     return flights(episodes, seconds, expect, world, settling_s)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.closed_loop import Tracked, above, recovered, sentence
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part

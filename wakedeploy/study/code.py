@@ -4,7 +4,7 @@ Of the two ways to notice that a simulator has changed, a number that somebody h
 hash of the source, this is the one that cannot be forgotten. It is too careful: the edit of a
 comment counts. But a set is made again in minutes, and where only a comment changed it is the same
 set, so that what was trained on it is used again. For trained runs, which take hours, see
-`TRAINING` in `trainers.runs`.
+`TRAINING` in `trainers.training.runs`.
 """
 
 import ast

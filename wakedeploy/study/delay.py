@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.episodes import EpisodeSet, window_shape
+from wakedeploy.core.episodes import EpisodeSet, window_shape
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained, obtained_run
 from wakedeploy.study.sets import SEED, Domain, OnStep
@@ -142,7 +142,7 @@ class Trend:
 def nominal(name: str, domain: Domain) -> Case:
     """A simulated domain as the other studies have it."""
     from wakedeploy.domains.downwash import World
-    from wakedeploy.rig import default_rig
+    from wakedeploy.rig.file import default_rig
 
     if name == "gantry":
         rig = default_rig()
@@ -153,7 +153,7 @@ def nominal(name: str, domain: Domain) -> Case:
 def cases(*, quick: bool) -> list[Case]:
     """The sets with other delays: separations of the downwash, wake speeds of the gantry."""
     from wakedeploy.domains.downwash import World
-    from wakedeploy.rig import default_rig
+    from wakedeploy.rig.file import default_rig
 
     speed_mps, lag_s = float(np.asarray(World().speed_mps)), source_lag_s(default_rig())
     found = []
@@ -187,8 +187,8 @@ def attended(
     case: Case, data: EpisodeSet, seeds: int, runs: Path, epochs: int | None = None
 ) -> Attended:
     """Cross-Attention's weights on a set, each seed's; trains what is not trained yet."""
-    from trainers.lookback import attention
-    from trainers.tape import lay_tape
+    from trainers.inspection.lookback import attention
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     k, stride = window_shape(data.window_s, data.rate_hz)
@@ -209,8 +209,8 @@ def learned(
     case: Case, data: EpisodeSet, seeds: int, runs: Path, epochs: int | None = None
 ) -> list[Learned]:
     """Delay Embedding's delays on a set, by seed and start; trains what is not trained yet."""
-    from trainers.lookback import kernels
-    from trainers.tape import lay_tape
+    from trainers.inspection.lookback import kernels
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     channel = [c.name for c in data.force].index(case.domain.main)
@@ -311,7 +311,7 @@ class _Gantry:
 
     def __call__(self, minutes: float, progress: OnStep) -> EpisodeSet:
         from wakedeploy.domains.gantry import make_set
-        from wakedeploy.rig import default_rig
+        from wakedeploy.rig.file import default_rig
 
         rig = default_rig()
         strength = rig.wake.strength * self.speed_mps / rig.wake.speed_mps

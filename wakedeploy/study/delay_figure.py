@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.delay import (
     ALIKE_S,
     Attended,

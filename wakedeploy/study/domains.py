@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import (
     R2,
@@ -144,8 +144,8 @@ def _asked(
 
 def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Truth and prediction (n, o), and the episode's number (n,), of the scored test samples."""
-    from trainers.predict import predict
-    from trainers.tape import lay_tape
+    from trainers.training.predict import predict
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     return _where_scored(tape, predict(predictor, tape))
@@ -174,8 +174,8 @@ def label(wanted: Wanted) -> str:
 
 def _unlearned(data: EpisodeSet) -> Iterator[Line]:
     """Predicting nothing; and, where a set carries it, an observer of the sufferer's motion."""
-    from trainers.score import unlearned_forces
-    from trainers.tape import lay_tape
+    from trainers.training.score import unlearned_forces
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
     for name, forces in unlearned_forces(tape, data, "test", 0.0, data.warm_up_steps).items():

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.domains import (
     MAIN,
     MEMORYLESS,

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.study.domains import MEMORYLESS, Line, held_out, predicted
 from wakedeploy.study.runs import obtained
 from wakedeploy.study.uncertainty import R2, FloatArray

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.claims import claims
+from wakedeploy.study.colours import looks
 from wakedeploy.study.domains import MEMORYLESS, Line, by_predictor, held_out, r2_over_seeds
 from wakedeploy.study.fish_scatter import Shown
 from wakedeploy.study.folder import Part
-from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 

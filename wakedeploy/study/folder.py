@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy import figures
-from wakedeploy.commit import present_commit
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.files import json_text, remove_unfinished, write_text_whole
-from wakedeploy.locks import one_at_a_time
-from wakedeploy.markup import Markup, element, page, picture, table
+from wakedeploy.core import figures
+from wakedeploy.core.commit import present_commit
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.files import json_text, remove_unfinished, write_text_whole
+from wakedeploy.core.locks import one_at_a_time
+from wakedeploy.core.markup import Markup, element, page, picture, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -66,7 +66,7 @@ def _write(
     result: Mapping[str, Any],
     sets: Sequence[EpisodeSet],
 ) -> Path:
-    from trainers.runs import TRAINING
+    from trainers.training.runs import TRAINING
 
     names = {_RESULT, _PAGE}
     for part in parts:

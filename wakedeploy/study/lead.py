@@ -22,8 +22,8 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.domains.downwash import RATE_HZ, Flights, World, fly
-from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.closed_loop import FIRST_SEED
 from wakedeploy.study.runs import Wanted, best_run, candidates, obtained, obtained_run
 from wakedeploy.study.side_by_side import side_by_side
@@ -155,8 +155,8 @@ def measure(
 
 def force_error(data: EpisodeSet, main: str, predictor: Any, lead_s: float) -> dict[str, Any]:
     """How the channel `main` is predicted `lead_s` ahead, by the names that `Point` has for it."""
-    from trainers.predict import predict
-    from trainers.tape import lay_tape
+    from trainers.training.predict import predict
+    from trainers.training.tape import lay_tape
 
     tape = lay_tape(data, "test", lead_s, data.warm_up_steps)
     channel = [c.name for c in data.force].index(main)
@@ -213,7 +213,7 @@ def _exported(flight: Flight, path: Path) -> Any:
 
 
 def _downwash(flight: Flight) -> tuple[Tracked, int]:
-    from trainers.lockstep import Lockstep
+    from trainers.inspection.lockstep import Lockstep
 
     seconds = flight.seconds + SETTLED_S
     seeds = [FIRST_SEED + i for i in range(flight.flights)]
@@ -232,7 +232,7 @@ def flown_before(
     seeds: Sequence[int], seconds: float, lead_s: float, *, world: World | None = None
 ) -> Flights:
     """Flights that expect the force which the same flights met before, `lead_s` later."""
-    from trainers.targets import shift_ahead
+    from trainers.training.targets import shift_ahead
 
     longer_s = seconds + lead_s + 1.0 / RATE_HZ
     told = _Told(np.zeros((0, len(seeds), 2)), 0)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
+from wakedeploy.study.colours import looks
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
 from wakedeploy.study.lead import NOTHING, TRUTH, Point, best, models, sentence, shares, tracking
-from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window_figure import spread

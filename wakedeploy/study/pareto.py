@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.study.domains import Line, by_predictor
 from wakedeploy.study.runs import obtained_run
 
@@ -145,7 +145,7 @@ def _first(lines: Sequence[Line]) -> Any:
 
 def _packaged(run: Any, path: Path) -> Path:
     from export.step_time import unproved_package
-    from wakedeploy.package import write_package
+    from wakedeploy.core.package import write_package
 
     write_package(unproved_package(run.predictor, run.config), path)
     return path

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.domains import MEMORYLESS, ZERO
 from wakedeploy.study.folder import Part
 from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import CheckFailed, UnusableInput
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.study.side_by_side import side_by_side
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
-    from trainers.runs import RunConfig, TrainedRun
+    from trainers.training.runs import RunConfig, TrainedRun
 
 
 def choice(names: Collection[str]) -> str:
@@ -95,8 +95,8 @@ def obtained_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "TrainedRun":
     Raises UnusableInput, with the folder to delete where that helps; CheckFailed where training
     diverged.
     """
-    from trainers.runs import UnusableRun, run_folder
-    from trainers.training import train
+    from trainers.training.runs import UnusableRun, run_folder
+    from trainers.training.trainer import train
 
     config = _configured(data, wanted)
     root = wanted.folder(data, runs)
@@ -113,7 +113,7 @@ def obtained_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "TrainedRun":
 
 
 def _configured(data: EpisodeSet, wanted: Wanted) -> "RunConfig":
-    from trainers.training import configure, settings_for
+    from trainers.training.trainer import configure, settings_for
 
     return configure(
         data,
@@ -130,7 +130,7 @@ def untrained(
     jobs: Sequence[tuple[EpisodeSet, Wanted]], runs: Path
 ) -> list[tuple[EpisodeSet, Wanted]]:
     """The jobs of which no finished run is there, each once."""
-    from trainers.runs import METRICS, run_folder
+    from trainers.training.runs import METRICS, run_folder
 
     left: dict[Path, tuple[EpisodeSet, Wanted]] = {}
     for data, wanted in jobs:
@@ -164,7 +164,7 @@ def work(data: EpisodeSet, wanted: Wanted) -> int:
 
     Only the shares matter. Where training ends early, or windows are longer, they are off.
     """
-    from trainers.fit import FitSettings
+    from trainers.training.fit import FitSettings
 
     samples = sum(len(e) for e in data.part("train"))
     usual = FitSettings().epochs

@@ -10,10 +10,10 @@ from pathlib import Path
 from pydantic import JsonValue
 
 import wakedeploy
-from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set
-from wakedeploy.errors import UnusableInput
-from wakedeploy.files import sha256_of
-from wakedeploy.rig import default_rig
+from wakedeploy.core.episodes import DESCRIPTION, EpisodeSet, read_episode_set
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import sha256_of
+from wakedeploy.rig.file import default_rig
 from wakedeploy.study.code import code_sha256
 
 OnStep = Callable[[int, int], None]

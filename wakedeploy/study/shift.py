@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
+from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.domains.downwash import make_set, shifted
-from wakedeploy.episodes import EpisodeSet
 from wakedeploy.study.closed_loop import (
     FIRST_SEED,
     LIMITS,

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
 from wakedeploy.study.closed_loop import LIMITS, above
 from wakedeploy.study.closed_loop_figure import bar
 from wakedeploy.study.closed_loop_figure import rows as flown
+from wakedeploy.study.colours import looks
 from wakedeploy.study.domains import MEMORYLESS
 from wakedeploy.study.folder import Part
-from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
 from wakedeploy.study.shift import Shifted, agreement, sentence
 

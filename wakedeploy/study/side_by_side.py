@@ -9,8 +9,8 @@ from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from typing import TypeVar
 
-from wakedeploy.errors import CheckFailed
-from wakedeploy.processes import default_workers, one_thread, pool
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.processes import default_workers, one_thread, pool
 
 Job = TypeVar("Job")
 Result = TypeVar("Result")

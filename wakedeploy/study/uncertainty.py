@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.stats import t as student
 
-from wakedeploy.episodes import EpisodeSet
+from wakedeploy.core.episodes import EpisodeSet
 
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
@@ -114,7 +114,7 @@ def units_of(
     With one unit only, blocks of successive samples, four of the set's windows long, take its
     place: their interval says nothing of other recordings.
     """
-    from trainers.targets import shift_ahead
+    from trainers.training.targets import shift_ahead
 
     warm = data.warm_up_steps if warm_up is None else warm_up
     kept = [

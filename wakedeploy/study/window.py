@@ -30,8 +30,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.episodes import EpisodeSet, window_shape
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.episodes import EpisodeSet, window_shape
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.study.domains import MEMORYLESS, hidings, label
 from wakedeploy.study.runs import Wanted, best_run, candidates
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
@@ -272,7 +272,7 @@ class _Scale:
     """The test samples that everything is scored on: those after the longest window's warm-up."""
 
     def __init__(self, data: EpisodeSet, main: str) -> None:
-        from trainers.tape import lay_tape
+        from trainers.training.tape import lay_tape
 
         self.data, self.lengths = data, [reach(seen) for seen in windows(data)]
         self.warm_up = max(data.warm_up_steps, *(seen.warm_up_steps for seen in windows(data)))
@@ -287,8 +287,8 @@ class _Scale:
 
     def errors(self, predictor: Any, seen: EpisodeSet) -> Iterator[tuple[int | None, FloatArray]]:
         """The past in samples (None: all) and the errors (M,), for each past to score it with."""
-        from trainers.cold import predict_from_cold
-        from trainers.predict import predict
+        from trainers.inspection.cold_start import predict_from_cold
+        from trainers.training.predict import predict
 
         if predictor.memory.kind == "state":
             for past in self.lengths:
@@ -301,7 +301,7 @@ class _Scale:
 
     def unlearned(self) -> Iterator[Seen]:
         """Predicting nothing, and the set's observer where it carries one."""
-        from trainers.score import unlearned_forces
+        from trainers.training.score import unlearned_forces
 
         told = unlearned_forces(self.tape, self.data, "test", 0.0, self.warm_up)
         for name, forces in told.items():

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy import figures
+from wakedeploy.core import figures
+from wakedeploy.study.colours import looks
 from wakedeploy.study.domains import MEMORYLESS, SOURCE_ONLY, ZERO
 from wakedeploy.study.folder import Part
-from wakedeploy.study.looks import looks
 from wakedeploy.study.runs import choice
 from wakedeploy.study.uncertainty import R2
 from wakedeploy.study.window import (

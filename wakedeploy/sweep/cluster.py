@@ -18,9 +18,9 @@ from collections.abc import Awaitable, Callable, Collection, Iterator, Mapping
 from typing import Any
 
 import wakedeploy
-from trainers.runs import TRAINING
-from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, installs, one_line
+from trainers.training.runs import TRAINING
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
+from wakedeploy.core.errors import CheckFailed, UnusableInput, installs, one_line
 from wakedeploy.sweep.jobs import Job, Outcome, TrainJob, do, failure
 
 try:
@@ -305,12 +305,13 @@ def _looker() -> Callable[[], dict[str, Any]]:
             return found
         found["wakedeploy"] = there.__version__
         try:
-            from trainers.device import require_cuda
-            from trainers.runs import TRAINING as revision
+            from trainers.training.device import require_cuda
+            from trainers.training.runs import TRAINING as revision
+            from wakedeploy.core.errors import UnusableInput as Refused
         except Exception:  # they need torch
             return found
         found |= {"torch": "there", "training": revision}
-        with contextlib.suppress(there.errors.UnusableInput):
+        with contextlib.suppress(Refused):
             require_cuda()
             found["cuda"] = True
         return found

@@ -12,7 +12,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Protocol
 
-from wakedeploy.processes import default_workers
+from wakedeploy.core.processes import default_workers
 from wakedeploy.sweep.jobs import Job, Outcome, failure
 from wakedeploy.sweep.worker import Worker
 

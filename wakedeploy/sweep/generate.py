@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from wakedeploy.episodes import EpisodeSet
-from wakedeploy.errors import UnusableInput
-from wakedeploy.rig import parse_rig, read_rig, read_rig_text
+from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.rig.file import parse_rig, read_rig, read_rig_text
 
 LEVELS = ("slender", "vortex")
 WIDEST_SPREAD = 0.75

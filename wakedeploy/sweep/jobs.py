@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import wakedeploy
-from trainers.device import one_thread
 from trainers.preset import REFERENCE, chosen_preset
-from trainers.runs import (
+from trainers.training.device import one_thread
+from trainers.training.runs import (
     BEST,
     CONFIG,
     METRICS,
@@ -29,7 +29,7 @@ from trainers.runs import (
     require_buildable,
     run_folder,
 )
-from trainers.training import (
+from trainers.training.trainer import (
     chosen_lead_s,
     configure,
     idle_settings,
@@ -37,10 +37,10 @@ from trainers.training import (
     settings_for,
     train,
 )
-from wakedeploy.commit import present_commit
-from wakedeploy.episodes import EpisodeSet, read_episode_set
-from wakedeploy.errors import CheckFailed, UnusableInput, WakedeployError, is_full, one_line
-from wakedeploy.files import write_bytes_whole
+from wakedeploy.core.commit import present_commit
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
+from wakedeploy.core.errors import CheckFailed, UnusableInput, WakedeployError, is_full, one_line
+from wakedeploy.core.files import write_bytes_whole
 from wakedeploy.sweep.generate import Generate, make
 from wakedeploy.sweep.plan import Choice
 

@@ -17,14 +17,14 @@ from pydantic import BeforeValidator, Field
 
 from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
-from trainers.fit import FitSettings
 from trainers.preset import REFERENCE, TUNED, read_preset
-from wakedeploy.episodes import DESCRIPTION
-from wakedeploy.errors import UnusableInput, one_line
-from wakedeploy.files import text_of, toml_of
-from wakedeploy.names import ALL, DOMAINS, meant
+from trainers.training.fit import FitSettings
+from wakedeploy.core.episodes import DESCRIPTION
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import text_of, toml_of
+from wakedeploy.core.names import ALL, DOMAINS, meant
+from wakedeploy.core.validation import first_problem
 from wakedeploy.sweep.generate import Generate, checked
-from wakedeploy.validation import first_problem
 
 Place = tuple[str | int, ...]  # of a value in the plan, as pydantic tells it
 Where = Callable[[Place], str]  # what an error about that place begins with

@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, JsonValue, ValidationError
 
-from wakedeploy.errors import UnusableInput, shown
-from wakedeploy.files import append_json_line, read_json_lines, write_text_whole
+from wakedeploy.core.errors import UnusableInput, shown
+from wakedeploy.core.files import append_json_line, read_json_lines, write_text_whole
+from wakedeploy.core.validation import first_problem
 from wakedeploy.sweep.jobs import Row
-from wakedeploy.validation import first_problem
 
 LINES, TABLE = "results.jsonl", "results.csv"
 

@@ -10,10 +10,10 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from wakedeploy.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
-from wakedeploy.errors import UnusableInput
-from wakedeploy.files import json_of, remove_unfinished, text_of, write_text_whole
-from wakedeploy.locks import alone
+from wakedeploy.core.episodes import DESCRIPTION, EpisodeSet, read_episode_set, stated_sha256
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import json_of, remove_unfinished, text_of, write_text_whole
+from wakedeploy.core.locks import alone
 from wakedeploy.sweep.executor import Executor
 from wakedeploy.sweep.jobs import (
     RUNS,

@@ -8,7 +8,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from wakedeploy.processes import deaf_to_ctrl_c, end_with_parent, one_thread
+from wakedeploy.core.processes import deaf_to_ctrl_c, end_with_parent, one_thread
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.jobs import Job, Outcome

@@ -4,9 +4,10 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Effect, EffectParameter, Rig, default_rig
+from wakedeploy.rig.file import default_rig
 
 CLEAN = default_rig().changed(
     disturbance={

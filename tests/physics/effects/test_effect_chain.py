@@ -4,15 +4,16 @@ import numpy as np
 import pytest
 from effect_rigs import CLEAN, HOVER_US, NO_WAKE, flown, with_effects
 
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.errors import UnusableInput
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import Chain, believed, neutral_values, unplaced_constants
 from wakedeploy.physics.field_grid import FieldPhysics
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet
-from wakedeploy.rig import Rig, default_rig, parse_rig
+from wakedeploy.rig.file import default_rig, parse_rig
 
 RIG = default_rig()
 

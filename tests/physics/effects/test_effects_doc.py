@@ -11,7 +11,7 @@ from effect_rigs import HOVER_US, NO_WAKE, WEIGHT_N, flown
 from wakedeploy.physics import effects
 from wakedeploy.physics.effects import LIBRARY, Effect, chain, equation_table, markdown_table
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import parse_rig
+from wakedeploy.rig.file import parse_rig
 
 PAGE = (Path(__file__).parents[3] / "docs" / "effects.md").read_text(encoding="utf-8")
 

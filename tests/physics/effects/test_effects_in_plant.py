@@ -16,9 +16,9 @@ from effect_rigs import (
     with_effects,
 )
 
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.acting import DelayLine
 from wakedeploy.physics.gantry import GantryPlant
-from wakedeploy.rig import Rig
 
 MASS_KG = CLEAN.sufferer.mass_kg
 

@@ -5,11 +5,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Wake
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, STAGES, Effect, Motion, effect
 from wakedeploy.physics.effects.chain import METHODS, Chain, neutral_values, setting_of
-from wakedeploy.rig import Wake, default_rig
+from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
 CONSTANTS = constants_of(RIG)

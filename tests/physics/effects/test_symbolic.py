@@ -5,10 +5,10 @@ import pickle
 import numpy as np
 import pytest
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.physics.effects.base import Motion, Parameter, Setting
 from wakedeploy.physics.effects.symbolic import expression_force, symbolic_effect
-from wakedeploy.rig import Effect, EffectParameter
 
 SETTING = Setting(
     source_height_m=2.0, mass_kg=0.45, weight_n=4.41, rotor_radius_m=0.127, travel_m=1.2

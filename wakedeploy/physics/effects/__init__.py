@@ -8,7 +8,7 @@ command, actuator, wake, force, body, sensor.
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.physics.effects import actuator, body, command, force, sensor, wake
 from wakedeploy.physics.effects.base import (
     STAGES,

@@ -7,9 +7,9 @@ them. The gap workflow computes the same integrals from a log; their definitions
 import math
 from collections import deque
 
+from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.base import Motion
 from wakedeploy.physics.effects.chain import Chain, setting_of
-from wakedeploy.rig import Rig
 
 TAKEN_OFF = 0.5  # of its weight: the sufferer's thrust at which `Motion.time_s` begins to count
 LEAST_MOTION_MPS = 0.005  # a slower carriage keeps its direction: step counts cannot tell

@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Effect as Entry
+from wakedeploy.core.rig import EffectParameter, Rig
+from wakedeploy.core.units import same_unit
 from wakedeploy.physics.constants import NEUTRAL, Constants, constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY, effect
 from wakedeploy.physics.effects.base import (
@@ -22,9 +25,6 @@ from wakedeploy.physics.effects.base import (
 )
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
 from wakedeploy.physics.rail import GRAVITY_MPS2
-from wakedeploy.rig import Effect as Entry
-from wakedeploy.rig import EffectParameter, Rig
-from wakedeploy.units import same_unit
 
 METHODS: Final = (
     "pulse_us",

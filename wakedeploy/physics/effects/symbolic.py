@@ -10,10 +10,10 @@ from typing import ClassVar
 
 import numpy as np
 
-from wakedeploy import rig
-from wakedeploy.errors import UnusableInput
+from wakedeploy.core import rig
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.expression import VARIABLES, Expression, expression_of, parse
 from wakedeploy.physics.effects.base import Effect, Motion, Number, Parameter, Setting, Values
-from wakedeploy.physics.expression import VARIABLES, Expression, expression_of, parse
 
 SYMBOLIC = "symbolic-force"
 MOST_WEIGHTS = 3.0

@@ -1,0 +1,299 @@
+"""The benchmark's summary as text, as a Markdown page, and as a figure.
+
+In: what `table.summary` made. Out: strings, and a matplotlib figure. The bars are those that were
+set before the run.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from benchmarks.hidden_effects.cases import all_cases
+from wakedeploy.core import figures
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Summary = Mapping[str, Any]
+_RATES = (
+    ("right_from_50_nats", "right, 50 nats and above", "≥ 95 %"),
+    ("right_15_to_50_nats", "right, 15 to 50 nats", "≥ 80 %"),
+    ("false_alarms", "false alarms without an effect", "≤ 5 %"),
+    ("unknown_outside", "outside the library, called unknown", "≥ 90 %"),
+    ("unknown_outside_from_15_nats", "the same, 15 nats and above", ""),
+    ("unknown_outside_from_50_nats", "the same, 50 nats and above", ""),
+    ("pairs_right", "pairs, both found", ""),
+    ("pairs_in_part", "pairs, one found and a rest admitted", ""),
+)
+_SPREADS = (
+    ("closed_from_50_nats", "share of the gap closed, mean", "≥ 0.8", 1.0),
+    ("closed_by_a_member", "the same, had the best of a class been added", "", 1.0),
+    ("class_size", "size of a class, mean", "≤ 2", 1.0),
+    ("seconds", "seconds per case, mean", "< 120", 1.0),
+)
+
+
+def text_of(told: Summary) -> str:
+    """The page as it stands in a terminal: the same tables."""
+    return markdown_of(told)
+
+
+def markdown_of(told: Summary, figure_name: str = "", lines_name: str = "") -> str:
+    """The page: headline figures against their bars, then the tables behind them."""
+    counts = ", ".join(f"{n} {kind}" for kind, n in sorted(told["cases"].items()))
+    commits = ", ".join(c or "no commit" for c in told["commits"])
+    parts = [
+        "# The gap workflow against hidden effects",
+        "`python -m benchmarks.hidden_effects` hides effects in two plants and judges the answers "
+        "of the gap workflow. The second plant imports nothing of this project. Every case has "
+        "turbulence, outliers, clock jitter and calibration errors of the size that the rig file "
+        "states.",
+        "Strength is the gain in log-likelihood of the hidden effect on held-out flights, in nats, "
+        "as the judge measures it. Brackets are Wilson's 95 % intervals. A case on which the "
+        "workflow failed counts as wrong.",
+        f"Cases: {counts}{_left(told)}. Code frozen at: {commits}."
+        + (
+            f" Each case has a line in [{Path(lines_name).name}]({lines_name})."
+            if lines_name
+            else ""
+        ),
+        headline(told),
+        _closed(told),
+        f"![Share of right answers against the strength of the hidden effect]({figure_name})"
+        if figure_name
+        else "",
+        "## Right answers against strength\n\n" + _by_nats(told["by_nats"]),
+        "## Plants\n\n" + _plants(told),
+        "## Coverage of 90 % intervals\n\n"
+        + _coverage(told["coverage_fitted"], told["coverage_named"]),
+        _belief(told["belief"]),
+        "## What was answered\n\nA class that holds the hidden effect counts as *class*.\n\n"
+        + _confusion(told["confusion"]),
+        _tracking(told["tracking"]),
+        _errors(told["errors"]),
+    ]
+    return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _left(told: Summary) -> str:
+    """How much of the full list a run has not done yet."""
+    done, listed = sum(told["cases"].values()), len(all_cases())
+    return f" (a partial run: {done} of {listed})" if done < listed else ""
+
+
+def draw(told: Summary) -> "Figure":
+    """Accuracy against nats with intervals, and the confusion matrix."""
+    hidden = sorted(told["confusion"])
+    with figures.style():
+        tall = max(3.4, 0.17 * len(hidden) + 1.5)
+        drawn, (left, right) = figures.figure(
+            1, 2, size=(11.0, tall), gridspec_kw={"width_ratios": (1.0, 1.5)}
+        )
+        _draw_bins(left, told["by_nats"])
+        _draw_confusion(right, told["confusion"], hidden)
+    return drawn
+
+
+def headline(told: Summary) -> str:
+    """The figures that have a bar, and those beside them."""
+    rows = [
+        [label, _share(told[key]), f"{told[key]['count']} of {told[key]['of']}", bar]
+        for key, label, bar in _RATES
+    ]
+    for key, label, bar, scale in _SPREADS:
+        one = told[key]
+        if one is not None:
+            rows.append([label, f"{one['mean'] * scale:.2f}", f"over {one['count']}", bar])
+    flown = told["tracking"]
+    if flown["mean_ratio"] is not None:
+        label = "tracking error, corrected rig and its predictor over uncorrected, mean"
+        rows.append([label, f"{flown['mean_ratio']:.2f}", f"over {flown['count']}", ""])
+    for key, label in (("coverage_fitted", "all cases"), ("coverage_named", "named ones")):
+        one = told[key]["all"]
+        rows.append(
+            [f"90 % intervals, {label}", _share(one), f"{one['count']} of {one['of']}", "85–95 %"]
+        )
+    return _table(["", "measured", "cases", "bar"], rows)
+
+
+def _closed(told: Summary) -> str:
+    """What the share of the gap closed is a share of, and in how many cases there is none."""
+    unseen, own = told["does_not_show"], told["closed_by_own_floor"]
+    text = (
+        "The share closed is (before² − after²) / (before² − floor²). These are errors 0.25 s "
+        "ahead on sealed flights, for effects of 50 nats and above and for pairs. The floor is the "
+        "error of the judge, who fits the hidden effect to the other flights.\n\n"
+        f"{unseen['count']} of {unseen['of']} cases have no share: the hidden effect does not show "
+        "in that error beyond its scatter."
+    )
+    if own is not None:
+        text += (
+            " With the floor that the corrected model expects of itself, the mean is "
+            f"{own['mean']:.2f}, over {own['count']}."
+        )
+    return text
+
+
+def _by_nats(bins: Sequence[Mapping[str, Any]]) -> str:
+    rows = [
+        [
+            _range(b),
+            _share(dict(b) | {"low": b["low_share"], "high": b["high_share"]}),
+            f"{b['count']} of {b['of']}",
+        ]
+        for b in bins
+    ]
+    return _table(["nats", "right", "cases"], rows)
+
+
+def _plants(told: Summary) -> str:
+    rows = [
+        [plant, _share(told["by_plant"][plant]), _share(told["false_alarms_by_plant"][plant])]
+        for plant in told["by_plant"]
+    ]
+    return _table(["plant", "right from 15 nats", "false alarms"], rows)
+
+
+def _coverage(fitted: Mapping[str, Any], named: Mapping[str, Any]) -> str:
+    blank = {"share": math.nan, "low": 0.0, "high": 1.0, "count": 0, "of": 0}
+    rows = []
+    for name, one in fitted.items():
+        other = named.get(name, blank)
+        cells = [
+            f"{_share(x)}, {x['count']} of {x['of']}" if x["of"] else "–" for x in (one, other)
+        ]
+        rows.append([name, *cells])
+    return _table(["effect", "all cases, true effect fitted", "named by the workflow"], rows)
+
+
+def _belief(rows: Sequence[Mapping[str, Any]]) -> str:
+    if not rows:
+        return ""
+    cells = [
+        [
+            f"{100 * row['from']:g} to {100 * row['to']:g} %",
+            f"{100 * row['held']:.1f} %",
+            _share(row),
+            f"{row['count']} of {row['of']}",
+        ]
+        for row in rows
+    ]
+    text = (
+        "Each named effect has a confidence; members of classes are not counted. A confidence is "
+        "honest where the share of hidden effects agrees with the mean confidence."
+    )
+    head = ["confidence", "mean", "hidden indeed", "answers"]
+    return f"## How sure, and how often rightly\n\n{text}\n\n{_table(head, cells)}"
+
+
+def _confusion(table: Mapping[str, Mapping[str, int]]) -> str:
+    rows = []
+    for hidden, counts in sorted(table.items()):
+        others = sorted(((n, a) for a, n in counts.items() if a != hidden), reverse=True)
+        total, right = sum(counts.values()), counts.get(hidden, 0)
+        rows.append([hidden, f"{right} of {total}", ", ".join(f"{a} {n}" for n, a in others)])
+    return _table(["hidden", "answered exactly so", "other answers"], rows)
+
+
+def _tracking(flown: Mapping[str, Any]) -> str:
+    if not flown["cases"]:
+        return ""
+    rows = [[name, one["plant"], *_flown(one)] for name, one in flown["cases"].items()]
+    head = ["case", "plant", "answer", "before [mm]", "after [mm]", "after / before", "force [N]"]
+    mean = flown["mean_ratio"]
+    text = (
+        "For a few fixed cases, one predictor is trained on the simulation of the uncorrected rig "
+        "file and one on that of the corrected file. Each flies with its own rig file on the plant "
+        "that hides the effect, on the same references. Errors are root mean squares of the height "
+        "over four flights, with 90 % intervals; flights are paired for the ratio. The last column "
+        "has both predictors' errors on the sealed flights."
+    )
+    if mean is not None:
+        text += f" Geometric mean of the ratios: {mean:.2f}, over {flown['count']}."
+    return f"## Old and new predictor flown\n\n{text}\n\n{_table(head, rows)}"
+
+
+def _flown(one: Mapping[str, Any]) -> list[str]:
+    """Cells of one tracked case after its name and plant."""
+    word = "right" if one["right"] else f"{one['verdict']}, not right"
+    flown = one["flown"]
+    if flown is None:
+        why = (one["error"] or "nothing was corrected").replace("|", "/")
+        return [word, why, "–", "–", "–"]
+    before, after = (
+        "failsafe" if (row := flown[key])["rmse"] is None else _within(row["rmse"], row, 1)
+        for key in ("before", "after")
+    )
+    ratio = "–"
+    if flown["ratio"] is not None:
+        low, high = flown["ratio_interval"] or (math.nan, math.nan)
+        ratio = _within(flown["ratio"], {"low": low, "high": high}, 2)
+    force = f"{flown['retrain']['old_rmse']:.3f} → {flown['retrain']['new_rmse']:.3f}"
+    return [word, before, after, ratio, force]
+
+
+def _within(value: float, ends: Mapping[str, float | None], digits: int) -> str:
+    low, high = (math.nan if ends[k] is None else ends[k] for k in ("low", "high"))
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+def _errors(errors: Mapping[str, str]) -> str:
+    if not errors:
+        return ""
+    rows = [[name, _placeless(error)] for name, error in sorted(errors.items())]
+    return "## Cases that failed\n\nEach counts as wrong.\n\n" + _table(["case", "error"], rows)
+
+
+def _placeless(error: str) -> str:
+    """An error's words with file names alone, which mean the same on any machine."""
+    return re.sub(r"\S*/(?=[^/\s])", "", error).replace("|", "/")
+
+
+def _share(one: Mapping[str, float]) -> str:
+    if not one["of"]:
+        return "–"
+    return f"{100 * one['share']:.0f} % [{100 * one['low']:.0f}, {100 * one['high']:.0f}]"
+
+
+def _range(one: Mapping[str, float | None]) -> str:
+    high = one["high"]
+    endless = high is None or math.isinf(high)
+    return f"{one['low']:g} and above" if endless else f"{one['low']:g} to {high:g}"
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def _draw_bins(axes: Any, bins: Sequence[Mapping[str, Any]]) -> None:
+    known = [b for b in bins if b["of"]]
+    places = range(len(known))
+    share = [b["share"] for b in known]
+    reach = [
+        [max(s - b["low_share"], 0.0) for s, b in zip(share, known, strict=True)],
+        [max(b["high_share"] - s, 0.0) for s, b in zip(share, known, strict=True)],
+    ]
+    axes.errorbar(places, share, yerr=reach, fmt="o", color=figures.MEASURED, capsize=3)
+    axes.set_xticks(list(places), [f"{_range(b)}\n(n = {b['of']})" for b in known], fontsize=7)
+    for bar, line, of in ((0.95, "--", "bar from 50 nats"), (0.8, ":", "bar from 15 nats")):
+        axes.axhline(bar, color=figures.LIMIT, linestyle=line)
+        axes.annotate(of, (0.01, bar), xycoords=("axes fraction", "data"), va="bottom", fontsize=7)
+    axes.set(ylim=(0.0, 1.03), ylabel="share of right answers", title="Right answers")
+    axes.set_xlabel("strength of the hidden effect [nats]")
+
+
+def _draw_confusion(
+    axes: Any, table: Mapping[str, Mapping[str, int]], hidden: Sequence[str]
+) -> None:
+    answers = sorted({a for counts in table.values() for a in counts})
+    shares = [[table[h].get(a, 0) / sum(table[h].values()) for a in answers] for h in hidden] or [
+        [0.0]
+    ]
+    axes.imshow(shares, cmap="Blues", vmin=0.0, vmax=1.0, aspect="auto")
+    axes.grid(visible=False)
+    axes.set_xticks(range(len(answers)), answers, rotation=90, fontsize=6)
+    axes.set_yticks(range(len(hidden)), hidden, fontsize=6)
+    axes.set(title="Hidden (rows) and answered (columns)")

@@ -1,0 +1,312 @@
+"""Height and lateral position from range samples and step counts: filterpy's Kalman filter.
+
+Pure steps, `(state, input) → state`. Height: z, its speed, and the disturbance force that the known
+thrust does not explain. The range sample's age is known and part of the measurement equation; a
+missed or repeated sample is predicted through.
+"""
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+from filterpy.kalman import predict as kalman_predict
+from filterpy.kalman import update as kalman_update
+
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.physics.effects.chain import believed, unplaced_constants
+from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
+
+FloatArray = npt.NDArray[np.float64]
+
+_FORCE_TIME_S = 1.0  # the disturbance is expected to change within a second …
+_FORCE_SD_N = 1.0  # … by about the size of a wake's force
+_UNFORESEEN_SD_N = 0.25  # … or, with the wake forecast, by what forecasts leave over
+_ACCELERATION_SD_MPS2 = 0.3  # what the thrust model leaves open, per tick
+_STEP_ACCELERATION_SD_MPS2 = 2.0
+_GATE_SD = 5.0
+# Samples in a row with the same value in the air. One in a thousand repeats so often by chance;
+# a sensor that holds its readings does, too. What it says then is no news.
+SAME_TICKS = 3
+_PERSISTENT = 4  # that many rejected samples in a row are no outliers …
+_SCATTER_M = 0.1  # … unless they go to and fro by this much, as no motion does
+_PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
+_PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
+# Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
+# model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
+# file says is believed the less, down to a 200th.
+_SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
+_SURPRISED, _CALM = 3.0, 1.2
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
+_GATED_NOISE = 25.0  # of it in the gate: more would let strays in
+_CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
+_STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """What one tick read: newest range sample (NaN: none), its age, its repeats; step count.
+
+    The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
+    `same` counts samples in a row that say what the one before said, off the stop; `alike` counts
+    them there, too.
+    """
+
+    t_s: float
+    range_m: float
+    range_age_s: float
+    range_repeats: int
+    steps: int
+    steps_repeats: int = 0
+    same: int = 0
+    alike: int = 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Estimate:
+    """Filter state after one tick; `height` is (z [m], vz [m/s], disturbance [N])."""
+
+    t_s: float
+    height: FloatArray  # (3,)
+    height_cov: FloatArray  # (3, 3)
+    lateral: FloatArray  # (2,)
+    lateral_cov: FloatArray  # (2, 2)
+    rotor_speed: float = 0.0  # of the sufferer, √N
+    rejected: int = 0
+    innovation_m: float = math.nan
+    innovation_var_m2: float = math.nan
+    off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
+    rejects: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of those: first, last, path [m]
+    jumped_m: float = 0.0  # the least, when the next is taken in because so many were rejected
+    surprise: float = 1.0  # mean of innovations' differences, squared, over what noise gives
+    last_innovation_m: float = math.nan
+    stale_s: float = 0.0  # since a new sample says the same again and again
+    noise_scale: float = 1.0  # of the sensor's variance over the rig file's
+    rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
+
+    @property
+    def z_m(self) -> float:
+        """Height [m]."""
+        return float(self.height[0])
+
+    @property
+    def vz_mps(self) -> float:
+        """Vertical speed [m/s]."""
+        return float(self.height[1])
+
+    @property
+    def disturbance_n(self) -> float:
+        """The force [N] that known thrust, weight, friction and forecast leave over."""
+        return float(self.height[2])
+
+    @property
+    def x_m(self) -> float:
+        """Lateral position [m]."""
+        return float(self.lateral[0])
+
+    @property
+    def vx_mps(self) -> float:
+        """Lateral speed [m/s]."""
+        return float(self.lateral[1])
+
+
+def initial_estimate(t_s: float) -> Estimate:
+    """At rest on the stop, carriage homed."""
+    return Estimate(
+        t_s,
+        np.zeros(3),
+        np.diag([0.02**2, 0.01**2, 0.05**2]),
+        np.zeros(2),
+        np.diag([0.001**2, 0.01**2]),
+    )
+
+
+class Estimator:
+    """The filter's constants for one rig, and its two pure steps.
+
+    What the rig file's effects say of its constants, of delays and of the range sensor is believed.
+    """
+
+    def __init__(self, rig: Rig) -> None:
+        constants = unplaced_constants(rig)
+        self._rig = rig = believed(rig)
+        sensor = rig.range_sensor
+        quantum = sensor.resolution_m**2 / 12.0
+        self._range_var = max(sensor.noise_m**2 + quantum, 1e-8)
+        self._step_var = max((1.0 / rig.stepper.steps_per_m) ** 2 / 12.0, 1e-12)
+        # Half the round trip is the command's way; a pulse then waits for half a frame on average.
+        self.command_delay_s = 0.5 * (rig.latency.round_trip_s + rig.disturbance.esc_frame_s)
+        self.command_delay_s += constants["command.delay_s"]
+        self._range_bias_m, self._range_scale = constants["range.bias_m"], constants["range.scale"]
+        self._range_delay_s = constants["range.delay_s"]
+
+    def step(
+        self,
+        before: Estimate,
+        measured: Measurement,
+        pulses_us: tuple[float, float],
+        wake_n: float | None = None,
+    ) -> Estimate:
+        """Predict to `measured.t_s`, then take in what is new.
+
+        `pulses_us`: the sufferer's commands of the tick before last and of the last tick; the later
+        one acts from the command delay on. `wake_n`: the wake's force [N] as it was forecast for
+        this time, if it was; the disturbance is what that leaves over.
+        """
+        predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
+        if measured.steps_repeats == 0:
+            predicted = self._update_lateral(predicted, measured.steps)
+        return self._update_height(predicted, measured)
+
+    def _predict(
+        self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
+    ) -> Estimate:
+        dt = min(max(t_s - now.t_s, 1e-4), 0.5)
+        now = _after_a_pause(now, t_s - now.t_s)
+        speed, thrust_n = self._mean_thrust(now.rotor_speed, pulses_us, dt)
+        height, height_cov = self._predict_height(now, thrust_n, wake_n, dt)
+        a_sd = _STEP_ACCELERATION_SD_MPS2
+        lateral, lateral_cov = kalman_predict(
+            now.lateral, now.lateral_cov, np.array([[1.0, dt], [0.0, 1.0]]), _white(a_sd, dt)
+        )
+        return replace(
+            now,
+            t_s=t_s,
+            height=height,
+            height_cov=height_cov,
+            lateral=lateral,
+            lateral_cov=lateral_cov,
+            rotor_speed=speed,
+            rejected_s=now.rejected_s + dt if now.rejected else 0.0,
+        )
+
+    def _mean_thrust(
+        self, speed: float, pulses_us: tuple[float, float], dt: float
+    ) -> tuple[float, float]:
+        """The rotor's speed after `dt` and the mean thrust [N] until then."""
+        curve, lag = self._rig.thrust.sufferer, self._rig.spool.sufferer
+        early_s = min(self.command_delay_s, dt)
+        total = 0.0
+        for pulse_us, span_s in zip(pulses_us, (early_s, dt - early_s), strict=True):
+            target = math.sqrt(curve.thrust(pulse_us))
+            after = spooled(speed, target, lag, span_s)
+            total += span_s * mean_thrust(speed, after, lag)
+            speed = after
+        return speed, total / dt
+
+    def _predict_height(
+        self, now: Estimate, thrust_n: float, wake_n: float | None, dt: float
+    ) -> tuple[FloatArray, FloatArray]:
+        mass_kg = self._rig.sufferer.mass_kg
+        if self._resting(now, thrust_n):
+            return np.array([now.z_m, 0.0, 0.0]), now.height_cov
+        keep = math.exp(-dt / _FORCE_TIME_S)
+        transition = np.array(
+            [[1.0, dt, 0.5 * dt * dt / mass_kg], [0.0, 1.0, dt / mass_kg], [0.0, 0.0, keep]]
+        )
+        noise = np.zeros((3, 3))
+        noise[:2, :2] = _white(_ACCELERATION_SD_MPS2, dt)
+        is_startled = now.innovation_m**2 > _STARTLED * now.innovation_var_m2
+        left_sd_n = _FORCE_SD_N if wake_n is None or is_startled else _UNFORESEEN_SD_N
+        noise[2, 2] = left_sd_n**2 * (1.0 - keep**2)
+        known_n = thrust_n + (wake_n or 0.0) - smooth_friction(self._rig.rail, now.vz_mps)
+        a = known_n / mass_kg - GRAVITY_MPS2
+        height, cov = kalman_predict(
+            now.height,
+            now.height_cov,
+            transition,
+            noise,
+            np.array([a]),
+            np.array([[0.5 * dt * dt], [dt], [0.0]]),
+        )
+        return height, cov
+
+    def _resting(self, now: Estimate, thrust_n: float) -> bool:
+        """On the stop with too little thrust to leave it: the stop carries the weight.
+
+        Unless it is seen to leave although the motor carries a part only: something else lifts it.
+        """
+        weight_n = self._rig.sufferer.mass_kg * GRAVITY_MPS2
+        is_near = now.z_m < 0.02 and now.vz_mps < 0.05 and thrust_n < 0.98 * weight_n
+        lifts = now.innovation_m > 0.0 and now.innovation_m**2 > _STARTLED * now.innovation_var_m2
+        return is_near and not (lifts and thrust_n > _CARRIED_SHARE * weight_n)
+
+    def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
+        position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
+        lateral, cov = kalman_update(
+            now.lateral, now.lateral_cov, position, np.array([[self._step_var]]), _POSITION_ROW
+        )
+        return replace(now, lateral=lateral, lateral_cov=cov)
+
+    def _update_height(self, now: Estimate, measured: Measurement) -> Estimate:
+        unseen = replace(now, innovation_m=math.nan, innovation_var_m2=math.nan, jumped_m=0.0)
+        if not math.isfinite(measured.range_m) or measured.range_repeats > 0:
+            return unseen
+        if measured.same > SAME_TICKS:
+            return replace(unseen, stale_s=unseen.stale_s + 1.0 / LOOP_RATE_HZ)
+        # What it moved while the sensor stood still is not known.
+        now = unseen = replace(_after_a_pause(unseen, unseen.stale_s), stale_s=0.0)
+        age = measured.range_age_s + self._range_delay_s
+        range_m = (measured.range_m - self._range_bias_m) / self._range_scale
+        row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
+        innovation = range_m - float((row @ now.height)[0])
+        noise_var = self._range_var * now.noise_scale
+        variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
+        seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
+        seen = _surprised(seen)
+        excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
+        is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
+        off_m = min(now.off_m, abs(innovation))
+        first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
+        rejects = (first_m, range_m, path_m + abs(range_m - last_m))
+        is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
+        is_same = now.rejected > 0 and measured.alike > 0  # the same again is no news
+        if is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered)):
+            if now.rejected >= _PERSISTENT:
+                return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
+            return replace(seen, rejected=now.rejected + 1, off_m=off_m, rejects=rejects)
+        height, cov = kalman_update(
+            now.height, now.height_cov, np.array([range_m]), np.array([[noise_var]]), row
+        )
+        return replace(
+            seen,
+            height=height,
+            height_cov=cov,
+            rejected=0,
+            off_m=math.inf,
+            jumped_m=off_m if now.rejected >= _PERSISTENT else 0.0,
+            rejected_s=0.0,
+        )
+
+
+def _surprised(now: Estimate) -> Estimate:
+    """The filter after an innovation: how noisy the sensor is."""
+    difference_m = now.innovation_m - now.last_innovation_m
+    if not math.isfinite(difference_m):
+        return replace(now, last_innovation_m=now.innovation_m)
+    square = min(0.5 * difference_m**2 / now.innovation_var_m2, _MOST_SURPRISE)
+    surprise = now.surprise + (square - now.surprise) / _SURPRISE_TICKS
+    scale = now.noise_scale
+    if surprise > _SURPRISED:
+        scale = min(scale * _NOISE_UP, _MOST_NOISE)
+    elif surprise < _CALM:
+        scale = max(scale / _NOISE_DOWN, 1.0)
+    return replace(now, surprise=surprise, noise_scale=scale, last_innovation_m=now.innovation_m)
+
+
+def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
+    """The state with what it does not know of a time in which the loop stood still."""
+    if passed_s <= _PAUSE_S:
+        return now
+    unknown = np.diag([(_PAUSE_SD_MPS * passed_s) ** 2, _PAUSE_SD_MPS**2, 0.0])
+    return replace(now, height_cov=now.height_cov + unknown)
+
+
+_POSITION_ROW = np.array([[1.0, 0.0]])
+
+
+def _white(acceleration_sd: float, dt: float) -> FloatArray:
+    """Covariance that an acceleration held over `dt` adds to position and speed."""
+    gain = np.array([0.5 * dt * dt, dt])
+    return np.asarray(np.outer(gain, gain) * acceleration_sd**2)

@@ -1,0 +1,163 @@
+"""Predictions with a time limit: the model runs in a thread of its own, the loop waits so long.
+
+onnxruntime lets go of the interpreter's lock while it computes, so the wait can end in time. A
+result that comes late is not used, but the model's memory has seen its observation all the same.
+"""
+
+import math
+import queue
+import threading
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.io.realtime import Pacer, yield_to_the_loop
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import Manifest
+
+FloatArray = npt.NDArray[np.float32]
+
+WARM_UP_CALLS = 50
+WARM_UP_LIMIT_S = 30.0
+MOST_WAITING = 32  # observations; with more the memory is given up and filled anew
+
+
+class Stepper(Protocol):
+    """What the worker runs: `runtime.predictor.PackagePredictor`, or something shaped like it."""
+
+    manifest: Manifest
+
+    @property
+    def ready(self) -> bool:
+        """Whether the memory is full."""
+
+    def reset(self) -> None:
+        """Forget everything."""
+
+    def step(self, observation: npt.ArrayLike) -> FloatArray:
+        """The force (o,) for an observation (d,)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """A force [N] that came in time, and whether the memory was full when it was made."""
+
+    force_n: float
+    ready: bool
+
+
+class Predictions(Protocol):
+    """What the loop asks: a force by a deadline. Trained ranges `low` and `high` are (d,)."""
+
+    lead_s: float
+    low: FloatArray
+    high: FloatArray
+
+    def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
+        """The force for an observation (d,), or None when it is not there by `deadline_s`."""
+
+    def reset(self) -> None:
+        """Let the memory be filled anew by the observations from now on."""
+
+
+def predicted(predictor: Stepper, observation: FloatArray) -> Result:
+    """One step of a predictor; NaN, which degrades the mode, where it fails.
+
+    It fails, too, where the force is none that training has shown to be possible.
+    """
+    try:
+        force_n = float(predictor.step(observation)[0])
+        is_possible = predictor.manifest.force[0].is_possible(force_n)
+    except Exception:  # onnxruntime's exceptions have no common base
+        is_possible = False
+    return Result(force_n if is_possible else math.nan, predictor.ready)
+
+
+class PredictionWorker:
+    """Owns a predictor and its thread; warms up first, paced as the loop is."""
+
+    def __init__(self, predictor: Stepper, period_s: float) -> None:
+        self._predictor, self._period_s = predictor, period_s
+        self.lead_s = predictor.manifest.lead_s
+        channels = predictor.manifest.observation
+        self.low = np.array([c.min for c in channels], dtype=np.float32)  # (d,)
+        self.high = np.array([c.max for c in channels], dtype=np.float32)  # (d,)
+        self._asked: queue.SimpleQueue[tuple[int, FloatArray | None]] = queue.SimpleQueue()
+        self._done: queue.SimpleQueue[tuple[int, Result]] = queue.SimpleQueue()
+        self._count = 0
+        self._lost_one = False
+        self._closing = False
+        self._warm = threading.Event()
+        self.first_call_s = 0.0
+        self._thread = threading.Thread(target=self._run, name="prediction", daemon=True)
+        self._thread.start()
+
+    def wait_until_warm(self) -> None:
+        """Return when the warm-up calls are over; CheckFailed when they take too long."""
+        if not self._warm.wait(WARM_UP_LIMIT_S):
+            raise CheckFailed(
+                f"The model's {WARM_UP_CALLS} warm-up calls were not over after "
+                f"{WARM_UP_LIMIT_S:g} s: this machine is too slow for it, or too busy; see "
+                "`wakedeploy doctor`."
+            )
+
+    def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
+        """The force for an observation (d,), or None when it is not there by `deadline_s`."""
+        self._count += 1
+        if self._asked.qsize() >= MOST_WAITING:
+            self._lost_one = True
+            return None
+        if self._lost_one:
+            self.reset()
+        self._asked.put((self._count, observation))
+        return self._await(deadline_s)
+
+    def reset(self) -> None:
+        """Let the memory be filled anew by the observations from now on."""
+        self._lost_one = False
+        self._asked.put((self._count, None))
+
+    def close(self) -> None:
+        """End the thread after the step that it is in."""
+        self._closing = True
+        self.reset()
+        self._thread.join(timeout=1.0)
+
+    def _await(self, deadline_s: float) -> Result | None:
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            try:
+                number, result = self._done.get(timeout=left_s)
+            except queue.Empty:
+                return None
+            if number == self._count:
+                return result
+        return None
+
+    def _run(self) -> None:
+        # It inherits the loop's priority and core: the loop's timed wait could never interrupt it.
+        yield_to_the_loop()
+        self._warm_up()
+        while True:
+            number, observation = self._asked.get()
+            if self._closing:
+                return
+            if observation is None:
+                self._predictor.reset()
+            else:
+                self._done.put((number, predicted(self._predictor, observation)))
+
+    def _warm_up(self) -> None:
+        """Call the model at the loop's pace until caches, clocks and allocations have settled."""
+        observation = 0.5 * (self.low + self.high)
+        started_s = time.monotonic()
+        predicted(self._predictor, observation)
+        self.first_call_s = time.monotonic() - started_s
+        pacer = Pacer(self._period_s)
+        for _ in range(WARM_UP_CALLS - 1):
+            pacer.wait()
+            predicted(self._predictor, observation)
+        self._predictor.reset()
+        self._warm.set()

@@ -1,0 +1,252 @@
+"""What the loop may do in which state: one transition table and the pure steps around it.
+
+In: what one tick found (late prediction, silent link, height …). Out: the mode, the faults by name,
+how much of the feedforward to use, and the way down after a failsafe.
+"""
+
+import enum
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.core.rig import LOOP_RATE_HZ, Limits
+
+LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
+CLEAN_TICKS = round(LOOP_RATE_HZ)  # a clean second brings it back
+SENSOR_LOST_S = 0.25  # without a new range sample
+SAMPLE_OLD_S = 0.15  # the filter's motion since then is a guess: as good as no sample
+# Since a command was sent that is still unanswered. The MCU's own deadman begins its descent after
+# four periods without commands; where only answers are lost, it hears every command, and the loop
+# flies on by PID alone for a while.
+ANSWERS_MISSING_S = 0.125
+LINK_LOST_S = 0.5
+STALLED_S = 0.125  # between two ticks: the MCU's deadman has begun its descent meanwhile
+# An answer that takes so much longer than the rig file's round trip means commands that act late.
+LATE_ANSWER_S = 0.02  # the feedforward is for another moment then: PID alone
+LATE_COMMAND_S = 0.03  # so late, for a quarter of a second: PID itself is no longer stable
+LATE_COMMANDS = 8
+
+# In the air the same reading again and again. A VL53L0X's noise, 3 to 6 mm at 1 mm resolution,
+# gives the same twice in 7 to 10 % of readings, and 24 times in a row never. A sensor that holds
+# each reading for up to 0.15 s, as some do, says at least five different things in that time.
+RANGE_FROZEN_S = 0.75
+# Five samples in a row, the first of them too, are so far from where the sufferer can be. A fall of
+# which the filter knows nothing ends 5 cm away after a tenth of a second, and goes on from there.
+# Something has come into the beam; a controller that believes it pushes the sufferer onto a stop.
+RANGE_JUMP_M = 0.1
+REPEATED_S = 0.1  # the same for longer: frozen, and it is the sufferer that has moved
+# On the stop while the commands should give 1.5 times the weight. That lifts within 0.15 s at
+# 5 m/s², also where the rig file's thrust curve is a third too strong. Only a wake of more than
+# half the weight holds it down: 1.5 times the default one, gusts of 6 N, did so for 0.6 s.
+NOT_LIFTING_S = 1.0
+# A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
+# late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
+UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
+# Below the lower z limit while the commands should give more than the weight: only a fall ends
+# there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
+FELL_SHARE = 1.1
+# A battery has fallen far below what it had at arming. The UNO looks each 0.1 s, and a bad contact
+# is over within two looks.
+BATTERY_LOST_S = 0.25
+FAR_OUTSIDE = 0.5  # of a channel's trained range, beyond either of its ends
+GATE_TICKS = 4  # over which the feedforward is slewed to zero and back
+# Of the weight, either way: the most that is fed forward. No wake to be flown in pushes harder.
+MOST_FEEDFORWARD = 1.0
+
+
+class Mode(enum.StrEnum):
+    """The state of a run."""
+
+    DISARMED = "DISARMED"
+    ARMED = "ARMED"
+    RUNNING = "RUNNING"
+    DEGRADED = "DEGRADED"
+    LANDING = "LANDING"
+    FAILSAFE = "FAILSAFE"
+
+
+class Event(enum.Enum):
+    """What can change the mode."""
+
+    ARM = enum.auto()  # the MCU accepted the limits and switched its outputs on
+    START = enum.auto()  # the rest before the flight is over
+    TROUBLE = enum.auto()  # predictions cannot be used: PID alone
+    RECOVERED = enum.auto()  # a clean second
+    LAND = enum.auto()  # the plan is over: the touch-down begins
+    FINISH = enum.auto()  # the sufferer stands: motors idle
+    FAULT = enum.auto()  # flying on is not safe
+    DISARM = enum.auto()  # outputs off; the only way out of a failsafe
+
+
+TRANSITIONS: dict[tuple[Mode, Event], Mode] = {
+    (Mode.DISARMED, Event.ARM): Mode.ARMED,
+    (Mode.ARMED, Event.START): Mode.RUNNING,
+    (Mode.ARMED, Event.FAULT): Mode.FAILSAFE,
+    (Mode.ARMED, Event.DISARM): Mode.DISARMED,
+    (Mode.RUNNING, Event.TROUBLE): Mode.DEGRADED,
+    (Mode.RUNNING, Event.LAND): Mode.LANDING,
+    (Mode.RUNNING, Event.FINISH): Mode.ARMED,
+    (Mode.RUNNING, Event.FAULT): Mode.FAILSAFE,
+    (Mode.RUNNING, Event.DISARM): Mode.DISARMED,
+    (Mode.DEGRADED, Event.RECOVERED): Mode.RUNNING,
+    (Mode.DEGRADED, Event.LAND): Mode.LANDING,
+    (Mode.DEGRADED, Event.FINISH): Mode.ARMED,
+    (Mode.DEGRADED, Event.FAULT): Mode.FAILSAFE,
+    (Mode.DEGRADED, Event.DISARM): Mode.DISARMED,
+    (Mode.LANDING, Event.FINISH): Mode.ARMED,
+    (Mode.LANDING, Event.FAULT): Mode.FAILSAFE,
+    (Mode.LANDING, Event.DISARM): Mode.DISARMED,
+    (Mode.FAILSAFE, Event.DISARM): Mode.DISARMED,
+}
+
+
+def next_mode(mode: Mode, event: Event) -> Mode:
+    """The mode after an event; an event that the table does not list changes nothing."""
+    return TRANSITIONS.get((mode, event), mode)
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """What one tick found out. Positions in m, times in s."""
+
+    late: bool = False  # the prediction did not arrive in time
+    bad_prediction: bool = False  # not finite, or more than any wake
+    doubted: bool = False  # predictions explain the force worse than none would
+    bad_observation: bool = False  # not finite, or far outside the trained range
+    bad_range: bool = False  # a sample that no sensor of this rig can mean
+    range_silence_s: float = 0.0  # since the last new range sample that can be believed
+    link_silence_s: float = 0.0  # since the oldest command without an answer
+    late_answers: int = 0  # in a row, by more than LATE_ANSWER_S
+    late_commands: int = 0  # the same, by more than LATE_COMMAND_S
+    tick_failed: bool = False  # by an error of the program
+    stalled_s: float = 0.0  # since the tick before
+    link_failed: bool = False
+    mcu_fault: bool = False
+    recorder_failed: bool = False
+    stop_asked: bool = False  # by the operator
+    range_jump_m: float = 0.0  # which five samples in a row are off at least
+    range_frozen_s: float = 0.0  # since the range sensor says the same in the air
+    range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
+    moves_unseen: bool = False  # in the air, while the range sensor says the very same
+    not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
+    rises_unseen: bool = False  # as the commands should have brought about, and the sensor denies
+    unexplained_s: float = 0.0  # since a force swings that neither thrust, wake nor weight explains
+    thrust_share: float = 0.0  # what the commands should give by now, over the weight
+    battery_gone_s: float = 0.0  # since a battery that was measured is gone
+    z_m: float = 0.0
+    x_m: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class SafetyState:
+    """Mode and counters between ticks; `faults` are this tick's, `cause` those of the failsafe.
+
+    `failed_in` is the mode that the failsafe began in.
+    """
+
+    mode: Mode = Mode.DISARMED
+    late_in_a_row: int = 0
+    clean_ticks: int = 0
+    faults: tuple[str, ...] = ()
+    cause: tuple[str, ...] = ()
+    failed_in: Mode | None = None
+
+
+def happened(state: SafetyState, event: Event) -> SafetyState:
+    """The state after an event that the loop itself brings about."""
+    return replace(state, mode=next_mode(state.mode, event))
+
+
+def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
+    """One tick of supervision: faults first, then the predictor's health."""
+    fatal, troubles = fatal_faults(found, limits), lesser_troubles(found)
+    late = state.late_in_a_row + 1 if found.late else 0
+    clean = 0 if troubles else state.clean_ticks + 1
+    cause = fatal if fatal and state.mode is not Mode.FAILSAFE else state.cause
+    counted = replace(
+        state, late_in_a_row=late, clean_ticks=clean, faults=fatal + troubles, cause=cause
+    )
+    if fatal:
+        failed_in = state.failed_in if state.mode is Mode.FAILSAFE else state.mode
+        return happened(replace(counted, failed_in=failed_in), Event.FAULT)
+    if late >= LATE_LIMIT or set(troubles) & _DEGRADING:
+        return happened(counted, Event.TROUBLE)
+    return happened(counted, Event.RECOVERED) if clean >= CLEAN_TICKS else counted
+
+
+def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
+    """Names of the faults that end a flight, what explains the others first."""
+    fell = found.z_m < limits.z_m[0] and found.thrust_share > FELL_SHARE
+    stands = found.not_lifting_s > NOT_LIFTING_S or found.rises_unseen
+    lost_thrust = fell or stands
+    # A board that restarts answers nothing, and its motors stop.
+    is_mute = lost_thrust and found.link_silence_s > ANSWERS_MISSING_S
+    named = {
+        "loop_error": found.tick_failed,
+        "loop_stalled": found.stalled_s > STALLED_S and not found.link_failed,
+        "link_lost": found.link_failed or found.link_silence_s > LINK_LOST_S or is_mute,
+        "commands_late": found.late_commands >= LATE_COMMANDS,
+        "battery_lost": found.battery_gone_s > BATTERY_LOST_S,
+        "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
+        "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s or found.moves_unseen,
+        "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
+        "thrust_lost": lost_thrust,
+        "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,
+        "mcu_fault": found.mcu_fault,
+        "recorder_failed": found.recorder_failed,
+        "operator_stop": found.stop_asked,
+        "x_limit": not limits.x_m[0] <= found.x_m <= limits.x_m[1],
+        "z_limit": not limits.z_m[0] <= found.z_m <= limits.z_m[1] and not fell,
+    }
+    return tuple(name for name, true in named.items() if true)
+
+
+def lesser_troubles(found: Findings) -> tuple[str, ...]:
+    """Names of what a flight goes on with, most of them by PID alone."""
+    named = {
+        "late_prediction": found.late,
+        "bad_prediction": found.bad_prediction,
+        "bad_observation": found.bad_observation,
+        "prediction_doubted": found.doubted,
+        "answers_missing": found.link_silence_s > ANSWERS_MISSING_S,
+        "answers_late": found.late_answers >= LATE_LIMIT,
+        "bad_range": found.bad_range,
+    }
+    return tuple(name for name, true in named.items() if true)
+
+
+_DEGRADING = frozenset(
+    {
+        "bad_prediction",
+        "bad_observation",
+        "prediction_doubted",
+        "answers_missing",
+        "answers_late",
+    }
+)
+
+
+def far_outside(
+    observation: npt.NDArray[np.float32],
+    low: npt.NDArray[np.float32],
+    high: npt.NDArray[np.float32],
+) -> bool:
+    """Whether an observation (d,) is not finite or far outside the trained range, low to high."""
+    margin = FAR_OUTSIDE * (high - low)
+    return not bool(np.all((observation >= low - margin) & (observation <= high + margin)))
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """How much of the feedforward passes, and the force [N] it last let through."""
+
+    share: float = 0.0
+    force_n: float = 0.0
+
+
+def gate(before: Gate, force_n: float | None) -> Gate:
+    """Open towards a usable force, close (on the last usable one) without; never in one jump."""
+    if force_n is None:
+        return Gate(max(0.0, before.share - 1.0 / GATE_TICKS), before.force_n)
+    return Gate(min(1.0, before.share + 1.0 / GATE_TICKS), force_n)

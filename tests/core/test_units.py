@@ -1,0 +1,157 @@
+"""Units in rig files: others of the same dimension are converted exactly, the rest is refused."""
+
+import math
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import conversion, converted, same_unit, unit_of
+from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_rig
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "factor"),
+    [
+        ("kg", "kg", 1), ("g", "kg", 1e-3), ("mg", "kg", 1e-6), ("KG", "kg", 1),
+        ("lb", "kg", 0.45359237), ("oz", "kg", 0.028349523125),
+        ("mm", "m", 1e-3), ("cm", "m", 1e-2), ("µm", "m", 1e-6), ("um", "m", 1e-6),
+        ("in", "m", 0.0254), ("ft", "m", 0.3048),
+        ("ms", "s", 1e-3), ("us", "s", 1e-6), ("min", "s", 60), ("h", "s", 3600),
+        ("ms", "us", 1e3), ("s", "us", 1e6),
+        ("mN", "N", 1e-3), ("kN", "N", 1e3), ("gf", "N", 9.80665e-3), ("kgf", "N", 9.80665),
+        ("lbf", "N", 4.4482216152605), ("kg m/s^2", "N", 1),
+        ("mps", "m/s", 1), ("mm/s", "m/s", 1e-3), ("km/h", "m/s", 1 / 3.6), ("m s^-1", "m/s", 1),
+        ("mps2", "m/s^2", 1), ("m/s²", "m/s^2", 1), ("cm/s2", "m/s^2", 1e-2),
+        ("m s⁻²", "m/s^2", 1), ("m/s**2", "m/s^2", 1),
+        ("cm²/s", "m^2/s", 1e-4), ("m2ps", "m^2/s", 1), ("cm^2", "m^2", 1e-4),
+        ("Hz", "1/s", 1), ("kHz", "1/s", 1e3), ("1/min", "1/s", 1 / 60), ("s^-1", "1/s", 1),
+        ("us/ms", "us/s", 1e3), ("ms/s", "us/s", 1e3),
+        ("steps/mm", "steps/m", 1e3), ("step/m", "steps/m", 1),
+        ("N/mm", "N/m", 1e3), ("N/(m s)", "N/(m s)", 1), ("N/m/s", "N/(m s)", 1),
+        ("Ns/m", "N s/m", 1), ("N*s/m", "N s/m", 1), ("N·s/m", "N s/m", 1), ("N/(m/s)", "N s/m", 1),
+        ("V", "V", 1), ("mV", "V", 1e-3), ("deg", "rad", math.pi / 180), ("mrad", "rad", 1e-3),
+        ("1", "1", 1), ("", "1", 1), ("%", "1", 1e-2),
+    ],
+)  # fmt: skip
+def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, factor: float) -> None:
+    assert float(conversion(given, wanted)) == pytest.approx(factor, rel=1e-15)
+    assert same_unit(given, wanted) == (factor == 1)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted", "why"),
+    [
+        ("N", "kg", "'N' is of another dimension; give kg, g, mg, lb or oz"),
+        ("s", "m", "'s' is of another dimension; give m, cm, mm, um, in or ft"),
+        ("ms", "m/s", "another dimension"),
+        ("N/(ms)", "N/(m s)", "another dimension"),  # per millisecond
+        ("kilos", "kg", "'kilos' is not known; give kg, g"),
+        ("furlong", "m", "not known"), ("m/", "m", "not known"), ("(m", "m", "not known"),
+        ("10", "1", "not known"), ("m^x", "m", "not known"), ("?", "m", "not known"),
+    ],
+)  # fmt: skip
+def test_another_dimension_or_an_unknown_unit_is_refused(given: str, wanted: str, why: str) -> None:
+    with pytest.raises(ValueError, match="give ") as told:
+        conversion(given, wanted)
+    assert why in str(told.value)
+
+
+def test_conversion_rounds_once() -> None:
+    for grams in range(1, 2000):
+        assert converted(grams, conversion("g", "kg")) == float(f"{grams}e-3")
+    assert converted(0.98, conversion("ms", "us")) == 980.0
+    assert converted(math.inf, conversion("g", "kg")) == math.inf
+
+
+def test_each_constant_of_a_rig_has_a_unit_that_is_known() -> None:
+    for section, table in tomllib.loads(default_rig().text).items():
+        for name in table if isinstance(table, dict) else ():
+            wanted = unit_of(name)
+            if wanted is not None:
+                assert conversion(wanted, wanted) == 1, f"{section}.{name}"
+
+
+def rig(old: str, new: str) -> str:
+    text = default_rig_text()
+    assert text.count(old) == 1, old
+    return text.replace(old, new)
+
+
+def test_grams_are_a_mass() -> None:
+    entry = 'mass_kg = { value = 452, spread = 2, unit = "g", date = 2026-11-20 }'
+    read = parse_rig(rig("mass_kg = 0.45\n", f"{entry}\n"))
+    assert read.sufferer.mass_kg == 0.452
+    known = read.calibration["sufferer.mass_kg"]
+    assert (known.spread, known.unit, known.date) == (0.002, "kg", "2026-11-20")
+    plain = 'mass_kg = { value = 0.452, spread = 0.002, unit = "kg", date = 2026-11-20 }'
+    assert read == parse_rig(rig("mass_kg = 0.45\n", f"{plain}\n"))
+    assert parse_rig(read.text) == read
+
+
+def test_numbers_without_a_unit_are_in_the_constants_own() -> None:
+    assert parse_rig(rig("mass_kg = 0.45\n", "mass_kg = { value = 0.5, spread = 0.01 }\n")) == (
+        default_rig().changed(sufferer={"mass_kg": {"value": 0.5, "spread": 0.01}})
+    )
+    assert default_rig().sufferer.mass_kg == 0.45
+
+
+def test_lists_are_converted(tmp_path: Path) -> None:
+    thrust = default_rig().thrust.sufferer
+    grams = [round(1000 * n / 9.80665, 3) for n in thrust.thrust_n]
+    path = tmp_path / "rig.toml"
+    section = (
+        "[thrust.sufferer]\n"
+        f'pulse_us = {{ value = {[us / 1000 for us in thrust.pulse_us]}, unit = "ms" }}\n'
+        f'thrust_n = {{ value = {grams}, spread = 10, unit = "gf" }}\n'
+    )
+    start = default_rig_text().index("[thrust.sufferer]")
+    end = default_rig_text().index("\n[", start) + 1
+    path.write_text(default_rig_text()[:start] + section + default_rig_text()[end:])
+    read = read_rig(path)
+    assert read.thrust.sufferer.pulse_us == thrust.pulse_us
+    assert read.thrust.sufferer.thrust_n == pytest.approx(thrust.thrust_n, abs=1e-5)
+    assert read.calibration["thrust.sufferer.thrust_n"].spread == 0.0980665
+
+
+EFFECT = '\n[[effect]]\nname = "range-bias"\n[effect.parameters]\nbias_m = '
+
+
+def test_parameters_of_effects_are_converted_with_their_bounds() -> None:
+    entry = '{ value = 5, unit = "mm", low = -1, high = 11 }\n'
+    read = parse_rig(default_rig_text() + EFFECT + entry)
+    bias = read.effect[0].parameters["bias_m"]
+    assert (bias.value, bias.unit, bias.low, bias.high) == (0.005, "m", -0.001, 0.011)
+    assert parse_rig(read.text) == read  # as `gap add` writes it
+
+
+def test_an_expressions_parameters_have_units_of_their_own() -> None:
+    text = default_rig_text() + (
+        '\n[[effect]]\nname = "symbolic-force"\nexpression = "c1 * vz_mps"\n'
+        'parameters = { c1 = { value = 3.0, unit = "mN s/m" } }\n'
+    )
+    (effect,) = parse_rig(text).effect
+    assert effect.parameters["c1"].unit == "mN s/m"
+    assert effect.parameters["c1"].value == 3.0
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (rig("mass_kg = 0.45\n", 'mass_kg = { value = 450, unit = "N" }\n'),
+         "sufferer.mass_kg is in kg, and its unit 'N' is of another dimension; give kg, g, mg,"),
+        (rig("mass_kg = 0.45\n", 'mass_kg = { value = 450, unit = "stone" }\n'),
+         "sufferer.mass_kg is in kg, and its unit 'stone' is not known; give kg, g"),
+        (default_rig_text() + EFFECT + '{ value = 5, unit = "ms" }\n',
+         "range-bias.bias_m is in m, and its unit 'ms' is of another dimension; give m, cm"),
+        (rig("mass_kg = 0.45\n", 'mass_kg = { value = 450, unit = "kg" }\n'), "mass_kg = 450"),
+        (rig("mass_kg = 0.45\n", 'mass_kg = { value = "heavy", unit = "g" }\n'), "'heavy'"),
+        (rig("mass_kg = 0.45\n", "mass_kg = { value = 1, unit = 3 }\n"), "unit"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_converted_is_refused_by_name(text: str, words: str) -> None:
+    with pytest.raises(UnusableInput) as told:
+        parse_rig(text, "my.toml")
+    assert str(told.value).startswith("my.toml: ")
+    assert words in str(told.value)

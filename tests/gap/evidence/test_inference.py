@@ -1,0 +1,251 @@
+"""Generic fits against linear-Gaussian closed forms, and intervals against simulated truths."""
+
+import numpy as np
+import pytest
+from linear_model import EPISODES, Linear
+from scipy.stats import norm
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import (
+    Free,
+    Score,
+    extended,
+    fit,
+    held_out,
+    log_prior,
+    neutral,
+    slopes_at,
+)
+
+EVERY = range(EPISODES)
+TRUTH = {"gain": 0.7, "offset": -0.5, "a": 0.6}
+
+
+@pytest.mark.parametrize("hypothesis", [(), ("a",), ("a", "b", "c")])
+def test_a_fit_is_the_posterior_mean(hypothesis) -> None:
+    model = Linear(TRUTH)
+    fitted = fit(model, hypothesis, EVERY)
+    mean, covariance = model.posterior(hypothesis)
+    away = fitted.theta - mean
+    # A fit ends when a step promises less than 0.02 nats, and never gets closer on purpose.
+    assert 0.5 * away @ np.linalg.solve(covariance, away) < 0.02
+    assert fitted.log_likelihood == pytest.approx(
+        sum(model.score(hypothesis, mean, e).log_density.sum() for e in EVERY), abs=0.3
+    )
+    assert fitted.log_prior == pytest.approx(model.prior_nats(hypothesis), abs=0.3)
+    assert fitted.objective == pytest.approx(fitted.per_episode.sum() + fitted.log_prior)
+
+
+@pytest.mark.parametrize("own", [("a",), ("b", "c"), ("a", "b", "c")])
+def test_held_out_densities_are_exact_where_everything_is_linear(own) -> None:
+    model = Linear(TRUTH, seed=4)
+    shared = tuple(n for n in ("a",) if n not in own)
+    whole = (*shared, *own)
+    # From the exact optimum, which a fit does not seek out on purpose.
+    base, larger = (fit(model, h, EVERY, model.posterior(h)[0]) for h in (shared, whole))
+    expected = model.unseen_density(whole, own) - model.seen_density(shared)
+    assert held_out(base, larger) == pytest.approx(expected, abs=1e-4)
+
+
+def test_an_effect_without_truth_costs_what_its_parameters_fit_by_chance() -> None:
+    """Half a nat each on the data that they were fitted to, and as much on others."""
+    gains, seen = [], []
+    for seed in range(60):
+        model = Linear({}, seed=500 + seed)
+        base, larger = fit(model, (), EVERY), fit(model, ("a", "c"), EVERY)
+        gains.append(held_out(base, larger).sum())
+        seen.append((larger.per_episode - base.per_episode).sum())
+    assert np.mean(seen) == pytest.approx(1.0, abs=0.4)
+    # Leaving each of E episodes out costs 1 + 1/(2 (E - 1)) nats a parameter.
+    assert np.mean(seen) - np.mean(gains) == pytest.approx(2.25, abs=0.5)
+    assert np.max(np.subtract(gains, seen)) < 0.0
+
+
+def test_a_parameter_at_its_bound_follows_no_episode() -> None:
+    """It was not fitted to any, however much the others would like it to be elsewhere."""
+    model = Linear({"a": 0.8}, seed=4, bounds={"a": (-0.5, 0.3)})
+    base, larger = fit(model, (), EVERY), fit(model, ("a",), EVERY)
+    assert larger.value("a.size") == 0.3
+    assert held_out(base, larger) == pytest.approx(larger.per_episode - base.per_episode)
+
+
+def test_fits_of_different_episodes_are_not_compared() -> None:
+    model = Linear(TRUTH)
+    with pytest.raises(ValueError, match="not comparable"):
+        held_out(fit(model, (), [0, 1]), fit(model, ("a",), EVERY))
+
+
+def test_some_of_the_episodes_can_be_fitted_alone() -> None:
+    model = Linear(TRUTH)
+    fitted = fit(model, ("a",), [0, 1, 3, 4])
+    mean, covariance = model.posterior(("a",), left_out=2)
+    away = fitted.theta - mean
+    assert fitted.episodes == (0, 1, 3, 4)
+    assert 0.5 * away @ np.linalg.solve(covariance, away) < 0.02
+
+
+def test_an_effect_of_one_episode_alone_gains_little_elsewhere() -> None:
+    """What fits nothing but one strange episode is paid for by leaving that one out."""
+    model = Linear({})
+    model.columns["a"] = np.where(np.arange(EPISODES)[:, None] == 2, model.columns["a"], 0.0)
+    model.y[2] += 2.0 * model.columns["a"][2]
+    base, larger = fit(model, (), EVERY), fit(model, ("a",), EVERY)
+    assert (larger.per_episode - base.per_episode).sum() > 50.0
+    # The prior alone, of deviation 3, would take it 2/9 of a nat away from nothing.
+    assert held_out(base, larger)[2] < 20.0
+
+
+def test_a_bound_holds_and_the_rest_is_fitted_under_it() -> None:
+    model = Linear(TRUTH, bounds={"a": (0.0, 0.2)})
+    fitted = fit(model, ("a",), EVERY)
+    assert fitted.value("a.size") == 0.2
+    under = Linear(TRUTH)
+    under.y = under.y - 0.2 * under.columns["a"]
+    mean, covariance = under.posterior(())
+    away = fitted.theta[:2] - mean
+    assert 0.5 * away @ np.linalg.solve(covariance, away) < 0.02
+    low, high = fitted.interval("a.size")
+    assert low < 0.2
+    assert high == 0.2
+
+
+def test_a_flat_prior_says_nothing() -> None:
+    model = Linear({"gain": 2.0}, priors={"gain": (0.0, np.inf)})
+    x, y, weight = model.stacked((), list(EVERY))
+    least_squares = (weight * y) @ x[:, 0] / ((weight * x[:, 0]) @ x[:, 0])
+    fitted = fit(model, (), EVERY)
+    assert fitted.value("gain") == pytest.approx(least_squares, abs=0.01)
+    assert fitted.log_prior == 0.0
+
+
+def test_what_is_not_free_has_no_value() -> None:
+    with pytest.raises(KeyError, match=r"a\.size"):
+        fit(Linear(TRUTH), (), EVERY).value("a.size")
+
+
+class Curved:
+    """Readings whose mean and variance are curved in two parameters."""
+
+    episodes = 3
+
+    def __init__(self, seed: int = 0) -> None:
+        rng = np.random.default_rng(seed)
+        self.t = rng.random((3, 200))
+        self.y = np.sin(1.3 * self.t) + np.exp(-1.0) * rng.standard_normal((3, 200))
+
+    def free(self, hypothesis):
+        return (
+            Free("rate", "1", 1.0, 1.0, 0.0, 3.0, 1e-4),
+            Free("log_noise", "", 0.0, np.inf, -5.0, 3.0, 1e-4),
+        )
+
+    def score(self, hypothesis, theta, episode):
+        e = self.y[episode] - np.sin(theta[0] * self.t[episode])
+        deviation = np.exp(theta[1]) * np.ones(len(e))
+        return Score(norm.logpdf(e, scale=deviation), e, deviation**2, np.ones(len(e)))
+
+
+def test_gradients_are_derivatives_of_the_log_likelihood() -> None:
+    model, theta, size = Curved(), np.array([1.1, -0.8]), 1e-5
+    gradient = slopes_at(model, (), (0, 2), theta).gradient()
+    for row, episode in enumerate((0, 2)):
+        for k in range(2):
+            moved = [theta + sign * size * np.eye(2)[k] for sign in (1, -1)]
+            up, down = (model.score((), m, episode).log_density.sum() for m in moved)
+            assert gradient[row, k] == pytest.approx((up - down) / (2 * size), rel=1e-2, abs=0.05)
+
+
+def test_fisher_information_is_the_variance_of_the_gradient() -> None:
+    truth = np.array([1.3, -1.0])
+    gradients = [slopes_at(Curved(seed), (), (0,), truth).gradient()[0] for seed in range(400)]
+    fisher = slopes_at(Curved(), (), (0,), truth).fisher()[0]
+    assert np.diag(np.cov(np.array(gradients).T)) == pytest.approx(np.diag(fisher), rel=0.25)
+
+
+def test_noise_is_fitted_with_the_rest() -> None:
+    model = Curved()
+    fitted = fit(model, (), range(3))
+    e = np.concatenate([model.score((), fitted.theta, i).innovation for i in range(3)])
+    deviation = 1.0 / np.sqrt(2 * len(e))  # of the logarithm of an estimated noise
+    assert fitted.value("log_noise") == pytest.approx(np.log(e.std()), abs=0.2 * deviation)
+    assert fitted.value("rate") == pytest.approx(1.3, abs=0.15)
+
+
+def test_slopes_can_be_renewed_in_part() -> None:
+    model, here, there = Curved(), np.array([1.0, -0.5]), np.array([1.4, -1.0])
+    old, fresh = (slopes_at(model, (), (0, 1), theta) for theta in (here, there))
+    mixed = slopes_at(model, (), (0, 1), there, (old, [0]))
+    for i in range(2):
+        assert (mixed.innovation[i][:, 0] == fresh.innovation[i][:, 0]).all()
+        assert (mixed.variance[i][:, 1] == old.variance[i][:, 1]).all()
+        assert (mixed.scores[i].innovation == fresh.scores[i].innovation).all()
+
+
+class Clustered:
+    """A mean under noise of which some is shared by a whole episode, which the model ignores."""
+
+    def __init__(self, shared_sd: float, seed: int, episodes: int = 5, samples: int = 16) -> None:
+        rng = np.random.default_rng([7, seed])
+        self.y = rng.standard_normal((episodes, samples))
+        self.y += shared_sd * rng.standard_normal((episodes, 1))
+
+    @property
+    def episodes(self) -> int:
+        return len(self.y)
+
+    def free(self, hypothesis):
+        return (Free("mean", "1", 0.0, np.inf, -50.0, 50.0, 0.01),)
+
+    def score(self, hypothesis, theta, episode):
+        e = self.y[episode] - theta[0]
+        one = np.ones(len(e))
+        return Score(norm.logpdf(e), e, one, one)
+
+
+@pytest.mark.parametrize("shared_sd", [0.0, 0.25, 1.0])
+def test_intervals_hold_the_truth_as_often_as_they_say(shared_sd: float) -> None:
+    """Also where flights differ by as much as the noise within one makes their means differ."""
+    held, count = 0, 500
+    for seed in range(count):
+        model = Clustered(shared_sd, seed)
+        low, high = fit(model, (), range(5)).interval("mean", 0.9)
+        held += low <= 0.0 <= high
+    assert 0.87 < held / count < 0.975
+
+
+def test_an_interval_is_the_wider_of_curvature_and_spread_between_episodes() -> None:
+    model = Clustered(0.5, 3)
+    fitted = fit(model, (), range(5))
+    sums = model.y.sum(axis=1) - model.y.shape[1] * model.y.mean()
+    curvature, spread = 1.0 / model.y.size, 5 / 4 * (sums**2).sum() / model.y.size**2
+    assert spread > curvature
+    error = np.sqrt(spread)
+    assert fitted.standard_error("mean") == pytest.approx(error, rel=1e-6)
+    low, high = fitted.interval("mean", 0.8)
+    assert high - low == pytest.approx(2 * student_t.ppf(0.9, 4) * error, rel=1e-6)
+
+
+def test_one_episode_has_the_curvatures_interval() -> None:
+    model = Clustered(0.0, 1)
+    fitted = fit(model, (), [0])
+    assert fitted.standard_error("mean") == pytest.approx(1.0 / np.sqrt(16), rel=1e-6)
+
+
+def test_a_larger_hypothesis_starts_where_the_smaller_one_is() -> None:
+    """The same quantity under another name, as an effect that takes over a calibrated constant."""
+    model = Linear(TRUTH)
+    base = fit(model, (), EVERY)
+    free = (
+        *model.free(()),
+        Free("gain-moved.gain", "1", 0.4, 3.0, -9.0, 9.0, 0.05, quantity="gain"),
+        Free("other.size", "1", 0.1, 3.0, -9.0, 9.0, 0.05),
+    )
+    theta = extended(base, free)
+    assert theta.tolist() == [*base.theta, base.value("gain"), 0.1]
+
+
+def test_priors_are_paid_in_nats() -> None:
+    free = Linear(TRUTH).free(())
+    assert log_prior(free, neutral(free)) == 0.0
+    moved = neutral(free) + [f.prior_sd for f in free]
+    assert log_prior(free, moved) == pytest.approx(-1.0)

@@ -1,0 +1,117 @@
+"""The worker around a model: waits no longer than told, forgets nothing, survives what raises."""
+
+import math
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from runtime.loop import prediction
+from runtime.loop.prediction import PredictionWorker
+from wakedeploy.core.errors import CheckFailed
+from wakedeploy.core.manifest import ForceChannel, ObservationChannel
+
+OBSERVATION = np.zeros(1, np.float32)
+
+
+class Model:
+    """Counts what it has seen since the last reset; holds while a test wants it to."""
+
+    def __init__(self):
+        channel = ObservationChannel(name="a", unit="1", min=-1.0, max=3.0)
+        force = ForceChannel(name="f", unit="N", min=-1e6, max=1e6)
+        told = {"observation": (channel,), "force": (force,), "lead_s": 0.09}
+        self.manifest = type("Manifest", (), told)
+        self.go = threading.Event()
+        self.go.set()
+        self.seen, self.broken = 0, False
+
+    @property
+    def ready(self):
+        return self.seen >= 2
+
+    def reset(self):
+        self.seen = 0
+
+    def step(self, observation):
+        self.go.wait(10.0)
+        if self.broken:
+            raise RuntimeError("no such node")
+        self.seen += 1
+        return np.array([self.seen], np.float32)
+
+
+@pytest.fixture
+def model():
+    return Model()
+
+
+@pytest.fixture
+def worker(model):
+    made = PredictionWorker(model, 0.001)
+    made.wait_until_warm()
+    yield made
+    model.go.set()
+    made.close()
+
+
+def soon():
+    return time.monotonic() + 10.0
+
+
+def test_after_the_warm_up_the_memory_is_empty_and_fills(worker):
+    results = [worker.step(OBSERVATION, soon()) for _ in range(3)]
+    assert [r.force_n for r in results] == [1.0, 2.0, 3.0]
+    assert [r.ready for r in results] == [False, True, True]
+    assert worker.first_call_s > 0.0
+    assert (worker.low[0], worker.high[0]) == (-1.0, 3.0)
+
+
+def test_a_model_that_does_not_get_warm_is_never_flown(model, monkeypatch):
+    monkeypatch.setattr(prediction, "WARM_UP_LIMIT_S", 0.05)
+    model.go.clear()
+    cold = PredictionWorker(model, 0.001)
+    with pytest.raises(CheckFailed, match=r"not over after 0\.05 s"):
+        cold.wait_until_warm()
+    model.go.set()
+    cold.close()
+
+
+def test_a_late_result_is_not_used_but_its_observation_is_remembered(worker, model):
+    worker.step(OBSERVATION, soon())
+    model.go.clear()
+    before_s = time.monotonic()
+    assert worker.step(OBSERVATION, before_s + 0.05) is None
+    assert worker.step(OBSERVATION, before_s) is None
+    model.go.set()
+    assert worker.step(OBSERVATION, soon()).force_n == 4.0
+
+
+def test_a_reset_counts_from_there(worker):
+    worker.step(OBSERVATION, soon())
+    worker.reset()
+    assert worker.step(OBSERVATION, soon()).force_n == 1.0
+
+
+def test_a_model_that_raises_gives_no_number_and_goes_on(worker, model):
+    model.broken = True
+    assert math.isnan(worker.step(OBSERVATION, soon()).force_n)
+    model.broken = False
+    assert worker.step(OBSERVATION, soon()).force_n == 1.0
+
+
+def test_a_model_that_hangs_piles_nothing_up_and_starts_anew(worker, model):
+    model.go.clear()
+    for _ in range(3 * prediction.MOST_WAITING):
+        assert worker.step(OBSERVATION, 0.0) is None
+    assert worker._asked.qsize() <= prediction.MOST_WAITING
+    model.go.set()
+    while worker._asked.qsize():
+        time.sleep(0.001)
+    assert worker.step(OBSERVATION, soon()).force_n == 1.0
+
+
+def test_a_force_that_training_never_came_near_is_no_number(model, worker):
+    model.manifest.force = (ForceChannel(name="f", unit="N", min=-1.0, max=0.0),)
+    assert math.isnan(worker.step(OBSERVATION, soon()).force_n)  # it says 1, twice the range away

@@ -1,0 +1,298 @@
+"""Run logs as MCAP: written while the loop runs, readable up to the last flush whatever happens.
+
+The library's default chunk is a megabyte, which a killed run would lose; here a chunk is closed
+and handed to the operating system at least twice a second.
+"""
+
+import io
+import json
+import os
+import re
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC, Writer
+
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import json_of, write_whole
+from wakedeploy.core.runlog_columns import (
+    COLUMN,
+    COLUMNS,
+    MODES,
+    SCHEMA,
+    Table,
+    Value,
+    plain_value,
+    refuse_unknown,
+)
+from wakedeploy.core.version import VERSION
+
+CHUNK_NS = 500_000_000
+_MOST_BYTES = 256 << 20  # of ticks, unpacked: three hours
+_MOST_PACKED = 100  # times that chunks may be larger than the file; a log packs by 8
+_TOPIC = "/run"
+_SCHEMA_NAME = "wakedeploy.run"
+_METADATA_NAME = "wakedeploy.run"
+_END_NAME = "wakedeploy.end"
+
+
+def message_schema() -> dict[str, Any]:
+    """The JSON schema of one tick's message."""
+    kinds: dict[str, Any] = {"number": ["number", "null"], "integer": ["integer", "null"]}
+    properties: dict[str, Any] = {}
+    for column in COLUMNS:
+        properties[column.name] = {"type": kinds.get(column.kind, "string")}
+        if column.unit:
+            properties[column.name]["description"] = f"in {column.unit}"
+    properties["mode"]["enum"] = list(MODES)
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": _SCHEMA_NAME,
+        "type": "object",
+        "properties": properties,
+        "required": [column.name for column in COLUMNS if column.presence != "extra"],
+        "additionalProperties": False,
+    }
+
+
+class RunLogWriter:
+    """Writes a run tick by tick; what was flushed stays readable when the process is killed.
+
+    Any method may raise OSError (a full disk); the file then holds everything up to there, and
+    `abandon()` closes it.
+    """
+
+    def __init__(self, path: Path, metadata: Mapping[str, str]) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        self._file = path.open("wb")
+        self._writer: Any = Writer(self._file, enable_data_crcs=True)  # its methods have no types
+        self._chunk_start_ns: int | None = None
+        self._sequence = 0
+        self.flushed = 0  # ticks that the operating system has
+        try:
+            self._channel = self._begun(metadata)
+        except OSError:
+            self.abandon()
+            raise
+
+    def _begun(self, metadata: Mapping[str, str]) -> int:
+        """Write what comes before the first tick; the channel's number."""
+        self._writer.start(library=f"wakedeploy {VERSION}")
+        self._writer.add_metadata(_METADATA_NAME, {"schema": str(SCHEMA)} | dict(metadata))
+        schema = json.dumps(message_schema()).encode()
+        schema_id = self._writer.register_schema(_SCHEMA_NAME, "jsonschema", schema)
+        channel: int = self._writer.register_channel(_TOPIC, "json", schema_id)
+        self._file.flush()
+        return channel
+
+    def write(self, row: Mapping[str, Value], log_time_ns: int) -> None:
+        """Add one tick; an absent key is a missing value, one that is no column a ValueError."""
+        refuse_unknown(row)
+        message = {
+            c.name: plain_value(c, row.get(c.name))
+            for c in COLUMNS
+            if c.presence != "extra" or c.name in row
+        }
+        data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
+        self._writer.add_message(self._channel, log_time_ns, data, log_time_ns, self._sequence)
+        self._sequence += 1
+        if self._chunk_start_ns is None:
+            self._chunk_start_ns = log_time_ns
+        elif log_time_ns - self._chunk_start_ns >= CHUNK_NS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Close the chunk and hand everything to the operating system."""
+        self._writer.flush()
+        self.flushed = self._sequence
+        self._chunk_start_ns = None
+
+    def sync(self) -> None:
+        """Wait until the operating system has put it on the disk; may take long on an SD card."""
+        os.fsync(self._file.fileno())
+
+    def close(self, ending: Mapping[str, str] | None = None) -> None:
+        """Finish the file; `ending` is what is only known now and joins the metadata."""
+        self.flush()
+        self._writer.add_metadata(_END_NAME, dict(ending or {}))
+        self._writer.finish()
+        self._file.close()
+
+    def abandon(self) -> None:
+        """Let go of the file as it is, after an error."""
+        try:
+            self._file.close()
+        except OSError:
+            self._file.raw.close()
+
+
+def write_mcap(table: Table, path: Path) -> None:
+    """A whole log at once; the same log gives the same bytes."""
+    notes = ("unfinished", "ignored_columns")  # remarks of the reader, not of the run
+    metadata = {k: v for k, v in table.metadata.items() if k not in notes}
+
+    def fill(temporary: Path) -> None:
+        writer = RunLogWriter(temporary, metadata)
+        start_ns = _start_ns(table.metadata.get("started_utc", ""))
+        for row in table.rows:
+            writer.write(row, start_ns + round(float(row["t_s"] or 0.0) * 1e9))
+        writer.close()
+
+    write_whole(path, fill)
+
+
+def _start_ns(started_utc: str) -> int:
+    try:
+        return round(datetime.fromisoformat(started_utc).timestamp() * 1e9)
+    except ValueError:
+        return 0
+
+
+@dataclass
+class _Found:
+    """What has been read from a file so far."""
+
+    rows: list[dict[str, Value]] = field(default_factory=list)
+    metadata: dict[str, str] | None = None
+    channels: set[int] = field(default_factory=set)
+    schemas: set[int] = field(default_factory=set)
+    ended: bool = False
+
+
+def read_mcap(path: Path) -> Table:
+    """A log's table, as far as an unfinished file goes; UnusableInput for any other file."""
+    found = _Found()
+    problem = _read_into(found, path)
+    if found.metadata is None:
+        reason = f" ({one_line(problem)})" if problem else ""
+        raise UnusableInput(f"{path}: is not an MCAP run log of wakedeploy{reason}.")
+    _refuse_newer(found.metadata, path)
+    if problem is not None and _was_closed(path):
+        raise UnusableInput(
+            f"{path}: is damaged after {len(found.rows)} ticks ({one_line(problem)}); "
+            "copy it again from where it was recorded."
+        )
+    metadata = {k: v for k, v in found.metadata.items() if k != "schema"}
+    if not found.ended:
+        metadata["unfinished"] = (
+            "the recording was cut off; everything up to its last flush is here"
+        )
+    names = list(dict.fromkeys(name for row in found.rows for name in row)) or list(COLUMN)
+    return Table(names, found.rows, metadata)
+
+
+def _read_into(found: _Found, path: Path) -> Exception | None:
+    """Read records until the end or the first that cannot be read; that problem is returned."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UnusableInput(f"{path}: cannot be read ({one_line(error)}).") from error
+    try:
+        for record in _records(content):
+            _take(found, record)
+    # Decompressor, decoder and record parser share no base class; all mean: no further than this.
+    except Exception as error:
+        return error
+    return None
+
+
+def _records(content: bytes) -> Iterator[McapRecord]:
+    """The records of a file and those in its chunks, of which no more is unpacked than a log has.
+
+    The library would take whatever memory a chunk asks for.
+    """
+    size = max(len(content), 1)
+    room = min(_MOST_BYTES, _MOST_PACKED * size)
+    reader = StreamReader(
+        io.BytesIO(content), emit_chunks=True, validate_crcs=True, record_size_limit=size
+    )
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            plain = _unpacked(record, room)
+            room -= len(plain)
+            yield from _inside(plain)
+        else:
+            yield record
+
+
+def _unpacked(chunk: Chunk, room: int) -> bytes:
+    """The bytes of a chunk; ValueError for more than `room`, or for others than were written."""
+    plain: bytes = chunk.data
+    if chunk.compression == "zstd":
+        plain = zstandard.ZstdDecompressor().stream_reader(chunk.data).read(room + 1)
+    elif chunk.compression == "lz4":
+        plain = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=room + 1)
+    elif chunk.compression:
+        raise ValueError(f"a chunk is packed by {chunk.compression!r}")
+    if len(plain) > room:
+        raise ValueError("it unpacks to more than a run log holds")
+    if chunk.uncompressed_crc not in (0, zlib.crc32(plain)):
+        raise ValueError("the sum of a chunk does not fit its bytes")
+    return plain
+
+
+def _inside(plain: bytes) -> Iterator[McapRecord]:
+    """The schemas, channels and messages of a chunk; ValueError for one that is cut or empty."""
+    at = 0
+    while at < len(plain):
+        kind, length = struct.unpack_from("<BQ", plain, at)
+        content = plain[at + 9 : at + 9 + length]
+        if kind == 0 or len(content) < length:
+            raise ValueError("a chunk ends within a record")
+        stream = ReadDataStream(io.BytesIO(content))
+        if kind == Opcode.MESSAGE:
+            yield Message.read(stream, length)
+        elif kind == Opcode.SCHEMA:
+            yield Schema.read(stream)
+        elif kind == Opcode.CHANNEL:
+            yield Channel.read(stream)
+        at += 9 + length
+
+
+def _take(found: _Found, record: object) -> None:
+    if isinstance(record, Metadata) and record.name == _METADATA_NAME:
+        found.metadata = dict(record.metadata)
+    elif isinstance(record, Metadata) and record.name == _END_NAME:
+        found.metadata = (found.metadata or {}) | record.metadata
+        found.ended = True
+    elif isinstance(record, Schema) and record.name == _SCHEMA_NAME:
+        found.schemas.add(record.id)
+    elif isinstance(record, Channel) and record.schema_id in found.schemas:
+        found.channels.add(record.id)
+    elif isinstance(record, Message) and record.channel_id in found.channels:
+        found.rows.append(_message(record.data))
+
+
+def _message(data: bytes) -> dict[str, Value]:
+    row = json_of(data)
+    if not isinstance(row, dict):
+        raise ValueError("a tick that is no JSON object")
+    return row
+
+
+def _refuse_newer(metadata: Mapping[str, str], path: Path) -> None:
+    schema = metadata.get("schema", "")
+    if not re.fullmatch("[0-9]{1,9}", schema) or int(schema) > SCHEMA:
+        raise UnusableInput(
+            f"{path}: run log schema {schema!r} is not one this wakedeploy reads ({SCHEMA}); "
+            "upgrade it."
+        )
+
+
+def _was_closed(path: Path) -> bool:
+    """Whether the file has its proper end, so that a fault inside is damage, not a cut."""
+    with path.open("rb") as handle:
+        handle.seek(0, os.SEEK_END)
+        handle.seek(max(0, handle.tell() - len(MCAP0_MAGIC)))
+        return handle.read() == MCAP0_MAGIC

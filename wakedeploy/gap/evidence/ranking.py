@@ -1,0 +1,366 @@
+"""Effects compared: what each gains on episodes it was not fitted to.
+
+In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out gain.
+"""
+
+import functools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import (
+    Fit,
+    FloatArray,
+    Free,
+    Hypothesis,
+    Model,
+    Slopes,
+    extended,
+    fit,
+    held_out,
+    slopes_at,
+)
+from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.physics.effects import LIBRARY
+
+_CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
+_MOST_CONTENDERS = 4
+BENT_NATS = -12.0  # a base whose priors pay more has bent its constants; chance alone takes 8 or so
+BENT_SD = 2.0
+_SIZES_RELEASED = 3  # from which effects of several summits are climbed with unbent constants
+_FEW_STARTS = 2
+_MOST_OTHERS = 2
+_BETTERED_NATS = 0.5
+_LEDGE_NATS = 3.0
+_MOST_RESETTLED = 3
+_GLANCED_AT = 2  # flights are enough to choose a start
+_ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
+_GLANCED_FIRST = 2  # episodes on which all sizes are scanned before a first climb
+_LIKELY = 30  # of these sizes, so many are looked at on all episodes
+_SCANNED_CLIMBED = 4
+_SUMMITS_CLIMBED = 12  # of an effect that was found
+_APART = 0.03  # sizes nearer than that are one place to begin
+_ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
+_ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
+_ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """An effect on top of a base, and what it gains on episodes that it was not fitted to."""
+
+    name: str
+    fit: Fit
+    gains: FloatArray  # (E,) nats, held out
+    prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
+    fitted_gain: float = np.inf  # nats on the episodes of the fit, priors included
+
+    @property
+    def gain_nats(self) -> float:
+        """The sum over the episodes, and what the priors say.
+
+        A calibration is a measurement, too: a base that only explains the flights with constants
+        far from their calibrated values pays for it.
+        """
+        return float(self.gains.sum()) + self.prior_gain
+
+    def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
+        """Student's interval of the sum, from the spread between episodes."""
+        count = len(self.gains)
+        if count < 2:
+            return -np.inf, np.inf
+        reach = float(student_t.ppf(0.5 + 0.5 * level, count - 1))
+        reach *= float(self.gains.std(ddof=1)) * count**0.5
+        return self.gain_nats - reach, self.gain_nats + reach
+
+
+def rank(
+    model: Model,
+    base: Fit,
+    candidates: Sequence[str],
+    *,
+    least_nats: float = 0.0,
+    steps: Steps = uncounted,
+) -> list[Candidate]:
+    """Each candidate on top of `base`, best held-out gain first.
+
+    All are fitted with the base's slopes for what they share; those near the best are then fitted
+    to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
+    `steps` are of about the same length, but not an effect each.
+    """
+    costs = [_cost(model, base, name) for name in candidates]
+    total = round(sum(costs) / _ROUGH_SHARE)
+    rough = []
+    for i, name in enumerate(candidates):
+        rough.append(_rough(model, base, name))
+        steps(sum(costs[: i + 1]), total)
+    if base.log_prior < BENT_NATS:
+        left = functools.partial(_advanced, steps, sum(costs), total)
+        rough = _from_calibration(model, base, candidates, rough, left)
+    best = max((f.objective for f in rough), default=0.0)
+    least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
+    order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
+    near = [i for i in order if rough[i].objective > least][:_MOST_CONTENDERS]
+    for i in near:
+        rough[i] = fit(model, rough[i].hypothesis, base.episodes, rough[i].theta)
+    ranked = [candidate(base, n, fitted) for n, fitted in zip(candidates, rough, strict=True)]
+    return sorted(ranked, key=lambda c: -c.gain_nats)
+
+
+def rank_fairly(
+    model: Model,
+    base: Fit,
+    candidates: Sequence[str],
+    *,
+    least_nats: float = 0.0,
+    steps: Steps = uncounted,
+) -> tuple[Fit, list[Candidate]]:
+    """`rank`, on a base that is no worse than the best candidate is without its effect.
+
+    A climb may end short of the best base; every effect then seems to gain what any new climb does.
+    """
+    for _ in range(_MOST_RESETTLED):
+        ranked = rank(model, base, candidates, least_nats=least_nats, steps=steps)
+        if ranked[0].fitted_gain < _BETTERED_NATS:
+            break
+        known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
+        start = np.array([known.get(n, v) for n, v in zip(base.names, base.theta, strict=True)])
+        again = fit(model, base.hypothesis, base.episodes, start)
+        again = replace(again, summits=base.summits)  # which its interval goes on spanning
+        bettered, base = again.objective - base.objective, max(base, again, key=_objective)
+        if bettered < _LEDGE_NATS:  # no other valley, in which others would climb elsewhere
+            break
+    return base, sorted(
+        (candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
+    )
+
+
+def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
+    """The likeliest of the sizes that a fit's jagged parameters ask to be looked at, as starts.
+
+    All are looked at on all episodes: on one of them, a lower summit may seem the highest.
+    """
+    return [
+        start
+        for i, free in enumerate(found.free)
+        for start in _scanned(
+            *(model, found.episodes, found.hypothesis, found.theta, free, i),
+            first=found.episodes,
+            keep=_SUMMITS_CLIMBED,
+        )
+    ]
+
+
+def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
+    """What a fit with an effect gains over a base, each around whichever motion it was fitted."""
+    unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
+    return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
+
+
+def _cost(model: Model, base: Fit, name: str) -> int:
+    """About how long the rough fit of a candidate takes, in scanned sizes."""
+    own = [f for f in model.free((*base.hypothesis, name)) if f.name.startswith(f"{name}.")]
+    return _ROUGH_SIZES + sum(len(f.scanned) for f in own)
+
+
+def _advanced(steps: Steps, before: int, total: int, done: int, of: int) -> None:
+    """Steps of the last part, as steps of the whole."""
+    steps(before + (total - before) * done // of, total)
+
+
+def _objective(fitted: Fit) -> float:
+    return fitted.objective
+
+
+def _rough(model: Model, base: Fit, name: str) -> Fit:
+    """The candidate fitted from several starts, mostly with the base's slopes for the rest."""
+    hypothesis = (*base.hypothesis, name)
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    if not own:
+        raise ValueError(f"{name!r} has no parameters")
+    fits = []
+    for theta in _starts(model, base, hypothesis, free, own):
+        slopes = _carried_over(model, base, hypothesis, free, theta, own)
+        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own))
+    return max(fits, key=lambda f: f.objective)
+
+
+def _from_calibration(
+    model: Model, base: Fit, candidates: Sequence[str], rough: list[Fit], steps: Steps
+) -> list[Fit]:
+    """The fits, and better ones of candidates that move a constant which the base has bent.
+
+    A base that has bent its constants to explain a missing effect is a valley of its own, and a
+    climb from there may never leave it. These climbs start with all constants at their calibration
+    and with louder noise, from the likeliest of the effect's sizes; a likelihood may have several
+    summits, as that of a latency has one for each servo frame. Effects that such candidates are
+    confused with may be what the constants were bent for: they are climbed, too, and so are a few
+    others that explain most without bending anything.
+    """
+    bent = {
+        f.quantity
+        for f, value in zip(base.free, base.theta, strict=True)
+        if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
+    }
+    owners = {n for n, fitted in zip(candidates, rough, strict=True) if bent & _moves(fitted, n)}
+    related = {r for n in owners if n in LIBRARY for r in LIBRARY[n].confused_with}
+    sizes = [
+        _released(model, base, fitted.hypothesis, n)
+        for n, fitted in zip(candidates, rough, strict=True)
+    ]
+    order = sorted(range(len(sizes)), key=lambda i: -sizes[i][0][0])
+    chosen = [i for i in order if candidates[i] in owners | related]
+    others = [i for i in order if i not in chosen][:_MOST_OTHERS]
+    fits = list(rough)
+    climbed = [*chosen, *others]
+    for done, i in enumerate(climbed, 1):
+        for _, theta in sizes[i][: _summits(fits[i], candidates[i])]:
+            again = fit(model, fits[i].hypothesis, base.episodes, theta)
+            fits[i] = max(fits[i], again, key=_objective)
+        steps(done, len(climbed))
+    return fits
+
+
+def _summits(fitted: Fit, name: str) -> int:
+    """From how many sizes an effect is climbed: one that states many starts has many summits."""
+    starts = max(len(f.starts) for f in fitted.free if f.name.startswith(f"{name}."))
+    return 1 if starts <= _FEW_STARTS else _SIZES_RELEASED
+
+
+def _moves(fitted: Fit, name: str) -> set[str]:
+    """The constants that an effect's parameters are, replace or add to."""
+    return {f.quantity or f.adds_to for f in fitted.free if f.name.startswith(f"{name}.")} - {""}
+
+
+def _released(
+    model: Model, base: Fit, hypothesis: Hypothesis, name: str
+) -> list[tuple[float, FloatArray]]:
+    """Sizes of an effect, likeliest first, with the calibrated constants as they were measured.
+
+    Noise is half-way to what a first fit begins with: with less, most samples would be outliers
+    there, and a climb from outliers goes nowhere.
+    """
+    free = model.free(hypothesis)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    plain = extended(base, free)
+    for i, f in enumerate(free):
+        if f.quantity:
+            plain[i] = f.neutral
+        if f.first is not None:
+            plain[i] = 0.5 * (plain[i] + f.first)
+    tried: list[tuple[float, FloatArray]] = []
+    for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
+        theta = plain.copy()
+        for i in own:
+            sizes = (*free[i].starts, *(free[i].neutral + r * free[i].prior_sd for r in _ROW))
+            theta[i] = np.clip(sizes[min(k, len(sizes) - 1)], free[i].low, free[i].high)
+        if any(np.array_equal(theta, known) for _, known in tried):
+            continue  # several sizes may lie beyond one bound
+        some = base.episodes[:_GLANCED_AT]
+        density = sum(float(model.score(hypothesis, theta, e).log_density.sum()) for e in some)
+        tried.append((density, theta))
+    return sorted(tried, key=lambda one: -one[0])
+
+
+def _starts(
+    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
+) -> list[FloatArray]:
+    """The neutral point, and those of the effect's starts that are not absurd."""
+    neutral_point = extended(base, free)
+    starts = [neutral_point]
+    for k in range(max(len(free[i].starts) for i in own)):
+        theta = neutral_point.copy()
+        for i in own:
+            theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
+        here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
+        if here > base.log_likelihood - _ABSURD_NATS:
+            starts.append(theta)
+    points = [neutral_point]
+    confusable = _constants_of_confused(hypothesis[-1])
+    bent = [i for i, f in enumerate(free) if f.quantity in confusable and i not in own]
+    if bent:
+        # A base may have bent a constant for what the effect would explain, as a range sensor's
+        # delay for the age of held readings: with both, the right size looks absurd.
+        points.append(neutral_point.copy())
+        points[1][bent] = [free[i].neutral for i in bent]
+    return starts + [
+        start
+        for i in own
+        for point in points
+        for start in _scanned(
+            *(model, base.episodes, hypothesis, point, free[i], i),
+            first=base.episodes[:_GLANCED_FIRST],
+            keep=_SCANNED_CLIMBED,
+        )
+    ]
+
+
+def _constants_of_confused(name: str) -> set[str]:
+    """The calibrated constants that effects move which this one is confused with."""
+    if name not in LIBRARY:
+        return set()
+    confused = {n for n, e in LIBRARY.items() if name in e.confused_with}
+    moved = {
+        p.constant for n in confused | {*LIBRARY[name].confused_with} for p in LIBRARY[n].parameters
+    }
+    return {constant for constant in moved if constant is not None}
+
+
+def _scanned(
+    model: Model,
+    episodes: Sequence[int],
+    hypothesis: Hypothesis,
+    theta: FloatArray,
+    free: Free,
+    place: int,
+    *,
+    first: Sequence[int],
+    keep: int,
+) -> list[FloatArray]:
+    """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
+
+    All are looked at on the `first` episodes, and what is likely there on all. No two are nearer
+    than a few per cent: the sizes around one summit would crowd the others out.
+    """
+
+    def likeliest(sizes: Sequence[float], seen: Sequence[int], most: int) -> list[float]:
+        best: dict[int, tuple[float, float]] = {}
+        for size in sizes:
+            start = np.where(np.arange(len(theta)) == place, size, theta)
+            scores = (model.score(hypothesis, start, e) for e in seen)
+            density = sum(float(s.log_density.sum()) for s in scores)
+            near = round(math.log(size) / _APART)
+            best[near] = max(best.get(near, (density, size)), (density, size))
+        return [size for _, size in sorted(best.values(), reverse=True)[:most]]
+
+    sizes = likeliest(likeliest(free.scanned, first, _LIKELY), episodes, keep)
+    return [np.where(np.arange(len(theta)) == place, size, theta) for size in sizes]
+
+
+def _carried_over(
+    model: Model,
+    base: Fit,
+    hypothesis: Hypothesis,
+    free: tuple[Free, ...],
+    theta: FloatArray,
+    own: Sequence[int],
+) -> Slopes:
+    """Slopes of the larger hypothesis: the base's for shared parameters, fresh for its own."""
+    place = {name: i for i, name in enumerate(base.names)}
+    shared = [place.get(f.name, -1) for f in free]
+
+    def widened(of_base: FloatArray) -> FloatArray:
+        with_zero = np.hstack([of_base, np.zeros((len(of_base), 1))])
+        return np.asarray(with_zero[:, shared])
+
+    old = Slopes(
+        base.slopes.scores,
+        tuple(widened(d) for d in base.slopes.innovation),
+        tuple(widened(d) for d in base.slopes.variance),
+    )
+    missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
+    return slopes_at(model, hypothesis, base.episodes, theta, (old, missing))

@@ -1,0 +1,103 @@
+"""Whether what a fit leaves over is white noise.
+
+In: a fit. Out: the autocorrelation of its whitened innovations and a portmanteau statistic, pooled
+over the flights (Box and Pierce, J. Am. Stat. Assoc. 65, 1970), and their spectrum.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import periodogram
+from scipy.stats import chi2
+
+from wakedeploy.gap.evidence.inference import Fit, Score
+
+FloatArray = npt.NDArray[np.float64]
+
+LAGS = 16  # half a second of samples
+REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
+_OF_WHITE_NOISE = float(chi2.ppf(0.999, LAGS))
+_BANDS = 48
+_TAIL = 3  # pseudo-samples that a score may end with: two rests, repeats
+
+
+@dataclass(frozen=True, eq=False)
+class Whiteness:
+    """Autocorrelation (LAGS,) at lags 1…, the statistic over them and its nominal p value.
+
+    `samples` is how many innovations they come from.
+    """
+
+    autocorrelation: FloatArray
+    statistic: float
+    p_value: float
+    samples: int
+
+    @property
+    def at_reference(self) -> float:
+        """The statistic that as many samples as the reference's would be expected to give."""
+        return LAGS + (self.statistic - LAGS) * REFERENCE_SAMPLES / self.samples
+
+    def limit(self, of_reference: float) -> float:
+        """What the statistic may be with so many samples, if it may be `of_reference` with others.
+
+        The statistic of white noise does not depend on their number; what a model leaves in any
+        case, friction's fine structure, say, grows in proportion to it.
+        """
+        left = (of_reference - LAGS) * self.samples / REFERENCE_SAMPLES
+        return max(LAGS + left, _OF_WHITE_NOISE)
+
+    def passes(self, of_reference: float) -> bool:
+        """Whether the innovations are as white as the reference's."""
+        return self.statistic <= self.limit(of_reference)
+
+    def as_json(self, of_reference: float) -> dict[str, Any]:
+        """As the artefacts hold it, with the limit for so many samples."""
+        return {
+            "p_value": self.p_value,
+            "statistic": self.statistic,
+            "limit": self.limit(of_reference),
+            "passes": self.passes(of_reference),
+            "lags": list(range(1, LAGS + 1)),
+            "autocorrelation": self.autocorrelation.tolist(),
+        }
+
+
+def whiteness(fitted: Fit) -> Whiteness:
+    """Of the innovations that a fit leaves, all flights together."""
+    white = [samples(score) for score in fitted.slopes.scores]
+    products = np.array([[float(w[k:] @ w[: len(w) - k]) for k in range(LAGS + 1)] for w in white])
+    total = products.sum(0)
+    correlation = total[1:] / total[0]
+    count = sum(len(w) for w in white)
+    statistic = count * float((correlation**2).sum())
+    return Whiteness(correlation, statistic, float(chi2.sf(statistic, LAGS)), count)
+
+
+def samples(score: Score) -> FloatArray:
+    """Whitened innovations of a flight's own samples, in order of time."""
+    return score.white[:-_TAIL]
+
+
+def spectrum(white: Sequence[FloatArray], rate_hz: float) -> dict[str, Any]:
+    """Power density of whitened innovations over frequency, in bands, 1 for white noise.
+
+    `low` and `high` bound 95 % of the bands of white noise.
+    """
+    frequency = np.linspace(0.0, 0.5 * rate_hz, _BANDS + 1)
+    power, count = np.zeros(_BANDS), np.zeros(_BANDS)
+    for w in white:
+        f, p = periodogram(w - w.mean(), rate_hz)
+        band = np.clip(np.digitize(f[1:], frequency) - 1, 0, _BANDS - 1)
+        power += np.bincount(band, p[1:] * 0.5 * rate_hz, _BANDS)
+        count += np.bincount(band, minlength=_BANDS)
+    freedom = 2.0 * float(np.median(np.maximum(count, 1.0)))
+    return {
+        "frequency_hz": (0.5 * (frequency[1:] + frequency[:-1])).tolist(),
+        "density": (power / np.maximum(count, 1.0)).tolist(),
+        "low": float(chi2.ppf(0.025, freedom) / freedom),
+        "high": float(chi2.ppf(0.975, freedom) / freedom),
+    }

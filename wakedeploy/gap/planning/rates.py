@@ -1,0 +1,133 @@
+"""How often an effect will be detected and named: outcomes of `name` drawn without flying.
+
+In: an `Evidence` and a threshold. Out: shares of data sets, by the size of the effect and by the
+number of flights. The draws repeat what `name` decides: every effect is fitted, gains count on
+episodes left out, the best must cross the threshold, and all within 3 nats of it share its class.
+Flights that are sealed to show the gap on do not take part in naming.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.separation import ENOUGH_NATS, Evidence, fitted_shares
+from wakedeploy.gap.rules import FEWEST_FLIGHTS, sealed_count
+
+SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
+DRAWS = 400
+SMALLEST, LARGEST, SIZES = 0.03, 30.0, 31  # multiples of the size that was evaluated
+MOST_FLIGHTS = 512.0
+_FLIGHTS = 2.0 ** np.arange(1.0, np.log2(MOST_FLIGHTS) + 0.25, 0.5)
+
+
+@dataclass(frozen=True, eq=False)
+class Outcomes:
+    """Shares of data sets, arrays (G,): the effect found, named alone, or at least in the class."""
+
+    detected: FloatArray
+    named: FloatArray
+    in_class: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Draws:
+    """One amount of data with its noise drawn: `pulls` (n, c) of noise on every direction."""
+
+    evidence: Evidence
+    information: FloatArray
+    pulls: FloatArray
+    cost_nats: FloatArray  # (C,) what a fit seems to gain on its own data and loses on others
+    near_nats: float  # rivals as close as this share the class
+    enough: bool  # episodes for a name
+
+    @classmethod
+    def of(
+        cls, evidence: Evidence, copies: float = 1.0, count: int = DRAWS, share: float = 1.0
+    ) -> "Draws":
+        """Draw `count` data sets of `copies` times the episodes, of which a `share` is fitted."""
+        information = evidence.information(share * copies)
+        value, vector = np.linalg.eigh(information)
+        root = vector * np.sqrt(np.maximum(value, 0.0))
+        noise = np.random.default_rng(0).standard_normal((count, len(value)))
+        episodes = max(2.0, share * copies * len(evidence.gram))
+        free = np.array([len(evidence.of(name)) for name in evidence.names])
+        cost = free * (1.0 + 0.5 / (episodes - 1.0))  # of the fit, and of leaving each out
+        enough = round(share * copies * len(evidence.gram)) >= FEWEST_FLIGHTS
+        return cls(evidence, information, noise @ root.T, cost, ENOUGH_NATS * share, enough)
+
+    def gains(self, truth: FloatArray) -> FloatArray:
+        """Held-out gain of every effect (n, C) when `truth` (c,) is what is missing [nats]."""
+        pulls = self.pulls + self.information @ truth
+        gains = []
+        for name in self.evidence.names:
+            places = self.evidence.of(name)
+            own = self.information[np.ix_(places, places)]
+            share = fitted_shares(own, pulls[:, places], self.evidence, places)
+            bent = np.einsum("nk,kl,nl->n", share, own, share)
+            gains.append(np.einsum("nk,nk->n", share, pulls[:, places]) - 0.5 * bent)
+        return np.asarray(np.stack(gains, axis=1) - self.cost_nats)
+
+    def outcomes(self, name: str, factors: FloatArray, threshold_nats: float) -> Outcomes:
+        """What comes of an effect at these multiples of its evaluated size, (G,)."""
+        index = self.evidence.names.index(name)
+        counted = np.zeros((3, len(factors)))
+        for g, factor in enumerate(factors):
+            gains = self.gains(factor * self.evidence.whole[index])
+            best = gains.max(axis=1)
+            found = best > threshold_nats
+            near = gains > best[:, None] - self.near_nats
+            counted[0, g] = found.mean()
+            alone = found & near[:, index] & (near.sum(axis=1) == 1)
+            counted[1, g] = alone.mean() if self.enough else 0.0
+            counted[2, g] = (found & near[:, index]).mean()
+        return Outcomes(*counted)
+
+
+def fitted_share(flights: float) -> float:
+    """How much of so many flights `close` fits to; the rest is sealed."""
+    return 1.0 - sealed_count(round(flights)) / max(round(flights), 1)
+
+
+def null_quantile(evidence: Evidence, level: float = 0.95) -> float:
+    """The gain that the best effect exceeds with probability 1 − `level` when nothing is missing.
+
+    From the same Gaussian draws; the simulated threshold of `name` also sees what is not linear.
+    """
+    draws = Draws.of(evidence, count=4 * DRAWS)
+    gains = draws.gains(np.zeros(len(evidence.columns)))
+    return float(np.quantile(gains.max(axis=1), level))
+
+
+def smallest_sizes(draws: Draws, name: str, threshold_nats: float) -> tuple[float, float]:
+    """Multiples of the evaluated size from which an effect is detected, and named, surely enough.
+
+    Infinite where even the largest size tried is not.
+    """
+    largest = min(LARGEST, draws.evidence.columns[draws.evidence.of(name)[0]].high)
+    factors = np.geomspace(SMALLEST, largest, SIZES)
+    outcomes = draws.outcomes(name, factors, threshold_nats)
+    return _crossing(factors, outcomes.detected), _crossing(factors, outcomes.named)
+
+
+def flights_needed(evidence: Evidence, name: str, threshold_nats: float) -> float:
+    """How many flights name the effect at its evaluated size surely enough; infinite if none do."""
+    named = [
+        Draws.of(evidence, n / len(evidence.gram), DRAWS // 2, fitted_share(n))
+        .outcomes(name, np.ones(1), threshold_nats)
+        .named[0]
+        for n in _FLIGHTS
+    ]
+    return _crossing(_FLIGHTS, np.array(named))
+
+
+def _crossing(x: FloatArray, share: FloatArray) -> float:
+    """Where a share that rises with x reaches `SURE` for good, interpolated in log x."""
+    below = np.flatnonzero(share < SURE)
+    if not below.size:
+        return float(x[0])
+    last = int(below[-1])
+    if last + 1 == len(x):
+        return float("inf")
+    part = (SURE - share[last]) / (share[last + 1] - share[last])
+    return float(np.exp(np.log(x[last]) + part * np.log(x[last + 1] / x[last])))

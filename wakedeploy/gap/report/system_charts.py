@@ -1,0 +1,123 @@
+"""Figures that only a domain's report has: an episode, autocorrelation, delay over frequency.
+
+In: parts of `domain.json`. Out: figures; None where there is nothing to draw.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from wakedeploy.core import figures
+from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
+from wakedeploy.gap.wording import FloatArray, mapping, number, numbers
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+_WIDTH_IN = 7.5
+_HOLE = 3.0  # times the usual step
+
+Part = Mapping[str, Any]
+
+
+def draw_trace(trace: Part) -> "Figure | None":
+    """Measured, and as the baseline and the corrected model have it, one panel per channel."""
+    time_s = numbers(trace.get("time_s"))
+    channels = [(str(n), mapping(c)) for n, c in mapping(trace.get("channels")).items()]
+    if not len(time_s) or not channels:
+        return None
+    drawn, grid = figures.figure(
+        len(channels),
+        size=(_WIDTH_IN, 0.5 + 1.9 * len(channels)),
+        sharex=True,
+        squeeze=False,
+    )
+    for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
+        for key, colour, label in (
+            ("measured", figures.REFERENCE, "measured"),
+            ("before", BEFORE, "baseline"),
+            ("after", AFTER, "with what was found"),
+        ):
+            whole = np.where(_after_hole(time_s), np.nan, numbers(channel.get(key)))
+            axes.plot(time_s, whole, color=colour, label=label)
+        axes.set_ylabel(labelled(name, str(channel.get("unit", ""))))
+    _legend(drawn, grid[0, 0])
+    grid[-1, 0].set_xlabel(f"time in {trace.get('episode')} [s]")
+    return drawn
+
+
+def draw_autocorrelation(document: Part) -> "Figure | None":
+    """Of the whitened innovations before and after, one panel per channel."""
+    white = mapping(document.get("white"))
+    both = [(mapping(white.get("before")), BEFORE, "baseline"),
+            (mapping(white.get("after")), AFTER, "with what was found")]  # fmt: skip
+    channels = list(mapping(document.get("gap")))
+    if not all(len(told.get("autocorrelation") or []) == len(channels) > 0 for told, *_ in both):
+        return None
+    drawn, grid = figures.figure(
+        1, len(channels), size=(_WIDTH_IN, 2.4), sharey=True, squeeze=False
+    )
+    for row, (axes, channel) in enumerate(zip(grid[0], channels, strict=True)):
+        for told, colour, label in both:
+            axes.plot(numbers(told.get("lags")), numbers(told["autocorrelation"][row]), "o-",
+                      color=colour, markersize=3, label=label)  # fmt: skip
+        half = 1.96 / math.sqrt(number(both[0][0].get("samples")))
+        axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
+        axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
+        axes.set(xlabel="lag [samples]", title=channel)
+    grid[0, 0].set_ylabel("autocorrelation")
+    _legend(drawn, grid[0, 0])
+    return drawn
+
+
+def draw_delay_profile(profile: Part) -> "Figure | None":
+    """Nats below the best delay, the best and the best elsewhere marked."""
+    delay_s, nats = numbers(profile.get("delay_s")), numbers(profile.get("nats"))
+    curve = _curve(delay_s, nats, 2.8)
+    if curve is None:
+        return None
+    drawn, axes = curve
+    best = int(np.argmax(nats))
+    inner = np.arange(1, len(nats) - 1)
+    summits = [int(k) for k in inner if nats[k] > nats[k - 1] and nats[k] > nats[k + 1]]
+    for k in {best, *summits}:
+        axes.annotate(f"{delay_s[k]:.3f} s", (delay_s[k], nats[k]), (4, 4),
+                      textcoords="offset points", fontsize=8)  # fmt: skip
+    axes.margins(y=0.12)
+    axes.set(xlabel="transport delay [s]", ylabel="log likelihood [nats below the best]")
+    return drawn
+
+
+def draw_phase_delay(phase: Part) -> "Figure | None":
+    """Delay over frequency."""
+    curve = _curve(numbers(phase.get("frequency_hz")), numbers(phase.get("delay_s")), 2.4)
+    if curve is None:
+        return None
+    drawn, axes = curve
+    axes.set(xlabel="frequency [Hz]", ylabel="phase delay [s]", ylim=(0.0, None))
+    return drawn
+
+
+def _curve(x: FloatArray, y: FloatArray, height_in: float) -> "tuple[Figure, Axes] | None":
+    """One measured curve with its points; None if there are not enough of them."""
+    if not len(x) == len(y) > 1:
+        return None
+    drawn, axes = figures.figure(size=(0.7 * _WIDTH_IN, height_in))
+    axes.plot(x, y, "o-", color=figures.MEASURED, markersize=3)
+    return drawn, axes
+
+
+def _after_hole(time_s: FloatArray) -> "NDArray[np.bool_]":
+    """The first samples after a hole, where a line would claim what was not measured."""
+    steps_s = np.diff(time_s, prepend=time_s[0])
+    return np.asarray(steps_s > _HOLE * np.median(steps_s[1:]))
+
+
+def _legend(drawn: "Figure", axes: "Axes") -> None:
+    """One for all panels, above them."""
+    handles, labels = axes.get_legend_handles_labels()
+    drawn.legend(handles, labels, loc="outside upper right", ncols=len(labels))

@@ -1,0 +1,382 @@
+"""Where simulation and measurement disagree, beyond noise.
+
+In: a model and its fitted base. Out: maps of the residuals over each coordinate, and a ranked list
+of places in words. Residuals are permuted in blocks longer than their correlation and within each
+flight, so that a map's p value holds for coloured residuals and for flights that differ as a whole;
+false discoveries are controlled over all maps (Benjamini and Hochberg 1995).
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
+from wakedeploy.gap.few_flights import cannot_tell, these
+from wakedeploy.gap.systems.gantry.flight import FloatArray
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.residuals import (
+    CHANNELS,
+    COORDINATES,
+    INNOVATION,
+    Residuals,
+    mean_square,
+    residuals,
+)
+from wakedeploy.gap.wording import number, signs
+
+IntArray = npt.NDArray[np.int64]
+Orders = npt.NDArray[np.int32]
+BoolArray = npt.NDArray[np.bool_]
+
+FALSE_DISCOVERIES = 0.05
+FORBIDS_NONE = 0.02  # a place at this q or below; one in fifty sets of flights has it by chance
+HORIZONS_S = (0.25, 0.5, 1.0)
+# At least four times as long as the channel's own window correlates what it measures.
+BLOCK_S = {
+    "force": 3.0,
+    "control effort": 4.0,
+    "height 0.25 s ahead": 3.0,
+    INNOVATION: 2.0,
+}
+_BINS = 8
+_FEWEST = 80  # residuals, to make a map of
+_PERMUTATIONS = 999  # the fewest with which one map alone can be significant among all
+_CLEAR_SE = 2.0
+_MOST_PLACES = 12
+_MOST_OF_INNOVATIONS = 4
+
+
+def find_places(
+    model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
+
+    A place counts from the size `least` of its channel on, in its unit: so much the model's own
+    approximations leave on this rig when nothing is missing (see `threshold`). A channel without
+    one, as the innovations, counts by its q value alone. Places come by q value, then by
+    how far their map stands out of its shuffles, innovations after the other channels.
+    """
+    limits = dict(least or {})
+    maps: list[dict[str, Any]] = []
+    for channel in CHANNELS:
+        series = [residuals(model, base, channel, i) for i in range(model.episodes)]
+        maps += _maps(series)
+    for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
+        m["q_value"] = q
+    maps.sort(key=lambda m: (m["q_value"], -m["clarity"]))
+    places = _ranked(
+        [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)], limits
+    )
+    white = [samples(score) for score in base.slopes.scores]
+    rest = whiteness(base)
+    return {
+        "white": rest.as_json(limit),
+        "places": places,
+        "maps": maps,
+        "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
+        "replay": [_replay(model, base, h) for h in HORIZONS_S],
+        "noise_floor": _noise_floors(maps),
+        "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
+        "sentence": _sentence(places, rest.passes(limit), model.episodes),
+    }
+
+
+def _noise_floors(maps: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What noise alone puts into a bin of a channel's maps: the median reach of 90 % intervals."""
+    reaches: dict[str, list[float]] = {}
+    for m in maps:
+        own = 0.5 * (np.array(m["high"]) - np.array(m["low"]))
+        reaches.setdefault(m["channel"], []).extend(own.tolist())
+    return {
+        channel: {"value": float(np.median(own)), "unit": CHANNELS[channel]}
+        for channel, own in reaches.items()
+    }
+
+
+def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> list[dict[str, Any]]:
+    """Places beyond their channel's limit, the most significant first; see `find_places`.
+
+    Innovations know of no force and no millimetre: they stand behind what does, and crowd out none.
+    """
+
+    def key(place: Mapping[str, Any]) -> tuple[float, bool, float, float]:
+        white = place["channel"] == INNOVATION
+        return place["q_value"], white, -place["clarity"], -abs(place["residual"])
+
+    beyond = [p for p in places if abs(p["residual"]) > limits.get(p["channel"], 0.0)]
+    beyond.sort(key=key)
+    physical = [p for p in beyond if p["channel"] != INNOVATION][:_MOST_PLACES]
+    white = [p for p in beyond if p["channel"] == INNOVATION][:_MOST_OF_INNOVATIONS]
+    return sorted([*physical, *white], key=key)
+
+
+def q_values(p: Sequence[float]) -> list[float]:
+    """Benjamini–Hochberg: the false-discovery rate at which each would just be reported."""
+    order = np.argsort(p)
+    count = len(order)
+    ranked = np.asarray(p, float)[order] * count / np.arange(1, count + 1)
+    q = np.minimum.accumulate(ranked[::-1])[::-1]
+    result = np.empty(count)
+    result[order] = np.minimum(q, 1.0)
+    return [float(v) for v in result]
+
+
+def _maps(series: Sequence[Residuals]) -> list[dict[str, Any]]:
+    """A channel's maps over every coordinate that varies, and its mean over all places."""
+    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
+    length = max(round(BLOCK_S[series[0].channel] / float(spacing_s)), 1)
+    rng = np.random.default_rng([len(s.value) for s in series])
+    orders = _orders([len(s.value) for s in series], length, rng)
+    each = (_map(series, name, length, orders) for name in COORDINATES)
+    return [*(m for m in each if m is not None), _everywhere(series, length)]
+
+
+def _map(
+    series: Sequence[Residuals], name: str, length: int, orders: Orders
+) -> dict[str, Any] | None:
+    """Mean residual in bins of one coordinate, with a permutation test of "depends on it"."""
+    unit, exogenous = COORDINATES[name]
+    coordinate = np.concatenate([s.coordinates[name] for s in series])
+    value = np.concatenate([s.value for s in series])
+    known = np.isfinite(coordinate) & np.isfinite(value)
+    if known.sum() < _FEWEST:
+        return None
+    edges = np.unique(np.quantile(coordinate[known], np.linspace(0.0, 1.0, _BINS + 1)))
+    if len(edges) < 3:
+        return None
+    bins = np.where(known, np.clip(np.digitize(coordinate, edges[1:-1]), 0, len(edges) - 2), -1)
+    centred = _centred(value, known, [len(s.value) for s in series])
+    inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
+    strength = float(_strength(centred[None, :], inside)[0])
+    # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
+    shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
+    p_value, clarity = _judged(strength, shuffled)
+    blocks = blocks_of(series, length)
+    means, errors, counts = bin_means(value, bins, blocks, len(edges) - 1)
+    visits = np.array(
+        [np.bincount(bins[b][bins[b] >= 0], minlength=len(edges) - 1) for b in blocks]
+    )
+    return {
+        "channel": series[0].channel,
+        "coordinate": name,
+        "exogenous": exogenous,
+        "unit": CHANNELS[series[0].channel],
+        "coordinate_unit": unit,
+        "edges": edges.tolist(),
+        "mean": means.tolist(),
+        "low": (means - 1.645 * errors).tolist(),
+        "high": (means + 1.645 * errors).tolist(),
+        "count": counts.tolist(),
+        "blocks": (visits > 0).sum(0).tolist(),
+        "p_value": p_value,
+        "clarity": clarity,
+        "strength": strength / max(mean_square(centred) * len(value), 1e-300),
+    }
+
+
+def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
+    """The share of shuffles that are as strong, and how many of their deviations it stands out.
+
+    Many p values are the least that so many shuffles can give; deviations still tell which of them
+    stands out the most, whatever the channel.
+    """
+    beaten = int((shuffled >= strength * (1.0 - 1e-12)).sum())
+    deviation = max(float(shuffled.std()), 1e-300)
+    return (beaten + 1) / (len(shuffled) + 1), (strength - float(shuffled.mean())) / deviation
+
+
+def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
+    """The mean over all places, against the spread of its blocks (each block's sign flipped).
+
+    It asks whether these flights as a whole are off by more than noise, so a flight's own mean
+    counts here, where the maps leave it out.
+    """
+    value = np.concatenate([s.value for s in series])
+    sums = np.array([value[b].sum() for b in blocks_of(series, length)])
+    rng = np.random.default_rng(len(value))
+    flips = rng.choice([-1.0, 1.0], size=(_PERMUTATIONS, len(sums)))
+    p_value, clarity = _judged(float(sums.sum()) ** 2, np.asarray((flips @ sums) ** 2))
+    mean, error = float(value.mean()), float(np.sqrt((sums**2).sum()) / len(value))
+    return {
+        "channel": series[0].channel,
+        "coordinate": "everywhere",
+        "exogenous": True,
+        "unit": CHANNELS[series[0].channel],
+        "coordinate_unit": "",
+        "edges": [0.0, 1.0],
+        "mean": [mean],
+        "low": [mean - 1.645 * error],
+        "high": [mean + 1.645 * error],
+        "count": [len(value)],
+        "p_value": p_value,
+        "clarity": clarity,
+        "strength": mean**2 / mean_square(value) if len(value) else 0.0,
+    }
+
+
+def blocks_of(series: Sequence[Residuals], length: int) -> list[IntArray]:
+    """Indices of blocks of so many samples, none across two flights."""
+    blocks, offset = [], 0
+    for s in series:
+        count = len(s.value)
+        blocks += [
+            offset + np.arange(first, min(first + length, count))
+            for first in range(0, count, length)
+        ]
+        offset += count
+    return blocks
+
+
+def _orders(counts: Sequence[int], length: int, rng: np.random.Generator) -> Orders:
+    """Indices (permutations, n) that shuffle blocks of so many samples within each flight.
+
+    A flight has few blocks; where they are cut is therefore drawn, too, on the flight bent into a
+    ring, which breaks what belongs together only once more.
+    """
+    orders = np.empty((_PERMUTATIONS, sum(counts)), np.int32)
+    offset = 0
+    for count in counts:
+        for row in orders:
+            ring = (rng.integers(max(count, 1)) + np.arange(count)) % max(count, 1)
+            firsts = length * rng.permutation(math.ceil(count / length))
+            blocks = [ring[first : first + length] for first in firsts]
+            row[offset : offset + count] = offset + np.concatenate([ring[:0], *blocks])
+        offset += count
+    return orders
+
+
+def _centred(value: FloatArray, known: BoolArray, counts: Sequence[int]) -> FloatArray:
+    """Values less their own flight's mean, 0 where they are not known: (n,)."""
+    result = np.zeros(len(value))
+    for stop, count in zip(np.cumsum(counts), counts, strict=True):
+        own = np.arange(stop - count, stop)[known[stop - count : stop]]
+        if len(own):
+            result[own] = value[own] - value[own].mean()
+    return result
+
+
+def _strength(values: FloatArray, inside: FloatArray) -> FloatArray:
+    """Sum of squares between bins of each row (r,); `inside` (n, bins) is 1 in a sample's bin."""
+    return np.asarray(((values @ inside) ** 2 / np.maximum(inside.sum(0), 1.0)).sum(1))
+
+
+def bin_means(
+    value: FloatArray,
+    bins: IntArray,
+    blocks: Sequence[IntArray],
+    count: int,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Mean, standard error clustered by block, and number per bin."""
+    inside = bins >= 0
+    number = np.bincount(bins[inside], minlength=count).astype(float)
+    means = np.bincount(bins[inside], value[inside], count) / np.maximum(number, 1.0)
+    square = np.zeros(count)
+    for block in blocks:
+        kept = block[bins[block] >= 0]
+        rest = value[kept] - means[bins[kept]]
+        square += np.bincount(bins[kept], rest, count) ** 2
+    return means, np.sqrt(square) / np.maximum(number, 1.0), number
+
+
+def _places(m: dict[str, Any]) -> list[dict[str, Any]]:
+    """Runs of neighbouring bins that clearly deviate to the same side."""
+    mean, low, high = (np.array(m[k]) for k in ("mean", "low", "high"))
+    error = (high - low) / (2 * 1.645)
+    side = np.where(np.abs(mean) > _CLEAR_SE * error, np.sign(mean), 0.0)
+    if not side.any():
+        side[np.argmax(np.abs(mean) / np.maximum(error, 1e-12))] = 1.0
+    places, start = [], 0
+    for end in range(1, len(side) + 1):
+        if end < len(side) and side[end] == side[start]:
+            continue
+        if side[start] != 0.0:
+            places.append(_place(m, mean, start, end))
+        start = end
+    return sorted(places, key=lambda p: -abs(p["residual"]))[:2]
+
+
+def _place(m: dict[str, Any], mean: FloatArray, start: int, end: int) -> dict[str, Any]:
+    count = np.array(m["count"])[start:end]
+    residual = float((mean[start:end] * count).sum() / max(count.sum(), 1))
+    low, high = m["edges"][start], m["edges"][end]
+    first, last = start == 0, end == len(mean)
+    return {
+        "channel": m["channel"],
+        "coordinate": m["coordinate"],
+        "exogenous": m["exogenous"],
+        "low": low,
+        "high": high,
+        "residual": residual,
+        "unit": m["unit"],
+        "coordinate_unit": m["coordinate_unit"],
+        "q_value": m["q_value"],
+        "clarity": m["clarity"],
+        "words": _words(m, low, high, residual, first, last),
+    }
+
+
+def _words(
+    m: dict[str, Any], low: float, high: float, residual: float, first: bool, last: bool
+) -> str:
+    unit = f" {signs(m['coordinate_unit'])}" if m["coordinate_unit"] else ""
+    if m["coordinate"] == "everywhere" or (first and last):
+        where = "everywhere"
+    elif first:
+        where = f"{m['coordinate']} below {_short(high)}{unit}"
+    elif last:
+        where = f"{m['coordinate']} above {_short(low)}{unit}"
+    else:
+        where = f"{m['coordinate']} {_short(low)} to {_short(high)}{unit}"
+    size = f"{1e3 * residual:+.1f} mm" if m["unit"] == "m" else f"{residual:+.2g} {m['unit']}"
+    size = size.replace("-", "−")  # a minus sign, as in the report's own numbers
+    return f"{where}: {size} ({m['channel']}), q = {m['q_value']:.3f}"
+
+
+def _short(value: float) -> str:
+    """Three digits, and never a power of ten: 0.0941, 1714."""
+    return (f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}").replace("-", "−")
+
+
+def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:
+    errors, expected = [], []
+    for episode in range(model.episodes):
+        ahead = model.forecasts(base, episode, (horizon_s,))
+        errors.append(ahead.measured_m[0] - ahead.forecast_m[0])
+        expected.append(ahead.variance_m2[0])
+    error, variance = np.concatenate(errors), np.concatenate(expected)
+    known = np.isfinite(error) & np.isfinite(variance)
+    typical = np.abs(error[known]) < 6.0 * np.median(np.abs(error[known]))
+    return {
+        "horizon_s": horizon_s,
+        "rmse_m": float(np.sqrt((error[known][typical] ** 2).mean())),
+        "expected_m": float(np.sqrt(variance[known].mean())),
+    }
+
+
+def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
+    """Whether a place disagrees too clearly for "nothing is missing".
+
+    Innovations do not count: their whiteness is a gate of its own.
+    """
+    return any(
+        p.get("channel") != INNOVATION and number(p.get("q_value")) <= FORBIDS_NONE for p in places
+    )
+
+
+def _sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:
+    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
+    if not places and is_white:
+        told = "no place stands out from noise"
+    elif not places:
+        told = "no single place stands out, but as a whole more than noise is left"
+    elif forbids_none(places):
+        told = f"they disagree beyond noise: {places[0]['words']}"
+    else:
+        told = f"no place disagrees clearly beyond noise; the clearest is {places[0]['words']}"
+    scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
+    told = scope + told
+    return f"{told[0].upper()}{told[1:]}."

@@ -1,0 +1,399 @@
+"""Every force along one flight, from the logged commands: arrays on the flight's grid.
+
+The stages of the plant one after another, each over the whole flight: command, actuator, wake,
+force, body, sensor. What a stage computed is kept while its constants and effects stay the same,
+because a fit moves one parameter at a time.
+"""
+
+import math
+from collections import OrderedDict
+from collections.abc import Callable, Hashable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from wakedeploy.core.rig import Rig
+from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, Line
+from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
+from wakedeploy.gap.systems.gantry.servo_frames import period_s
+from wakedeploy.physics.constants import Constants, moved_thrust
+from wakedeploy.physics.effects import Effect, Motion, Setting
+from wakedeploy.physics.effects.chain import setting_of
+from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
+from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
+
+Active = tuple[tuple[Effect, Mapping[str, float]], ...]
+Result = TypeVar("Result")
+
+_JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
+_DZ_M = 0.005  # how far slopes are looked at; smaller than anything that varies with height
+_DV_MPS = 0.01  # how far slopes by speed are looked at
+_SLIDING_MPS = 0.003  # how far a smoothed speed errs about zero; more bends a steep friction
+_RESTING_MPS = 0.006  # slower than this, smoothed, the sufferer stands as often as not
+_KEPT = 3
+_PULSES_AVERAGED = 5
+
+
+@dataclass(frozen=True, eq=False)
+class Forces:
+    """Along one flight's grid (N,) and samples (n,); see `wakedeploy.physics.series.filtered`.
+
+    `acceleration` (3, N): [m/s²] at the nominal motion, slopes by height and speed. `expected`
+    (2, n): the reading at the nominal height and its slope. `taken_s` (n,): when the samples were
+    taken. `held`: what a sensor that repeats itself makes of them.
+    """
+
+    source_n: FloatArray
+    sufferer_n: FloatArray
+    wake_mps: FloatArray
+    wake_n: FloatArray
+    inertia_kg: FloatArray
+    acceleration: FloatArray
+    taken_s: FloatArray
+    expected: FloatArray
+    held: Held
+
+
+class Physics:
+    """The forces along one flight for any constants and effects."""
+
+    def __init__(self, rig: Rig, flight: Flight) -> None:
+        self._rig, self._flight = rig, flight
+        self._setting = setting_of(rig)
+        self._weight_n = self._setting.weight_n
+        margin = round(1.0 / DT_S)  # a puff needs less than that to pass
+        first = max(int(flight.start.min(initial=0)) - margin, 0) // 2 * 2
+        last = int(flight.stop.max(initial=len(flight.grid_s)))
+        self._air = slice(first, last)
+        self._kept: dict[str, OrderedDict[Hashable, object]] = {}
+        travelled = np.cumsum(np.abs(flight.vx_mps)) * DT_S
+        self._still = Motion(
+            time_s=np.maximum(flight.grid_s - flight.take_off_s, 0.0),
+            x_m=flight.x_m,
+            vx_mps=flight.vx_mps,
+            travelled_m=travelled,
+            direction=_direction(flight.vx_mps),
+        )
+        edges = np.append(flight.grid_s, flight.grid_s[-1] + DT_S)
+        self._edges = edges
+        sensor = rig.range_sensor
+        self._chance = chance_of_equals(sensor.resolution_m, sensor.noise_m)
+
+    def forces(self, constants: Constants, effects: Active) -> Forces:
+        """All stages; see `Forces`."""
+        source_n, sufferer_n, charge_s = self._thrusts(constants, effects)
+        wake = self._wake(constants, effects, source_n)
+        return self._summed(constants, effects, source_n, sufferer_n, charge_s, wake)
+
+    def _thrusts(
+        self, constants: Constants, effects: Active
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        source = self._motor("source", constants, effects)
+        sufferer = self._motor("sufferer", constants, effects)
+        # An array is kept beside what was made of it, so that its id cannot come twice.
+        charge_s, _ = self._remembered(
+            "charge",
+            id(sufferer),
+            lambda: (np.cumsum(sufferer) * (DT_S / self._weight_n), sufferer),
+        )
+        motion = self._still
+        for effect, values in _overriding(effects, "source_n"):
+            motion = _with(motion, source_n=source, sufferer_n=sufferer, charge_s=charge_s)
+            source = np.asarray(effect.source_n(values, motion, self._setting))
+        return source, sufferer, charge_s
+
+    def _motor(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
+        """Thrust [N] on the grid, spool lag included."""
+        names = ("command.delay_s", "command.window_s", "disturbance.esc_frame_s")
+        own = [f"thrust.{motor}.{c}" for c in ("scale", "exponent")]
+        lags = [f"spool.{motor}.{c}" for c in ("up_s", "down_s")]
+        pulses = tuple(_overriding(effects, "pulse_us"))
+        key = (*(constants[n] for n in (*names, *own, *lags)), _key(pulses))
+
+        def compute() -> FloatArray:
+            pulse_us = self._remembered(
+                f"pulses.{motor}",
+                (*key[:3], _key(pulses)),
+                lambda: self._pulses(motor, constants, pulses),
+            )
+            curve = getattr(self._rig.thrust, motor)
+            table = np.array(curve.thrust_n)
+            moved = moved_thrust(table, constants[own[0]], constants[own[1]], self._weight_n)
+            target = np.sqrt(np.interp(pulse_us, curve.pulse_us, moved))
+            return np.asarray(spooled_thrust(target, constants[lags[0]], constants[lags[1]], DT_S))
+
+        return self._remembered(f"motor.{motor}", key, compute)
+
+    def _pulses(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
+        """Mean pulse [µs] that the ESC acted on in each step.
+
+        Where the log tells the frames of another period than the rig file's, a period on the way
+        from the one to the other is a mixture, so that its likelihood is smooth.
+        """
+        stated_s = self._rig.disturbance.esc_frame_s
+        longer_s = constants["disturbance.esc_frame_s"] - stated_s
+        reported_s = self._flight.reported_frame_s
+        if reported_s is None:
+            return self._taken(motor, constants, effects, self._flight.frame_s, longer_s)
+        stated = self._taken(motor, constants, effects, self._flight.frame_s, 0.0)
+        if longer_s == 0.0:
+            return stated
+        reported = self._taken(motor, constants, effects, reported_s, 0.0)
+        return stated + longer_s / (period_s(reported_s) - stated_s) * (reported - stated)
+
+    def _taken(
+        self,
+        motor: str,
+        constants: Constants,
+        effects: Active,
+        frame_s: FloatArray,
+        longer_s: float,
+    ) -> FloatArray:
+        """The same with the servo frames at `frame_s`, each up to `longer_s` longer."""
+        line: Line = getattr(self._flight, motor)
+        share = (np.arange(_PULSES_AVERAGED) + 0.5) / _PULSES_AVERAGED
+        back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
+        asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
+        pulse = line.at(asked_s).mean(axis=1)
+        for effect, values in effects:
+            pulse = effect.pulses_us(values, pulse, motor, self._rig.limits.pulse_us[0])
+        area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
+        at_edges = np.interp(self._edges, frame_s, area)
+        mean = np.diff(at_edges) / DT_S
+        outside = (self._edges[1:] > frame_s[-1]) | (self._edges[:-1] < frame_s[0])
+        mean[outside] = self._rig.limits.pulse_us[0]
+        return np.asarray(mean)
+
+    def _wake(
+        self, constants: Constants, effects: Active, source_n: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Vertical air speed [m/s] at the nominal height and its slope [1/s], (N,) each."""
+        # The air's speed is linear in the strength, which therefore needs no new sum over puffs.
+        names = [n for n in constants if n.startswith("wake.") and n != "wake.strength"]
+        moving = tuple(_overriding(effects, "wake_offset_m"))
+        carriage_m = self._carriage_m(effects)
+        key = (id(source_n), *(constants[n] for n in names), id(carriage_m), _key(moving))
+
+        def compute() -> tuple[FloatArray, FloatArray]:
+            offset = np.zeros(len(source_n))
+            motion = _with(self._still, source_n=source_n)
+            for effect, values in moving:
+                offset = offset + effect.wake_offset_m(values, motion, self._setting)
+            return self._jet(constants, source_n, carriage_m - offset)
+
+        air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
+        strength = constants["wake.strength"]
+        wake, _ = self._remembered(
+            "wake", (id(air), strength), lambda: ((strength * air[0], strength * air[1]), air)
+        )
+        return wake
+
+    def _carriage_m(self, effects: Active) -> FloatArray:
+        """Where the carriage is [m] when its steps say `x_m`."""
+        trailing = tuple(_overriding(effects, "carriage_m"))
+
+        def compute() -> FloatArray:
+            carriage_m = self._flight.x_m
+            for effect, values in trailing:
+                carriage_m = effect.carriages_m(values, carriage_m)
+            return carriage_m
+
+        return self._remembered("carriage", _key(trailing), compute)
+
+    def _jet(
+        self, constants: Constants, source_n: FloatArray, x_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        air = self._air
+        count = (air.stop - air.start) // 2
+        root = np.sqrt(np.maximum(source_n[air.start : air.start + 2 * count], 0.0))
+        root = root.reshape(count, 2).mean(axis=1)
+        root /= math.sqrt(self._rig.wake.reference_thrust_n)
+        ends = air.start + 2 * np.arange(1, count + 1) - 1
+        above = self._flight.nominal[0, ends] - self._rig.source.height_m
+        slowest = constants["wake.speed_mps"]
+        if constants["wake.speed_exponent"] != 0.0:
+            slowest *= 0.5
+        reach_m = self._rig.source.height_m + 6.0 * 0.35
+        puffs = int(reach_m / slowest / _JET_DT_S) + 2
+        velocity, slope = jet_along(
+            root,
+            x_m[ends],
+            above,
+            _JET_DT_S,
+            constants["wake.speed_mps"],
+            constants["wake.speed_exponent"],
+            constants["wake.diffusivity_m2ps"],
+            constants["wake.decay_per_s"],
+            1.0,
+            constants["wake.width_m"],
+            min(puffs, count),
+        )
+        # Evaluated at the ends of pairs of steps, wanted at the middle of each step.
+        at = np.arange(len(source_n)) + 0.5
+        return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
+
+    def _summed(
+        self,
+        constants: Constants,
+        effects: Active,
+        source_n: FloatArray,
+        sufferer_n: FloatArray,
+        charge_s: FloatArray,
+        wake: tuple[FloatArray, FloatArray],
+    ) -> Forces:
+        nominal = self._flight.nominal
+        motion = _with(
+            self._still,
+            z_m=nominal[0],
+            vz_mps=nominal[1],
+            source_n=source_n,
+            source_rate_nps=np.append(0.0, np.diff(source_n) / DT_S),
+            sufferer_n=sufferer_n,
+            charge_s=charge_s,
+        )
+        rail = tuple(
+            constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
+        )
+        acting = tuple(
+            e for e in effects if e[0].changes("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
+        )
+        key = (id(source_n), id(sufferer_n), id(wake[0]), rail)
+
+        def compute() -> _Sum:
+            at = _Motions(self._setting, motion, wake, self._rig.wake.drag_area_m2)
+            middle = at.acceleration(constants, acting, 0.0, 0.0)
+            higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
+            faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
+            slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
+            slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
+            return _Sum(np.stack([middle[0], *slopes]), *middle[1:], (source_n, sufferer_n, wake))
+
+        found = self._remembered("sum", (*key, _key(acting)), compute)
+        return Forces(
+            source_n,
+            found.sufferer_n,
+            found.wake_mps,
+            found.wake_n,
+            found.inertia_kg,
+            found.acceleration,
+            *self._reading(constants, effects, motion),
+        )
+
+    def _reading(
+        self, constants: Constants, effects: Active, motion: Motion
+    ) -> tuple[FloatArray, FloatArray, Held]:
+        flight = self._flight
+        hold_s = next((v["hold_s"] for e, v in effects if e.name == "sample-and-hold"), 0.0)
+        pattern = self._remembered(
+            "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s, self._chance)
+        )
+        # Ages are means over what is possible: a reading may seem older than the one before it.
+        made_s = np.maximum.accumulate(flight.sample_s - pattern.age_s)
+        taken_s = made_s - constants["range.delay_s"]
+        z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
+        reading = tuple(_overriding(effects, "range_m"))
+        expected = []
+        for dz in (0.0, _DZ_M):
+            at = _with(motion, time_s=taken_s - flight.take_off_s, z_m=z + dz)
+            value = constants["range.scale"] * (z + dz) + constants["range.bias_m"]
+            for effect, values in reading:
+                value = np.asarray(effect.range_m(values, value, at, self._setting))
+            expected.append(value)
+        slope = (expected[1] - expected[0]) / _DZ_M
+        return taken_s, np.stack([expected[0], slope]), pattern
+
+    def at_rest(self, constants: Constants, effects: Active) -> FloatArray:
+        """The readings (r,) expected at rest on the stop, before and after the flight."""
+        time_s = np.maximum(self._flight.rest[:, 2] - self._flight.take_off_s, 0.0)
+        value = np.full(len(time_s), constants["range.bias_m"])
+        still = Motion(time_s=time_s)
+        for effect, values in _overriding(effects, "range_m"):
+            value = np.asarray(effect.range_m(values, value, still, self._setting))
+        return value
+
+    def _remembered(self, stage: str, key: Hashable, compute: Callable[[], Result]) -> Result:
+        kept = self._kept.setdefault(stage, OrderedDict())
+        if key in kept:
+            kept.move_to_end(key)
+            return kept[key]  # type: ignore[return-value]
+        result = compute()
+        kept[key] = result
+        if len(kept) > _KEPT:
+            kept.popitem(last=False)
+        return result
+
+
+class _Sum(NamedTuple):
+    """Everything that acts on the sufferer, and what it was made of: ids of that are the key."""
+
+    acceleration: FloatArray
+    sufferer_n: FloatArray
+    wake_mps: FloatArray
+    wake_n: FloatArray
+    inertia_kg: FloatArray
+    made_of: object
+
+
+@dataclass(frozen=True, eq=False)
+class _Motions:
+    """Forces at motions near the nominal one."""
+
+    setting: Setting
+    nominal: Motion
+    wake: tuple[FloatArray, FloatArray]
+    drag_area_m2: float
+
+    def acceleration(
+        self, constants: Constants, effects: Active, dz_m: float, dv_mps: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Acceleration [m/s²], the sufferer's thrust, the wake's speed and force, the inertia."""
+        air = self.wake[0] + self.wake[1] * dz_m
+        m = _with(
+            self.nominal,
+            z_m=self.nominal.z_m + dz_m,
+            vz_mps=self.nominal.vz_mps + dv_mps,
+            wake_mps=air,
+        )
+        for effect, values in _overriding(effects, "wake_mps"):
+            m = _with(m, wake_mps=effect.wake_mps(values, m, self.setting))
+        wake_n = 0.5 * AIR_DENSITY_KGPM3 * self.drag_area_m2 * m.wake_mps * np.abs(m.wake_mps)
+        m = _with(m, wake_n=wake_n)
+        for effect, values in _overriding(effects, "sufferer_n"):
+            m = _with(m, sufferer_n=effect.sufferer_n(values, m, self.setting))
+        extra = np.zeros(len(wake_n))
+        for effect, values in _overriding(effects, "force_n"):
+            extra = extra + effect.force_n(values, m, self.setting)
+        inertia = np.full(len(wake_n), self.setting.mass_kg)
+        for effect, values in _overriding(effects, "added_mass_kg"):
+            inertia = inertia + effect.added_mass_kg(values, m, self.setting)
+        driving = np.asarray(m.sufferer_n + wake_n + extra - self.setting.weight_n)
+        total = driving - rail_friction(
+            np.asarray(m.vz_mps),
+            driving,
+            constants["rail.coulomb_n"],
+            constants["rail.viscous_n_per_mps"],
+            constants["rail.stiction_n"],
+            _SLIDING_MPS,
+            _RESTING_MPS,
+        )
+        return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
+
+
+def _direction(vx_mps: FloatArray) -> FloatArray:
+    """The sign of the last motion, held while at rest; 0 before the first."""
+    moving = np.abs(vx_mps) > 0.005
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(vx_mps)), -1))
+    return np.where(last >= 0, np.sign(vx_mps[np.maximum(last, 0)]), 0.0)
+
+
+def _overriding(effects: Active, method: str) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
+    return tuple(entry for entry in effects if entry[0].changes(method))
+
+
+def _key(effects: Active) -> Hashable:
+    return tuple((effect.name, *values.values()) for effect, values in effects)
+
+
+def _with(motion: Motion, **changed: Any) -> Motion:
+    return Motion(**(vars(motion) | changed))

@@ -1,0 +1,337 @@
+"""How likely the flights of a gantry are under a hypothesis: a rig file plus effects.
+
+In: a rig, flights, the names of effects. Out: innovations of the range sensor, one per sample, from
+a Kalman filter whose known forces come from the logged commands: under feedback a missing force
+hides in the command, and there it is in the prediction. Noise (white acceleration, turbulence that
+scales with the wake's force, range noise that may grow with height) and calibration (the rig
+file's spreads as priors) are free in every hypothesis, the base one included.
+
+Everything but the filter is a sum along the flight, linear around the smoothed motion.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wakedeploy.core.rig import Rig
+from wakedeploy.gap.evidence.inference import Fit, Free, Hypothesis, Score
+from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
+from wakedeploy.gap.systems.gantry.forces import Forces, Physics
+from wakedeploy.gap.systems.gantry.parameters import HOLD, Layout, own_effects
+from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, likely_periods_s
+from wakedeploy.gap.systems.gantry.servo_frames import period_s
+from wakedeploy.physics.constants import Constants
+from wakedeploy.physics.effects import LIBRARY, Effect
+from wakedeploy.physics.series import filtered, smoothed
+
+_FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
+_NO_HORIZON = np.zeros(0, np.int64)
+_SHARE = 0.5  # of the way to a new motion, in one turn
+_STILL_MPS = 2e-4  # root mean square; the speed itself is known to some 20 times as much
+_MOST_MOTIONS = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Forecasts:
+    """Heights forecast from each counted sample, arrays (h, n); NaN where the flight ends before.
+
+    Forecasts are for the steps of the grid, `then_s`. `measured_m` is the reading then,
+    `forecast_m` what was expected of it and `variance_m2` how uncertain that was, noise of the
+    reading included.
+    """
+
+    horizon_s: FloatArray  # (h,) from the step in which the sample was taken
+    at_s: FloatArray  # (n,) time of the sample it was forecast from
+    then_s: FloatArray
+    measured_m: FloatArray
+    forecast_m: FloatArray
+    variance_m2: FloatArray
+
+
+class GantryModel:
+    """The likelihood of flights under effects on top of a rig file; a `Model` of `inference`.
+
+    `extra` are further effects by name, as a search for a symbolic expression tries them.
+    """
+
+    def __init__(
+        self, rig: Rig, flights: Sequence[Flight], extra: Mapping[str, Effect] | None = None
+    ) -> None:
+        self.rig, self.flights = rig, tuple(flights)
+        self.extra: Mapping[str, Effect] = extra if extra is not None else {}
+        self._physics = [Physics(rig, flight) for flight in self.flights]
+        self._layouts: dict[Hypothesis, Layout] = {}
+        self._own = own_effects(rig)
+        self._held_s: tuple[float, ...] | None = None
+
+    @property
+    def episodes(self) -> int:
+        """How many flights there are."""
+        return len(self.flights)
+
+    def effect(self, name: str) -> Effect:
+        """An effect of the library or of the extra ones; KeyError for neither."""
+        return self.extra[name] if name in self.extra else LIBRARY[name]
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, calibration, then the parameters of the rig's own effects and of the named."""
+        return self._layout(hypothesis).free
+
+    def start(self, hypothesis: Hypothesis) -> FloatArray:
+        """Where a first fit begins: neutral, but with loud noise, so that nothing is an outlier."""
+        return np.array([f.neutral if f.first is None else f.first for f in self.free(hypothesis)])
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One flight: a score per airborne sample and one per rest on the stop."""
+        layout, flight = self._layout(hypothesis), self.flights[episode]
+        constants, effects = layout.read(theta)
+        forces = self._physics[episode].forces(constants, effects)
+        samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
+        e, v, density, weight = samples[:, flight.counted]
+        density, weight = _with_repeats(density, weight, flight, forces.held)
+        rest_e = flight.rest[:, 0] - self._physics[episode].at_rest(constants, effects)
+        # Of a mean that is only known to lie below the sensor's zero, more would be missed.
+        rest_e = np.where(flight.rest[:, 3] > 0.0, np.minimum(rest_e, 0.0), rest_e)
+        rest_v = flight.rest[:, 1]
+        rest_density = -0.5 * (rest_e**2 / rest_v + np.log(2.0 * math.pi * rest_v))
+        repeat_e, repeat_v = _repeats(flight, forces.held, _chance(self.rig))
+        return Score(
+            np.concatenate([density, rest_density, [0.0]]),
+            np.concatenate([e, rest_e, repeat_e]),
+            np.concatenate([np.maximum(v, 1e-12), rest_v, repeat_v]),
+            np.concatenate([weight, np.ones(len(rest_e) + 1)]),
+        )
+
+    def forces(self, fitted: Fit, episode: int) -> Forces:
+        """Every force along one flight under a fit."""
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        return self._physics[episode].forces(constants, effects)
+
+    def forecasts(self, fitted: Fit, episode: int, horizons_s: Sequence[float]) -> Forecasts:
+        """Open-loop replay: from each filtered state, the commands tell what comes.
+
+        Forces are linear around the flight's motion, which all its readings smoothed: what depends
+        on the motion with a corner, friction's sign, is known ahead a little too well.
+        """
+        flight = self.flights[episode]
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        forces = self._physics[episode].forces(constants, effects)
+        steps = np.array([round(h / DT_S) for h in horizons_s], np.int64)
+        _, ahead, _, _ = self._filter(flight, forces, constants, fitted.theta, steps, False)
+        noise = _reading_noise(flight, fitted.theta, self.rig)
+        return _compared(flight, forces, steps, ahead, noise)
+
+    def around_own_motion(self, fitted: Fit) -> "GantryModel":
+        """The same flights around the motion on which a fit's forces and all samples agree.
+
+        The forces depend on the motion, friction's on its very sign: from the present motion both
+        take turns, flight by flight, until the speed stays where it is. Half-way each time, or
+        friction's corners would throw it to and fro. Nothing is fitted.
+        """
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        flights = []
+        for flight, known in zip(self.flights, self._physics, strict=True):
+            physics, airborne = known, _airborne(flight)
+            for _ in range(_MOST_MOTIONS):
+                forces = physics.forces(constants, effects)
+                change = self._smooth(flight, forces, constants, fitted.theta) - flight.nominal
+                flight = replace(flight, nominal=flight.nominal + _SHARE * change)
+                if float(np.sqrt(np.mean(change[1, airborne] ** 2))) < _STILL_MPS:
+                    break
+                physics = Physics(self.rig, flight)
+            flights.append(flight)
+        moved = GantryModel(self.rig, flights, self.extra)
+        moved._held_s = self._held_s  # the samples are the same
+        return moved
+
+    def only(self, episodes: Sequence[int]) -> "GantryModel":
+        """The model of some of the flights."""
+        return GantryModel(self.rig, [self.flights[i] for i in episodes], self.extra)
+
+    def _layout(self, hypothesis: Hypothesis) -> "Layout":
+        if hypothesis not in self._layouts:
+            named = [self.effect(name) for name in hypothesis]
+            is_held = HOLD.partition(".")[0] in hypothesis
+            held_s = self._likely_holds_s() if is_held else ()
+            frames_s = self._reported_frames_s()
+            self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s, frames_s)
+        return self._layouts[hypothesis]
+
+    def _reported_frames_s(self) -> tuple[float, ...]:
+        """The servo frame that logs tell where it is not the rig file's, the middle one of them."""
+        reported = [f.reported_frame_s for f in self.flights]
+        told = [period_s(frames_s) for frames_s in reported if frames_s is not None]
+        return (float(np.median(told)),) if told else ()
+
+    def _likely_holds_s(self) -> tuple[float, ...]:
+        """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""
+        if self._held_s is None:
+            flown = [(f.sample_s[f.counted], f.repeated[f.counted]) for f in self.flights]
+            self._held_s = likely_periods_s(flown, _chance(self.rig))
+        return self._held_s
+
+    def _filter(
+        self,
+        flight: Flight,
+        forces: Forces,
+        constants: Constants,
+        theta: FloatArray,
+        horizons: np.typing.NDArray[np.int64],
+        remember: bool,
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        gain, keep, white = _disturbance(forces, theta)
+        step_of, into_s = placed(flight.grid_s, forces.taken_s)
+        return filtered(  # type: ignore[no-any-return]
+            DT_S,
+            flight.start,
+            flight.stop,
+            flight.nominal,
+            forces.acceleration,
+            gain,
+            keep,
+            white,
+            step_of,
+            into_s,
+            flight.reading_m,
+            forces.expected,
+            _reading_noise(flight, theta, self.rig, forces),
+            OUTLIER,
+            horizons,
+            remember,
+        )
+
+    def _smooth(
+        self, flight: Flight, forces: Forces, constants: Constants, theta: FloatArray
+    ) -> FloatArray:
+        _, _, states, covariances = self._filter(
+            flight, forces, constants, theta, _NO_HORIZON, True
+        )
+        gain, keep, white = _disturbance(forces, theta)
+        path = smoothed(
+            DT_S,
+            flight.start,
+            flight.stop,
+            states,
+            covariances,
+            flight.nominal,
+            forces.acceleration,
+            gain,
+            keep,
+            white,
+        )
+        motion = flight.nominal.copy()
+        for a, b in zip(flight.start, flight.stop, strict=True):
+            motion[:, a:b] = path[:2, a:b]
+        return motion
+
+
+def _airborne(flight: Flight) -> np.typing.NDArray[np.bool_]:
+    """The grid's steps at which the flight is in the air, (n,)."""
+    inside = np.zeros(flight.nominal.shape[1], bool)
+    for a, b in zip(flight.start, flight.stop, strict=True):
+        inside[a:b] = True
+    return inside
+
+
+def _disturbance(forces: Forces, theta: FloatArray) -> tuple[FloatArray, float, float]:
+    """Acceleration per unit of the coloured disturbance (N,), its persistence, white intensity."""
+    turbulence = math.exp(theta[1]) * np.abs(forces.wake_n) / forces.inertia_kg
+    gain = np.asarray(np.hypot(turbulence, _FAINTEST))
+    return gain, math.exp(-DT_S / math.exp(theta[2])), math.exp(2.0 * theta[0])
+
+
+def _reading_noise(
+    flight: Flight, theta: FloatArray, rig: Rig, forces: Forces | None = None
+) -> FloatArray:
+    """Variance [m²] of each reading (n,): the sensor's, and of what is held, its unknown age's.
+
+    A repeated reading says little where readings are held. Without `forces`, the sensor's alone.
+    """
+    deviation = np.maximum(math.exp(theta[3]) + theta[4] * flight.reading_m, 2e-4)
+    variance = deviation**2 + rig.range_sensor.resolution_m**2 / 12.0
+    if forces is None or not forces.held.age_s.any():
+        return np.asarray(variance)
+    speed = np.interp(forces.taken_s, flight.grid_s, flight.nominal[1])
+    variance = variance + forces.held.age_variance_s2 * speed**2
+    share = forces.held.probability
+    fresh = (1.0 - share) * _chance(rig)
+    return np.asarray(np.where(flight.repeated, variance * (share + fresh) / fresh, variance))
+
+
+def _chance(rig: Rig) -> float:
+    return chance_of_equals(rig.range_sensor.resolution_m, rig.range_sensor.noise_m)
+
+
+def _with_repeats(
+    density: FloatArray, weight: FloatArray, flight: Flight, held: Held
+) -> tuple[FloatArray, FloatArray]:
+    """Log densities where a reading may be the one before, held: a mixture of the two.
+
+    Weights are the probability that a reading is fresh, and no outlier.
+    """
+    if not held.age_s.any():
+        return density, weight
+    share = held.probability[flight.counted]
+    repeated = flight.repeated[flight.counted]
+    fresh = np.log1p(-share) + density
+    stale = np.log(np.maximum(share, 1e-300) / flight.resolution_m)
+    mixed = np.where(repeated, np.logaddexp(fresh, stale), fresh)
+    return mixed, weight * np.where(repeated, np.exp(fresh - mixed), 1.0)
+
+
+def _repeats(flight: Flight, held: Held, chance: float) -> tuple[FloatArray, FloatArray]:
+    """How many repeats there are beyond expectation, and its variance.
+
+    Their likelihood is in the samples' densities; this carries its slope to the fit.
+    """
+    share, repeated = held.probability[flight.counted], flight.repeated[flight.counted]
+    expected = float(np.mean(share + (1.0 - share) * chance))
+    excess = float(repeated.mean()) - expected
+    return np.array([excess]), np.array([expected * (1.0 - expected) / len(repeated)])
+
+
+def _nearest(times_s: FloatArray, wanted_s: FloatArray) -> np.typing.NDArray[np.int64]:
+    """Indices of the times nearest to the wanted ones (m,); a held reading's are not in order."""
+    order = np.argsort(times_s, kind="stable")
+    ordered = times_s[order]
+    after = np.clip(np.searchsorted(ordered, wanted_s), 1, max(len(ordered) - 1, 1))
+    after = np.minimum(after, len(ordered) - 1)
+    before = np.maximum(after - 1, 0)
+    earlier = wanted_s - ordered[before] <= ordered[after] - wanted_s
+    return np.asarray(order[np.where(earlier, before, after)])
+
+
+def _compared(
+    flight: Flight,
+    forces: Forces,
+    steps: np.typing.NDArray[np.int64],
+    ahead: FloatArray,
+    noise: FloatArray,
+) -> Forecasts:
+    """Forecast heights beside the readings that came then, interpolated between samples."""
+    counted = flight.counted
+    step_of, _ = placed(flight.grid_s, forces.taken_s)
+    # The reading is expected at the nominal height at the sample's own time, not at its step's.
+    nominal_m = np.interp(forces.taken_s, flight.grid_s, flight.nominal[0])
+    slope = forces.expected[1]
+    offset = forces.expected[0] - slope * nominal_m
+    times, measured, forecast, variance = [], [], [], []
+    for h, count in enumerate(steps):
+        then = np.minimum(step_of + count, len(flight.grid_s) - 1)
+        then_s = flight.grid_s[then]
+        nearest = _nearest(forces.taken_s, then_s)
+        moved_m = flight.nominal[1, then] * (forces.taken_s[nearest] - then_s)
+        times.append(then_s[counted])
+        measured.append((flight.reading_m[nearest] - slope * moved_m)[counted])
+        forecast.append((slope * ahead[2 * h] + offset)[counted])
+        variance.append((slope**2 * ahead[2 * h + 1] + noise)[counted])
+    return Forecasts(
+        np.asarray(steps * DT_S, float),
+        flight.sample_s[counted],
+        np.array(times),
+        np.array(measured),
+        np.array(forecast),
+        np.array(variance),
+    )

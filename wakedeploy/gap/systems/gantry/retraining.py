@@ -1,0 +1,288 @@
+"""What the corrected rig is worth to a predictor: trained on the old and on the new simulation.
+
+In: a rig and the corrected one, measured logs. Out: two packages, their errors on the measured
+flights, and how well each pair of rig and package flies a plant that still hides the effect.
+"""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy.stats import t as student
+
+from runtime.predictor import PackagePredictor
+from runtime.replay import rolled_out
+from wakedeploy.core.episodes import Episode
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.package import Package, read_package
+from wakedeploy.core.processes import one_thread, pool
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.runlog import RunLog, read_run_log
+from wakedeploy.domains.gantry import make_set, record
+from wakedeploy.domains.gantry_measured import measured_stretches
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.rig.file import parse_rig
+
+FloatArray = npt.NDArray[np.float64]
+Flown = Mapping[str, Sequence[Episode]]  # airborne stretches by flight
+
+ARCH = "history-mlp"  # of those with a memory, the one that is trained the fastest
+MINUTES = 8.0
+EPOCHS = 25
+LEVEL = 0.9
+FLIGHT_S = 20.0
+
+
+@dataclass(frozen=True)
+class Pilot:
+    """What flies: the rig that estimator and controller believe, and a package or PID alone."""
+
+    rig: Rig
+    package: Path | None = None
+
+
+def retrain(
+    old: Rig,
+    new: Rig,
+    measured: Sequence[RunLog | Path],
+    out: Path,
+    *,
+    minutes: float = MINUTES,
+    seed: int = 0,
+    arch: str = ARCH,
+    epochs: int = EPOCHS,
+    workers: int = 2,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
+    """Train the same small predictor on both rigs' simulations; score both on measured flights.
+
+    Give flights that took no part in finding what the corrected rig has, where there are some.
+
+    Both see `minutes` of the same commands and seeds, and each predicts the force at its own rig's
+    lead. They are packages `old.onnx` and `new.onnx` in `out`. The result is `show.json`'s
+    `retrain`: root-mean-square errors [N], their 90 % intervals over flights (None for one flight),
+    the `ratio` of the new error to the old, flights paired; `label_sd`, the error that the measured
+    force itself has, and `measured_rms`, its size; `scored_on`, the flights' names.
+
+    The force is measured from the logs with the *corrected* rig for both predictors, since the
+    thrust's lag has to be taken off to see it. A wrong name would favour its own predictor there,
+    so `by_old_label` tells the same errors on the force as the *old* rig measures it. A predictor
+    learns the drag of the wake alone: an effect that cuts thrust, or adds another force, is in the
+    measured force but not in either simulation's label, and raises both errors.
+
+    Raises UnusableInput without logs, without a flight long enough, or for an unknown `arch`.
+    """
+    from trainers.build import hyper_parameters
+
+    hyper_parameters(arch, {})  # refuses an unknown architecture before anything is simulated
+    if not measured:
+        raise UnusableInput("Retraining is judged on measured flights; give at least one log.")
+    progress("measuring the force in the flights")
+    logs = {f"flight{i}": _opened(log) for i, log in enumerate(measured)}
+    truth, by_old = measured_stretches(logs, new), measured_stretches(logs, old)
+    if not any(truth.values()):
+        raise UnusableInput("In none of the measured flights the sufferer is in the air.")
+    rigs = {"old": old, "new": new}
+    jobs = [_Job(r.text, minutes, seed, arch, epochs, out, name) for name, r in rigs.items()]
+    stage = f"training {arch} on {minutes:g} min of either simulation"
+    progress(stage)
+    packages = _in_processes(jobs, workers, functools.partial(progress, stage))
+    predictors = {name: read_package(path) for name, path in packages.items()}
+    return {
+        "unit": "N",
+        **_scores(predictors, truth),
+        "by_old_label": _scores(predictors, by_old),
+        "scored_on": [
+            str(log) if isinstance(log, Path) else n for n, log in zip(logs, measured, strict=True)
+        ],
+        "label_sd": _rms(truth, "sd"),
+        "measured_rms": _rms(truth, "force"),
+        "arch": arch,
+        "minutes": minutes,
+        "lead_s": {name: rig.default_lead_s for name, rig in rigs.items()},
+        "packages": {name: str(path) for name, path in packages.items()},
+    }
+
+
+def fly_both(
+    world: Rig,
+    before: Pilot,
+    after: Pilot,
+    seeds: Sequence[int],
+    *,
+    seconds: float = FLIGHT_S,
+    workers: int = 2,
+    steps: Steps = uncounted,
+) -> dict[str, Any]:
+    """Height error of either pilot on the plant `world`, which still hides the effect.
+
+    Both fly the same references and noise, with their packages and with PID alone. Returns
+    `{"unit": "mm", "seconds", "seeds", "pid": {"before", "after"}, "feedforward": {…}}`, each with
+    `rmse` (mean over flights, None when a failsafe ended one), its 90 % interval `low`, `high`
+    (None for one flight), and the flights' own errors `per_flight`.
+    """
+    pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
+    jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
+    with pool(workers) as several:
+        errors = []
+        for error in several.map(_tracking_mm, jobs):
+            errors.append(error)
+            steps(len(errors), len(jobs))
+    rows = [_tracking(errors[i * len(seeds) : (i + 1) * len(seeds)]) for i in range(len(pilots))]
+    return {
+        "unit": "mm",
+        "seconds": seconds,
+        "seeds": list(seeds),
+        "pid": {"before": rows[0], "after": rows[1]},
+        "feedforward": {"before": rows[2], "after": rows[3]},
+    }
+
+
+@dataclass(frozen=True)
+class _Job:
+    """One training: everything that its process needs."""
+
+    rig_text: str
+    minutes: float
+    seed: int
+    arch: str
+    epochs: int
+    out: Path
+    name: str
+
+
+def _in_processes(jobs: Sequence[_Job], workers: int, steps: Steps) -> dict[str, Path]:
+    """Train side by side, a fresh process with one thread each: models this small gain from none.
+
+    The number of threads is read when torch is imported, which a forked process may have behind it.
+    """
+    with pool(min(max(workers, 1), len(jobs)), fresh=True, begin=one_thread) as several:
+        packages = {}
+        for job, package in zip(jobs, several.map(_trained, jobs), strict=True):
+            packages[job.name] = package
+            steps(len(packages), len(jobs))
+        return packages
+
+
+def _trained(job: _Job) -> Path:
+    """Simulate, train, export; the package's path."""
+    from export.packaging import export_run
+    from trainers.training.trainer import configure, settings_for, train
+
+    rig = parse_rig(job.rig_text)
+    data = make_set(rig, minutes=job.minutes, seed=job.seed, workers=1)
+    settings = settings_for(job.arch, epochs=job.epochs)
+    config = configure(data, job.arch, seed=job.seed, lead_s=rig.default_lead_s, settings=settings)
+    run = train(config, data, job.out / f"runs-{job.name}", fresh=True)
+    path = job.out / f"{job.name}.onnx"
+    export_run(run, data, path)
+    return path
+
+
+def _opened(log: RunLog | Path) -> RunLog:
+    return log if isinstance(log, RunLog) else read_run_log(log)
+
+
+def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
+    """`<name>_rmse` with its interval for each package, and the ratio of the last to the first."""
+    told: dict[str, Any] = {}
+    sums = {
+        name: np.array([_squares(package, episodes) for episodes in flights.values()])
+        for name, package in packages.items()
+    }  # (k, 2) each
+    scored = np.all([each[:, 1] > 0.0 for each in sums.values()], axis=0)  # (k,)
+    if not scored.any():
+        raise UnusableInput(
+            "No measured flight is longer than the predictor's memory and lead; fly 8 s or more."
+        )
+    for name, each in sums.items():
+        told[f"{name}_rmse"], told[f"{name}_rmse_interval"] = rms_over_flights(each[scored])
+    old, new = (each[scored] for each in sums.values())
+    told["ratio"], told["ratio_interval"] = rms_ratio(old, new)
+    return told | {"flights": int(scored.sum())}
+
+
+def rms_over_flights(sums: FloatArray) -> tuple[float, list[float] | None]:
+    """Root mean square from each flight's sum of squares and count (k, 2), and its 90 % interval.
+
+    Flights are the clusters of a ratio estimate; its logarithm is taken as t distributed with
+    k − 1 degrees of freedom. One flight has no interval.
+    """
+    value, influence = _log_rms(sums)
+    return math.exp(value), _interval(value, influence)
+
+
+def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, list[float] | None]:
+    """Root mean square of `new` over that of `old`, (k, 2) each, flights paired, and its interval.
+
+    What makes a flight hard for both, such as a rough wake, does not widen it.
+    """
+    (first, of_first), (second, of_second) = _log_rms(old), _log_rms(new)
+    return math.exp(second - first), _interval(second - first, of_second - of_first)
+
+
+def _log_rms(sums: FloatArray) -> tuple[float, FloatArray]:
+    """Logarithm of the root mean square, and by how much each flight moves it (k,)."""
+    squares, counts = sums.T
+    mean = max(float(squares.sum() / counts.sum()), 1e-30)
+    influence = (squares - mean * counts) / (2.0 * mean * counts.sum())
+    return 0.5 * math.log(mean), np.asarray(influence)
+
+
+def _interval(value: float, influence: FloatArray) -> list[float] | None:
+    k = len(influence)
+    if k < 2:
+        return None
+    spread = math.sqrt(k / (k - 1) * float(np.square(influence).sum()))
+    reach = float(student.ppf(0.5 + LEVEL / 2.0, k - 1)) * spread
+    return [math.exp(value - reach), math.exp(value + reach)]
+
+
+def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, float]:
+    """Sum of squared errors [N²] and number of ticks, once the memory is full."""
+    from trainers.training.targets import shift_ahead
+
+    predictor, total, count = PackagePredictor(package), 0.0, 0
+    for episode in episodes:
+        target = shift_ahead(episode.force, predictor.lead_s, LOOP_RATE_HZ)
+        warm = max(predictor.warm_up_steps - 1, 0)
+        if len(target) <= warm:
+            continue
+        told = rolled_out(predictor, episode.observation[: len(target)])
+        error = (told - target)[warm:].astype(np.float64)
+        total, count = total + float(np.square(error).sum()), count + len(error)
+    return total, float(count)
+
+
+def _rms(flights: Flown, of: str) -> float:
+    """Root mean square [N] of the measured force or of its standard deviation."""
+    episodes = [episode for own in flights.values() for episode in own]
+    parts = [e.force if of == "force" else e.extras["force_sd_n"] for e in episodes]
+    return float(np.sqrt(np.mean(np.square(np.concatenate(parts)))))
+
+
+def _tracking_mm(job: tuple[Rig, Pilot, int, float]) -> float | None:
+    """One flight's error [mm]; None when a failsafe ended it."""
+    world, pilot, seed, seconds = job
+    log = record(world, seconds=seconds, seed=seed, package=pilot.package, model_rig=pilot.rig)
+    if (log["mode"] == "FAILSAFE").any():
+        return None
+    return 1e3 * log.tracking_rmse_m("true_z_m")
+
+
+def _tracking(errors: Sequence[float | None]) -> dict[str, Any]:
+    known = [error for error in errors if error is not None]
+    row: dict[str, Any] = {"rmse": None, "low": None, "high": None, "per_flight": list(errors)}
+    if not known or len(known) < len(errors):
+        return row
+    row["rmse"] = float(np.mean(known))
+    if len(known) > 1:
+        quantile = float(student.ppf(0.5 + LEVEL / 2.0, len(known) - 1))
+        half = quantile * float(np.std(known, ddof=1)) / math.sqrt(len(known))
+        row |= {"low": row["rmse"] - half, "high": row["rmse"] + half}
+    return row

@@ -1,0 +1,59 @@
+"""Rig files: `rig.toml`, read and checked here and nowhere else.
+
+In: a TOML file. Out: a `Rig`, whose effects the library has, with values within its bounds.
+"""
+
+import importlib.resources
+from pathlib import Path
+
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import text_of, toml_of
+from wakedeploy.core.rig import Rig, rig_from_tables
+from wakedeploy.core.rig_units import EffectUnits
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import require_effects
+
+
+def read_rig(path: Path) -> Rig:
+    """Read and validate a rig file; UnusableInput names file, section, key, value and bound."""
+    return parse_rig(read_rig_text(path), str(path))
+
+
+def read_rig_text(path: Path) -> str:
+    """The text of a rig file as it is, comments included; UnusableInput where it cannot be read."""
+    try:
+        return text_of(path)
+    except (OSError, ValueError) as error:
+        raise UnusableInput(
+            f"{path}: cannot be read as a rig file ({one_line(error)}); give a text in UTF-8, such "
+            "as `wakedeploy rig init` writes."
+        ) from error
+
+
+def parse_rig(text: str, name: str = "rig.toml") -> Rig:
+    """Validate the text of a rig file; `name` stands in error messages."""
+    try:
+        raw = toml_of(text)
+    except ValueError as error:
+        raise UnusableInput(f"{name}: not valid TOML: {one_line(error)}.") from error
+    rig = rig_from_tables(raw, name, _effect_units())
+    try:
+        require_effects(rig)
+    except UnusableInput as error:
+        raise UnusableInput(f"{name}: {error}") from error
+    return rig
+
+
+def default_rig() -> Rig:
+    """The gantry described by the founding paper, its open constants estimated."""
+    return parse_rig(default_rig_text(), "default rig")
+
+
+def default_rig_text() -> str:
+    """The default rig file with its comments, to start a file of one's own from."""
+    return importlib.resources.files(__package__).joinpath("default_rig.toml").read_text("utf-8")
+
+
+def _effect_units() -> EffectUnits:
+    """The units of the parameters of the library's effects."""
+    return {name: {p.name: p.unit for p in one.parameters} for name, one in LIBRARY.items()}
