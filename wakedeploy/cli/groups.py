@@ -81,7 +81,7 @@ ELSEWHERE: Mapping[tuple[str, str], str] = {
     ("sweep", "--resume"): "A sweep that was stopped goes on by itself.",
 }
 _SAME = {"--batch-size": "--batch", "--bs": "--batch", "-b": "--batch", "--continue": "--resume"}
-COMMANDS: Mapping[str, str] = {
+MEANT_COMMANDS: Mapping[str, str] = {
     "convert": "export",
     "fit": "train",
     "fly": "run-gantry",
@@ -149,8 +149,8 @@ def _no_command(error: click.NoSuchCommand, ctx: click.Context) -> click.UsageEr
     group, given = ctx.command, error.command_name
     assert isinstance(group, click.Group)
     meant_here = near(given, group.list_commands(ctx))
-    if ctx.parent is None and given in COMMANDS:
-        meant_here = [COMMANDS[given]]
+    if ctx.parent is None and given in MEANT_COMMANDS:
+        meant_here = [MEANT_COMMANDS[given]]
     root = ctx.find_root()
     found = meant_here or [path for path in _paths(root) if meant(given, [path.split()[-1]])]
     if not found:

@@ -1,4 +1,4 @@
-"""The log of a gantry run: its columns, and the only place that reads and writes them.
+"""The log of a gantry run, read and written here alone; its columns are in `runlog_columns`.
 
 In and out: MCAP (one JSON message per tick, the schema inside the file) and CSV with the same
 column names. A missing value is NaN in memory, null in MCAP and an empty field in CSV.
