@@ -30,6 +30,16 @@ class Flight:
     ended: str
     rmse_m: float
 
+    @property
+    def log_name(self) -> str:
+        """The file of its recording, in the folder of them all."""
+        return log_name(self.controller, self.seed)
+
+
+def log_name(controller: str, seed: int) -> str:
+    """The file of a flight's recording, in the folder of them all."""
+    return f"{controller}-{seed:04d}.mcap"
+
 
 @dataclass(frozen=True)
 class Mean:
@@ -92,7 +102,7 @@ def _jobs(request: RunRequest, flights: int) -> list[tuple[str, RunRequest]]:
                 request,
                 seed=seed,
                 package=package,
-                log=folder / f"{controller}-{seed:04d}.mcap" if folder else None,
+                log=folder / log_name(controller, seed) if folder else None,
             ),
         )
         for seed in range(request.seed, request.seed + flights)

@@ -1,11 +1,55 @@
 """Small predictors of wake forces: simulated, trained, deployed, questioned when they are wrong.
 
-The ground that all parts share lies in `core`; `rig` reads rig files, `physics` has the models,
-`domains` the places where episodes come from, `gap` compares simulation and measurement, `study`
-and `sweep` run many trainings, `deploy` copies packages to the rig, `cli` is the command line.
-`trainers`, `export` and `runtime` stand beside this package.
+`import wakedeploy as wd` is the interface for scripts and notebooks; the command line is thin over
+the same functions. A name is loaded when it is first used, so that `import wakedeploy` and
+`wakedeploy --help` load no library. `__init__.pyi` tells editors and type checkers the same names.
 """
+
+import importlib
 
 from wakedeploy.core.version import VERSION as __version__
 
-__all__ = ["__version__"]
+# Where each public name comes from, in the order of a person's work.
+_FROM = {
+    "Rig": "wakedeploy.core.rig",
+    "default_rig": "wakedeploy.rig.file",
+    "read_rig": "wakedeploy.rig.file",
+    "with_effect": "wakedeploy.rig.file",
+    "make_set": "wakedeploy.api.sets",
+    "import_set": "wakedeploy.api.sets",
+    "EpisodeSet": "wakedeploy.core.episodes",
+    "Episode": "wakedeploy.core.episodes",
+    "Channel": "wakedeploy.core.episodes",
+    "train": "wakedeploy.api.training",
+    "Runs": "wakedeploy.api.training",
+    "evaluate": "wakedeploy.api.training",
+    "Scores": "wakedeploy.api.scores",
+    "tune": "wakedeploy.api.tuning",
+    "Tuned": "wakedeploy.api.tuning",
+    "export": "wakedeploy.api.predictors",
+    "load": "wakedeploy.api.predictors",
+    "Predictor": "wakedeploy.api.predictors",
+    "fly": "wakedeploy.api.flights",
+    "Flight": "wakedeploy.api.flights",
+    "Flights": "wakedeploy.api.flights",
+    "close_gap": "wakedeploy.api.gaps",
+    "Gap": "wakedeploy.api.gaps",
+    "WakedeployError": "wakedeploy.core.errors",
+    "UnusableInput": "wakedeploy.core.errors",
+    "CheckFailed": "wakedeploy.core.errors",
+}
+__all__ = ["__version__", *_FROM]
+
+
+def __getattr__(name: str) -> object:
+    """Load a public name from its module when it is first asked for."""
+    if name not in _FROM:
+        raise AttributeError(f"module 'wakedeploy' has no attribute {name!r}")
+    value = getattr(importlib.import_module(_FROM[name]), name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    """What tab completion offers: the public names, and what was imported already."""
+    return sorted({*globals(), *_FROM})

@@ -117,7 +117,7 @@ class RunMetrics(_Record):
     data_folder: str | None = None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class TrainedRun:
     """A finished run, its predictor ready to use (evaluation mode, best weights)."""
 
@@ -125,6 +125,17 @@ class TrainedRun:
     config: RunConfig
     metrics: RunMetrics
     predictor: Predictor
+
+    def __repr__(self) -> str:
+        errors = [
+            f"{c.name} {self.metrics.test.rmse[c.name]:.4g} {c.unit}" for c in self.config.force
+        ]
+        return f"<TrainedRun {self.folder}: test RMSE {', '.join(errors)}>"
+
+    def _repr_png_(self) -> bytes | None:
+        """The liveliest test episode as it was and as predicted, where that was drawn."""
+        drawn = self.folder / PREDICTION
+        return drawn.read_bytes() if drawn.exists() else None
 
 
 def run_folder(root: Path, config: RunConfig) -> Path:

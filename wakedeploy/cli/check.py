@@ -46,17 +46,16 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
 
 def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
     """The table of a package that passes; `result` is filled with what is known by then."""
-    from runtime.trial import tried
-    from wakedeploy.core.package import read_package
+    from wakedeploy.api.predictors import load
 
-    package = read_package(file)
-    manifest = package.manifest
+    predictor = load(file)
+    manifest = predictor.manifest
     exported = manifest.parity.model_dump(include={"max_abs", "max_rel", "steps"})
     result |= {"arch": manifest.arch, "trainable": manifest.trainable, "parity": exported}
     result |= {"domain": manifest.domain}
     with progress(f"Checking {file}", 1):
-        replayed = tried(package)
-    fits = _fits(manifest, rig_path) if rig_path else []
+        replayed = predictor.check(rig_path)
+    fits = [_fit(manifest, rig_path)] if rig_path else []
     difference = replayed.difference
     here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}
     result |= {"replay": here | {"limited": replayed.limited}}
@@ -72,16 +71,9 @@ def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[
     ]
 
 
-def _fits(manifest: "Manifest", rig_path: Path) -> list[list[str]]:
-    """What the package is for, once it is known to be for this rig's loop; UnusableInput if not."""
-    from runtime.loop.loop import require_wait
-    from runtime.request import require_fit
-    from wakedeploy.rig.file import read_rig
-
-    rig = read_rig(rig_path)
-    require_fit(manifest, rig)
-    require_wait(rig)
-    return [[f"rate, channels, forces and lead of {rig_path}", f"fit, {manifest.lead_s:g} s ahead"]]
+def _fit(manifest: "Manifest", rig_path: Path) -> list[str]:
+    """What a package is said to be for that fits the rig's loop."""
+    return [f"rate, channels, forces and lead of {rig_path}", f"fit, {manifest.lead_s:g} s ahead"]
 
 
 def _write(path: Path | None, result: dict[str, Any]) -> None:

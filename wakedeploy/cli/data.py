@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from wakedeploy.cli.groups import Group
-from wakedeploy.cli.output import json_option, print_table, progress, write_json
+from wakedeploy.cli.output import json_option, print_table, stage_bars, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -71,15 +71,7 @@ def make_gantry(
         wakedeploy data make gantry --out sets/gantry --minutes 30 --seed 0
         wakedeploy data make gantry --out sets/second --package gru.onnx
     """
-    from wakedeploy.domains.gantry import make_set
-    from wakedeploy.rig.file import default_rig, read_rig
-
-    rig = read_rig(rig_path) if rig_path else default_rig()
-    _require_writable(out)
-    with progress("Flying", 1) as bar:
-        made = make_set(rig, minutes=minutes, seed=seed, packages=packages, progress=bar.update)
-    made.write(out)
-    _describe(made, out, json_path)
+    _make("gantry", out, json_path, minutes=minutes, seed=seed, rig=rig_path, packages=packages)
 
 
 @make.command("downwash")
@@ -103,13 +95,7 @@ def make_downwash(
     Example:
         wakedeploy data make downwash --out sets/downwash --minutes 30 --seed 0
     """
-    from wakedeploy.domains.downwash import make_set
-
-    _require_writable(out)
-    with progress("Flying", 1) as bar:
-        made = make_set(minutes=minutes, seed=seed, spread=spread, progress=bar.update)
-    made.write(out)
-    _describe(made, out, json_path)
+    _make("downwash", out, json_path, minutes=minutes, seed=seed, spread=spread)
 
 
 @make.command("ship")
@@ -137,11 +123,16 @@ def make_ship(
     Example:
         wakedeploy data make ship --out sets/ship --minutes 120 --seed 0
     """
-    from wakedeploy.domains.ship import make_set
+    _make("ship", out, json_path, minutes=minutes, seed=seed, level=level)
+
+
+def _make(domain: str, out: Path, json_path: Path | None, **settings: Any) -> None:
+    """Simulate a set, keep it, describe it."""
+    from wakedeploy.api.sets import make_set
 
     _require_writable(out)
-    with progress("Sailing", 1) as bar:
-        made = make_set(minutes=minutes, seed=seed, level=level, progress=bar.update)
+    with stage_bars() as bars:
+        made = make_set(domain, progress=bars, **settings)
     made.write(out)
     _describe(made, out, json_path)
 
@@ -160,6 +151,16 @@ def import_() -> None:
     """Import public recordings in their original layout."""
 
 
+def _import(domain: str, path: Path, out: Path, json_path: Path | None) -> None:
+    """Read recordings as a set, keep it, describe it."""
+    from wakedeploy.api.sets import import_set
+
+    with stage_bars() as bars:
+        made = import_set(domain, path, progress=bars)
+    made.write(out)
+    _describe(made, out, json_path)
+
+
 @import_.command("fish")
 @click.argument("path", type=click.Path(path_type=Path))
 @_OUT
@@ -173,12 +174,7 @@ def import_fish(path: Path, out: Path, json_path: Path | None) -> None:
     Example:
         wakedeploy data import fish TE-analysis-for-multi-pathway-interaction --out sets/fish
     """
-    from wakedeploy.domains.fish import import_set
-
-    with progress("Importing", 1) as bar:
-        made = import_set(path, bar.update)
-    made.write(out)
-    _describe(made, out, json_path)
+    _import("fish", path, out, json_path)
 
 
 @import_.command("flaredw")
@@ -194,12 +190,7 @@ def import_flaredw(path: Path, out: Path, json_path: Path | None) -> None:
     Example:
         wakedeploy data import flaredw CDP-CFD/agile_manuevers --out sets/quadrotor
     """
-    from wakedeploy.domains.quadrotor import import_set
-
-    with progress("Importing", 1) as bar:
-        made = import_set(path, bar.update)
-    made.write(out)
-    _describe(made, out, json_path)
+    _import("quadrotor", path, out, json_path)
 
 
 @import_.command("crazyflie")
@@ -218,12 +209,7 @@ def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
     Example:
         wakedeploy data import crazyflie swaps --out sets/crazyflie
     """
-    from wakedeploy.domains.crazyflie import import_set
-
-    with progress("Importing", 1) as bar:
-        made = import_set(path, bar.update)
-    made.write(out)
-    _describe(made, out, json_path)
+    _import("crazyflie", path, out, json_path)
 
 
 @command.command()

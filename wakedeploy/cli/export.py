@@ -8,15 +8,12 @@ import click
 from click.core import ParameterSource
 
 from wakedeploy.cli.names import ARCHITECTURE
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import print_table, stage_bars, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from trainers.training.runs import TrainedRun
-    from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.package import Package
 
-_DEPTH = 4  # how many folders down the set of a run is looked for
 _MOST_LISTED = 12
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _FILE = click.Path(dir_okay=False, path_type=Path)
@@ -56,8 +53,8 @@ def command(
         wakedeploy export --arch gru --out gru.onnx --json gru.json
         wakedeploy export --run runs/gantry/gru/s0
     """
-    from export.packaging import export_run
     from trainers.training.runs import load_run
+    from wakedeploy.api.predictors import export
 
     is_bare = run is None and arch is None and not _is_given("runs")
     chosen, which = _chosen(run, runs, arch, is_bare=is_bare)
@@ -68,13 +65,11 @@ def command(
             " --arch."
         )
     click.echo(f"Exporting {chosen}, {which}finished {trained.metrics.finished_utc}.")
-    path = out or Path(f"{trained.config.arch}.onnx")
-    episodes = _episodes(trained, data)
-    with progress("Exporting", 1) as bar:
-        package = export_run(trained, episodes, path, bar.update)
-    _tell(package, path)
+    with stage_bars() as bars:
+        made = export(trained, out, data=data, progress=bars)
+    _tell(made.package, made.path)
     if json_path:
-        write_json(json_path, _json(package, path))
+        write_json(json_path, _json(made.package, made.path))
 
 
 def _is_given(option: str) -> bool:
@@ -110,36 +105,6 @@ def _listed(runs: Sequence[Path], place: Path) -> str:
     names = [str(run.relative_to(place)) for run in reversed(runs)]
     more = len(names) - _MOST_LISTED
     return ", ".join(names[:_MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
-
-
-def _episodes(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
-    """The set given, the one that the run knows, or one below this folder with its hash."""
-    from wakedeploy.core.episodes import DESCRIPTION, read_episode_set
-
-    if data is not None:
-        return read_episode_set(data)
-    known, wanted = run.metrics.data_folder, run.config.data_sha256
-    places = [] if known is None else [Path(known)]
-    for depth in range(1, _DEPTH + 1):
-        places += sorted(path.parent for path in Path().glob(f"{'*/' * depth}{DESCRIPTION}"))
-    found = next((place for place in places if _hash_of(place) == wanted), None)
-    if found is not None:
-        return read_episode_set(found)
-    where = f"The set that {run.folder} was trained on is not near this folder"
-    if known is not None:
-        happened = "is no longer there" if _hash_of(Path(known)) is None else "has changed since"
-        where = f"The set that {run.folder} was trained on lay in {known} and {happened}"
-    raise UnusableInput(f"{where}; say where it is now: --data FOLDER.")
-
-
-def _hash_of(folder: Path) -> str | None:
-    """The content hash that a set states; None for what is no set, as many a dataset.json."""
-    from wakedeploy.core.episodes import stated_sha256
-
-    try:
-        return stated_sha256(folder)
-    except UnusableInput:
-        return None
 
 
 def _tell(package: "Package", path: Path) -> None:

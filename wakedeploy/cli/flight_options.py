@@ -127,7 +127,7 @@ def require_curve(rig: "Rig", path: Path | None, *, port: str | None, trusted: b
         )
 
 
-def flight_request(
+def asked_flight(
     *,
     baseline: bool,
     virtual: bool,
@@ -138,8 +138,8 @@ def flight_request(
     seconds: float | None,
     trust_curve: bool,
     **others: Any,
-) -> "RunRequest":
-    """What to fly, from the options; UnusableInput when they do not go together."""
+) -> dict[str, Any]:
+    """What to fly, as `wakedeploy.fly` takes it; UnusableInput when options do not go together."""
     if (package is None) != baseline:
         raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
     if baseline and others["allow_lead_mismatch"]:
@@ -155,20 +155,18 @@ def flight_request(
         raise UnusableInput("--arm-file waits for a person, in real time: add --wall-clock.")
     if seconds is not None and others["reference"]:
         raise UnusableInput("--seconds belongs to the random plan; a --reference has its own time.")
-    from runtime.request import RunRequest
-    from wakedeploy.rig.file import default_rig, read_rig
+    from wakedeploy.api.inputs import rig_of
 
-    model = read_rig(rig) if rig else default_rig()
-    require_curve(model, rig, port=port, trusted=trust_curve)
-    return RunRequest(
-        rig=model,
-        rig_path=rig,
-        package=package,
-        port=port,
-        plant_rig=read_rig(plant_rig) if plant_rig else None,
-        seconds=_DEFAULT_S if seconds is None else seconds,
-        **others,
-    )
+    require_curve(rig_of(rig), rig, port=port, trusted=trust_curve)
+    asked = {"package": package, "port": port, "rig": rig, "plant_rig": plant_rig}
+    return asked | {"seconds": _DEFAULT_S if seconds is None else seconds} | others
+
+
+def flight_request(**options: Any) -> "RunRequest":
+    """The same as the loop takes it."""
+    from wakedeploy.api.flights import request_of
+
+    return request_of(**asked_flight(**options))
 
 
 def shown_progress() -> "Show | None":

@@ -119,26 +119,24 @@ def close_gap(
     Example:
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
     """
+    from wakedeploy.api.gaps import close_gap as close
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.advice import advice
-    from wakedeploy.gap.report.summary import account
-    from wakedeploy.gap.workflow import close
 
-    _enter(out, rig_path)
-    train = _trainer(minutes, workers) if retrain else None
+    asked = minutes if retrain else None
     try:
-        told = close(rig_path, measured, out, workers=workers, progress=_progress, retrain=train)
+        told = close(
+            rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
+        )
     except KeyboardInterrupt:
         _say_what_is_left(out)
         raise
-    steps = read_steps(out)
-    click.echo(account(steps.summary))
-    if after := advice(steps, out):
+    click.echo(told.account)
+    if after := advice(told.steps, out):
         click.echo(f"\n{after.text}")
-    click.echo(f"\nReport: {out / 'report.html'}")
+    click.echo(f"\nReport: {told.report}")
     if json_path is not None:
-        write_json(json_path, told)
+        write_json(json_path, told.result)
 
 
 @command.command("find", cls=_Many)
@@ -262,12 +260,13 @@ def show_gap(
     Example:
         wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
     """
+    from wakedeploy.api.gaps import trainer
     from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.shrinkage import channel_lines
     from wakedeploy.gap.workflow import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
-    train = _trainer(minutes, workers) if retrain else None
+    train = trainer(minutes if retrain else None, workers, _progress)
     show(case, out, progress=_progress, retrain=train)
     _say_if_few(out)
     for line in channel_lines(read_steps(out).summary):
@@ -333,20 +332,6 @@ def _say_what_is_left(out: Path) -> None:
             f"{steps.option}`.",
             err=True,
         )
-
-
-def _trainer(minutes: float, workers: int) -> Any:
-    """What trains predictors on both rigs, and scores them on the flights that are shown."""
-    import trainers.training.trainer  # noqa: F401  what is not installed is told before minutes of fits
-    from wakedeploy.gap.systems.gantry.retraining import retrain
-
-    def train(old: Any, corrected: Any, logs: Any, out: Path) -> Any:
-        into = out / "retrain"
-        return retrain(
-            old, corrected, logs, into, minutes=minutes, workers=workers, progress=_progress
-        )
-
-    return train
 
 
 def _progress(stage: str, done: int = 0, total: int = 0, /) -> None:

@@ -6,31 +6,31 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.cli.output import print_table, stage_bars, write_json
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from runtime.flights import Flight, Mean
-    from runtime.request import RunRequest
 
 _NAMES = {"pid": "PID alone", "feedforward": "PID and feedforward"}
 
 
-def fly_and_tell(request: "RunRequest", flights: int, workers: int, json_path: Path | None) -> None:
+def fly_and_tell(asked: dict[str, Any], flights: int, workers: int, json_path: Path | None) -> None:
     """Fly them all, print mean ± standard error; CheckFailed when one did not end whole."""
-    if not request.in_lockstep:
+    if asked.get("port") or asked.get("wall_clock"):
         raise UnusableInput("--flights flies in simulated time: give --virtual, no --wall-clock.")
-    if request.watch_gap:
+    if asked.get("watch_gap"):
         raise UnusableInput("--watch-gap belongs to a single flight; leave --flights away.")
-    from runtime.flights import fly_many
+    from wakedeploy.api.flights import fly
 
-    both = 2 if request.package else 1
-    with progress("Flying", flights * both) as bar:
-        flown = fly_many(request, flights, workers=workers, progress=bar.update)
+    log = asked["log"]
+    with stage_bars() as bars:
+        made = fly(**asked, flights=flights, record=log is not None, workers=workers, progress=bars)
+    flown = made.all_flown
     result = summary(flown)
     _tell(result)
-    if request.log is not None:
-        click.echo(f"Recorded in {request.log}.")
+    if log is not None:
+        click.echo(f"Recorded in {log}.")
     if json_path:
         write_json(json_path, result)
     if result["ended_early"]:

@@ -46,12 +46,12 @@ class Bar:
 
 
 @contextlib.contextmanager
-def told_when_stopped(sentence: str) -> Iterator[None]:
+def told_when_stopped(sentence: str | Callable[[], str]) -> Iterator[None]:
     """Ctrl-C in the block ends the command with this sentence, which says how to go on."""
     try:
         yield
     except KeyboardInterrupt:
-        click.echo(sentence, err=True)
+        click.echo(sentence if isinstance(sentence, str) else sentence(), err=True)
         raise click.exceptions.Exit(130) from None
 
 
@@ -88,6 +88,38 @@ def progress(
             total,
             lambda text: shown.update(task, description=text),
         )
+
+
+class StageBars:
+    """A bar for each stage that work tells of; serves as its `progress`."""
+
+    def __init__(self, shown: contextlib.ExitStack) -> None:
+        self._shown, self._stage, self._bar = shown, "", Bar(lambda done, total: None, 0)
+
+    def __call__(self, stage: str, done: int = 0, total: int = 0, /) -> None:
+        """Show a new stage's bar in place of the last one's, or how far the stage is."""
+        if stage != self._stage:
+            self._shown.close()
+            self._stage = stage
+            self._bar = self._shown.enter_context(progress(stage, total or 1))
+        if total:
+            self._bar.update(done, total)
+
+    def describe(self, text: str) -> None:
+        """Put another text before the bar of this stage."""
+        self._bar.describe(text)
+
+
+@contextlib.contextmanager
+def stage_bars() -> Iterator[StageBars]:
+    """Bars on stderr for the stages of the block's work, as `progress` shows one."""
+    with contextlib.ExitStack() as shown:
+        yield StageBars(shown)
+
+
+def warn(sentence: str) -> None:
+    """What a person should know, as a line on stderr."""
+    click.echo(sentence, err=True)
 
 
 def print_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

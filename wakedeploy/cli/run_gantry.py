@@ -7,9 +7,9 @@ import click
 
 from wakedeploy.cli.flight_options import (
     FILE,
+    asked_flight,
     end_progress,
     flight_options,
-    flight_request,
     shown_progress,
     warn,
 )
@@ -19,6 +19,8 @@ from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
     from runtime.loop.tally import Tally
+    from runtime.request import Show
+    from wakedeploy.gap.progress import Progress
 
 
 @click.command()
@@ -66,19 +68,29 @@ def command(
         wakedeploy run-gantry --package gru.onnx --virtual --flights 24
         wakedeploy run-gantry --baseline --rig rig.toml --port /dev/ttyACM0
     """
-    request = flight_request(log=log_path, **options)
+    asked = asked_flight(log=log_path, **options)
     if flights is not None:
-        fly_and_tell(request, flights, workers, json_path)
+        fly_and_tell(asked, flights, workers, json_path)
         return
     from runtime.loop.loop import budget_s
-    from runtime.run import fly
+    from wakedeploy.api.flights import fly
+    from wakedeploy.api.inputs import rig_of
 
+    budget_ms = 1e3 * budget_s(rig_of(asked["rig"]))
     fly(
-        request,
-        tell=lambda tally: _tell(tally, 1e3 * budget_s(request.rig), json_path),
-        show=shown_progress(),
+        **asked,
+        record=log_path is not None,
+        tell=lambda tally: _tell(tally, budget_ms, json_path),
+        progress=_shown(shown_progress()),
         warn=warn,
     )
+
+
+def _shown(show: "Show | None") -> "Progress":
+    """How far the flight is, for who sees it; the loop has no thread for it where nobody does."""
+    from wakedeploy.gap.progress import quiet
+
+    return quiet if show is None else lambda stage, done=0, total=0: show(done, total)
 
 
 def _tell(tally: "Tally", budget_ms: float, json_path: Path | None) -> None:

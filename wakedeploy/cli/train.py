@@ -1,8 +1,7 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
-import functools
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,21 +12,19 @@ from wakedeploy.cli.output import (
     json_option,
     mean_and_spread,
     print_table,
-    progress,
+    stage_bars,
+    warn,
     what_differs,
     write_json,
 )
 from wakedeploy.cli.training_options import architectures_option, device_option, lead_option
-from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.names import ARCHITECTURES, meant
 
 if TYPE_CHECKING:
-    from trainers.preset import Preset
-    from trainers.trackers import Tracker
-    from trainers.training.fit import FitSettings
-    from trainers.training.runs import RunConfig, TrainedRun
     from trainers.training.score import Score
-    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.api.scores import ScoreRow
+    from wakedeploy.core.manifest import Quantity
 
 
 @click.command()
@@ -105,132 +102,39 @@ def command(
             --hyper delay-embedding.initial_delay_s=0.333
         wakedeploy train --data sets/gantry --preset tuned/gru/best.toml
     """
-    import torch
-
-    from trainers.training.score import unlearned
-    from trainers.training.trainer import chosen_lead_s, configure
-    from wakedeploy.core.episodes import read_episode_set
+    from wakedeploy.api.training import train
 
     names = arch or _archs_of(preset)
-    overrides = _hyper(hyper, names)
-    torch.set_num_threads(threads)
-    episodes = read_episode_set(data)
-    lead_s = chosen_lead_s(episodes, lead_s)
-    presets = {name: _preset(preset, name, episodes, lead_s) for name in names}
-    fits = {name: _settings(name, found, epochs, learning_rate) for name, found in presets.items()}
-    shapes = {name: {**(p.hyper if p else {}), **overrides[name]} for name, p in presets.items()}
-    configs = [
-        configure(episodes, name, seed=seed, lead_s=lead_s, hyper=shapes[name], settings=fits[name])
-        for name in names
-        for seed in range(seeds)
-    ]
-    opened = _opened(tracker, out)
-    runs = []
-    for number, config in enumerate(configs, 1):
-        what = f"Training {config.arch} s{config.seed} ({number} of {len(configs)})"
-        with progress(what, int(config.settings["epochs"])) as bar:
-            asked = {"on_epoch": bar.update, "fresh": fresh, "device": device}
-            runs.append(_trained(config, episodes, out, not no_pictures, opened, asked))
-    nothing_learned = unlearned(episodes, "test", lead_s)
+    with stage_bars() as bars:
+        runs = train(
+            data,
+            names,
+            seeds=seeds,
+            lead_s=lead_s,
+            out=out,
+            epochs=epochs,
+            learning_rate=learning_rate,
+            hyper=_hyper(hyper, names),
+            preset=preset,
+            threads=threads,
+            device=device,
+            fresh=fresh,
+            tracker=tracker,
+            pictures=not no_pictures,
+            progress=bars,
+            warn=warn,
+        )
+    rows, lead_s = runs.scores.rows, runs[0].config.lead_s
+    nothing_learned = runs.scores.unlearned[lead_s]
     title = f"{data}: test episodes, force {lead_s:g} s ahead; runs in {out}"
-    rows = [_row(run) for run in runs]
-    print_scores(title, rows, runs[0].config, nothing_learned)
+    print_scores(title, rows, runs[0].config.force, nothing_learned)
     if not no_pictures:
         where = runs[0].folder if len(runs) == 1 else "the folder of each run"
         click.echo(f"Pictures: curves.png and prediction.png in {where}.")
     if json_path:
         how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
-        lines = {"rows": rows, "unlearned": unlearned_rows(nothing_learned, lead_s)}
-        write_json(json_path, how | lines)
-
-
-def _trained(
-    config: "RunConfig",
-    episodes: "EpisodeSet",
-    out: Path,
-    pictures: bool,
-    tracker: "Tracker | None",
-    asked: Mapping[str, Any],
-) -> "TrainedRun":
-    """Train one run and draw it; of one that was interrupted or diverged, what there is."""
-    from trainers.inspection.pictures import write_pictures, write_pictures_so_far
-    from trainers.trackers import following
-    from trainers.training.runs import run_folder
-    from trainers.training.trainer import train
-
-    folder, warn = run_folder(out, config), functools.partial(click.echo, err=True)
-    with following(tracker, config, folder, fresh=asked["fresh"], warn=warn) as told:
-        try:
-            run = train(config, episodes, out, on_standing=told.stands, **asked)
-        except (KeyboardInterrupt, CheckFailed):
-            if pictures:
-                _drawn(lambda: write_pictures_so_far(folder, episodes))
-            raise
-        told.finished(run, _drawn(lambda: write_pictures(run, episodes)) if pictures else [])
-    return run
-
-
-def _drawn(write: Callable[[], list[Path]]) -> list[Path]:
-    """What was drawn; a picture that cannot be written costs no result."""
-    try:
-        return write()
-    except UnusableInput as error:
-        click.echo(f"No pictures: {error}", err=True)
-        return []
-
-
-def _opened(tracker: str | None, out: Path) -> "Tracker | None":
-    """The tracker asked for; tells where it keeps what it is told."""
-    from trainers.trackers import open_tracker
-
-    if tracker is None:
-        return None
-    opened = open_tracker(tracker, out)
-    click.echo(opened.told, err=True)
-    return opened
-
-
-def _settings(
-    name: str, preset: "Preset | None", epochs: int | None, learning_rate: float | None
-) -> "FitSettings":
-    """How an architecture is fitted: as asked for, else by the preset, else as usual."""
-    from trainers.training.trainer import settings_for
-
-    others = preset.settings if preset is not None else None
-    return settings_for(name, epochs=epochs, learning_rate=learning_rate, others=others)
-
-
-def _preset(asked: str, arch: str, episodes: "EpisodeSet", lead_s: float) -> "Preset | None":
-    """The preset asked for; tells where it was found for another lead or on another set.
-
-    Two sets of a domain need not be alike: simulated and measured flights are both "gantry".
-    """
-    from trainers.preset import REFERENCE, chosen_preset
-
-    found = chosen_preset(asked, arch, episodes.domain)
-    if found is None:
-        return None
-    if found.study.get("ships") == REFERENCE:
-        click.echo(
-            f"The tuned preset of {arch} on {episodes.domain} sets is the paper's shape: what"
-            f" {found.study.get('trials')} trials found was no better with other seeds.",
-            err=True,
-        )
-        return found
-    found_s = found.study.get("lead_s", lead_s)
-    if found_s != lead_s:
-        click.echo(
-            f"The preset of {arch} was found for a lead of {found_s:g} s; this trains for"
-            f" {lead_s:g} s (--lead {found_s:g} repeats it).",
-            err=True,
-        )
-    if found.study.get("data_sha256") not in (None, episodes.sha256):
-        click.echo(
-            f"The preset of {arch} was found on another set ({found.study.get('data')}, "
-            f"{found.study.get('trials')} trials, {found.study.get('date')}).",
-            err=True,
-        )
-    return found
+        lines = {"rows": [row.as_json() for row in rows]}
+        write_json(json_path, how | lines | {"unlearned": unlearned_rows(nothing_learned, lead_s)})
 
 
 def _archs_of(preset: str) -> tuple[str, ...]:
@@ -240,106 +144,62 @@ def _archs_of(preset: str) -> tuple[str, ...]:
     return ARCHITECTURES if preset in (REFERENCE, TUNED) else (read_preset(Path(preset)).arch,)
 
 
-def _hyper(asked: Iterable[str], names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """The overrides by architecture; every architecture that is trained has an entry."""
-    overrides: dict[str, dict[str, Any]] = {name: {} for name in names}
+def _hyper(asked: Iterable[str], names: Sequence[str]) -> dict[str, Any]:
+    """The values that are asked for, by ARCH.NAME."""
+    changed: dict[str, Any] = {}
     for entry in asked:
         place, equals, text = entry.partition("=")
-        given, dot, name = place.partition(".")
-        arch = meant(given, names)
-        if not equals or not dot or arch is None:
+        given, dot, _ = place.partition(".")
+        if not equals or not dot or meant(given, names) is None:
             raise UnusableInput(
                 f"--hyper {entry}: write ARCH.NAME=VALUE for one of {', '.join(names)}."
             )
         try:
-            overrides[arch][name] = json.loads(text)
+            changed[place] = json.loads(text)
         except json.JSONDecodeError as error:
             raise UnusableInput(f"--hyper {entry}: '{text}' is not a number.") from error
-    return overrides
-
-
-def _row(run: "TrainedRun") -> dict[str, Any]:
-    """One line of the machine-readable table; `seconds` is the time that training took."""
-    return score_row(
-        run, "test", run.metrics.test.rmse, run.metrics.test.r2, seconds=run.metrics.seconds
-    )
-
-
-def score_row(
-    run: "TrainedRun",
-    split: str,
-    rmse: dict[str, float],
-    r2: dict[str, float | None],
-    seconds: float,
-) -> dict[str, Any]:
-    """A run's errors on a split, as `train --json` and `evaluate --json` write them.
-
-    `run` is its folder, `device` where it was trained.
-    """
-    return {
-        "run": str(run.folder),
-        "arch": run.config.arch,
-        "seed": run.config.seed,
-        "lead_s": run.config.lead_s,
-        "hyper": run.config.hyper,
-        "settings": run.config.settings,
-        "kept_from": list(run.config.present_only),
-        "data_sha256": run.config.data_sha256,
-        "trainable": run.metrics.trainable,
-        "frozen": run.metrics.frozen,
-        "split": split,
-        "rmse": rmse,
-        "r2": r2,
-        "seconds": round(seconds, 3),
-        "device": run.metrics.device,
-    }
+    return changed
 
 
 def print_scores(
     title: str,
-    rows: list[dict[str, Any]],
-    config: "RunConfig",
-    unlearned: Mapping[str, "Score"],
+    rows: "Sequence[ScoreRow]",
+    force: "Sequence[Quantity]",
+    unlearned: "Mapping[str, Score]",
 ) -> None:
     """What has learned nothing, then each configuration, mean ± spread over its seeds."""
     columns = ["architecture", "trainable", "frozen"]
     ceiling = unlearned["zero"].ceiling
-    for channel in config.force:
+    for channel in force:
         limit = f" (ceiling {ceiling[channel.name]:.3f})" if ceiling else ""
         columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}{limit}"]
-    groups: dict[str, list[dict[str, Any]]] = {}
+    groups: dict[str, list[ScoreRow]] = {}
     for row in rows:
-        groups.setdefault(json.dumps([row["arch"], _told_apart_by(row)]), []).append(row)
-    table = [_unlearned_line(name, scored, config) for name, scored in unlearned.items()]
+        groups.setdefault(json.dumps([row.arch, row.configuration]), []).append(row)
+    table = [_unlearned_line(name, scored, force) for name, scored in unlearned.items()]
     for own in groups.values():
-        alike = [_told_apart_by(row) for row in rows if row["arch"] == own[0]["arch"]]
-        differs = what_differs(_told_apart_by(own[0]), alike)
-        name = own[0]["arch"] + (f" ({differs})" if differs else "")
-        line = [name, f"{own[0]['trainable']:,}", f"{own[0]['frozen']:,}"]
-        for channel in config.force:
-            line.append(mean_and_spread([row["rmse"][channel.name] for row in own], ".4g"))
-            line.append(mean_and_spread([row["r2"][channel.name] for row in own], ".4f"))
-        table.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
+        alike = [row.configuration for row in rows if row.arch == own[0].arch]
+        differs = what_differs(own[0].configuration, alike)
+        name = own[0].arch + (f" ({differs})" if differs else "")
+        line = [name, f"{own[0].trainable:,}", f"{own[0].frozen:,}"]
+        for channel in force:
+            line.append(mean_and_spread([row.rmse[channel.name] for row in own], ".4g"))
+            line.append(mean_and_spread([row.r2[channel.name] for row in own], ".4f"))
+        table.append([*line, mean_and_spread([row.seconds for row in own], ".1f")])
     print_table(title, [*columns, "seconds"], table)
 
 
-def _unlearned_line(name: str, scored: "Score", config: "RunConfig") -> list[str]:
+def _unlearned_line(name: str, scored: "Score", force: "Sequence[Quantity]") -> list[str]:
     line = [name, "", ""]
-    for channel in config.force:
+    for channel in force:
         line.append(mean_and_spread([scored.rmse[channel.name]], ".4g"))
         line.append(mean_and_spread([scored.r2[channel.name]], ".4f"))
     return [*line, ""]
 
 
-def unlearned_rows(unlearned: Mapping[str, "Score"], lead_s: float) -> list[dict[str, Any]]:
+def unlearned_rows(unlearned: "Mapping[str, Score]", lead_s: float) -> list[dict[str, Any]]:
     """The same for `--json`."""
     return [
         {"predictor": name, "lead_s": lead_s, "rmse": scored.rmse, "r2": scored.r2}
         for name, scored in unlearned.items()
     ]
-
-
-def _told_apart_by(row: dict[str, Any]) -> dict[str, Any]:
-    """Everything of a run's configuration that is not its seed."""
-    kept = {"kept_from": row["kept_from"], "data": row["data_sha256"][:8]}
-    return {"lead_s": row["lead_s"], **row["settings"], **row["hyper"], **kept}

@@ -1,17 +1,17 @@
 """`wakedeploy tune`: search an architecture's hyper-parameters under the parameter budget."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 from click.core import ParameterSource
 
 from wakedeploy.cli.names import ARCHITECTURE, PRESET
 from wakedeploy.cli.output import (
-    Bar,
+    StageBars,
     json_option,
     print_table,
-    progress,
+    stage_bars,
     told_when_stopped,
     write_json,
 )
@@ -20,11 +20,8 @@ from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
     from trainers.tuning.conclude import Found
-    from trainers.tuning.plan import Plan
-    from trainers.tuning.space import Point
     from trainers.tuning.study import Study
-    from trainers.tuning.workers import OnTrials, Work
-    from wakedeploy.core.episodes import EpisodeSet
+    from trainers.tuning.workers import Work
 
 _STOPPED = (
     "Stopped: the study in {} is kept, and what was in training will be begun again; the same"
@@ -137,7 +134,7 @@ def command(
     objective: str,
     dimensions: tuple[str, ...],
     starts: tuple[str, ...],
-    pruner: str,
+    pruner: Literal["median", "hyperband", "none"],
     workers: int,
     storage: str | None,
     study_name: str | None,
@@ -158,32 +155,34 @@ def command(
             --objective rmse,latency --workers 4
         wakedeploy train --preset tuned/gru/best.toml --data sets/gantry
     """
-    from trainers.training.trainer import chosen_lead_s
-    from trainers.tuning.plan import make_plan
-    from trainers.tuning.study import default_name
-    from trainers.tuning.workers import Work
-    from wakedeploy.core.episodes import read_episode_set
+    from wakedeploy.api.tuning import tune
 
     _require_of_use(arch, objective)
-    episodes = read_episode_set(data)
-    plan = make_plan(
-        episodes,
-        arch,
-        lead_s=chosen_lead_s(episodes, lead_s),
-        epochs=epochs,
-        budget=budget,
-        objective=tuple(name.strip().lower() for name in objective.split(",")),
-        seed=seed,
-        asked=dimensions,
-    )
-    cost = _step_cost(plan)
-    out = out or Path("tuned") / default_name(plan)
-    work = Work(
-        plan, data, out, storage, study_name, trials, pruner, cost, device, give_up_elsewhere
-    )
-    with told_when_stopped(_STOPPED.format(work.place.name)):
-        found, study = _tuned(work, episodes, workers, _starts(plan, starts))
-    _tell(found, work, study, json_path)
+    begun: list[Work] = []
+    with told_when_stopped(lambda: _stopped(begun)), stage_bars() as bars:
+        tuned = tune(
+            data,
+            arch,
+            trials=trials,
+            out=out,
+            seed=seed,
+            epochs=epochs,
+            lead_s=lead_s,
+            budget=budget,
+            objective=objective,
+            dimensions=dimensions,
+            starts=starts,
+            pruner=pruner,
+            workers=workers,
+            storage=storage,
+            study_name=study_name,
+            device=device,
+            give_up_elsewhere=give_up_elsewhere,
+            progress=bars,
+            on_begun=begun.append,
+            on_trials=lambda study: _show(study, bars, trials),
+        )
+    _tell(tuned.found, tuned.work, tuned.study, json_path)
 
 
 def _require_of_use(arch: str, objective: str) -> None:
@@ -200,65 +199,20 @@ def _require_of_use(arch: str, objective: str) -> None:
         )
 
 
-def _step_cost(plan: "Plan") -> Any:
-    """What measures a step, where the study asks for it."""
-    if not plan.timed:
-        return None
-    from export.step_time import step_p99_us
-
-    return step_p99_us
+def _stopped(begun: "list[Work]") -> str:
+    """How to go on, where there is something to go on with."""
+    return _STOPPED.format(begun[0].place.name) if begun else "Interrupted."
 
 
-def _starts(plan: "Plan", asked: tuple[str, ...]) -> "list[Point]":
-    """The presets to begin at, as points of the study."""
-    from trainers.preset import chosen_preset
-    from trainers.tuning.starts import preset_start
-
-    points = []
-    for name in asked:
-        try:
-            preset = chosen_preset(name, plan.arch, plan.domain)
-        except UnusableInput as error:
-            reason = str(error).partition(";")[0].rstrip(".")  # the advice is for `train`
-            raise UnusableInput(
-                f"--start {name}: {reason}; give a preset of {plan.arch}, or leave it out."
-            ) from error
-        if preset is None:
-            raise UnusableInput(
-                f"--start {name}: every study begins there where its dimensions hold it; leave it"
-                " out."
-            )
-        points.append(preset_start(plan, name, preset))
-    return points
-
-
-def _tuned(
-    work: "Work", data: "EpisodeSet", workers: int, starts: "list[Point]"
-) -> "tuple[Found, Study]":
-    from trainers.tuning.conclude import conclude
-    from trainers.tuning.study import all_trials, finished
-    from trainers.tuning.workers import run_trials
-
-    study = work.begin(starts)
-    done = len(finished(all_trials(study)))
-    with progress("Trials", work.trials, done=min(done, work.trials)) as bar:
-        run_trials(work, study, data, workers, _shown_on(bar, work))
-    with progress("Training the best once more", work.plan.epochs) as bar:
-        found = conclude(work, study, data, bar.update)
-    return found, study
-
-
-def _shown_on(bar: Bar, work: "Work") -> "OnTrials":
+def _show(study: "Study", bars: StageBars, trials: int) -> None:
+    """How many trials are done, and the best of them, before the bar."""
     from trainers.tuning.report import best_so_far
     from trainers.tuning.study import all_trials, finished
 
-    def show(study: "Study") -> None:
-        done, best = len(finished(all_trials(study))), best_so_far(study)
-        told = "" if best is None else f", best {best[1]:.4g} (trial {best[0]})"
-        bar.describe(f"{done} of {work.trials} trials{told}")
-        bar.update(min(done, work.trials), work.trials)
-
-    return show
+    done, best = len(finished(all_trials(study))), best_so_far(study)
+    told = "" if best is None else f", best {best[1]:.4g} (trial {best[0]})"
+    bars("Trials", min(done, trials), trials)
+    bars.describe(f"{done} of {trials} trials{told}")
 
 
 def _tell(found: "Found", work: "Work", study: "Study", json_path: Path | None) -> None:

@@ -50,13 +50,16 @@ Array = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Channel:
-    """One column of the observations or of the forces."""
+    """One column of the observations (T, d) or of the forces (T, o): its name and its unit.
+
+    An episode set raises ValueError for two channels of one name.
+    """
 
     name: str
     unit: str
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Episode:
     """One contiguous recording at a fixed time step, in SI units, T samples long.
 
@@ -83,6 +86,10 @@ class Episode:
     def __len__(self) -> int:
         return len(self.observation)
 
+    def __repr__(self) -> str:
+        shapes = [f"{name} {array.shape}" for name, array in self.arrays.items()]
+        return f"<Episode {self.name}: {', '.join(shapes)}>"
+
     @property
     def arrays(self) -> dict[str, Array]:
         """All arrays by name, in a fixed order."""
@@ -90,14 +97,14 @@ class Episode:
         return {"observation": self.observation, "force": self.force} | extras
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class EpisodeSet:
     """Episodes of one domain that share channels and rate, each assigned to a split.
 
-    `window_s` is the history that a window model sees here; `loss_weights` has one weight for each
-    force channel; `provenance` is any JSON (seeds, generator, source files). `folder` is where the
-    set was read from.
-    Raises ValueError when the parts do not fit together.
+    Observations are (T, d), forces (T, o), in the units of their channels. `window_s` is the
+    history that a window model sees here; `loss_weights` has one weight for each force channel;
+    `provenance` is any JSON (seeds, generator, source files). `folder` is where the set was read
+    from. Raises ValueError when the parts do not fit together.
     """
 
     domain: str
@@ -115,6 +122,22 @@ class EpisodeSet:
         _check_description(self)
         for episode in self.episodes:
             _check_widths(self, episode)
+
+    @classmethod
+    def read(cls, folder: Path | str) -> "EpisodeSet":
+        """Read a set from its folder; UnusableInput names the file, the field and the value."""
+        return read_episode_set(Path(folder))
+
+    def __repr__(self) -> str:
+        observed, forces = (
+            ", ".join(f"{channel.name} [{channel.unit}]" for channel in channels)
+            for channels in (self.observation, self.force)
+        )
+        minutes = sum(map(len, self.episodes)) / self.rate_hz / 60
+        return (
+            f"<EpisodeSet {self.domain}: {len(self.episodes)} episodes, {minutes:.1f} min at"
+            f" {self.rate_hz:g} Hz; {observed} → {forces}>"
+        )
 
     def part(self, split: str) -> tuple[Episode, ...]:
         """The episodes of "train", "validation" or "test", or of "all" of them."""
@@ -137,11 +160,12 @@ class EpisodeSet:
         """How many samples at the start of each episode no architecture is scored on."""
         return max(1, whole_steps(self.window_s * self.rate_hz))
 
-    def write(self, folder: Path) -> None:
+    def write(self, folder: Path | str) -> None:
         """Write the set; a killed process leaves the set that was in `folder` before, or none.
 
         Of two processes that write into one folder, the second waits for the first.
         """
+        folder = Path(folder)
         if folder.exists() and not folder.is_dir():
             raise UnusableInput(f"{folder}: is a file; give a folder for the episode set.")
         with one_at_a_time(folder, "set", traceless=True):

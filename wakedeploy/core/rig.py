@@ -264,7 +264,11 @@ class Effect(_Section):
 
 
 class Rig(_Section):
-    """Everything the model of one gantry knows. Pulse widths in µs, everything else in SI units."""
+    """Everything the model of one gantry knows. Pulse widths in µs, everything else in SI units.
+
+    `rig.changed(…)` is a copy with other constants, `rig.write(path)` keeps it. A thrust curve is
+    two rows of as many numbers, (N,) each. UnusableInput for a name or a value that is not allowed.
+    """
 
     schema_version: Literal[1] = Field(alias="schema")
     source: Source
@@ -301,6 +305,18 @@ class Rig(_Section):
                 "stepper.max_accel_mps2 times stepper.steps_per_m must be at least 1 step/s^2"
             )
         return self
+
+    def __repr__(self) -> str:
+        effects = ", ".join(effect.name for effect in self.effect) or "none"
+        return (
+            f"<Rig {self.sha256[:8]}: sufferer of {self.sufferer.mass_kg:g} kg below a source at"
+            f" {self.source.height_m:g} m; effects: {effects}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from wakedeploy.core.markup import element
+
+        return element("pre", self.text)
 
     @property
     def default_lead_s(self) -> float:
@@ -347,9 +363,9 @@ class Rig(_Section):
         raw.pop(section, None)
         return rig_from_tables(raw, f"rig without [{section}]")
 
-    def write(self, path: Path) -> None:
+    def write(self, path: Path | str) -> None:
         """Write the rig as TOML; a killed process leaves the old file."""
-        write_text_whole(path, self.text)
+        write_text_whole(Path(path), self.text)
 
     def _as_toml(self) -> dict[str, Any]:
         raw: dict[str, Any] = self.model_dump(mode="json", by_alias=True, exclude_none=True)

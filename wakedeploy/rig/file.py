@@ -8,15 +8,26 @@ from pathlib import Path
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
-from wakedeploy.core.rig import Rig, rig_from_tables
+from wakedeploy.core.rig import Effect, EffectParameter, Rig, rig_from_tables
 from wakedeploy.core.rig_units import EffectUnits
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects import effect as known_effect
 from wakedeploy.physics.effects.chain import require_effects
 
 
-def read_rig(path: Path) -> Rig:
-    """Read and validate a rig file; UnusableInput names file, section, key, value and bound."""
-    return parse_rig(read_rig_text(path), str(path))
+def read_rig(path: Path | str) -> Rig:
+    """Read and validate a rig file.
+
+    Args:
+        path: The file; a constant may state its unit, another of the same dimension.
+
+    Returns:
+        The rig, pulse widths in µs and everything else in SI units; thrust curves are (N,) each.
+
+    Raises:
+        UnusableInput: Names file, section, key, value and bound.
+    """
+    return parse_rig(read_rig_text(Path(path)), str(path))
 
 
 def read_rig_text(path: Path) -> str:
@@ -45,8 +56,35 @@ def parse_rig(text: str, name: str = "rig.toml") -> Rig:
 
 
 def default_rig() -> Rig:
-    """The gantry described by the founding paper, its open constants estimated."""
+    """The gantry described by the founding paper, its open constants estimated.
+
+    Pulse widths are in µs, all else in SI units; thrust curves are (N,) each. Raises nothing.
+    """
     return parse_rig(default_rig_text(), "default rig")
+
+
+def with_effect(rig: Rig, effect: str, /, **parameters: float) -> Rig:
+    """A copy of a rig that has one effect more: `with_effect(rig, "spool-lag-source", up_s=0.1)`.
+
+    Args:
+        rig: The rig to copy.
+        effect: The name of an effect of the library.
+        **parameters: Its parameters by name, in the library's units, one number each.
+
+    Returns:
+        The rig with the effect; its thrust curves are (N,) each, as before.
+
+    Raises:
+        UnusableInput: There is no such effect or parameter, one is missing, or a value lies beyond
+            its bounds.
+    """
+    units = {parameter.name: parameter.unit for parameter in known_effect(effect).parameters}
+    stated = {n: EffectParameter(value=v, unit=units.get(n, "1")) for n, v in parameters.items()}
+    changed = rig.model_copy(
+        update={"effect": (*rig.effect, Effect(name=effect, parameters=stated))}
+    )
+    require_effects(changed)
+    return changed
 
 
 def default_rig_text() -> str:

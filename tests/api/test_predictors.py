@@ -1,0 +1,84 @@
+"""Packages from Python: series from a cold start, steps that remember, columns by name."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import wakedeploy as wd
+from runtime.predictor import PackagePredictor
+from wakedeploy.core.package import Package, write_package
+
+
+@pytest.fixture(params=["none", "window", "state"])
+def predictor(
+    request: pytest.FixtureRequest, tiny_package: Callable[[str], Package], tmp_path: Path
+) -> wd.Predictor:
+    path = tmp_path / "tiny.onnx"
+    write_package(tiny_package(request.param), path)
+    return wd.load(path)
+
+
+def observations(predictor: wd.Predictor, *shape: int) -> np.ndarray:
+    rng = np.random.default_rng(0)
+    return rng.uniform(-1, 1, (*shape, len(predictor.manifest.observation))).astype(np.float32)
+
+
+def test_a_series_is_its_steps_from_a_cold_start(predictor: wd.Predictor) -> None:
+    series = observations(predictor, 20)
+    runner = PackagePredictor(predictor.package)
+    stepped = np.stack([runner.step(newest) for newest in series])
+    np.testing.assert_array_equal(predictor.predict(series), stepped)
+    np.testing.assert_array_equal(predictor.predict(series), stepped)
+
+
+def test_several_series_are_each_alone(predictor: wd.Predictor) -> None:
+    several = observations(predictor, 3, 20)
+    alone = np.stack([predictor.predict(series) for series in several])
+    assert predictor.predict(several).shape == alone.shape
+    np.testing.assert_allclose(predictor.predict(several), alone, rtol=1e-6)
+
+
+def test_steps_remember_until_they_are_reset_whatever_is_predicted_between(
+    predictor: wd.Predictor,
+) -> None:
+    series = observations(predictor, 20)
+    whole = predictor.predict(series)
+    first = np.stack([predictor.step(newest) for newest in series[:10]])
+    predictor.predict(series)
+    rest = np.stack([predictor.step(newest) for newest in series[10:]])
+    np.testing.assert_array_equal(np.concatenate([first, rest]), whole)
+    predictor.reset()
+    np.testing.assert_array_equal(predictor.step(series[0]), whole[0])
+
+
+def test_a_data_frames_columns_are_found_by_name(predictor: wd.Predictor) -> None:
+    pandas = pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    series, names = observations(predictor, 5), [c.name for c in predictor.manifest.observation]
+    frame = pandas.DataFrame(series, columns=names)
+    frame.insert(0, "t_s", np.arange(5.0))
+    np.testing.assert_array_equal(predictor.predict(frame), predictor.predict(series))
+    with pytest.raises(ValueError, match=f"no column {names[0]}"):
+        predictor.predict(frame.drop(columns=names[0]))
+
+
+def test_nothing_gives_nothing_and_another_shape_is_refused(predictor: wd.Predictor) -> None:
+    inputs, outputs = len(predictor.manifest.observation), len(predictor.manifest.force)
+    assert predictor.predict(np.empty((0, inputs))).shape == (0, outputs)
+    with pytest.raises(ValueError, match=r"where this package expects \(T, "):
+        predictor.predict(np.zeros((4, inputs + 1)))
+    with pytest.raises(ValueError, match="expects"):
+        predictor.predict(np.zeros(inputs))
+
+
+def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:
+    manifest = predictor.manifest
+    assert manifest.arch in repr(predictor)
+    assert f"{manifest.force[0].name} [{manifest.force[0].unit}]" in repr(predictor)
+    assert all(channel.name in predictor._repr_html_() for channel in manifest.observation)
+
+
+def test_what_is_no_package_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match=r"nothing\.onnx: cannot be read"):
+        wd.load(tmp_path / "nothing.onnx")

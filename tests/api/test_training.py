@@ -1,0 +1,103 @@
+"""Training, scoring and exporting from Python: on the small set, with the commands' own numbers."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from small_tune import small_set
+from small_tune import wakedeploy as command
+
+import wakedeploy as wd
+from trainers.training.predict import predict
+from trainers.training.tape import lay_tape
+
+
+def echo() -> wd.EpisodeSet:
+    """The small set, as long as the gate of the export asks for."""
+    return small_set(640)
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("session")
+
+
+@pytest.fixture(scope="module")
+def runs(session: Path) -> wd.Runs:
+    return wd.train(echo(), ["history-mlp", "gru"], epochs=2, out=session / "runs",
+                    hyper={"gru.hidden": 5}, pictures=False)  # fmt: skip
+
+
+def test_a_run_is_the_one_that_the_command_trains(runs: wd.Runs, session: Path) -> None:
+    echo().write(session / "set")
+    told = session / "told.json"
+    done = command("train", "--data", session / "set", "--arch", "history-mlp,gru", "--epochs", 2,
+                   "--hyper", "gru.hidden=5", "--out", session / "other", "--json", told,
+                   "--no-pictures")  # fmt: skip
+    assert done.exit_code == 0, done.output
+    rows = json.loads(told.read_text())["rows"]
+    assert [row["rmse"] for row in rows] == [row.rmse for row in runs.scores.rows]
+    assert [row["hyper"] for row in rows] == [run.config.hyper for run in runs]
+
+
+def test_runs_are_found_by_place_and_by_architecture(runs: wd.Runs) -> None:
+    assert [run.config.arch for run in runs] == ["history-mlp", "gru"]
+    assert runs["gru"] is runs[1]
+    assert runs["gru"].config.hyper["hidden"] == 5
+    with pytest.raises(KeyError, match="'tcn' was not trained; there are history-mlp, gru"):
+        runs["tcn"]
+
+
+def test_scores_are_those_of_the_predictions(runs: wd.Runs) -> None:
+    data, run = echo(), runs["gru"]
+    scores = wd.evaluate(run, data, split="all")
+    tape = lay_tape(data, "all", 0.0, max(data.warm_up_steps, run.config.warm_up_steps))
+    error = (predict(run.predictor, tape) - tape.force)[tape.scored].double()
+    assert scores.rows[0].rmse["f_n"] == pytest.approx(error.square().mean().sqrt().item())
+    assert wd.evaluate(runs, data).rows[1].rmse == runs.scores.rows[1].rmse
+    assert [row.rmse for row in wd.evaluate(runs.folder, data).rows] == [
+        row.rmse for row in runs.scores.rows
+    ]
+
+
+def test_scores_show_themselves(runs: wd.Runs) -> None:
+    assert "RMSE f_n [N]: history-mlp s0" in repr(runs)
+    assert "<td>gru</td>" in runs._repr_html_()
+    assert "<td>zero</td>" in runs._repr_html_()
+    assert "test RMSE f_n" in repr(runs["gru"])
+    pytest.importorskip("pandas", reason="the extra notebook is not installed")
+    assert list(runs.to_pandas()["arch"]) == ["history-mlp", "gru"]
+
+
+def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session: Path) -> None:
+    data = echo()
+    made = wd.export(runs["history-mlp"], session / "made.onnx", data=data)
+    (episode,) = data.part("test")
+    tape = lay_tape(data, "test", 0.0, data.warm_up_steps)
+    trained = predict(runs["history-mlp"].predictor, tape).numpy()
+    np.testing.assert_allclose(made.predict(episode.observation), trained, rtol=1e-4, atol=1e-7)
+    assert wd.load(session / "made.onnx").manifest == made.manifest
+
+
+def test_of_several_runs_one_is_exported(runs: wd.Runs) -> None:
+    with pytest.raises(wd.UnusableInput, match=r'2 runs were trained; .* runs\["history-mlp"\]'):
+        wd.export(runs, data=echo())
+
+
+def test_names_that_are_none_are_answered(session: Path) -> None:
+    with pytest.raises(wd.UnusableInput, match="'gruu' is no architecture; did you mean gru"):
+        wd.train(echo(), "gruu", out=session)
+    with pytest.raises(wd.UnusableInput, match="hyper hidden: name the architecture too"):
+        wd.train(echo(), ["gru", "tcn"], hyper={"hidden": 4}, out=session)
+    with pytest.raises(wd.UnusableInput, match="'ships' is no domain; did you mean ship"):
+        wd.make_set("ships")
+    with pytest.raises(wd.UnusableInput, match="The domain fish cannot be simulated"):
+        wd.make_set("fish")
+    with pytest.raises(wd.UnusableInput, match="ship has no setting 'rig'; it has level"):
+        wd.make_set("ship", rig=None)
+
+
+def test_a_study_reads_its_set_from_a_folder() -> None:
+    with pytest.raises(wd.UnusableInput, match=r"lies in no folder, .* data\.write\(FOLDER\)"):
+        wd.tune(echo(), "gru", trials=1)

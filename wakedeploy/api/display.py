@@ -1,0 +1,48 @@
+"""How results show themselves in a notebook: tables, figures, rows as a DataFrame."""
+
+import io
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from wakedeploy.core import figures
+from wakedeploy.core.errors import UnusableInput, installs
+from wakedeploy.core.markup import element, table, together
+from wakedeploy.core.runlog import Array
+
+if TYPE_CHECKING:
+    import pandas
+    from matplotlib.figure import Figure
+
+
+def html_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A titled table as HTML; whatever stands in a cell is escaped."""
+    return together(element("p", element("strong", title)), table(columns, rows))
+
+
+def png_of(drawn: "Figure") -> bytes:
+    """A figure as the bytes of a PNG file, in the project's style."""
+    buffer = io.BytesIO()
+    with figures.style():
+        drawn.savefig(buffer, format="png")
+    return buffer.getvalue()
+
+
+def showing_itself(drawn: "Figure") -> "Figure":
+    """The figure, which a notebook now shows when it is the last value of a cell.
+
+    matplotlib shows figures by itself only where pyplot made them.
+    """
+    drawn._repr_png_ = lambda: png_of(drawn)  # type: ignore[attr-defined]
+    return drawn
+
+
+def data_frame(
+    columns: Mapping[str, Sequence[Any] | Array], index: str | None = None
+) -> "pandas.DataFrame":
+    """A pandas DataFrame of columns, one of them the index; UnusableInput without pandas."""
+    try:
+        import pandas
+    except ModuleNotFoundError as error:
+        raise UnusableInput(f"pandas is not installed; {installs('notebook')}.") from error
+    frame = pandas.DataFrame(dict(columns))
+    return frame if index is None else frame.set_index(index)

@@ -1,0 +1,35 @@
+"""What every function takes: a thing, or the path of the file or folder that holds it."""
+
+import os
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+from wakedeploy.core.episodes import EpisodeSet, read_episode_set
+from wakedeploy.core.rig import Rig
+from wakedeploy.rig.file import default_rig, read_rig
+
+PathLike = str | os.PathLike[str]
+Warn = Callable[[str], None]
+
+
+def episode_set(data: EpisodeSet | PathLike) -> EpisodeSet:
+    """The set, read from its folder where a path is given."""
+    return data if isinstance(data, EpisodeSet) else read_episode_set(Path(data))
+
+
+def rig_of(rig: Rig | PathLike | None) -> Rig:
+    """The rig, read from its file where a path is given; the default rig for None."""
+    if rig is None:
+        return default_rig()
+    return rig if isinstance(rig, Rig) else read_rig(Path(rig))
+
+
+def path_of(place: PathLike | None) -> Path | None:
+    """The path, or None."""
+    return None if place is None else Path(place)
+
+
+def warn_caller(sentence: str) -> None:
+    """Tell a caller what it should know, as Python's warnings do."""
+    warnings.warn(sentence, stacklevel=3)

@@ -1,0 +1,242 @@
+"""Packages: made from a trained run, loaded from a file, stepped through observations."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from runtime.predictor import PackagePredictor
+from wakedeploy.api.display import html_table
+from wakedeploy.api.inputs import PathLike, episode_set, rig_of
+from wakedeploy.core.episodes import DESCRIPTION, read_episode_set, stated_sha256
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.manifest import FloatArray, Manifest
+from wakedeploy.core.package import Package, read_package
+from wakedeploy.gap.progress import Progress, quiet
+
+if TYPE_CHECKING:
+    from runtime.replay import Replay
+    from trainers.training.runs import TrainedRun
+    from wakedeploy.api.training import Runs
+    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.core.rig import Rig
+
+_DEPTH = 4  # how many folders down the set of a run is looked for
+
+
+class Predictor:
+    """A package that predicts: SI units in and out, channels in the manifest's order.
+
+    `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
+    observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
+    observation, float32. Before `manifest.warm_up_steps` observations its memory is not full.
+    Raises ValueError for another shape, CheckFailed where onnxruntime gives up.
+    """
+
+    def __init__(self, package: Package, path: Path) -> None:
+        self.package, self.path = package, path
+        self._live: PackagePredictor | None = None
+
+    @property
+    def manifest(self) -> Manifest:
+        """What the package says of itself: channels with units and ranges, rate, lead, errors."""
+        return self.package.manifest
+
+    @property
+    def lead_s(self) -> float:
+        """How far ahead of the newest observation the force is predicted [s]."""
+        return self.manifest.lead_s
+
+    def predict(self, observations: npt.ArrayLike) -> FloatArray:
+        """Forces (T, o) for observations (T, d), or (B, T, o) for B series (B, T, d).
+
+        Every call begins with an empty memory and leaves that of `step` alone. The columns of a
+        DataFrame are taken by their names, those of an array in the manifest's order. Raises
+        ValueError for another shape or a missing channel.
+        """
+        given = self._values(observations)  # (T, d) or (B, T, d)
+        series = given[None] if given.ndim == 2 else given  # (B, T, d)
+        runner = PackagePredictor(self.package, batch=len(series))
+        stepped = [runner.step(newest) for newest in series.swapaxes(0, 1)]  # T times (B, o)
+        outputs = len(self.manifest.force)
+        forces = np.stack(stepped, axis=1) if stepped else np.empty((len(series), 0, outputs))
+        return (forces[0] if given.ndim == 2 else forces).astype(np.float32)
+
+    def step(self, observation: npt.ArrayLike) -> FloatArray:
+        """The force (o,) for the newest observation (d,), with what it remembers of those before.
+
+        Raises ValueError for another shape.
+        """
+        if self._live is None:
+            self._live = PackagePredictor(self.package)
+        return self._live.step(observation)
+
+    def reset(self) -> None:
+        """Forget everything that `step` was given."""
+        if self._live is not None:
+            self._live.reset()
+
+    def check(self, rig: "Rig | PathLike | None" = None) -> "Replay":
+        """Verify every promise of the package that can be tried without torch.
+
+        Its example rollout is replayed in a process of its own and compared with what the
+        training-time forward gave. With a `rig` its rate [Hz], channels, forces and lead [s] have
+        to be those of that rig's loop.
+
+        Raises:
+            CheckFailed: It does not do what it promises, or takes too long or too much memory.
+            UnusableInput: It does not fit the rig.
+        """
+        from runtime.trial import tried
+
+        replayed = tried(self.package)
+        if rig is not None:
+            self._require_fit(rig_of(rig))
+        return replayed
+
+    def _require_fit(self, rig: "Rig") -> None:
+        """UnusableInput where the loop of a rig cannot fly it."""
+        from runtime.loop.loop import require_wait
+        from runtime.request import require_fit
+
+        require_fit(self.manifest, rig)
+        require_wait(rig)
+
+    def _values(self, observations: npt.ArrayLike) -> npt.NDArray[np.generic]:
+        """The observations as an array whose last axis is the manifest's channels."""
+        names = [channel.name for channel in self.manifest.observation]
+        if hasattr(observations, "columns"):
+            missing = [name for name in names if name not in observations.columns]
+            if missing:
+                raise ValueError(f"no column {', '.join(missing)}; the package needs {names}")
+            observations = observations[names]  # type: ignore[index]
+        values = np.asarray(observations)
+        if values.ndim not in (2, 3) or values.shape[-1] != len(names):
+            raise ValueError(
+                f"observations of shape {values.shape} where this package expects (T, {len(names)})"
+                f" or (B, T, {len(names)}): {', '.join(names)}"
+            )
+        return values
+
+    def _error(self, channel: str) -> str:
+        """The error on test episodes, where the package states it."""
+        test = self.manifest.test
+        return "" if test is None else f", test RMSE {test.rmse[channel]:.3g}"
+
+    def __repr__(self) -> str:
+        m = self.manifest
+        observed = ", ".join(f"{c.name} [{c.unit}]" for c in m.observation)
+        forces = ", ".join(f"{c.name} [{c.unit}]" for c in m.force)
+        return (
+            f"<Predictor {m.arch} of {self.path}: {observed} → {forces} {m.lead_s:g} s ahead at"
+            f" {m.rate_hz:g} Hz, {m.trainable:,} trainable parameters>"
+        )
+
+    def _repr_html_(self) -> str:
+        m = self.manifest
+        rows = [
+            *(["observes", f"{c.name} [{c.unit}]", f"{c.min:.3g} to {c.max:.3g} in training"]
+              for c in m.observation),
+            *(["predicts", f"{c.name} [{c.unit}]", f"{m.lead_s:g} s ahead{self._error(c.name)}"]
+              for c in m.force),
+            ["rate", f"{m.rate_hz:g} Hz", f"memory full after {m.warm_up_steps} steps"],
+        ]  # fmt: skip
+        title = f"{self.path}: {m.arch}, {m.trainable:,} trainable parameters"
+        return html_table(title, ["", "", ""], rows)
+
+
+def load(path: PathLike) -> Predictor:
+    """Read a package, one `.onnx` file, without torch.
+
+    Args:
+        path: The file that `export` wrote.
+
+    Returns:
+        The predictor; `predictor.predict(observations)` takes (T, d) and gives forces (T, o), in
+        the units that its manifest names.
+
+    Raises:
+        UnusableInput: The file is absent, foreign, damaged, of another release, or asks for what no
+            package may.
+    """
+    return Predictor(read_package(Path(path)), Path(path))
+
+
+def export(
+    run: "TrainedRun | Runs | PathLike",
+    out: PathLike | None = None,
+    *,
+    data: "EpisodeSet | PathLike | None" = None,
+    progress: Progress = quiet,
+) -> Predictor:
+    """Turn a trained run into one self-contained file that the Pi runs.
+
+    The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
+    difference above the limit (1e-5 of the largest force) leaves no file.
+
+    Args:
+        run: A run, its folder, or what `train` returned for a single one.
+        out: The file to write. Default: `ARCH.onnx`.
+        data: The set it was trained on. Default: where the run knows it to lie.
+        progress: Called with a stage, the steps done and their number.
+
+    Returns:
+        The predictor in the file: observations (T, d) to forces (T, o), in the units of its
+        channels.
+
+    Raises:
+        UnusableInput: There is no such run, or the set is another one than it was trained on.
+        CheckFailed: Exported graph and training-time forward differ.
+    """
+    from export.packaging import export_run
+
+    trained = _one_run(run)
+    path = Path(out) if out is not None else Path(f"{trained.config.arch}.onnx")
+    episodes = _episodes(trained) if data is None else episode_set(data)
+    progress("Exporting", 0, 1)
+    package = export_run(
+        trained, episodes, path, lambda done, total: progress("Exporting", done, total)
+    )
+    return Predictor(package, path)
+
+
+def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":
+    """The run that is given; UnusableInput where several are."""
+    from trainers.training.runs import TrainedRun, load_run
+    from wakedeploy.api.training import Runs
+
+    if isinstance(run, TrainedRun):
+        return run
+    if not isinstance(run, Runs):
+        return load_run(Path(run))
+    if len(run) != 1:
+        raise UnusableInput(
+            f"{run.folder}: {len(run)} runs were trained; export one of them, such as runs[0] or"
+            f' runs["{run[0].config.arch}"].'
+        )
+    return run[0]
+
+
+def _episodes(run: "TrainedRun") -> "EpisodeSet":
+    """The set that the run knows, or one below this folder with its hash."""
+    known, wanted = run.metrics.data_folder, run.config.data_sha256
+    places = [] if known is None else [Path(known)]
+    for depth in range(1, _DEPTH + 1):
+        places += sorted(path.parent for path in Path().glob(f"{'*/' * depth}{DESCRIPTION}"))
+    found = next((place for place in places if _hash_of(place) == wanted), None)
+    if found is not None:
+        return read_episode_set(found)
+    where = f"The set that {run.folder} was trained on is not near this folder"
+    if known is not None:
+        happened = "is no longer there" if _hash_of(Path(known)) is None else "has changed since"
+        where = f"The set that {run.folder} was trained on lay in {known} and {happened}"
+    raise UnusableInput(f"{where}; say where it is now: --data FOLDER (in Python, data=…).")
+
+
+def _hash_of(folder: Path) -> str | None:
+    """The content hash that a set states; None for what is no set, as many a dataset.json."""
+    try:
+        return stated_sha256(folder)
+    except UnusableInput:
+        return None

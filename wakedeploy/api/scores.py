@@ -1,0 +1,138 @@
+"""Errors of trained predictors as a table: a row per run, beside what has learned nothing."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from wakedeploy.api.display import data_frame, html_table
+from wakedeploy.core.manifest import Quantity
+
+if TYPE_CHECKING:
+    import pandas
+
+    from trainers.training.runs import TrainedRun
+    from trainers.training.score import Score
+
+
+@dataclass(frozen=True)
+class ScoreRow:
+    """The errors of one run on one split, as `train --json` and `evaluate --json` write them.
+
+    `rmse` is in each force channel's unit, `r2` None where the force never changes; both are pooled
+    over the split. `run` is the run's folder, `lead_s` how far ahead it predicts [s], `seconds`
+    what training or scoring took, `device` where it was trained.
+    """
+
+    run: str
+    arch: str
+    seed: int
+    lead_s: float
+    hyper: dict[str, Any]
+    settings: dict[str, float | int]
+    kept_from: list[str]
+    data_sha256: str
+    trainable: int
+    frozen: int
+    split: str
+    rmse: dict[str, float]
+    r2: dict[str, float | None]
+    seconds: float
+    device: str
+
+    def as_json(self) -> dict[str, Any]:
+        """The row as a plain dictionary."""
+        return asdict(self)
+
+    @property
+    def configuration(self) -> dict[str, Any]:
+        """Everything that may tell two runs of an architecture apart, but for the seed."""
+        kept = {"kept_from": self.kept_from, "data": self.data_sha256[:8]}
+        return {"lead_s": self.lead_s, **self.settings, **self.hyper, **kept}
+
+
+def score_row(
+    run: "TrainedRun",
+    split: str,
+    rmse: Mapping[str, float],
+    r2: Mapping[str, float | None],
+    seconds: float,
+) -> ScoreRow:
+    """The row of a run: its errors on a split, and what it was trained with."""
+    return ScoreRow(
+        run=str(run.folder),
+        arch=run.config.arch,
+        seed=run.config.seed,
+        lead_s=run.config.lead_s,
+        hyper=dict(run.config.hyper),
+        settings=dict(run.config.settings),
+        kept_from=list(run.config.present_only),
+        data_sha256=run.config.data_sha256,
+        trainable=run.metrics.trainable,
+        frozen=run.metrics.frozen,
+        split=split,
+        rmse=dict(rmse),
+        r2=dict(r2),
+        seconds=round(seconds, 3),
+        device=run.metrics.device,
+    )
+
+
+@dataclass(frozen=True, repr=False)
+class Scores:
+    """Errors of several runs on the same samples, forces (T, o), of one split.
+
+    `rows` has a `ScoreRow` per run; `force` are the channels with their units. `unlearned` has, by
+    lead [s], what learned nothing: `zero`, and a set's observer of the sufferer's motion. RMSE is
+    in the channel's unit (N for forces), R² has none. `to_pandas` raises UnusableInput where pandas
+    is not installed.
+    """
+
+    rows: tuple[ScoreRow, ...]
+    unlearned: Mapping[float, Mapping[str, "Score"]]
+    force: tuple[Quantity, ...]
+    split: str
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        channel = self.force[0]
+        told = [f"{r.arch} s{r.seed} {r.rmse[channel.name]:.4g}" for r in self.rows[:8]]
+        more = f", and {len(self) - 8} more" if len(self) > 8 else ""
+        errors = f"RMSE {channel.name} [{channel.unit}]: {', '.join(told)}{more}"
+        return f"<Scores of {len(self)} runs on {self.split} episodes; {errors}>"
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A row per run: architecture, seed, lead, parameters, RMSE and R² per channel."""
+        columns: dict[str, Sequence[Any]] = {
+            "arch": [r.arch for r in self.rows],
+            "seed": [r.seed for r in self.rows],
+            "lead_s": [r.lead_s for r in self.rows],
+            "trainable": [r.trainable for r in self.rows],
+        }
+        for name in (channel.name for channel in self.force):
+            columns |= {f"rmse_{name}": [r.rmse[name] for r in self.rows]}
+            columns |= {f"r2_{name}": [r.r2[name] for r in self.rows]}
+        return data_frame(columns | {"seconds": [r.seconds for r in self.rows]})
+
+    def _repr_html_(self) -> str:
+        columns = ["architecture", "seed", "lead [s]", "trainable"]
+        for channel in self.force:
+            columns += [f"RMSE {channel.name} [{channel.unit}]", f"R² {channel.name}"]
+        rows = [
+            [r.arch, str(r.seed), f"{r.lead_s:g}", f"{r.trainable:,}", *self._cells(r)]
+            for r in self.rows
+        ]
+        rows += [
+            [name, "", f"{lead_s:g}", "", *self._cells(score)]
+            for lead_s, scores in self.unlearned.items()
+            for name, score in scores.items()
+        ]
+        return html_table(f"{self.split.capitalize()} episodes", columns, rows)
+
+    def _cells(self, scored: "ScoreRow | Score") -> list[str]:
+        told = []
+        for name in (channel.name for channel in self.force):
+            r2 = scored.r2[name]
+            told += [f"{scored.rmse[name]:.4g}", "—" if r2 is None else f"{r2:.4f}"]
+        return told

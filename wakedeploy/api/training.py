@@ -1,0 +1,430 @@
+"""Train predictors on a set of episodes, and score finished runs on any set that fits them."""
+
+import functools
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, overload
+
+from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
+from wakedeploy.api.scores import ScoreRow, Scores, score_row
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.names import ALL, ARCHITECTURES, meant, unknown
+from wakedeploy.gap.progress import Progress, quiet
+
+if TYPE_CHECKING:
+    import pandas
+
+    from trainers.preset import Preset
+    from trainers.trackers import Tracker
+    from trainers.training.runs import RunConfig, TrainedRun
+    from wakedeploy.core.episodes import EpisodeSet
+
+
+class Runs(Sequence["TrainedRun"]):
+    """Trained runs with their errors on the test episodes.
+
+    `runs[0]` is the first, `runs["gru"]` the first of an architecture. `folder` is where they lie,
+    `scores` their errors: RMSE in the unit of each force channel (N for forces), R² without one.
+    Each run predicts forces (T, o) from observations (T, d). KeyError for an architecture that was
+    not trained.
+    """
+
+    def __init__(self, runs: Sequence["TrainedRun"], folder: Path, scores: Scores) -> None:
+        self._runs, self.folder, self.scores = tuple(runs), folder, scores
+
+    def __len__(self) -> int:
+        return len(self._runs)
+
+    @overload
+    def __getitem__(self, which: int | str) -> "TrainedRun": ...
+    @overload
+    def __getitem__(self, which: slice) -> "tuple[TrainedRun, ...]": ...
+    def __getitem__(self, which: int | str | slice) -> "TrainedRun | tuple[TrainedRun, ...]":
+        if not isinstance(which, str):
+            return self._runs[which]
+        found = next((run for run in self._runs if run.config.arch == which), None)
+        if found is None:
+            trained = ", ".join(dict.fromkeys(run.config.arch for run in self._runs))
+            raise KeyError(f"{which!r} was not trained; there are {trained}")
+        return found
+
+    def to_pandas(self) -> "pandas.DataFrame":
+        """A row per run, as `Scores.to_pandas`. UnusableInput without pandas."""
+        return self.scores.to_pandas()
+
+    def __repr__(self) -> str:
+        return f"<Runs in {self.folder}: {self.scores!r}>"
+
+    def _repr_html_(self) -> str:
+        return self.scores._repr_html_()
+
+
+@dataclass(frozen=True)
+class _Manner:
+    """How each run is trained, and who hears of it."""
+
+    out: Path
+    tracker: "Tracker | None"
+    fresh: bool
+    device: str
+    pictures: bool
+    progress: Progress
+    warn: Warn
+
+
+def train(
+    data: "EpisodeSet | PathLike",
+    arch: str | Sequence[str] | None = None,
+    *,
+    seeds: int = 1,
+    lead_s: float | None = None,
+    out: PathLike = "runs",
+    epochs: int | None = None,
+    learning_rate: float | None = None,
+    hyper: Mapping[str, Any] | None = None,
+    preset: str = "reference",
+    threads: int = 1,
+    device: str = "auto",
+    fresh: bool = False,
+    tracker: str | None = None,
+    pictures: bool = True,
+    progress: Progress = quiet,
+    warn: Warn = warn_caller,
+) -> Runs:
+    """Fit one, several or all architectures on the training episodes of a set.
+
+    A run that is finished with the same data and settings is not trained again, and one that was
+    stopped goes on. Of an episode a predictor sees observations (T, d) and learns forces (T, o), in
+    the units of the set's channels.
+
+    Args:
+        data: A set, or the folder of one.
+        arch: A name, several, or "all". Default: all, or the one of the preset's file.
+        seeds: How many runs of each architecture, seeds 0, 1, …
+        lead_s: Predict the force this many seconds ahead. Default: what the set states, or 0.
+        out: The folder of all runs; each lies in `<domain>/<arch>/s<seed>`.
+        epochs: Default: 60.
+        learning_rate: Its peak. Default: 0.003, Mamba 0.01.
+        hyper: Changed hyper-parameters, `{"gru.hidden": 48}`; of a single architecture also
+            `{"hidden": 48}`.
+        preset: "reference" (the paper's shapes), "tuned" (those that ship for the set's domain) or
+            the file that `tune` wrote.
+        threads: CPU threads of torch meanwhile. On the CPU the same number gives the same weights.
+        device: "auto", "cpu" or "cuda".
+        fresh: Replace runs that lie in `out` already.
+        tracker: "tensorboard" or "mlflow": also tell it losses, scores and pictures.
+        pictures: Draw `curves.png` and `prediction.png` into the folder of each run.
+        progress: Called with a stage, the epochs done and their number.
+        warn: Called with what you should know, in a sentence. Default: Python's warnings.
+
+    Returns:
+        The runs, architecture by architecture.
+
+    Raises:
+        UnusableInput: The set, a name or a setting cannot be used; the sentence says what to do.
+        CheckFailed: A fit diverged.
+    """
+    from trainers.preset import REFERENCE, TUNED, read_preset
+    from trainers.training.trainer import chosen_lead_s
+
+    data = episode_set(data)
+    of_preset = ARCHITECTURES if preset in (REFERENCE, TUNED) else None
+    names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
+    changed = _changed(hyper or {}, names)
+    lead_s = chosen_lead_s(data, lead_s)
+    presets = {name: _preset(preset, name, data, lead_s, warn) for name in names}
+    configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
+    opened = _opened(tracker, Path(out), warn)
+    manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn)
+    with _threads(threads):
+        runs = [
+            _trained(config, data, manner, f"{number} of {len(configs)}")
+            for number, config in enumerate(configs, 1)
+        ]
+        return Runs(runs, Path(out), _test_scores(runs, data, lead_s))
+
+
+def evaluate(
+    runs: "Runs | TrainedRun | Sequence[TrainedRun] | PathLike",
+    data: "EpisodeSet | PathLike",
+    split: str = "test",
+    *,
+    progress: Progress = quiet,
+    warn: Warn = warn_caller,
+) -> Scores:
+    """Score finished runs on the episodes of a set.
+
+    Every run is asked for the force (T, o) at its own lead [s]; all are scored on the same samples,
+    after one common warm-up.
+
+    Args:
+        runs: What `train` returned, one run of it, or a folder: every finished run below counts.
+        data: A set, or the folder of one; its channels and rate have to be the runs'.
+        split: "train", "validation", "test" or "all".
+        progress: Called with a stage, the runs done and their number.
+        warn: Called with a sentence about runs in a folder that do not fit the set.
+
+    Returns:
+        RMSE in the unit of each channel and R², a row per run in the order of the paper's table.
+
+    Raises:
+        UnusableInput: There is no finished run, none fits the set, or the split has no episode that
+            is long enough.
+    """
+    place = data
+    data = episode_set(data)
+    trained = _trained_runs(runs, data, place, progress, warn)
+    warm_up = max(data.warm_up_steps, *(run.config.warm_up_steps for run in trained))
+    rows = []
+    for number, run in enumerate(trained, 1):
+        rows.append(_evaluated(run, data, split, warm_up))
+        progress("Evaluating", number, len(trained))
+    from trainers.training.score import unlearned
+
+    # Forces at different times do not compare, so that each lead has its own.
+    leads = sorted({run.config.lead_s for run in trained})
+    nothing = {lead_s: unlearned(data, split, lead_s, warm_up) for lead_s in leads}
+    return Scores(tuple(rows), nothing, trained[0].config.force, split)
+
+
+# --- what is trained ----------------------------------------------------------------------------
+
+
+def _names(arch: str | Sequence[str] | None) -> tuple[str, ...]:
+    """The architectures asked for, in the order asked; () where none is."""
+    if arch is None:
+        return ()
+    asked = [arch] if isinstance(arch, str) else list(arch)
+    if ALL in asked:
+        return ARCHITECTURES
+    found = []
+    for name in asked:
+        known = meant(name, ARCHITECTURES)
+        if known is None:
+            raise UnusableInput(f"{unknown(name, 'architecture', ARCHITECTURES)}.")
+        found.append(known)
+    return tuple(dict.fromkeys(found))
+
+
+def _changed(hyper: Mapping[str, Any], names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """The changed hyper-parameters by architecture; each that is trained has an entry."""
+    changed: dict[str, dict[str, Any]] = {name: {} for name in names}
+    for key, value in hyper.items():
+        given, dot, name = key.rpartition(".")
+        arch = meant(given, names) if dot else names[0] if len(names) == 1 else None
+        if arch is None:
+            raise UnusableInput(
+                f"hyper {key}: name the architecture too, ARCH.NAME, one of {', '.join(names)}."
+            )
+        changed[arch][name] = value
+    return changed
+
+
+def _configs(
+    data: "EpisodeSet",
+    presets: "Mapping[str, Preset | None]",
+    changed: Mapping[str, Mapping[str, Any]],
+    asked: tuple[int, float, int | None, float | None],
+) -> "list[RunConfig]":
+    """What is trained: every architecture with every seed."""
+    from trainers.training.trainer import configure, settings_for
+
+    seeds, lead_s, epochs, rate = asked
+    configs = []
+    for name, preset in presets.items():
+        others = preset.settings if preset is not None else None
+        settings = settings_for(name, epochs=epochs, learning_rate=rate, others=others)
+        shape = {**(preset.hyper if preset else {}), **changed[name]}
+        configs += [
+            configure(data, name, seed=seed, lead_s=lead_s, hyper=shape, settings=settings)
+            for seed in range(seeds)
+        ]
+    return configs
+
+
+def _preset(
+    asked: str, arch: str, data: "EpisodeSet", lead_s: float, warn: Warn
+) -> "Preset | None":
+    """The preset asked for; warns where it was found for another lead or on another set.
+
+    Two sets of a domain need not be alike: simulated and measured flights are both "gantry".
+    """
+    from trainers.preset import REFERENCE, chosen_preset
+
+    found = chosen_preset(asked, arch, data.domain)
+    if found is None:
+        return None
+    if found.study.get("ships") == REFERENCE:
+        warn(
+            f"The tuned preset of {arch} on {data.domain} sets is the paper's shape: what"
+            f" {found.study.get('trials')} trials found was no better with other seeds."
+        )
+        return found
+    found_s = found.study.get("lead_s", lead_s)
+    if found_s != lead_s:
+        warn(
+            f"The preset of {arch} was found for a lead of {found_s:g} s; this trains for"
+            f" {lead_s:g} s (--lead {found_s:g} repeats it)."
+        )
+    if found.study.get("data_sha256") not in (None, data.sha256):
+        warn(
+            f"The preset of {arch} was found on another set ({found.study.get('data')}, "
+            f"{found.study.get('trials')} trials, {found.study.get('date')})."
+        )
+    return found
+
+
+def _opened(tracker: str | None, out: Path, warn: Warn) -> "Tracker | None":
+    """The tracker asked for; says where it keeps what it is told."""
+    from trainers.trackers import open_tracker
+
+    if tracker is None:
+        return None
+    opened = open_tracker(tracker, out)
+    warn(opened.told)
+    return opened
+
+
+# --- training -----------------------------------------------------------------------------------
+
+
+@contextmanager
+def _threads(count: int) -> Iterator[None]:
+    """Let torch compute with so many threads in the block."""
+    import torch
+
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)
+
+
+def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: str) -> "TrainedRun":
+    """Train one run and draw it; of one that was interrupted or diverged, what there is."""
+    from trainers.inspection.pictures import write_pictures, write_pictures_so_far
+    from trainers.trackers import following
+    from trainers.training.runs import run_folder
+    from trainers.training.trainer import train
+
+    folder = run_folder(manner.out, config)
+    epochs = functools.partial(manner.progress, f"Training {config.arch} s{config.seed} ({number})")
+    epochs(0, int(config.settings["epochs"]))
+    with following(manner.tracker, config, folder, fresh=manner.fresh, warn=manner.warn) as told:
+        try:
+            run = train(
+                config, data, manner.out,
+                on_epoch=epochs, on_standing=told.stands, fresh=manner.fresh, device=manner.device,
+            )  # fmt: skip
+        except (KeyboardInterrupt, CheckFailed):
+            _drawn(lambda: write_pictures_so_far(folder, data), manner)
+            raise
+        told.finished(run, _drawn(lambda: write_pictures(run, data), manner))
+    return run
+
+
+def _drawn(write: Callable[[], list[Path]], manner: _Manner) -> list[Path]:
+    """What was drawn; a picture that cannot be written costs no result."""
+    if not manner.pictures:
+        return []
+    try:
+        return write()
+    except UnusableInput as error:
+        manner.warn(f"No pictures: {error}")
+        return []
+
+
+def _test_scores(runs: "Sequence[TrainedRun]", data: "EpisodeSet", lead_s: float) -> Scores:
+    from trainers.training.score import unlearned
+
+    rows = [
+        score_row(run, "test", run.metrics.test.rmse, run.metrics.test.r2, run.metrics.seconds)
+        for run in runs
+    ]
+    nothing = {lead_s: unlearned(data, "test", lead_s)}
+    return Scores(tuple(rows), nothing, runs[0].config.force, "test")
+
+
+# --- scoring ------------------------------------------------------------------------------------
+
+
+def _trained_runs(
+    runs: "Runs | TrainedRun | Sequence[TrainedRun] | PathLike",
+    data: "EpisodeSet",
+    place: object,
+    progress: Progress,
+    warn: Warn,
+) -> "list[TrainedRun]":
+    """The runs to score, in the order of the paper's table."""
+    from trainers.training.runs import TrainedRun, finished_runs, load_run
+
+    if isinstance(runs, TrainedRun):
+        runs = [runs]
+    if isinstance(runs, Sequence) and not isinstance(runs, str):
+        trained = list(runs)
+        for run in trained:
+            if why := misfit(run.config, data):
+                raise UnusableInput(f"{run.folder} cannot be evaluated on {_told(place)}: {why}.")
+    else:
+        folders = _that_fit(finished_runs(Path(runs)), data, place, warn)
+        trained = []
+        for number, folder in enumerate(folders, 1):
+            trained.append(load_run(folder))
+            progress("Reading the runs", number, len(folders))
+    return sorted(trained, key=_place_in_table)
+
+
+def _told(place: object) -> str:
+    return f"this {place.domain} set" if hasattr(place, "domain") else str(place)
+
+
+def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn) -> list[Path]:
+    """The runs whose channels and rate are the set's; warns of how many others there are."""
+    from trainers.training.runs import read_config
+
+    misfits = {folder: misfit(read_config(folder), data) for folder in folders}
+    fitting = [folder for folder in folders if misfits[folder] is None]
+    first, why = next(((f, w) for f, w in misfits.items() if w is not None), (None, None))
+    if not fitting:
+        raise UnusableInput(f"{first} cannot be evaluated on {_told(place)}: {why}.")
+    if first is not None:
+        others = len(folders) - len(fitting)
+        warn(f"Left out {others} runs that do not fit the set; {first}: {why}.")
+    return fitting
+
+
+def misfit(config: "RunConfig", data: "EpisodeSet") -> str | None:
+    """What keeps a run from reading a set, in words; None when nothing does."""
+    for kind, own, there in (
+        ("observation", config.observation, data.observation),
+        ("force", config.force, data.force),
+    ):
+        names, given = [(c.name, c.unit) for c in own], [(c.name, c.unit) for c in there]
+        if names != given:
+            return f"its {kind} channels are {_listed(names)}, the set has {_listed(given)}"
+    if abs(config.rate_hz - data.rate_hz) > 1e-6 * config.rate_hz:
+        return f"it was trained at {config.rate_hz:g} Hz, the set is at {data.rate_hz:g} Hz"
+    return None
+
+
+def _listed(channels: list[tuple[str, str]]) -> str:
+    return ", ".join(f"{name} [{unit}]" for name, unit in channels)
+
+
+def _place_in_table(run: "TrainedRun") -> tuple[int, int]:
+    """Architectures in the order of Table I, then seeds."""
+    from trainers.build import ARCHITECTURES
+
+    return list(ARCHITECTURES).index(run.config.arch), run.config.seed
+
+
+def _evaluated(run: "TrainedRun", data: "EpisodeSet", split: str, warm_up: int) -> ScoreRow:
+    from trainers.training.score import score
+
+    began = time.monotonic()
+    result = score(run.predictor, data, split, run.config.lead_s, warm_up)
+    return score_row(run, split, result.rmse, result.r2, time.monotonic() - began)
