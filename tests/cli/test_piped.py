@@ -31,9 +31,9 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 def test_simulation_tells_how_far_it_is(tmp_path: Path) -> None:
     done = piped("data", "make", "gantry", "--out", tmp_path / "set", "--minutes", "1.3")
-    told = [line for line in done.stderr.splitlines() if line.startswith("Flying")]
+    told = [line for line in done.stderr.splitlines() if line.startswith("Simulating")]
     assert any("%, about" in line for line in told), done.stderr
-    assert told[-1].startswith("Flying: done in ")
+    assert told[-1].startswith("Simulating: done in ")
     assert len(told) <= 12
 
 
