@@ -1,4 +1,4 @@
-"""Height and lateral position from range samples and step counts: filterpy's Kalman filter.
+"""Height and lateral position from range samples and step counts: a Kalman filter.
 
 Pure steps, `(state, input) → state`. Height: z, its speed, and the disturbance force that the known
 thrust does not explain. The range sample's age is known and part of the measurement equation; a
@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from filterpy.kalman import predict as kalman_predict
-from filterpy.kalman import update as kalman_update
 
+from runtime.loop.kalman import predict as kalman_predict
+from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import mean_thrust, spooled
