@@ -20,18 +20,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from runtime.flyable import Flyable, inputs_of, predictor_of, read_flyable
 from runtime.io.link import Link
 from runtime.io.range_source import SocketRangeSource, wait_for_first
 from runtime.io.realtime import loop_core, quieten_interpreter, take_priority
 from runtime.loop.loop import PERIOD_S, Loop, budget_s, require_wait
 from runtime.loop.pilot import OBSERVATION
 from runtime.loop.prediction import PredictionWorker
-from runtime.predictor import PackagePredictor
 from runtime.reference import hold_plan
 from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.manifest import ObservationChannel
-from wakedeploy.core.package import Package, read_package
 from wakedeploy.core.rig import Rig
 from wakedeploy.rig.file import default_rig, parse_rig
 
@@ -90,7 +89,7 @@ def bench_latency(
     used = rig or default_rig()
     require_wait(used)
     for path in packages:
-        read_package(path)  # a bad one is told before minutes are spent on the others
+        read_flyable(path)  # a bad one is told before minutes are spent on the others
     total, rows = len(packages) * ticks, []
     with _busy_cores() if busy else ExitStack():
         for number, path in enumerate(packages):
@@ -164,9 +163,9 @@ def _row_of(out: str, package: str) -> BenchRow:
 class Replayed:
     """A package's predictor fed with its own example, which stands in for the gantry's channels."""
 
-    def __init__(self, package: Package) -> None:
-        self._predictor = PackagePredictor(package)
-        self._inputs, self._next = package.example.observation, 0
+    def __init__(self, package: Flyable) -> None:
+        self._predictor = predictor_of(package)
+        self._inputs, self._next = inputs_of(package), 0
         anything = tuple(
             ObservationChannel(name=name, unit=unit, min=-_UNBOUNDED, max=_UNBOUNDED)
             for name, unit in OBSERVATION
@@ -191,7 +190,7 @@ class Replayed:
 
 def measure(path: Path, ticks: int, realtime: bool | None, rig: Rig) -> BenchRow:
     """Fly `ticks` ticks with a package in this process, and time them."""
-    predictor = Replayed(read_package(path))
+    predictor = Replayed(read_flyable(path))
     arch = predictor.manifest.arch
     rig = rig.changed(disturbance={"rest_s": 0.0})
     with ExitStack() as opened:

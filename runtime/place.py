@@ -9,20 +9,19 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 
+from runtime.flyable import Flyable, predictor_of
 from runtime.io.conversation import Conversation
 from runtime.io.link import Link
 from runtime.io.range_source import I2cRangeSource, RangeSource, SocketRangeSource
 from runtime.io.realtime import Clock, Priority, become_ordinary, quieten_interpreter, take_priority
 from runtime.loop.loop import PERIOD_S
 from runtime.loop.prediction import Predictions, PredictionWorker
-from runtime.predictor import PackagePredictor
 from runtime.request import RunRequest
 from runtime.simulated import PackageForecast, SimulatedGantry
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.hooks import load_hooks
 from runtime.virtual.process import VirtualGantryProcess
 from runtime.virtual.simulated_uno import SimulatedUno
-from wakedeploy.core.package import Package
 from wakedeploy.physics.gantry import GantryPlant
 
 
@@ -45,11 +44,11 @@ class Place:
         """Whether the loop has real-time priority."""
         return self.priority is not None and self.priority.is_realtime
 
-    def predictions(self, package: Package, opened: ExitStack) -> Predictions:
+    def predictions(self, package: Flyable, opened: ExitStack) -> Predictions:
         """The package at work: in a thread with deadlines, or at once where time is simulated."""
         if self.is_simulated_time:
-            return PackageForecast(PackagePredictor(package))
-        worker = PredictionWorker(PackagePredictor(package), PERIOD_S)
+            return PackageForecast(predictor_of(package))
+        worker = PredictionWorker(predictor_of(package), PERIOD_S)
         opened.callback(worker.close)
         return worker
 

@@ -4,25 +4,29 @@ Tensors live in buffers that are bound once; a step copies the observation in, r
 copies the force out. State tensors alternate between two sets of buffers and are never copied.
 """
 
-from typing import Protocol
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
-import onnxruntime as ort
 
 from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, Manifest, Memory
 from wakedeploy.core.package import Package
 
+if TYPE_CHECKING:
+    import onnxruntime as ort
+
 _LONGEST = 300  # letters of what onnxruntime says, which may quote the model
 
 
-def inference_session(model_bytes: bytes) -> ort.InferenceSession:
+def inference_session(model_bytes: bytes) -> "ort.InferenceSession":
     """The one place where onnxruntime sessions are built: one thread, sequential, no spinning.
 
     With the defaults, idle threads spin between the ticks of a 32 Hz loop. Raises UnusableInput
-    where onnxruntime does not accept the model.
+    where onnxruntime does not accept the model, or is not installed.
     """
+    ort = _onnxruntime()
     options = ort.SessionOptions()
     options.intra_op_num_threads = 1
     options.inter_op_num_threads = 1
@@ -39,6 +43,18 @@ def inference_session(model_bytes: bytes) -> ort.InferenceSession:
         ) from error
     session._model_bytes = None  # kept for a change of provider, which never comes; megabytes
     return session
+
+
+def _onnxruntime() -> Any:
+    """Loaded with the first session: C does without it, and some machines have no wheel."""
+    try:
+        import onnxruntime
+    except ImportError as error:
+        raise UnusableInput(
+            f"onnxruntime cannot be loaded here ({one_line(error)}); install it, or fly the package"
+            " as C: `wakedeploy export --package FILE --c FOLDER` on another machine."
+        ) from error
+    return onnxruntime
 
 
 class PackagePredictor:
@@ -93,7 +109,7 @@ class PackagePredictor:
             self._session.run_with_iobinding(self._bindings[self._seen % 2])
         except Exception as error:  # onnxruntime's exceptions have no common base of their own
             raise CheckFailed(
-                f"onnxruntime {ort.__version__} cannot compute a step of the model"
+                f"onnxruntime {version('onnxruntime')} cannot compute a step of the model"
                 f" ({one_line(error)[:_LONGEST]}); make the package again with `wakedeploy export`."
             ) from error
         self._seen += 1
@@ -109,7 +125,7 @@ class PackagePredictor:
                 f" {names}"
             )
 
-    def _binding(self, turn: int) -> ort.IOBinding:
+    def _binding(self, turn: int) -> "ort.IOBinding":
         """Buffers for even (0) or odd (1) steps: states read from one set, left in the other."""
         binding = self._session.io_binding()
         then, now = self._states[turn], self._states[1 - turn]

@@ -4,15 +4,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from runtime.flyable import Flyable, read_flyable, require_tried
 from runtime.loop.loop import PERIOD_S, require_wait
 from runtime.loop.pilot import FORCE, OBSERVATION
 from runtime.loop.tally import Tally
 from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
-from runtime.trial import require_trial
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import ForceChannel, Manifest
-from wakedeploy.core.package import Package, read_package
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.rig.file import read_rig
 
@@ -94,7 +93,7 @@ class RunRequest:
 
 def wanted(
     request: RunRequest, waiting: Callable[[], None] = lambda: None
-) -> tuple[FlightPlan, Package | None]:
+) -> tuple[FlightPlan, Flyable | None]:
     """What is to be flown and with what, read, judged and tried; `waiting` is called meanwhile.
 
     A package that nobody checked on this computer is as good as one that fails its check. Its trial
@@ -104,10 +103,10 @@ def wanted(
     require_plan_fits(plan, request.rig)
     if request.package is None:
         return plan, None
-    package = read_package(request.package)
+    package = read_flyable(request.package)
     require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
     require_wait(request.rig)
-    require_trial(package, waiting)
+    require_tried(package, waiting)
     return plan, package
 
 

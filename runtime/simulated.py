@@ -10,11 +10,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from runtime.flyable import Predicting
 from runtime.io.conversation import Conversation
 from runtime.io.protocol import Command, Message
 from runtime.io.range_source import STATUS_NO_TARGET, RangeReading
 from runtime.loop.prediction import Result, predicted
-from runtime.predictor import PackagePredictor
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
 from wakedeploy.core.manifest import FloatArray
@@ -119,7 +119,7 @@ class SimulatedGantry(Conversation):
 class PackageForecast:
     """A package's predictions without a thread: they are there at once."""
 
-    def __init__(self, predictor: PackagePredictor) -> None:
+    def __init__(self, predictor: Predicting) -> None:
         channels = predictor.manifest.observation
         self._predictor, self.lead_s = predictor, predictor.manifest.lead_s
         self.low: FloatArray = np.array([c.min for c in channels], np.float32)  # (d,)

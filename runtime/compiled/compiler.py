@@ -1,0 +1,127 @@
+"""This machine's C compiler: found, asked, and never run twice for the same source."""
+
+import functools
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from wakedeploy.core.errors import CheckFailed, UnusableInput, shown
+
+PLAIN = ("-O2",)
+NATIVE = ("-O2", "-march=native")  # what the loop runs
+STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wconversion", "-Wdouble-promotion", "-Werror")
+_USUAL = ("cc", "gcc", "clang")
+_LIMIT_S = 300.0  # of a compilation; the largest reservoir takes some seconds
+
+
+def host_compiler() -> str:
+    """The compiler that the variable CC names, else the first of cc, gcc and clang.
+
+    Raises UnusableInput where there is none.
+    """
+    named = os.environ.get("CC", "").split()
+    for name in (*named[:1], *_USUAL):
+        if (found := shutil.which(name)) is not None:
+            return found
+    raise UnusableInput(
+        "There is no C compiler on this machine (CC, cc, gcc and clang were looked for): install"
+        " one, as by `sudo apt install gcc`."
+    )
+
+
+@functools.cache
+def version_of(compiler: str) -> str:
+    """The first line that a compiler says about itself."""
+    told = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)  # noqa: S603
+    return shown(told.stdout.partition("\n")[0]) or Path(compiler).name
+
+
+def takes(compiler: str, flags: Sequence[str]) -> bool:
+    """Whether a compiler knows these flags; not every one has a native processor."""
+    command = [compiler, *flags, "-x", "c", "-c", os.devnull, "-o", os.devnull]
+    return subprocess.run(command, capture_output=True, check=False).returncode == 0  # noqa: S603
+
+
+def native_flags(compiler: str) -> tuple[str, ...]:
+    """The flags of the loop, as far as this compiler knows them."""
+    return NATIVE if takes(compiler, NATIVE) else PLAIN
+
+
+def compiled(
+    sources: Sequence[Path], out: Path, flags: Sequence[str], compiler: str | None = None
+) -> Path:
+    """Compile and link sources into `out`; CheckFailed with the compiler's first complaint."""
+    command = [compiler or host_compiler(), *STRICT, *flags, "-o", out, *sources, "-lm"]
+    try:
+        ended = subprocess.run(  # noqa: S603
+            list(map(str, command)), capture_output=True, text=True, timeout=_LIMIT_S, check=False
+        )
+    except subprocess.TimeoutExpired as error:
+        raise CheckFailed(
+            f"{sources[0]}: its compilation had not ended after {_LIMIT_S:g} s; export it again."
+        ) from error
+    if ended.returncode != 0:
+        said = next((line for line in ended.stderr.splitlines() if "error" in line), ended.stderr)
+        raise CheckFailed(
+            f"{sources[0]}: {Path(str(command[0])).name} {' '.join(flags)} does not compile it"
+            f" ({shown(said)[:300]}); export it again, or name another compiler by CC."
+        )
+    return out
+
+
+def shared_library(source: Path, flags: Sequence[str] | None = None) -> Path:
+    """The library of a source, from the cache where it has been compiled here before."""
+    compiler = host_compiler()
+    used = native_flags(compiler) if flags is None else tuple(flags)
+    out = _cache() / f"{source.stem}-{_key(source, compiler, used)}.so"
+    if not out.exists():
+        with tempfile.TemporaryDirectory(dir=out.parent) as folder:
+            made = compiled(
+                [source], Path(folder) / out.name, (*used, "-shared", "-fPIC"), compiler
+            )
+            made.replace(out)
+    return out
+
+
+def _key(source: Path, compiler: str, flags: Sequence[str]) -> str:
+    """What a library was made of; a native one is for one processor only."""
+    said = hashlib.sha256("\0".join((compiler, version_of(compiler), *flags)).encode())
+    said.update(_processor().encode())
+    for path in (source, source.with_suffix(".h")):
+        said.update(path.read_bytes())
+    return said.hexdigest()[:32]
+
+
+@functools.cache
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        return ""
+    return "\n".join(sorted({line for line in lines if line.startswith(("flags", "Features"))}))
+
+
+def _cache() -> Path:
+    """A folder for libraries that only this user writes to."""
+    home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    folder = Path(home) / "wakedeploy" / "c"
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    except OSError:
+        return _passing()
+    return folder if os.access(folder, os.W_OK) else _passing()
+
+
+@functools.cache
+def _passing() -> Path:
+    """Where nothing can be kept, a folder for as long as this process lives."""
+    held = tempfile.TemporaryDirectory(prefix="wakedeploy-c-")
+    _held.append(held)
+    return Path(held.name)
+
+
+_held: "list[tempfile.TemporaryDirectory[str]]" = []

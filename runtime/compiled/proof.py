@@ -1,0 +1,88 @@
+"""The self-test of a C folder, compiled and run in a process of its own.
+
+In: a folder that has been read. Out: the worst relative difference of each build from what the
+training-time forward gave, or CheckFailed.
+"""
+
+import re
+import subprocess
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from runtime.compiled.compiler import PLAIN, compiled, host_compiler, native_flags, version_of
+from runtime.compiled.folder import CFolder, Proof
+from wakedeploy.core.errors import CheckFailed, shown
+
+_SAID = re.compile(r"max_rel (\S+) over (\d+) steps")
+_LIMIT_S = 120.0
+
+
+@dataclass(frozen=True)
+class Proved:
+    """How the self-test came out here, build by build."""
+
+    proofs: tuple[Proof, ...]
+    steps: int
+
+    @property
+    def max_rel(self) -> float:
+        """The worst of all builds."""
+        return max(proof.max_rel for proof in self.proofs)
+
+
+def proved(
+    folder: CFolder,
+    extra_flags: Sequence[str] = (),
+    waiting: Callable[[], None] = lambda: None,
+) -> Proved:
+    """Repeat the self-test at -O2, with the loop's flags and with `extra_flags`.
+
+    Raises UnusableInput where there is no compiler, CheckFailed where a build does not compile,
+    does not end, or differs by more than the folder's limit. `waiting` is called between builds.
+    """
+    compiler = host_compiler()
+    builds = dict.fromkeys((PLAIN, native_flags(compiler)))
+    if extra_flags:
+        builds[tuple(extra_flags)] = None
+    proofs, steps = [], 0
+    for flags in builds:
+        waiting()
+        difference, steps = _tested(folder, compiler, flags)
+        proofs.append(
+            Proof(compiler=version_of(compiler), flags=" ".join(flags), max_rel=difference)
+        )
+    return Proved(tuple(proofs), steps)
+
+
+_passed: set[str] = set()
+
+
+def require_proof(folder: CFolder, waiting: Callable[[], None] = lambda: None) -> None:
+    """`proved`, but once for each folder in this process: of many flights the first one pays."""
+    if folder.sha256 not in _passed:
+        proved(folder, waiting=waiting)
+        _passed.add(folder.sha256)
+
+
+def _tested(folder: CFolder, compiler: str, flags: Sequence[str]) -> tuple[float, int]:
+    with tempfile.TemporaryDirectory(prefix="wakedeploy-c-") as place:
+        program = Path(place) / "self-test"
+        compiled([folder.source, folder.test], program, flags, compiler)
+        try:
+            ended = subprocess.run(  # noqa: S603
+                [program], capture_output=True, text=True, timeout=_LIMIT_S, check=False
+            )
+        except subprocess.TimeoutExpired as error:
+            raise CheckFailed(
+                f"{folder.path}: its self-test had not ended after {_LIMIT_S:g} s: do not fly it."
+            ) from error
+    said = _SAID.search(ended.stdout)
+    if ended.returncode != 0 or said is None:
+        told = shown(ended.stdout + ended.stderr)[:300] or f"exit status {ended.returncode}"
+        raise CheckFailed(
+            f"{folder.path}: its self-test fails with {' '.join(flags)} ({told}): do not fly it,"
+            " export it again."
+        )
+    return float(said[1]), int(said[2])
