@@ -26,6 +26,12 @@ coverage = packages(firmware_build.missing_tools("g++", "gcov") is None, "g++")
 avr_compiler = packages(firmware_build.missing_for_the_uno() is None, *SKETCH)
 simulator = packages(firmware_build.missing_for_the_simulator() is None, *SIMULATOR)
 systemd = packages(shutil.which("systemd-analyze") is not None, "systemd")
+c_compiler = packages(any(map(shutil.which, ("cc", "gcc", "clang"))), "gcc")
+clang = packages(shutil.which("clang") is not None, "clang")
+arm = packages(
+    all(map(shutil.which, ("arm-none-eabi-gcc", "qemu-system-arm"))),
+    *("gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "qemu-system-arm"),
+)
 octave = packages(shutil.which("octave-cli") is not None, "octave")
 
 

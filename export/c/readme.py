@@ -1,0 +1,78 @@
+"""The page that lies beside the C: what it is, how to call it, what was proved, what it takes."""
+
+from export.c.source import Model
+from runtime.compiled.folder import Document, Rounding
+
+
+def page(model: Model, document: Document) -> str:
+    """README.md of a folder."""
+    manifest, name = model.manifest, model.name
+    proofs = "\n".join(
+        f"| {proof.compiler} | `{proof.flags}` | {proof.max_rel:.1e} |" for proof in document.proofs
+    )
+    return f"""\
+# {name}: {manifest.arch} in C
+
+Predicts the force of a wake on a robot from {len(manifest.observation)} numbers,
+{manifest.rate_hz:g} times a second. C99, one source file, no heap, nothing but `<math.h>`. Made by
+wakedeploy from the package with the SHA-256 `{model.package_sha256}`.
+
+```c
+#include "{name}.h"
+
+static {name}_state state;
+float observation[{len(manifest.observation)}], force[{len(manifest.force)}];
+
+{name}_reset(&state);                     /* once */
+{name}_step(&state, observation, force);  /* every {1000.0 / manifest.rate_hz:g} ms */
+```
+
+Units and ranges of every channel are in `{name}.h`. The force is that of a moment
+{manifest.lead_s:g} s after the newest observation. Do not use it before {manifest.warm_up_steps}
+steps have filled the memory.
+
+## What it takes
+
+| | bytes |
+|---|---:|
+| weights ({document.weights}) in flash | {document.weight_bytes:,} |
+| state (`{name}_state`) in RAM | {document.state_bytes:,} |
+| arrays of a step on the stack | {document.stack_bytes:,} |
+
+Code adds some kilobytes: `arm-none-eabi-size` says how many for your flags. Compile with `-O2`.
+
+## What was proved
+
+Every build was stepped beside {document.reference.rstrip(",")}, over {document.steps:,} samples or
+more. The measure is the worst difference over the largest force, of the worst channel; the limit is
+{document.limit:.1e}.
+
+| compiler | flags | difference |
+|---|---|---:|
+{proofs}
+{_rounding(document.rounding, document.weights)}
+To repeat it on any machine: `cc -O2 {name}.c {name}_test.c -lm && ./a.out`, or `wakedeploy
+check` on this folder. `-ffast-math` was not proved unless the table says so; with it, NaN in is no
+longer NaN out.
+"""
+
+
+def _rounding(rounding: Rounding | None, weights: str) -> str:
+    if rounding is None:
+        return ""
+    if rounding.rmse is None or rounding.float_rmse is None:
+        return (
+            f"\n{weights} weights change the force by {rounding.rel_rms:.2%} of its own deviation"
+            f" (root mean square), on {rounding.on}.\n"
+        )
+    rows = "\n".join(
+        f"| {name} | {rounding.float_rmse[name]:.4g} | {rounding.rmse[name]:.4g} |"
+        for name in rounding.rmse
+    )
+    return f"""
+What {weights} weights change on {rounding.on}:
+
+| force | error as trained (RMSE) | with {weights} weights |
+|---|---:|---:|
+{rows}
+"""
