@@ -193,7 +193,7 @@ def export(
 
     trained = _one_run(run)
     path = Path(out) if out is not None else Path(f"{trained.config.arch}.onnx")
-    episodes = _episodes(trained) if data is None else episode_set(data)
+    episodes = episodes_of(trained) if data is None else episode_set(data)
     progress("Exporting", 0, 1)
     package = export_run(
         trained, episodes, path, lambda done, total: progress("Exporting", done, total)
@@ -218,7 +218,7 @@ def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":
     return run[0]
 
 
-def _episodes(run: "TrainedRun") -> "EpisodeSet":
+def episodes_of(run: "TrainedRun") -> "EpisodeSet":
     """The set that the run knows, or one below this folder with its hash."""
     known, wanted = run.metrics.data_folder, run.config.data_sha256
     places = [] if known is None else [Path(known)]

@@ -28,7 +28,7 @@ def command() -> None:
 
 
 @command.command()
-@click.argument("files", nargs=-1, type=_FILE)
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--ticks", type=click.IntRange(64), default=3200, show_default=True, help="A row.")
 @click.option("--realtime/--no-realtime", default=None,
               help="SCHED_FIFO, locked memory, one core. Default: where permitted.")  # fmt: skip

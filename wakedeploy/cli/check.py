@@ -15,7 +15,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 
 
 @click.command()
-@click.argument("file", type=_FILE)
+@click.argument("file", type=click.Path(path_type=Path))
 @click.option("--rig", "rig_path", type=_FILE, help="Also: can the loop of this rig fly it?")
 @click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
 def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
@@ -28,14 +28,18 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
     and lead have to be those of that rig's loop. Exit status 1 when a check fails, 2 when FILE is
     no usable package, or none for that rig.
 
+    A folder that `export --c` wrote is a program: check only one that you would run. Its self-test
+    is compiled and run at -O2 and with the loop's flags.
+
     \b
     Example:
         wakedeploy check gru.onnx --json check.json
         wakedeploy check gru.onnx --rig rig.toml
+        wakedeploy check gru_c
     """
     result: dict[str, Any] = {"ok": False, **dict.fromkeys(("arch", "trainable", "parity"))}
     try:
-        rows = _checked(file, rig_path, result)
+        rows = (_checked_c if file.is_dir() else _checked)(file, rig_path, result)
     except (UnusableInput, CheckFailed) as error:
         _write(json_path, result | {"why": str(error)})
         raise
@@ -69,6 +73,45 @@ def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[
         ["at a limit, driven over its ranges", f"{100 * replayed.limited:.1f} % of the steps"],
         *fits,
     ]
+
+
+def _checked_c(path: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
+    """The same of a folder of C."""
+    from runtime.compiled.folder import read_c_folder
+    from runtime.compiled.proof import proved
+    from wakedeploy.cli.export_c import json_of_c, rounding_rows
+
+    folder = read_c_folder(path)
+    manifest, document = folder.manifest, folder.document
+    result |= {"arch": manifest.arch, "trainable": manifest.trainable, "domain": manifest.domain}
+    with progress(f"Compiling and running {document.name}_test.c", 1):
+        here = proved(folder)
+    if rig_path:
+        _require_fit(manifest, rig_path)
+    fits = [_fit(manifest, rig_path)] if rig_path else []
+    proofs = [proof.model_dump(mode="json") for proof in here.proofs]
+    result |= {"c": json_of_c(folder), "here": proofs, "steps": here.steps}
+    return [
+        ["manifest, hashes of all files", "agree"],
+        *([f"here, {p.flags}", f"{p.max_rel:.1e} over {here.steps} steps"] for p in here.proofs),
+        ["reference", document.reference.rstrip(",")],
+        ["limit", f"{document.limit:.1e}"],
+        ["weights", document.weights],
+        *rounding_rows(folder),
+        *([f"possible {c.name}", f"{c.low:.3g} to {c.high:.3g} {c.unit}"] for c in manifest.force),
+        *fits,
+    ]
+
+
+def _require_fit(manifest: "Manifest", rig_path: Path) -> None:
+    """UnusableInput where this rig's loop cannot fly it."""
+    from runtime.loop.loop import require_wait
+    from runtime.request import require_fit
+    from wakedeploy.rig.file import read_rig
+
+    rig = read_rig(rig_path)
+    require_fit(manifest, rig)
+    require_wait(rig)
 
 
 def _fit(manifest: "Manifest", rig_path: Path) -> list[str]:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
+from wakedeploy.cli.export_c import CWish, c_of_package, c_of_run, c_options, write_json_of
 from wakedeploy.cli.names import ARCHITECTURE
-from wakedeploy.cli.output import print_table, stage_bars, write_json
+from wakedeploy.cli.output import print_table, stage_bars
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ _FILE = click.Path(dir_okay=False, path_type=Path)
 )
 @click.option("--data", type=_FOLDER, help="The set it was trained on. Default: the run knows.")
 @click.option("--out", type=_FILE, help="Default: ARCH.onnx.")
+@c_options
 @click.option("--json", "json_path", type=_FILE, help="Also write the result as JSON.")
 def command(
     arch: str | None,
@@ -39,20 +41,36 @@ def command(
     data: Path | None,
     out: Path | None,
     json_path: Path | None,
+    **c: Any,
 ) -> None:
-    """Turn a trained predictor into one self-contained file that the Pi runs.
+    """Turn a trained predictor into one self-contained file that the Pi runs, and into C.
 
     Without options it is the newest run in ./runs, on the set that it was trained on.
 
     The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
     difference above the limit leaves no file and exits with 1.
 
+    With --c it also becomes plain C99 for a microcontroller, or for a Pi without onnxruntime: one
+    source, its header, a self-test and a page. It is compiled here and stepped the same way before
+    the folder is written. --package does that with a package that is there already.
+
     \b
     Example:
         wakedeploy export
         wakedeploy export --arch gru --out gru.onnx --json gru.json
         wakedeploy export --run runs/gantry/gru/s0
+        wakedeploy export --arch gru --c gru_c
+        wakedeploy export --package gru.onnx --c gru_int8 --weights int8
     """
+    wanted = CWish.of(c)
+    if wanted.package is not None:
+        for option in ("run", "arch", "runs", "out"):
+            if _is_given(option):
+                raise UnusableInput(
+                    f"--{option} makes a package, and --package has one; give one of the two."
+                )
+        write_json_of(json_path, c_of_package(wanted, data))
+        return
     from trainers.training.runs import load_run
     from wakedeploy.api.predictors import export
 
@@ -65,11 +83,22 @@ def command(
             " --arch."
         )
     click.echo(f"Exporting {chosen}, {which}finished {trained.metrics.finished_utc}.")
+    episodes = _set_of(trained, data) if wanted.folder is not None else data
     with stage_bars() as bars:
-        made = export(trained, out, data=data, progress=bars)
+        made = export(trained, out, data=episodes, progress=bars)
     _tell(made.package, made.path)
-    if json_path:
-        write_json(json_path, _json(made.package, made.path))
+    told = _json(made.package, made.path)
+    if wanted.folder is not None:
+        told |= {"c": c_of_run(wanted, made.package, trained, episodes)}
+    write_json_of(json_path, told)
+
+
+def _set_of(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
+    """The set given, or where the run knows it to lie."""
+    from wakedeploy.api.predictors import episodes_of
+    from wakedeploy.core.episodes import read_episode_set
+
+    return episodes_of(run) if data is None else read_episode_set(data)
 
 
 def _is_given(option: str) -> bool:

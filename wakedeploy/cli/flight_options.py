@@ -39,7 +39,12 @@ _CURVE = click.option(
     "--trust-curve", is_flag=True, help="With --port: fly even on the default rig's thrust curve."
 )
 _FLIGHT = (
-    click.option("--package", type=FILE, help="Predictor whose force is fed forward."),
+    click.option(
+        "--package",
+        type=click.Path(path_type=Path),
+        metavar="FILE",
+        help="Predictor whose force is fed forward; a folder of C is one, too.",
+    ),
     click.option("--baseline", is_flag=True, help="PID alone, no package."),
     click.option("--rig", type=FILE, help="Default: the default rig."),
     *_PLACE,

@@ -1,0 +1,269 @@
+"""`wakedeploy export --c`, `check FOLDER` and a folder's files, from the command line."""
+
+import json
+import os
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from made_packages import package_of, parsed, sound, tiny_manifest, tiny_model
+from needs import c_compiler
+
+from runtime.compiled.driven import driven
+from runtime.compiled.folder import read_c_folder
+from runtime.compiled.predictor import CompiledPredictor
+from runtime.compiled.proof import proved
+from runtime.predictor import PackagePredictor
+from wakedeploy.cli import main
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.package import Package, write_package
+
+pytestmark = [c_compiler]
+
+MATRIX = """t (float[B, 2] observation, float[B, 2] state_leaky)
+    => (float[B, 2] force, float[B, 2] next_state_leaky)
+    { turned = Gemm <transB: int = 1> (state_leaky, turn)
+      next_state_leaky = Add (turned, observation)
+      force = Tanh (next_state_leaky) }"""
+
+
+def turning(**changes: object) -> Package:
+    """A package with one matrix, whose float32 weights no int8 has."""
+    turn = np.array([[0.8, -0.301], [0.123, 0.7]], np.float32)
+    model = parsed(MATRIX, {"turn": turn}).SerializeToString()
+    return sound(package_of(model, tiny_manifest("state", **changes)))
+
+
+@pytest.fixture(scope="module")
+def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("package") / "turning.onnx"
+    write_package(turning(), path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(package: Path) -> Path:
+    """A folder of C that nothing changes."""
+    folder = package.parent / "turning_c"
+    said = wakedeploy("export", "--package", package, "--c", folder)
+    assert said.exit_code == 0, said.output
+    return folder
+
+
+@pytest.fixture
+def copied(made: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(made, tmp_path / "copied"))
+
+
+def wakedeploy(*arguments: object):
+    return CliRunner().invoke(main, [str(argument) for argument in arguments])
+
+
+def refused(*arguments: object) -> str:
+    """The one sentence of a command that ends with status 2."""
+    said = wakedeploy(*arguments)
+    assert said.exit_code == 2, said.output
+    assert said.output.count("\n") <= 3, said.output
+    return said.output
+
+
+def test_a_package_becomes_four_files_that_a_compiler_alone_can_prove(made, tmp_path):
+    assert {path.name for path in made.iterdir()} == {"gru.c", "gru.h", "gru_test.c", "README.md"}
+    program = tmp_path / "self-test"
+    sources = [made / "gru.c", made / "gru_test.c"]
+    subprocess.run(["cc", "-O2", *sources, "-o", program, "-lm"], check=True)
+    said = subprocess.run([program], capture_output=True, text=True, check=True).stdout
+    assert re.fullmatch(r"gru: passed, max_rel \S+ over 3200 steps, limit 1.0e-05\n", said)
+
+
+def test_a_step_at_a_rigs_pace_tells_what_the_package_tells(made):
+    folder = read_c_folder(made)
+    series = driven(folder.manifest, 200)
+    compiled, package = CompiledPredictor(folder), PackagePredictor(turning())
+    for now in series:
+        assert np.allclose(compiled.step(now), package.step(now), atol=1e-6)
+        assert compiled.ready == package.ready
+    assert compiled.lead_s == package.lead_s == 0.09
+    compiled.reset()
+    assert not compiled.ready
+
+
+def test_series_in_lockstep_keep_apart(made):
+    folder = read_c_folder(made)
+    series = driven(folder.manifest, 50)
+    both, alone = CompiledPredictor(folder, batch=2), CompiledPredictor(folder)
+    for now in series:
+        assert np.array_equal(both.step(np.stack([-now, now]))[1], alone.step(now))
+    with pytest.raises(ValueError, match="shape"):
+        alone.step(np.zeros(3))
+
+
+def test_check_proves_a_folder_again_and_says_so(made, tmp_path):
+    said = wakedeploy("check", made, "--json", tmp_path / "check.json")
+    assert said.exit_code == 0, said.output
+    told = json.loads((tmp_path / "check.json").read_text())
+    assert told["ok"]
+    assert told["here"][0]["flags"] == "-O2"
+    assert told["here"][0]["max_rel"] <= 1e-5
+    assert told["steps"] == 3200
+
+
+def test_fast_math_is_proved_where_it_is_asked_for(package, tmp_path):
+    folder = tmp_path / "fast"
+    flags = "-O3 -ffast-math"
+    assert (
+        wakedeploy("export", "--package", package, "--c", folder, "--cflags", flags).exit_code == 0
+    )
+    assert f"`{flags}`" in (folder / "README.md").read_text()
+    assert [proof.flags for proof in read_c_folder(folder).document.proofs][-1] == flags
+
+
+@pytest.mark.parametrize("name", ["gru.c", "gru.h", "gru_test.c"])
+def test_an_altered_file_is_refused(copied, name):
+    path = copied / name
+    path.write_text(path.read_text().replace("0", "1", 1))
+    assert "altered or damaged" in refused("check", copied) or name == "gru.c"
+    with pytest.raises(UnusableInput):
+        read_c_folder(copied)
+
+
+def test_a_weight_that_somebody_changed_is_found_by_its_hash(copied):
+    source = copied / "gru.c"
+    source.write_text(source.read_text().replace("0.8f", "0.9f"))
+    assert "altered or damaged" in refused("check", copied)
+
+
+@pytest.mark.parametrize("name", ["gru.c", "gru.h", "gru_test.c"])
+def test_a_missing_file_is_told(copied, name):
+    (copied / name).unlink()
+    assert "export --c" in refused("check", copied)
+
+
+def test_a_folder_of_something_else_is_told(tmp_path):
+    assert "no C source" in refused("check", tmp_path)
+    (tmp_path / "main.c").write_text("int main(void) { return 0; }\n")
+    assert "not made by wakedeploy" in refused("check", tmp_path)
+
+
+def test_rounding_beyond_the_tolerance_leaves_nothing(package, tmp_path):
+    said = wakedeploy(
+        "export", "--package", package, "--c", tmp_path / "c", "--weights", "int8",
+        "--tolerance", 0.01,
+    )  # fmt: skip
+    assert said.exit_code == 1
+    assert "int8" in said.output
+    assert list(tmp_path.iterdir()) == []
+    again = wakedeploy(
+        "export", "--package", package, "--c", tmp_path / "c", "--weights", "int8",
+        "--tolerance", 5,
+    )  # fmt: skip
+    assert again.exit_code == 0, again.output
+    assert "int8 weights change the force" in (tmp_path / "c" / "README.md").read_text()
+
+
+def test_c_that_differs_leaves_nothing(package, tmp_path, monkeypatch):
+    monkeypatch.setattr("export.c.lowering._FORMS", _off_by_a_little())
+    said = wakedeploy("export", "--package", package, "--c", tmp_path / "c")
+    assert said.exit_code == 1
+    assert "self-test fails" in said.output
+    assert list(tmp_path.iterdir()) == []
+
+
+def _off_by_a_little() -> dict[str, str]:
+    from export.c.lowering import _FORMS
+
+    return _FORMS | {"Tanh": "tanhf({} * 1.001f)"}
+
+
+def test_a_machine_without_a_compiler_is_told_so_before_anything_is_made(
+    package, made, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    monkeypatch.delenv("CC", raising=False)
+    assert "no C compiler" in refused("export", "--package", package, "--c", tmp_path / "c")
+    assert list(tmp_path.iterdir()) == []
+    assert "no C compiler" in refused("check", made)
+
+
+def test_a_folder_that_is_there_and_a_name_that_c_refuses(package, made, tmp_path):
+    assert "is there already" in refused("export", "--package", package, "--c", made)
+    there = tmp_path / "c"
+    assert "--name" in refused("export", "--package", package, "--c", there, "--name", "int")
+    assert not there.exists()
+    assert wakedeploy("export", "--package", package, "--c", there, "--name", "wake").exit_code == 0
+    assert "wake_step(wake_state *state" in (there / "wake.h").read_text()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [("--package", "p.onnx"), ("--weights", "int8"), ("--name", "x"), ("--cflags", "-O3")],
+)
+def test_options_of_c_without_c_are_told(options):
+    assert "belongs to --c" in refused("export", *options)
+
+
+def test_a_run_and_a_package_are_not_given_both(package, tmp_path):
+    told = refused("export", "--package", package, "--c", tmp_path / "c", "--arch", "gru")
+    assert "one of the two" in told
+
+
+def test_a_graph_that_is_none_of_the_eight_is_refused(tmp_path):
+    body = """t (float[B, 2] observation, float[B, 2] state_leaky)
+        => (float[B, 2] force, float[B, 2] next_state_leaky)
+        { force = Pow (observation, three) next_state_leaky = Add (state_leaky, observation) }"""
+    model = parsed(body, {"three": np.float32(3.0)}).SerializeToString()
+    write_package(package_of(model, tiny_manifest("state")), tmp_path / "cubed.onnx")
+    told = refused("export", "--package", tmp_path / "cubed.onnx", "--c", tmp_path / "c")
+    assert "another power than 2" in told
+    assert not (tmp_path / "c").exists()
+
+
+def test_hostile_names_and_units_stay_within_comments_and_literals(tmp_path):
+    """A package may come from anyone; what it is called must not become code."""
+    hostile = '*/ int x = 1; /* " ??/ \\'
+    body = MATRIX.replace("turned", '"*/ evil"').replace("turn)", '"main(){}")')
+    turn = np.array([[0.8, -0.3], [0.1, 0.7]], np.float32)
+    model = parsed(MATRIX, {"turn": turn})
+    assert body != MATRIX
+    for initializer in model.graph.initializer:
+        initializer.name = hostile
+    model.graph.node[0].input[1] = hostile
+    model.graph.node[0].output[0] = model.graph.node[1].input[0] = "int"
+    channels = [{"name": n, "unit": hostile[:30], "min": -1.0, "max": 1.0} for n in ("a", "b")]
+    manifest = tiny_manifest("state", domain=hostile, observation=channels)
+    write_package(sound(package_of(model.SerializeToString(), manifest)), tmp_path / "h.onnx")
+    said = wakedeploy("export", "--package", tmp_path / "h.onnx", "--c", tmp_path / "c")
+    assert said.exit_code == 0, said.output
+    folder = read_c_folder(tmp_path / "c")
+    assert folder.manifest.domain == hostile
+    assert proved(folder).max_rel <= 1e-5
+    done = subprocess.run(
+        ["cc", "-std=c99", "-Wall", "-Wextra", "-Wcomment", "-Werror", "-fsyntax-only",
+         folder.source], capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.stderr == ""
+
+
+def test_a_library_is_compiled_once(made, tmp_path, monkeypatch):
+    from runtime.compiled.compiler import shared_library
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    source = read_c_folder(made).source
+    first = shared_library(source)
+    made_at = os.stat(first).st_mtime_ns
+    assert shared_library(source) == first
+    assert os.stat(first).st_mtime_ns == made_at
+    assert first.is_relative_to(tmp_path)
+    assert shared_library(source, ("-O1",)) != first
+
+
+def test_an_empty_graph_name_is_enough(tmp_path):
+    """Packages without memory, and with a window of a stride, become folders, too."""
+    for kind in ("none", "window"):
+        write_package(sound(package_of(tiny_model(kind), tiny_manifest(kind))), tmp_path / "p.onnx")
+        said = wakedeploy("export", "--package", tmp_path / "p.onnx", "--c", tmp_path / kind)
+        assert said.exit_code == 0, said.output

@@ -1,0 +1,234 @@
+"""The part of `wakedeploy export` that writes C."""
+
+import shlex
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import click
+
+from wakedeploy.cli.output import print_table, progress, write_json
+from wakedeploy.core.errors import UnusableInput
+
+if TYPE_CHECKING:
+    from export.c.packaging import Forward, Wish
+    from export.c.real import Real
+    from runtime.compiled.folder import CFolder
+    from trainers.training.runs import TrainedRun
+    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.core.package import Package
+
+_WEIGHTS = ("float32", "float16", "int8")
+_TOLERANCE = 2.0  # per cent
+
+
+def c_options(command: Callable[..., Any]) -> Callable[..., Any]:
+    """Options for a folder of C."""
+    options = [
+        click.option(
+            "--c",
+            "c_folder",
+            type=click.Path(path_type=Path),
+            metavar="FOLDER",
+            help="Also write it as C into this new folder.",
+        ),
+        click.option(
+            "--package",
+            "c_package",
+            type=click.Path(dir_okay=False, path_type=Path),
+            metavar="FILE",
+            help="With --c: from this package instead of a run.",
+        ),
+        click.option(
+            "--weights",
+            "c_weights",
+            type=click.Choice(_WEIGHTS),
+            default=_WEIGHTS[0],
+            show_default=True,
+            help="How C keeps the weights of matrices.",
+        ),
+        click.option(
+            "--name",
+            "c_name",
+            metavar="NAME",
+            help="What C calls it: NAME_step and so on. Default: the architecture.",
+        ),
+        click.option(
+            "--tolerance",
+            "c_tolerance",
+            type=click.FloatRange(0.0, 100.0),
+            default=_TOLERANCE,
+            show_default=True,
+            help="Per cent by which rounded weights may make the error grow.",
+        ),
+        click.option(
+            "--cflags",
+            "c_flags",
+            metavar="FLAGS",
+            default="",
+            help="Prove it with these flags of the compiler, too.",
+        ),
+    ]
+    for option in reversed(options):
+        command = option(command)
+    return command
+
+
+@dataclass(frozen=True)
+class CWish:
+    """What the options ask for."""
+
+    folder: Path | None
+    package: Path | None
+    weights: str
+    name: str | None
+    tolerance: float
+    flags: tuple[str, ...]
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> Self:
+        """Judged before anything is read; UnusableInput for options without --c."""
+        folder, given = options["c_folder"], click.get_current_context().get_parameter_source
+        if folder is None:
+            for name, option in (
+                ("c_package", "--package"),
+                ("c_weights", "--weights"),
+                ("c_name", "--name"),
+                ("c_tolerance", "--tolerance"),
+                ("c_flags", "--cflags"),
+            ):
+                source = given(name)
+                if source is not None and source.name != "DEFAULT":
+                    raise UnusableInput(f"{option} belongs to --c FOLDER, which is not given.")
+        wish = cls(
+            folder,
+            options["c_package"],
+            options["c_weights"],
+            options["c_name"],
+            options["c_tolerance"],
+            _flags(options["c_flags"]),
+        )
+        wish._require_possible()
+        return wish
+
+    def _require_possible(self) -> None:
+        """What can be known to fail is told before minutes are spent."""
+        if self.folder is None:
+            return
+        from export.c.identifiers import require_name
+        from export.c.packaging import require_free
+        from runtime.compiled.compiler import host_compiler
+
+        if self.name is not None:
+            require_name(self.name)
+        require_free(self.folder)
+        host_compiler()
+
+    def for_export(self) -> "Wish":
+        """The same for the package that writes C."""
+        from export.c.packaging import Wish
+
+        kind: Any = self.weights
+        return Wish(kind, self.name, self.flags, self.tolerance / 100.0)
+
+
+def _flags(text: str) -> tuple[str, ...]:
+    try:
+        return tuple(shlex.split(text))
+    except ValueError as error:
+        raise UnusableInput(f"--cflags {text!r}: a quotation mark has no partner.") from error
+
+
+def c_of_package(wish: CWish, data: Path | None) -> dict[str, Any]:
+    """Write C from a package's file; the result for --json."""
+    from wakedeploy.core.package import read_package
+
+    if wish.folder is None or wish.package is None:
+        raise UnusableInput("--package belongs to --c FOLDER, which is not given.")
+    package = read_package(wish.package)
+    real = None
+    if data is not None:
+        from export.c.real import real_samples
+        from wakedeploy.core.episodes import read_episode_set
+
+        real = real_samples(read_episode_set(data), package.manifest)
+    return _exported(wish, package, None, real)
+
+
+def c_of_run(
+    wish: CWish, package: "Package", run: "TrainedRun", data: "EpisodeSet"
+) -> dict[str, Any]:
+    """Write C from a run that has just become a package; the result for --json."""
+    from export.c.real import real_samples
+    from export.example import rollout
+    from export.limits import limited
+
+    force = package.manifest.force
+    predictor = run.predictor.eval()
+    return _exported(
+        wish,
+        package,
+        lambda observations: limited(rollout(predictor, observations), force),
+        real_samples(data, package.manifest),
+    )
+
+
+def _exported(
+    wish: CWish, package: "Package", forward: "Forward | None", real: "Real | None"
+) -> dict[str, Any]:
+    from export.c.packaging import export_c
+
+    assert wish.folder is not None
+    with progress("Writing C", 1) as bar:
+        folder = export_c(
+            package,
+            wish.folder,
+            wish.for_export(),
+            forward=forward,
+            real=real,
+            progress=bar.update,
+        )
+    _tell(folder)
+    return json_of_c(folder)
+
+
+def json_of_c(folder: "CFolder") -> dict[str, Any]:
+    """What --json says of a folder of C."""
+    document = folder.document
+    told = document.model_dump(mode="json", exclude={"manifest", "schema_version"})
+    return told | {"folder": str(folder.path), "arch": document.manifest.arch}
+
+
+def _tell(folder: "CFolder") -> None:
+    document = folder.document
+    rows = [
+        ["weights", f"{document.weights}, {document.weight_bytes / 1e3:.0f} kB of flash"],
+        ["state, stack", f"{document.state_bytes:,} and {document.stack_bytes:,} bytes"],
+        *(
+            [f"parity, {proof.flags}", f"{proof.max_rel:.1e} of {document.limit:.1e}"]
+            for proof in document.proofs
+        ),
+        *rounding_rows(folder),
+    ]
+    print_table(f"{folder.path} ({document.name}.c)", ["", ""], rows)
+
+
+def rounding_rows(folder: "CFolder") -> list[list[str]]:
+    """What rounded weights change, as lines of a table."""
+    rounding = folder.document.rounding
+    if rounding is None:
+        return []
+    rows = [["rounding changes the force", f"{rounding.rel_rms:.2%} of its deviation (RMS)"]]
+    if rounding.rmse is not None and rounding.float_rmse is not None:
+        rows += [
+            [f"RMSE of {name}", f"{error:.4g} where it was {rounding.float_rmse[name]:.4g}"]
+            for name, error in rounding.rmse.items()
+        ]
+    return [*rows, ["measured on", rounding.on]]
+
+
+def write_json_of(path: Path | None, result: dict[str, Any]) -> None:
+    """Write the result where --json asks for it."""
+    if path:
+        write_json(path, result)
