@@ -342,7 +342,7 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
     )  # fmt: skip
     assert ended.exit_code == 0, ended.output
     told = json.loads((tmp_path / "front.json").read_text())
-    assert all(row["step_us"] > 0 for row in told["rows"])
+    assert all(row["cost"] > 0 for row in told["rows"])
     assert 1 <= len(told["front"]) <= 3
     for row in told["front"]:
         assert f"{row['error']:.4g}" in ended.output

@@ -195,7 +195,14 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     folder = tmp_path / "pareto-gantry-quick"
     assert {p.name for p in folder.iterdir()} == {
         "pareto.png", "pareto.pdf", "pareto.csv", "pareto-gantry.csv", "study.json", "study.html",
+        "pareto-chip.png", "pareto-chip.pdf", "pareto-chip.csv",
     }  # fmt: skip
+    chips = list(csv.DictReader((folder / "pareto-chip.csv").open()))
+    trained = json.loads((folder / "study.json").read_text())["points"]
+    for row, one in zip(chips, trained, strict=True):
+        assert int(row["flash_bytes"]) == one["flash_bytes"] > 4 * one["trainable"]
+        assert int(row["ram_bytes"]) > 500
+        assert int(row["instructions"]) > 3 * one["trainable"]
     table = list(csv.DictReader((folder / "pareto.csv").open()))
     written = json.loads((folder / "study.json").read_text())
     points = written["points"]

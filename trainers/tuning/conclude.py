@@ -34,6 +34,14 @@ from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.files import remove_unfinished
 from wakedeploy.core.locks import one_at_a_time
 
+# What a preset calls the cost of its trial.
+_COSTS = {
+    "latency": "step_p99_us",
+    "flash": "flash_bytes",
+    "ram": "ram_bytes",
+    "instructions": "instructions",
+}
+
 FRONT, RUNS = "pareto", "best"
 
 
@@ -84,9 +92,9 @@ def _concluded(work: Work, study: optuna.Study, data: EpisodeSet, on_epoch: OnEp
             " dimensions or the budget, and choose another --out."
         )
     write_preset(work.out / BEST, *_preset(work, study, best, counts))
-    _write_front(work, study, front if work.plan.timed else [], counts)
+    _write_front(work, study, front if work.plan.cost is not None else [], counts)
     title = f"{work.plan.arch} on {work.plan.domain}: {sum(counts.values())} trials"
-    write_figures(work.out, title, rows, shares, work.plan.timed)
+    write_figures(work.out, title, rows, shares, work.plan.cost)
     config = work.plan.configured(data, _point(work, best))
     run = _trained(config, data, work.out, work.device, on_epoch)
     write_pictures(run, data)
@@ -120,8 +128,8 @@ def _preset(
         "trainable": row.parameters,
         "device": row.device,
     }
-    if row.step_us is not None:
-        told["step_p99_us"] = round(row.step_us, 1)
+    if row.cost is not None:
+        told[_COSTS[str(work.plan.cost)]] = round(row.cost, 1)
     heading = (
         "Found by `wakedeploy tune`; train with it: wakedeploy train --preset FILE --data SET\n"
         "# validation_error: root of the validation loss, 1 = predicting the mean."

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from trainers.tuning.plan import COSTS
 from trainers.tuning.report import (
     BEHIND,
     FAILED,
@@ -39,16 +40,16 @@ _MARKS = {
 
 
 def write_figures(
-    folder: Path, title: str, rows: Sequence[Row], shares: Mapping[str, float], timed: bool
+    folder: Path, title: str, rows: Sequence[Row], shares: Mapping[str, float], cost: str | None
 ) -> list[Path]:
-    """Write `history`, `importances` and, of a timed study, `pareto`, as PNG and PDF each."""
+    """Write `history`, `importances` and, where steps have a cost, `pareto`, as PNG and PDF."""
     if best_of(rows) is None:
         return []
     drawn = {"history": history(title, rows)}
     if shares:
         drawn["importances"] = importance(title, shares, rows)
-    if timed:
-        drawn["pareto"] = pareto(title, rows)
+    if cost is not None:
+        drawn["pareto"] = pareto(title, rows, COSTS[cost])
     paths = [folder / f"{name}.{kind}" for name in drawn for kind in ("png", "pdf")]
     for path in paths:
         figures.save(drawn[path.stem], path)
@@ -135,36 +136,34 @@ def importance(title: str, shares: Mapping[str, float], rows: Sequence[Row]) -> 
         drawn, axes = figures.figure(size=(6.4, 0.8 + 0.32 * len(names)))
         axes.barh(names[::-1], [shares[name] for name in names][::-1], color=figures.MEASURED)
         ended = [row for row in rows if row.state in (FINISHED, BEHIND)]
-        aim = (
-            "coming to the front" if any(row.step_us is not None for row in ended) else "the error"
-        )
+        aim = "coming to the front" if any(row.cost is not None for row in ended) else "the error"
         over = f"PED-ANOVA over {len(ended)} trials"
         axes.set(xlabel=f"importance for {aim} ({over})", title=title)
         axes.set_xlim(left=0)
     return drawn
 
 
-def pareto(title: str, rows: Sequence[Row]) -> "Figure":
-    """Error against the step's p99; the front is joined, and its trials bear their numbers."""
+def pareto(title: str, rows: Sequence[Row], cost_label: str) -> "Figure":
+    """Error against what a step costs; the front is joined, and its trials bear their numbers."""
     with figures.style():
         drawn, axes = figures.figure(size=(7.4, 4.2))
         ended = [row for row in rows if row.state == FINISHED]
         axes.scatter(
-            [r.step_us or 0.0 for r in ended], [r.error or 0.0 for r in ended],
+            [r.cost or 0.0 for r in ended], [r.error or 0.0 for r in ended],
             s=14, color=figures.SUFFERER, label="a trial",
         )  # fmt: skip
         front = front_of(rows)
-        cost, error = [r.step_us or 0.0 for r in front], [r.error or 0.0 for r in front]
+        cost, error = [r.cost or 0.0 for r in front], [r.error or 0.0 for r in front]
         axes.plot(cost, error, "o-", ms=5, color=figures.PREDICTED, label="none is better in both")
         for row in front:
             axes.annotate(
-                f"{row.number}", (row.step_us or 0.0, row.error or 0.0), xytext=(4, 4),
+                f"{row.number}", (row.cost or 0.0, row.error or 0.0), xytext=(4, 4),
                 textcoords="offset points", fontsize=8,
             )  # fmt: skip
         for row in (row for row in ended if row.reference):
-            axes.plot(row.step_us, row.error, "s", ms=8, mfc="none", color=figures.REFERENCE,
+            axes.plot(row.cost, row.error, "s", ms=8, mfc="none", color=figures.REFERENCE,
                       label="the paper's shape")  # fmt: skip
-        axes.set(xlabel="p99 of one step [µs]", ylabel=_ERROR, title=title)
+        axes.set(xlabel=cost_label, ylabel=_ERROR, title=title)
         axes.set_xlim(left=0)
         _legend(axes)
     return drawn

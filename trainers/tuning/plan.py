@@ -12,7 +12,14 @@ from trainers.tuning.space import Point, search_space, split
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 
-OBJECTIVES = (("rmse",), ("rmse", "latency"))
+# What a step may cost, and what it is called where numbers of it stand.
+COSTS = {
+    "latency": "p99 of a step [µs]",
+    "flash": "flash of its C [bytes]",
+    "ram": "RAM of its C [bytes]",
+    "instructions": "instructions of its C, on a Cortex-M4F",
+}
+OBJECTIVES = (("rmse",), *(("rmse", cost) for cost in COSTS))
 FEWEST_SAMPLES = (
     64  # scored samples of validation, below which trials would be told apart by chance
 )
@@ -47,9 +54,9 @@ class Plan:
         return fields | told | {"objective": ",".join(self.objective)}
 
     @property
-    def timed(self) -> bool:
-        """Whether a trial is judged by the cost of a step, too."""
-        return "latency" in self.objective
+    def cost(self) -> str | None:
+        """The cost of a step by which a trial is judged, too; None for the error alone."""
+        return self.objective[1] if len(self.objective) > 1 else None
 
     def settings(self, changed: dict[str, float] | None = None) -> FitSettings:
         """How a trial is fitted, with some settings changed."""

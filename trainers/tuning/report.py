@@ -41,7 +41,7 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 
 @dataclass(frozen=True)
 class Row:
-    """One trial. `error` is 1 for predicting the mean, `step_us` the step's p99; None: unknown.
+    """One trial. `error` is 1 for predicting the mean, `cost` what a step costs; None: unknown.
 
     `last_error` is the error after the last epoch of a trial that was ended before its end,
     `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
@@ -53,7 +53,7 @@ class Row:
     reason: str
     error: float | None
     last_error: float | None
-    step_us: float | None
+    cost: float | None
     parameters: int | None
     epochs: int
     seconds: float | None
@@ -155,7 +155,7 @@ def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
         reason=_reason(trial, repeated),
         error=None if values is None else values[0],
         last_error=None if values is not None else _last_error(trial),
-        step_us=None if values is None or len(values) < 2 else values[-1],
+        cost=None if values is None or len(values) < 2 else values[-1],
         parameters=trial.user_attrs.get(PARAMETERS),
         epochs=trial.user_attrs.get(EPOCHS, len(trial.intermediate_values)),
         seconds=None if seconds is None else round(seconds, 3),

@@ -17,7 +17,7 @@ import optuna
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
-from trainers.tuning.plan import Plan
+from trainers.tuning.plan import COSTS, Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
 from trainers.tuning.sound import problem_of
 from trainers.tuning.space import Point, split, trained_point
@@ -175,7 +175,7 @@ def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
 def _mark(study: optuna.Study, plan: Plan) -> None:
     """Say what it is a study of."""
     study.set_user_attr(_IDENTITY, plan.identity)
-    metric_names = {"rmse": "validation error", "latency": "step p99 [µs]"}
+    metric_names = {"rmse": "validation error"} | COSTS
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", optuna.exceptions.ExperimentalWarning)
         study.set_metric_names([metric_names[name] for name in plan.objective])
@@ -232,7 +232,7 @@ def pruner_of(study: Study) -> str:
 
 def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
     """One that ends nothing where there are no epochs, or several objectives."""
-    if name == "none" or plan.timed or plan.arch == "esn":
+    if name == "none" or plan.cost is not None or plan.arch == "esn":
         return optuna.pruners.NopPruner()
     if name == "hyperband":
         return optuna.pruners.HyperbandPruner(min_resource=1, max_resource=plan.epochs)

@@ -39,7 +39,7 @@ from trainers.tuning.study import (
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
 
-# What a step of the exported predictor costs, in µs, over observations (T, d).
+# What a step of the exported predictor costs, in the study's unit, over observations (T, d).
 StepCost = Callable[[Predictor, RunConfig, NDArray[np.float32]], float]
 # What a single trial may fail with; the study goes on.
 FAILURES = (
@@ -52,7 +52,7 @@ _TIMED_SAMPLES = 512
 
 
 class Objective:
-    """What Optuna minimises: a trial's validation error, and in a timed study its step's cost.
+    """What Optuna minimises: a trial's validation error and, if asked for, what its step costs.
 
     Trials train on `device`, which is "auto", "cpu" or "cuda" as in `trainers.training.trainer`.
     Raises TrialPruned and what FAILURES names, each with its reason in the trial's attributes.
@@ -74,7 +74,7 @@ class Objective:
     def __call__(
         self, trial: optuna.Trial, on_begun: Callable[[], None] = lambda: None
     ) -> float | tuple[float, float]:
-        """The trial's error, or its error and its step's p99 in µs; `on_begun` is called first."""
+        """The trial's error, or its error and what its step costs; `on_begun` is called first."""
         try:
             # Within, since an interruption that strikes here is one as well.
             on_begun()
@@ -95,7 +95,7 @@ class Objective:
         config = self._configured(trial, suggest(trial, self.plan.dimensions))
         predictor = self._built(trial, config)
         error = self._trained(trial, config, predictor)
-        if not self.plan.timed:
+        if self.plan.cost is None:
             return error
         assert self.step_cost is not None
         observations = self.held_out.observation[:_TIMED_SAMPLES].numpy()
@@ -139,7 +139,7 @@ class Objective:
         while not fit.finished:
             standing = fit.run_epoch()
             error = _error(standing.history[-1], f"epoch {standing.epoch}")
-            if self.plan.timed:  # Optuna knows no pruning between several objectives
+            if self.plan.cost is not None:  # Optuna knows no pruning between several objectives
                 continue
             trial.report(error, standing.epoch)
             if trial.should_prune():

@@ -187,11 +187,15 @@ def _folder_of(data: "EpisodeSet | PathLike") -> Path:
 
 def _step_cost(plan: "Plan") -> Any:
     """What measures a step, where the study asks for it."""
-    if not plan.timed:
+    if plan.cost is None:
         return None
-    from export.step_time import step_p99_us
+    if plan.cost == "latency":
+        from export.step_time import step_p99_us
 
-    return step_p99_us
+        return step_p99_us
+    from export.c.trial_cost import MEASURES
+
+    return MEASURES[plan.cost]
 
 
 def _starts(plan: "Plan", asked: Sequence[str]) -> "list[Point]":

@@ -13,6 +13,8 @@ from wakedeploy.cli.output import print_table, stage_bars
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from trainers.training.runs import TrainedRun
+    from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.core.package import Package
 
 _MOST_LISTED = 12
@@ -83,12 +85,12 @@ def command(
             " --arch."
         )
     click.echo(f"Exporting {chosen}, {which}finished {trained.metrics.finished_utc}.")
-    episodes = _set_of(trained, data) if wanted.folder is not None else data
+    episodes = None if wanted.folder is None else _set_of(trained, data)
     with stage_bars() as bars:
-        made = export(trained, out, data=episodes, progress=bars)
+        made = export(trained, out, data=episodes or data, progress=bars)
     _tell(made.package, made.path)
     told = _json(made.package, made.path)
-    if wanted.folder is not None:
+    if episodes is not None:
         told |= {"c": c_of_run(wanted, made.package, trained, episodes)}
     write_json_of(json_path, told)
 

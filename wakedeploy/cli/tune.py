@@ -76,7 +76,8 @@ Dimensions:
     "--objective",
     default="rmse",
     show_default=True,
-    help="rmse, or rmse,latency: the p99 of the exported step as well.",
+    help="rmse, or with a cost: rmse,latency (p99 of the exported step), rmse,flash, rmse,ram or"
+    " rmse,instructions (of its C on a microcontroller).",
 )
 @click.option(
     "--dimension",
@@ -216,24 +217,26 @@ def _show(study: "Study", bars: StageBars, trials: int) -> None:
 
 
 def _tell(found: "Found", work: "Work", study: "Study", json_path: Path | None) -> None:
+    from trainers.tuning.plan import COSTS
+
     plan, best, run = work.plan, found.best, found.run
     if json_path:
         write_json(json_path, _as_json(found, work, study))
     said = ", ".join(f"{count} {state}" for state, count in found.counts.items())
     title = f"{plan.arch} on {plan.domain}, study in {work.place.name}: {said}"
-    shown = found.front if plan.timed else [best]
+    shown = found.front if plan.cost is not None else [best]
     reference = [row for row in found.rows if row.reference and row.error is not None]
     rows = [
         [
             f"{row.number}{' (the paper’s shape)' if row.reference else ''}",
             f"{row.error:.4g}",
-            *([f"{row.step_us:.0f}"] if row.step_us is not None else []),
+            *([f"{row.cost:.0f}"] if row.cost is not None else []),
             f"{row.parameters:,}",
             " ".join(f"{name}={_short(value)}" for name, value in row.point.items()),
         ]
         for row in [*shown, *(row for row in reference if row not in shown)]
     ]
-    cost = ["p99 of a step [µs]"] if plan.timed else []
+    cost = [] if plan.cost is None else [COSTS[plan.cost]]
     columns = ["trial", "validation error", *cost, "trainable", "point"]
     print_table(title, columns, rows)
     errors = [

@@ -32,7 +32,8 @@ class Point:
     `errors` are RMSE over standard deviation on test episodes, one per seed. `steps_p99_ms` are the
     99th percentiles of what the loop spends on predicting, paced at 32 Hz, one per round of flying;
     the weights of all seeds cost the same. `frozen` weights are drawn once and not trained. `hyper`
-    says of each seed what differs from the usual hyper-parameters.
+    says of each seed what differs from the usual hyper-parameters. `flash_bytes`, `ram_bytes` and
+    `instructions` are what a step takes as C on a microcontroller (`export.c.cost`); 0 if unknown.
     """
 
     domain: str
@@ -42,6 +43,9 @@ class Point:
     frozen: int
     steps_p99_ms: tuple[float, ...]
     hyper: tuple[str, ...] = ()
+    flash_bytes: int = 0
+    ram_bytes: int = 0
+    instructions: int = 0
 
     @property
     def error(self) -> float:
@@ -72,6 +76,21 @@ def by_parameters(point: Point) -> tuple[float, float]:
 def by_step(point: Point) -> tuple[float, float]:
     """The cost in milliseconds a step, p99: of the quietest round and of the loudest."""
     return point.step_p99_ms, max(point.steps_p99_ms)
+
+
+def by_flash(point: Point) -> tuple[float, float]:
+    """The cost in kilobytes of flash for the weights of its C, which is counted."""
+    return 1e-3 * point.flash_bytes, 1e-3 * point.flash_bytes
+
+
+def by_ram(point: Point) -> tuple[float, float]:
+    """The cost in kilobytes of RAM for the state and a step of its C, which is counted."""
+    return 1e-3 * point.ram_bytes, 1e-3 * point.ram_bytes
+
+
+def by_instructions(point: Point) -> tuple[float, float]:
+    """The cost in thousands of instructions of a step of its C, which is estimated."""
+    return 1e-3 * point.instructions, 1e-3 * point.instructions
 
 
 def front(points: Sequence[Point], cost: Cost) -> list[Point]:
@@ -115,6 +134,7 @@ def measure(
     trained = {arch: obtained_run(data, _first(own), runs) for arch, own in learned.items()}
     with tempfile.TemporaryDirectory() as folder:
         paths = [_packaged(run, Path(folder) / f"{arch}.onnx") for arch, run in trained.items()]
+        chips = {arch: _on_a_chip(path) for arch, path in zip(trained, paths, strict=True)}
         total = len(paths) * ticks
         rounds = []
         for done in range(ROUNDS):
@@ -129,6 +149,7 @@ def measure(
             frozen=trained[arch].metrics.frozen,
             steps_p99_ms=tuple(row.stages_ms[_PREDICT]["p99"] for row in rows),
             hyper=tuple(line.hyper_text for line in own),
+            **chips[arch],
         )
         for (arch, own), *rows in zip(learned.items(), *rounds, strict=True)
     ]
@@ -149,6 +170,14 @@ def _packaged(run: Any, path: Path) -> Path:
 
     write_package(unproved_package(run.predictor, run.config), path)
     return path
+
+
+def _on_a_chip(path: Path) -> dict[str, int]:
+    """What a package takes as C."""
+    from export.c.cost import c_cost
+    from wakedeploy.core.package import read_package
+
+    return asdict(c_cost(read_package(path)))
 
 
 def sentence(domain: str, points: Sequence[Point]) -> str:

@@ -13,7 +13,17 @@ import numpy as np
 from wakedeploy.core import figures
 from wakedeploy.study.domains import MEMORYLESS, ZERO
 from wakedeploy.study.folder import Part
-from wakedeploy.study.pareto import Cost, Point, by_parameters, by_step, front, sentence
+from wakedeploy.study.pareto import (
+    Cost,
+    Point,
+    by_flash,
+    by_instructions,
+    by_parameters,
+    by_ram,
+    by_step,
+    front,
+    sentence,
+)
 from wakedeploy.study.runs import choice
 
 if TYPE_CHECKING:
@@ -23,6 +33,22 @@ if TYPE_CHECKING:
 COSTS: tuple[tuple[str, Cost], ...] = (
     ("trainable parameters", by_parameters),
     ("p99 of a step, paced at 32 Hz [ms]", by_step),
+)
+CHIP_COSTS: tuple[tuple[str, Cost], ...] = (
+    ("flash for the weights of its C [kB]", by_flash),
+    ("RAM of its C [kB]", by_ram),
+    ("instructions of a step of its C [10³]", by_instructions),
+)
+CHIP_COLUMNS = (
+    "domain",
+    "predictor",
+    "error",
+    "flash_bytes",
+    "ram_bytes",
+    "instructions",
+    "front_of_flash",
+    "front_of_ram",
+    "front_of_instructions",
 )
 Unlearned = Mapping[str, float]  # error of what learns nothing, by its name
 Box = tuple[float, float, float, float]  # left, bottom, right, top, in points
@@ -43,16 +69,20 @@ COLUMNS = (
 )
 
 
-def panels(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> "Figure":
-    """Error against both costs, a row of two panels per domain; two domains side by side."""
-    across = min(len(told), 2)
+def panels(
+    told: Mapping[str, Sequence[Point]],
+    beside: Mapping[str, Unlearned],
+    costs: Sequence[tuple[str, Cost]] = COSTS,
+) -> "Figure":
+    """Error against the costs, a row of panels per domain; of two costs two domains abreast."""
+    across = min(len(told), 2) if len(costs) == 2 else 1
     down = -(-len(told) // across)
-    size = (6.6 * across, 0.3 + 2.9 * down)
+    size = (3.3 * len(costs) * across, 0.3 + 2.9 * down)
     with figures.style():
-        drawn, grid = figures.figure(down, 2 * across, size=size, squeeze=False)
-        pairs = grid.reshape(-1, 2)
+        drawn, grid = figures.figure(down, len(costs) * across, size=size, squeeze=False)
+        pairs = grid.reshape(-1, len(costs))
         for pair, (domain, points) in zip(pairs, told.items(), strict=False):
-            for axes, (label, cost) in zip(pair, COSTS, strict=True):
+            for axes, (label, cost) in zip(pair, costs, strict=True):
                 _panel(axes, points, cost, beside[domain])
                 axes.set_xlabel(label)
             pair[0].set_title(domain)
@@ -61,7 +91,7 @@ def panels(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned])
             axes.set_axis_off()
         drawn.draw_without_rendering()  # sizes are known after it
         for pair, points in zip(pairs, told.values(), strict=False):
-            for axes, (_, cost) in zip(pair, COSTS, strict=True):
+            for axes, (_, cost) in zip(pair, costs, strict=True):
                 _labels(axes, points, cost)
     return drawn
 
@@ -175,7 +205,7 @@ def parts(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) 
         panels(told, beside),
         (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
     )
-    return [first] + [
+    return [first, *on_a_chip(told, beside)] + [
         Part(
             f"pareto-{name}",
             sentence(name, own),
@@ -184,6 +214,36 @@ def parts(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) 
             shown=summary(own, beside[name]),
         )
         for name, own in told.items()
+    ]
+
+
+def on_a_chip(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> list[Part]:
+    """Error against what each takes as C on a microcontroller, where that is known."""
+    if not all(point.flash_bytes for points in told.values() for point in points):
+        return []
+    return [
+        Part(
+            "pareto-chip",
+            "Error against what a step takes as C on a microcontroller: bytes are counted, without"
+            " the code's few kilobytes; instructions are estimated for a Cortex-M4F. Filled points"
+            " on the line are beaten by none in both.",
+            CHIP_COLUMNS,
+            [row for points in told.values() for row in _chip_rows(points)],
+            panels(told, beside, CHIP_COSTS),
+        )
+    ]
+
+
+def _chip_rows(points: Sequence[Point]) -> list[list[Any]]:
+    """Every point under `CHIP_COLUMNS`."""
+    fronts = [front(points, cost) for _, cost in CHIP_COSTS]
+    return [
+        [
+            *(point.domain, point.arch, point.error),
+            *(point.flash_bytes, point.ram_bytes, point.instructions),
+            *(int(point in best) for best in fronts),
+        ]
+        for point in points
     ]
 
 

@@ -207,7 +207,7 @@ def test_of_two_objectives_the_front_is_what_none_beats(echo: EpisodeSet, tmp_pa
     front = front_of(found.rows)
     assert found.front == front
     assert {row.number for row in front} == {t.number for t in study.best_trials}
-    errors, costs = [r.error for r in front], [r.step_us for r in front]
+    errors, costs = [r.error for r in front], [r.cost for r in front]
     assert errors == sorted(errors)
     assert costs == sorted(costs, reverse=True)
     assert {p.name for p in (work.out / "pareto").iterdir()} == {
