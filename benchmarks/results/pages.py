@@ -7,6 +7,7 @@ from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
+    compiled,
     effects,
     faults,
     flight,
@@ -32,6 +33,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         flight.soak,
         faults.faults,
     ),
+    "On a chip": (compiled.on_a_chip, compiled.on_this_machine, compiled.paced, compiled.on_an_avr),
     "Training": (learning.training, learning.flag, learning.speed, learning.tuned),
     "The paper's comparisons": (
         studies.domains,

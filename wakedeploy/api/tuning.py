@@ -119,7 +119,8 @@ def tune(
         epochs: Of every trial.
         lead_s: Predict the force this many seconds ahead. Default: what the set states, or 0.
         budget: Trials have fewer trainable weights than this.
-        objective: "rmse", or "rmse,latency": the p99 of the exported step [µs] as well.
+        objective: "rmse", or with a cost of a step: "rmse,latency" (p99 of the exported one [µs]),
+            "rmse,flash", "rmse,ram" [bytes] or "rmse,instructions" (of its C).
         dimensions: Narrowed or fixed ones, such as "hidden=16:64" or "kernel=3,5".
         starts: Presets to begin at: files, or "tuned".
         pruner: What ends a trial that is behind.
