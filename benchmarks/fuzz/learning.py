@@ -15,8 +15,10 @@ from benchmarks.fuzz.archives import npz_file, safetensors_file
 from benchmarks.fuzz.documents import as_json, json_file, json_lines, toml_file
 from benchmarks.fuzz.kind import Files, Kind, put, spoken, taken
 from benchmarks.fuzz.packages import onnx_file
+from export.c.packaging import Wish, export_c
 from export.limits import force_channels
 from export.packaging import export_predictor
+from runtime.compiled.folder import read_c_folder
 from runtime.predictor import PackagePredictor
 from trainers.preset import chosen_preset, read_preset
 from trainers.training.fit import FitSettings
@@ -67,6 +69,7 @@ def kinds() -> dict[str, Callable[[], Kind]]:
         "sweep-results": _sweep_results,
         "package": _package,
         "package-run": _package_run,
+        "c-folder": _c_folder,
     }
 
 
@@ -416,6 +419,20 @@ def _package() -> Kind:
 def _package_run() -> Kind:
     ways = {"*.onnx": onnx_file}
     return Kind("package-run", "packages, run", _packages(), _step, ways, names=("",))
+
+
+@functools.cache
+def _c_folders() -> tuple[Files, ...]:
+    """The package's smaller one as C."""
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place)
+        put(folder, _packages()[0])
+        made = export_c(read_package(folder / "p.onnx"), folder / "c", Wish())
+        return ({path.name: path.read_bytes() for path in made.path.iterdir()},)
+
+
+def _c_folder() -> Kind:
+    return Kind("c-folder", "folders of C", _c_folders(), read_c_folder)
 
 
 def _step(folder: Path) -> None:

@@ -25,7 +25,7 @@ from export.c.source import Model, header, source
 from export.c.weights import Kind
 from runtime.compiled.compiler import PLAIN, host_compiler, native_flags, version_of
 from runtime.compiled.driven import driven
-from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder
+from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder, sealed
 from runtime.compiled.predictor import CompiledPredictor
 from runtime.compiled.proof import proved
 from runtime.replay import compare
@@ -36,7 +36,6 @@ from wakedeploy.core.onnx_graph import Graph, read_graph
 from wakedeploy.core.package import Package
 
 TOLERANCE = 0.02  # by which share rounded weights may make the error grow
-_UNPROVED = "0" * 64
 _FORWARD = "the training-time forward"
 _GRAPH = "the package's graph in onnxruntime"
 _ROUNDED = "the package's graph with the same rounded weights, in float64,"
@@ -164,7 +163,6 @@ def _written(folder: Path, model: Model, reference: _Reference) -> Document:
         name=model.name,
         weights=model.kind,
         package_sha256=model.package_sha256,
-        source_sha256=_UNPROVED,
         header_sha256=sha256_of(header(model).encode()),
         test_sha256=sha256_of(text.encode()),
         state_bytes=program.state_bytes,
@@ -182,11 +180,8 @@ def _written(folder: Path, model: Model, reference: _Reference) -> Document:
 
 
 def _write(folder: Path, model: Model, document: Document, reference: _Reference) -> None:
-    """All four files; the hash of the source is that of everything before its document."""
-    text = source(model, "")
-    body = text[: text.index(f"\nconst char {model.name}_manifest[]")]
-    document = document.model_copy(update={"source_sha256": sha256_of(body.encode())})
-    whole = source(model, document.model_dump_json(by_alias=True))
+    """All four files."""
+    whole = sealed(source(model, document.model_dump_json(by_alias=True)))
     files = {
         f"{model.name}.c": whole,
         f"{model.name}.h": header(model),

@@ -16,9 +16,11 @@ from wakedeploy.core.validation import first_problem
 
 SCHEMA = 1
 MOST_BYTES = 1 << 28  # of a source: the text of the largest package
-_DOCUMENT = re.compile(rb"\nconst char (\w+)_manifest\[\] =\n((?:    \"[^\n]*\"\n?)+);\n\Z")
+_DOCUMENT = re.compile(rb"\nconst char \w+_manifest\[\] =\n((?:    \"[^\n]*\"\n?)+);\n\Z")
+_SEAL = "/* SHA-256 of everything above: {} */\n"
 _ESCAPED = re.compile(r"\\(.)")
 _REMAKE = "export it again with `wakedeploy export --c`"
+_ALTERED = f"altered or damaged since it was exported; copy it again, or {_REMAKE}"
 
 
 class _Record(BaseModel):
@@ -63,7 +65,6 @@ class Document(_Record):
     name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,30}$")]
     weights: Literal["float32", "float16", "int8"]
     package_sha256: Sha256
-    source_sha256: Sha256
     header_sha256: Sha256
     test_sha256: Sha256
     state_bytes: Annotated[int, Field(ge=4)]
@@ -125,14 +126,30 @@ def read_c_folder(path: Path | str) -> CFolder:
             f"{path}: a folder with {told}, where one made by `wakedeploy export --c` has one;"
             " name such a folder, or a package's file."
         )
-    text = _bytes(found[0])
+    text = _unsealed(found[0])
     match = _DOCUMENT.search(text[-(1 << 20) :])
     if match is None:
-        raise UnusableInput(f"{found[0]}: not made by wakedeploy, or cut off; {_REMAKE}")
-    document = _document(match[2].decode("ascii", "replace"), found[0])
-    folder = CFolder(path, document)
-    _require_own(folder, found[0], text[: len(text) - len(match[0])])
+        raise UnusableInput(f"{found[0]}: not made by this release of wakedeploy; {_REMAKE}")
+    folder = CFolder(path, _document(match[1].decode("ascii", "replace"), found[0]))
+    _require_own(folder, found[0])
     return folder
+
+
+def sealed(source: str) -> str:
+    """A source with a last line that damage to any other does not fit."""
+    return source + _SEAL.format(sha256_of(source.encode()))
+
+
+def _unsealed(path: Path) -> bytes:
+    """A source without that line; UnusableInput where it is not there or does not fit."""
+    text = _bytes(path)
+    body = text[: -len(_SEAL.format("0" * 64))]
+    seal = text[len(body) :].decode("ascii", "replace")
+    if not seal.startswith(_SEAL.partition("{")[0]):
+        raise UnusableInput(f"{path}: not made by wakedeploy, or cut off; {_REMAKE}")
+    if seal != _SEAL.format(sha256_of(body)):
+        raise UnusableInput(f"{path}: {_ALTERED}")
+    return body
 
 
 def _document(literals: str, path: Path) -> Document:
@@ -144,21 +161,18 @@ def _document(literals: str, path: Path) -> Document:
         raise UnusableInput(f"{path}: manifest: {first_problem(error)}; {_REMAKE}") from error
 
 
-def _require_own(folder: CFolder, source: Path, body: bytes) -> None:
+def _require_own(folder: CFolder, source: Path) -> None:
     """Refuse files that are not those which were written together."""
     document = folder.document
     if source.stem != document.name:
         raise UnusableInput(f"{source}: says that it is {document.name}.c; {_REMAKE}")
     stated = {
-        source: (document.source_sha256, body),
-        source.with_suffix(".h"): (document.header_sha256, None),
-        folder.test: (document.test_sha256, None),
+        source.with_suffix(".h"): document.header_sha256,
+        folder.test: document.test_sha256,
     }
-    for path, (expected, known) in stated.items():
-        if sha256_of(_bytes(path) if known is None else known) != expected:
-            raise UnusableInput(
-                f"{path}: altered or damaged since it was exported; copy it again, or {_REMAKE}"
-            )
+    for path, expected in stated.items():
+        if sha256_of(_bytes(path)) != expected:
+            raise UnusableInput(f"{path}: {_ALTERED}")
 
 
 def _bytes(path: Path) -> bytes:
