@@ -15,7 +15,7 @@ _RESERVED = frozenset((
     "protected", "public", "template", "this", "throw", "true", "try", "typename", "using",
     "virtual", "and", "or", "not", "xor", "main", "dense", "sparse", "sigmoid", "softplus",
     "softmax", "layer_norm", "state", "observation", "force", "exp", "tanh", "sqrt", "expf",
-    "tanhf", "sqrtf", "log1pf", "powf", "frame", "sum", "matrix", "scale", "bias", "columns",
+    "tanhf", "sqrtf", "log1pf", "powf", "few", "frame", "sum", "matrix", "scale", "bias", "columns",
     "counts", "FLASH", "AS_WRITTEN",
 ))
 # fmt: on

@@ -96,6 +96,27 @@ static AS_WRITTEN void sparse(const FLASH {type} *restrict matrix,{scale}
 }}
 """
 
+_FEW = """\
+/* y = matrix * x + bias, of a matrix of a few rows, which stays float32. */
+static AS_WRITTEN void few(const FLASH float *restrict matrix, const FLASH float *restrict bias,
+                           const float *restrict x, float *restrict y, int inputs, int outputs)
+{
+    for (int row = 0; row < outputs; ++row) {
+        float sum_0 = 0.0f, sum_1 = 0.0f;
+        int i = 0;
+        for (; i + 2 <= inputs; i += 2) {
+            sum_0 += matrix[i] * x[i];
+            sum_1 += matrix[i + 1] * x[i + 1];
+        }
+        for (; i < inputs; ++i) {
+            sum_0 += matrix[i] * x[i];
+        }
+        y[row] = (sum_0 + sum_1) + (bias != 0 ? bias[row] : 0.0f);
+        matrix += inputs;
+    }
+}
+"""
+
 _WIDENED = """\
 /* The float32 of an IEEE float16, exactly: exponent and fraction in place, then 112 added to the
    exponent by a product, which subnormal numbers survive. */
@@ -210,6 +231,7 @@ def _products(kind: Kind) -> dict[str, str]:
     return {
         "dense": _DENSE.format(**weights, **words),
         "sparse": _SPARSE.format(**weights, **words),
+        "few": _FEW,
     }
 
 

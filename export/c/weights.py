@@ -42,18 +42,27 @@ class Matrix:
     def is_sparse(self) -> bool:
         """Whether it is stored by its entries."""
         entries = np.count_nonzero(self.weights)
-        fits = self.weights.shape[1] <= 1 << 16
+        fits = self.weights.shape[1] <= 1 << 16 and len(self.weights) >= BLOCK
         return bool(self.weights.size >= _WORTH and fits and entries < _SPARSE * self.weights.size)
+
+    def kept(self, kind: Kind) -> Kind:
+        """How its weights are kept where others are kept as `kind`.
+
+        A matrix of a few rows is a readout: little flash, and a reservoir's is a difference of
+        large terms, which eight bits do not hold.
+        """
+        return "float32" if len(self.weights) < BLOCK else kind
 
     def scales(self, kind: Kind) -> FloatArray:
         """What an integer of each row stands for (outputs,); ones for floats."""
         largest = np.abs(self.weights).max(axis=1)  # (outputs,)
-        if kind != "int8":
+        if self.kept(kind) != "int8":
             return np.ones_like(largest)
         return np.where(largest > 0.0, largest / np.float32(_STEPS_OF_INT8), np.float32(1.0))
 
     def stored(self, kind: Kind) -> npt.NDArray[np.generic]:
         """The numbers as they are kept (outputs, inputs)."""
+        kind = self.kept(kind)
         if kind == "int8":
             return np.asarray(np.rint(self.weights / self.scales(kind)[:, None]), np.int8)
         if kind == "float16":
@@ -68,6 +77,8 @@ class Matrix:
     def call(self, kind: Kind, x: str, bias: str, y: str) -> str:
         """The statement that multiplies `x` by it, adds `bias` (a pointer or 0) into `y`."""
         outputs, inputs = self.weights.shape
+        if self.kept(kind) != kind:
+            return f"few({self.name}, {bias}, {x}, {y}, {inputs}, {outputs});"
         scale = f", {self.name}_scale" if kind == "int8" else ""
         if self.is_sparse:
             places = f"{self.name}_columns, {self.name}_counts"
@@ -77,6 +88,7 @@ class Matrix:
     def declarations(self, kind: Kind) -> Iterator[str]:
         """Its constants, as C."""
         outputs, inputs = self.weights.shape
+        kind = self.kept(kind)
         kept, what = self.stored(kind), f"{outputs} x {inputs}"
         if self.is_sparse:
             rows, columns = np.nonzero(self.weights)  # by rows
@@ -93,6 +105,7 @@ class Matrix:
     def flash_bytes(self, kind: Kind) -> int:
         """What its constants take."""
         outputs, inputs = map(int, self.weights.shape)
+        kind = self.kept(kind)
         scale = 4 * outputs if kind == "int8" else 0
         if not self.is_sparse:
             return BYTES[kind] * outputs * inputs + scale

@@ -70,7 +70,9 @@ def kernels(tmp_path_factory):
     made = {}
     for kind in KINDS:
         path = folder / f"{kind}.c"
-        text = "\n".join(needed("dense( sparse(", kind)).replace("static AS_WRITTEN", "AS_WRITTEN")
+        text = "\n".join(needed("dense( sparse( few(", kind)).replace(
+            "static AS_WRITTEN", "AS_WRITTEN"
+        )
         path.write_text(f"#include <stdint.h>\n#define FLASH\n{text}", encoding="utf-8")
         made[kind] = ctypes.CDLL(
             str(compiled([path], folder / f"{kind}.so", ("-O2", "-shared", "-fPIC")))
@@ -87,7 +89,7 @@ def _at(array):
 @c_compiler
 @settings(max_examples=60, deadline=None)
 @given(
-    st.sampled_from(KINDS), st.integers(1, 40), st.integers(1, 70), st.booleans(),
+    st.sampled_from(KINDS), st.integers(8, 40), st.integers(1, 70), st.booleans(),
     st.integers(0, 1 << 30),
 )  # fmt: skip
 def test_products_of_any_size_are_those_of_the_kept_weights(
@@ -105,6 +107,19 @@ def test_products_of_any_size_are_those_of_the_kept_weights(
         getattr(kernels[kind], name)(*map(_at, arrays), _at(bias), _at(x), _at(y), *sizes)
         expected = matrix.rounded(kind) @ x + (0.0 if bias is None else bias)
         assert np.allclose(y, expected, rtol=1e-5, atol=2e-5)
+
+
+@c_compiler
+@pytest.mark.parametrize("outputs", range(1, 8))
+def test_a_few_rows_stay_float32(kernels, outputs):
+    draw = np.random.default_rng(outputs)
+    matrix = Matrix("w", draw.normal(size=(outputs, 33)).astype(np.float32))
+    assert {matrix.kept(kind) for kind in KINDS} == {"float32"}
+    assert np.array_equal(matrix.rounded("int8"), matrix.weights)
+    x, bias = draw.normal(size=33).astype(np.float32), np.ones(outputs, np.float32)
+    y = np.empty(outputs, np.float32)
+    kernels["int8"].few(_at(matrix.weights), _at(bias), _at(x), _at(y), 33, outputs)
+    assert np.allclose(y, matrix.weights @ x + bias, atol=1e-5)
 
 
 def _sparse(draw, outputs, inputs):
