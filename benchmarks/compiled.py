@@ -25,6 +25,7 @@ from benchmarks.microcontroller.cycles import CLOCK_HZ, cycles_of_a_step
 from runtime.compiled.compiler import host_compiler, version_of
 from runtime.compiled.folder import CFolder, read_c_folder
 from runtime.compiled.predictor import CompiledPredictor
+from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.names import ARCHITECTURES
 from wakedeploy.core.package import read_package
 
@@ -306,7 +307,18 @@ def avr(work: Path, arch: str) -> dict[str, Any]:
 
 def _on_avr(folder: CFolder, mcu: Mcu) -> dict[str, Any]:
     found = on_avr(folder, mcu)
+    if not found.why_not:
+        _require_alike(found.force, folder)
     return {"flash": found.flash, "ram": found.ram, "ms": found.ms, "why_not": found.why_not}
+
+
+def _require_alike(force: tuple[float, ...], folder: CFolder) -> None:
+    """The second step's force on the chip is that of this machine."""
+    here = CompiledPredictor(folder)
+    inputs = np.full(len(folder.manifest.observation), 0.1, np.float32)
+    here.step(inputs)
+    if not np.allclose(force, here.step(inputs), rtol=1e-4, atol=1e-6):
+        raise CheckFailed(f"{folder.path}: on the AVR the force is {force}")
 
 
 def _small_c(work: Path, arch: str) -> Path:

@@ -1,0 +1,76 @@
+"""A folder of C flies as its package does, and needs no onnxruntime for it."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+from made_packages import gantry_package
+from needs import c_compiler
+
+from export.c.packaging import Wish, export_c
+from runtime.predictor import inference_session
+from wakedeploy.cli import main
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.package import write_package
+from wakedeploy.rig.file import default_rig
+
+pytestmark = [c_compiler]
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    """A package for the default rig and the same as C."""
+    folder = tmp_path_factory.mktemp("site")
+    package = gantry_package(default_rig().default_lead_s, gain=-0.01)
+    write_package(package, folder / "p.onnx")
+    export_c(package, folder / "c", Wish())
+    return folder
+
+
+def flown(site, package) -> dict:
+    told = site / "told.json"
+    said = CliRunner().invoke(
+        main,
+        ["run-gantry", "--package", str(site / package), "--virtual", "--seconds", "6",
+         "--json", str(told)],
+    )  # fmt: skip
+    assert said.exit_code == 0, said.output
+    return json.loads(told.read_text())
+
+
+def test_two_flights_are_a_tenth_of_a_millimetre_apart_at_most(site):
+    package, c = flown(site, "p.onnx"), flown(site, "c")
+    assert abs(package["true_rmse_mm"] - c["true_rmse_mm"]) < 0.1
+    assert package["ended"] == c["ended"] == "whole"
+    assert package["ticks"] == c["ticks"]
+
+
+def test_a_flight_of_c_loads_no_onnxruntime(site):
+    script = (
+        "import sys; sys.modules['onnxruntime'] = None\n"
+        "from wakedeploy.cli import main\n"
+        f"main(['run-gantry', '--package', {str(site / 'c')!r}, '--virtual', '--seconds', '6'])"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert "whole" in done.stdout
+
+
+def test_a_package_without_onnxruntime_is_told_what_to_do(site, monkeypatch):
+    monkeypatch.setitem(sys.modules, "onnxruntime", None)
+    with pytest.raises(UnusableInput, match="as C"):
+        inference_session(b"")
+
+
+def test_an_altered_folder_does_not_fly(site, tmp_path):
+    import shutil
+
+    altered = tmp_path / "c"
+    shutil.copytree(site / "c", altered)
+    source = altered / "gru.c"
+    source.write_text(source.read_text().replace("float", "double", 1))
+    said = CliRunner().invoke(main, ["run-gantry", "--package", str(altered), "--virtual"])
+    assert said.exit_code == 2
+    assert "altered or damaged" in said.output
