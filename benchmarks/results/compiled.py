@@ -68,7 +68,7 @@ def on_this_machine(records: Records) -> Section:
             f"{_ratio(host[arch]):.2f}",
             f"{host[arch]['torch'] / host[arch]['c-float32']:.0f}",
             *(f"{100.0 * rounding[arch][d]['int8']['worse']:+.2f}" for d in ("gantry", "fish")),
-            f"{flown[arch]['apart_mm']:.0e}",
+            f"{flown[arch]['apart_mm']:.3f}",
         ]
         for arch in ARCHITECTURES
     ]

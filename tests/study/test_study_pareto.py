@@ -200,7 +200,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path, monkeypatch) -> 
     chips = list(csv.DictReader((folder / "pareto-chip.csv").open()))
     trained = json.loads((folder / "study.json").read_text())["points"]
     for row, one in zip(chips, trained, strict=True):
-        assert int(row["flash_bytes"]) == one["flash_bytes"] > 4 * one["trainable"]
+        assert int(row["flash_bytes"]) == one["flash_bytes"] >= 4 * one["trainable"]
         assert int(row["ram_bytes"]) > 500
         assert int(row["instructions"]) > 3 * one["trainable"]
     table = list(csv.DictReader((folder / "pareto.csv").open()))
