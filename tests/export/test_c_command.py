@@ -38,6 +38,22 @@ def turning(**changes: object) -> Package:
     return sound(package_of(model, tiny_manifest("state", **changes)))
 
 
+def remembering() -> Package:
+    """A package whose matrix has rows enough to be rounded; readouts stay as they are."""
+    body = """t (float[B, 2] observation, float[B, 8] state_past)
+        => (float[B, 2] force, float[B, 8] next_state_past)
+        { turned = Gemm <transB: int = 1> (state_past, turn)
+          driven = Gemm <transB: int = 1> (observation, inward)
+          next_state_past = Add (turned, driven)
+          force = Gemm <transB: int = 1> (next_state_past, outward) }"""
+    draw = np.random.default_rng(0)
+    sizes = {"turn": (8, 8), "inward": (8, 2), "outward": (2, 8)}
+    weights = {n: (0.2 * draw.normal(size=s)).astype(np.float32) for n, s in sizes.items()}
+    states = {"past": {"shape": [8], "initial": 0.0}}
+    manifest = tiny_manifest("state", memory={"kind": "state", "states": states})
+    return sound(package_of(parsed(body, weights).SerializeToString(), manifest))
+
+
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("package") / "turning.onnx"
@@ -120,6 +136,8 @@ def test_fast_math_is_proved_where_it_is_asked_for(package, tmp_path):
     )
     assert f"`{flags}`" in (folder / "README.md").read_text()
     assert [proof.flags for proof in read_c_folder(folder).document.proofs][-1] == flags
+    smallest = np.float32(1e-45)
+    assert smallest / np.float32(1.0) > 0.0, "the process still knows subnormal numbers"
 
 
 @pytest.mark.parametrize("name", ["gru.c", "gru.h", "gru_test.c"])
@@ -149,7 +167,9 @@ def test_a_folder_of_something_else_is_told(tmp_path):
     assert "not made by wakedeploy" in refused("check", tmp_path)
 
 
-def test_rounding_beyond_the_tolerance_leaves_nothing(package, tmp_path):
+def test_rounding_beyond_the_tolerance_leaves_nothing(tmp_path_factory, tmp_path):
+    package = tmp_path_factory.mktemp("wide") / "wide.onnx"
+    write_package(remembering(), package)
     said = wakedeploy(
         "export", "--package", package, "--c", tmp_path / "c", "--weights", "int8",
         "--tolerance", 0.01,
