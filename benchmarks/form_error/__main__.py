@@ -1,0 +1,71 @@
+"""Fly the gantries of other forms, ask the workflow about each, and tell a dose curve.
+
+`python -m benchmarks.form_error --out FOLDER [--per-dose N] [--per-effect N] [--workers N]` keeps
+flights and answers in the folder, so that a run goes on where it was stopped; `--record` writes
+`docs/records/form-error.json`.
+"""
+
+import json
+import time
+from collections.abc import Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import click
+
+from benchmarks.form_error.cases import Case, flights_of
+from benchmarks.form_error.judge import row
+from benchmarks.form_error.plan import no_effect, trivial, with_effect
+from benchmarks.form_error.table import curve, told
+from benchmarks.records import FOLDER, write
+from wakedeploy.core.files import append_json_line, read_json_lines
+from wakedeploy.core.processes import pool
+from wakedeploy.gap.workflow import close
+from wakedeploy.rig.file import default_rig
+
+
+def answered(case: Case, out: Path) -> dict[str, Any]:
+    """One case's row: flown, asked about, judged."""
+    logs = flights_of(case, out / "flights")
+    began_s = time.process_time()
+    folder = out / "answers" / f"{case.name}-{case.digest}"
+    result = close(logs[0].parent / "rig.toml", logs, folder, workers=1, report=False, plan=False)
+    return row(case, result, default_rig(), time.process_time() - began_s)
+
+
+def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
+    """All rows; those that the folder has already are not made again."""
+    kept = out / "rows.jsonl"
+    out.mkdir(parents=True, exist_ok=True)
+    known = {one["digest"]: one for one in read_json_lines(kept)}
+    left = [case for case in cases if case.digest not in known]
+    with pool(workers) as several:
+        for case, one in zip(left, several.map(partial(answered, out=out), left), strict=True):
+            append_json_line(kept, {"digest": case.digest, **one})
+            known[case.digest] = one
+            click.echo(f"{one['case']}: {one['answer']}")
+    return [known[case.digest] for case in cases]
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), required=True)
+@click.option("--per-dose", default=4, help="gantries without an effect, at each misfit")
+@click.option("--per-effect", default=4, help="gantries for each library effect")
+@click.option("--trivia", default=10, help="gantries with effects too small to matter")
+@click.option("--workers", default=2)
+@click.option("--record", is_flag=True, help="write docs/records/form-error.json")
+def main(
+    out: Path, per_dose: int, per_effect: int, trivia: int, workers: int, record: bool
+) -> None:
+    """Tell the dose curve."""
+    cases = [*no_effect(per_dose), *with_effect(per_effect), *trivial(trivia)]
+    rows = run(cases, out, workers)
+    click.echo(told(curve(rows)))
+    if record:
+        write(FOLDER / "form-error.json", {"curve": curve(rows), "rows": rows})
+    (out / "curve.json").write_text(json.dumps(curve(rows), indent=1))
+
+
+if __name__ == "__main__":
+    main()

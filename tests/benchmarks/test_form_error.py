@@ -1,0 +1,127 @@
+"""The referee's gantries: their equations, against what is known of them."""
+
+import numpy as np
+import pytest
+
+from benchmarks.form_error.cases import Case, build_of, fly, jet_of_case
+from benchmarks.form_error.equations import (
+    COULOMB,
+    LUGRE,
+    ROTOR,
+    SOURCE,
+    SPEED,
+    STATES,
+    STRIBECK,
+    Numbers,
+    Z,
+    advance,
+)
+from benchmarks.form_error.judge import answer_of
+from benchmarks.form_error.plan import DOSES, hidden_name, no_effect, with_effect
+from benchmarks.form_error.plant import FormPlant
+from benchmarks.form_error.profiles import DISTANCE_M, FAMILIES, LATERAL_M, Jet
+from wakedeploy.physics.jet import VerticalJet
+from wakedeploy.rig.file import default_rig
+
+RIG = default_rig()
+DT_S = 1.0 / 256.0
+STILL = Jet(np.zeros((91, 181)), np.full(91, 0.2), np.full(91, 0.02), 0.0, 0.0)
+
+
+def pushed(numbers: Numbers, thrust_n: float, seconds: float, z_m: float = 0.6) -> np.ndarray:
+    """The state after a constant thrust in still air."""
+    y, ring = np.zeros(STATES), np.zeros(1024)
+    y[Z], y[ROTOR] = z_m, np.sqrt(thrust_n)
+    targets = np.array([0.0, np.sqrt(thrust_n)])
+    for k in range(round(seconds / DT_S)):
+        advance(
+            y, DT_S, numbers, targets, 0.0, 0.0, 0.0, ring, k,
+            STILL.speed_mps, STILL.delay_s, STILL.mixing_s,
+        )  # fmt: skip
+    return y
+
+
+def test_a_body_without_friction_falls() -> None:
+    free = Numbers(coulomb_n=0.0, stiction_n=0.0, viscous_n_per_mps=0.0)
+    y = pushed(free, 0.0, 0.25)
+    assert y[SPEED] == pytest.approx(-9.81 * 0.25, rel=1e-3)
+    assert y[Z] == pytest.approx(0.6 - 0.5 * 9.81 * 0.25**2, rel=2e-2)
+
+
+@pytest.mark.parametrize("friction", [COULOMB, STRIBECK, LUGRE])
+def test_every_friction_slides_at_the_force_that_coulomb_has(friction) -> None:
+    """Far above Stribeck's speed and without viscosity, 50 mN are left of all of them."""
+    numbers = Numbers(friction=friction, viscous_n_per_mps=0.0)
+    weight = numbers.mass_kg * 9.81
+    early, late = (pushed(numbers, weight + 0.3, s)[SPEED] for s in (0.5, 0.75))
+    assert numbers.mass_kg * (late - early) / 0.25 == pytest.approx(0.25, rel=0.02)
+
+
+@pytest.mark.parametrize("friction", [COULOMB, STRIBECK, LUGRE])
+def test_what_is_less_than_stiction_hardly_moves_it(friction) -> None:
+    numbers = Numbers(friction=friction)
+    y = pushed(numbers, numbers.mass_kg * 9.81 + 0.03, 0.5)
+    assert abs(y[Z] - 0.6) < 2e-4
+
+
+def test_the_jet_of_the_model_s_own_form_is_the_paper_s() -> None:
+    """Its steady speed against the project's sum over puffs, which this plant does not import."""
+    jet = jet_of_case(Case(1, is_calibrated=False), RIG)
+    own = VerticalJet(RIG.wake, RIG.source.height_m, DT_S)
+    for _ in range(400):
+        own.inject(RIG.wake.reference_thrust_n)
+    row = int(np.argmin(np.abs(DISTANCE_M - 1.4)))
+    for x in (0.0, 0.1, 0.25):
+        column = int(np.argmin(np.abs(LATERAL_M - x)))
+        assert -jet.speed_mps[row, column] == pytest.approx(own.velocity(x, 0.6), rel=5e-3)
+
+
+@pytest.mark.parametrize("family", [f for f in FAMILIES if f != "same"])
+def test_a_misfit_is_what_was_asked_for(family) -> None:
+    jet = jet_of_case(Case(1, jet=family, misfit=0.04, is_calibrated=False), RIG)
+    assert jet.misfit_share == pytest.approx(0.04, rel=0.05)
+    assert 0.01 < jet.misfit_n < 0.08
+    axis = jet.speed_mps[:, len(LATERAL_M) // 2]
+    assert (axis > 0.0).all()
+
+
+def test_a_flight_is_whole_and_the_same_again() -> None:
+    case = Case(3, jet="round", misfit=0.03, friction="lugre", sensor="window", noise="bursts")
+    log, again = (fly(case, RIG, 9, seconds=4.0) for _ in range(2))
+    assert "FAILSAFE" not in set(log["mode"])
+    assert np.array_equal(log["range_m"], again["range_m"], equal_nan=True)
+    assert np.nanmin(log["true_wake_force_n"]) < -0.1
+
+
+def test_the_source_s_change_arrives_after_the_air_s_way() -> None:
+    """A step of the source reaches 1.4 m below after 1.4 m at 6 m/s."""
+    plant = FormPlant(build_of(Case(1, is_calibrated=False), RIG), seed=1)
+    forces = []
+    for _ in range(256):
+        plant.step(1700.0, 1000.0, 0.0)
+        forces.append(-plant.wake_force_n)
+    half = int(np.argmax(np.array(forces) > 0.25 * max(forces)))
+    risen = int(np.argmax(np.array([f > 0 for f in forces])))
+    assert plant.source_thrust_n > 4.0
+    assert 0.1 < risen * DT_S < half * DT_S
+    assert half * DT_S == pytest.approx(2.0 / 6.0 + 0.06 + 0.02, abs=0.06)
+    assert plant._y[SOURCE] > 0.0
+
+
+def test_the_plan_takes_every_family_at_every_misfit() -> None:
+    cases = no_effect(4)
+    assert {case.misfit for case in cases} == set(DOSES)
+    assert {case.jet for case in cases if case.misfit} == set(FAMILIES) - {"same"}
+    assert len({case.seed for case in (*cases, *with_effect(2))}) == len(cases) + 24
+    assert all(hidden_name(case) for case in with_effect(1))
+
+
+def test_a_useless_answer_is_no_right_one() -> None:
+    nothing = {"class": []}
+    assert answer_of("", "none", [], [], nothing) == "right"
+    assert answer_of("", "named", [], ["added-mass"], nothing) == "right"
+    assert answer_of("", "unknown", [], [], nothing) == "false alarm"
+    assert answer_of("added-mass", "unknown", [], [], nothing) == "useless"
+    assert answer_of("added-mass", "named", ["added-mass"], [], nothing) == "right"
+    assert answer_of("added-mass", "named", ["range-drift"], [], nothing) == "wrong"
+    assert answer_of("added-mass", "class", [], [], {"class": ["added-mass"]}) == "right"
