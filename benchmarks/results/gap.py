@@ -1,6 +1,6 @@
 """Results of the gap workflow on the gantry: its demo, hidden effects, promises."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from benchmarks.hidden_effects.page import headline
@@ -52,6 +52,49 @@ def demo(records: Records) -> Section:
         ),
         ("wakedeploy gap demo --out gap-demo", "python -m benchmarks.keep gap-demo gap-demo"),
     )
+
+
+FORM_ERROR = "form-error.json"
+
+
+def form_error(records: Records) -> Section:
+    """What is answered about gantries whose form is not the model's."""
+    record = records.json(FORM_ERROR)
+    lines = [
+        [
+            percent(one["dose"], 0),
+            f"{one['misfit_mn']:.0f} mN",
+            *(_counted(one[key]) for key in ("false_alarms", "right", "useless")),
+            str(one["added_worse"]),
+        ]
+        for one in record["curve"]
+    ]
+    head = ["misfit", "largest", "something is missing, where nothing is", "right name or class"]
+    head += ['useless "unknown"', "made the forecast worse"]
+    return Section(
+        "Models whose form is not exact",
+        "Gantries written from other equations: four families of jet profile, four of friction, "
+        "and others of motor, sensor and noise. The misfit is what is left of the wake's steady "
+        "force after the model has been calibrated within its spreads, of its root mean square.",
+        paragraphs(table(head, lines), _answers(record["rows"])),
+        ("python -m benchmarks.form_error --out build/form-error --record",),
+    )
+
+
+def _counted(share: Row) -> str:
+    return f"{share['count']} of {share['of']}" if share["of"] else "–"
+
+
+def _answers(rows: Sequence[Row]) -> str:
+    """The sets without an effect that were answered otherwise, each in its own words."""
+    told = [
+        f"- {row['case']}: {row['verdict']}"
+        + (f", {row['unknown']}" if row["unknown"] else "")
+        + (f", {', '.join(row['named'])}" if row["named"] else "")
+        for row in rows
+        if row["answer"] == "false alarm"
+    ]
+    return "\n".join(["Answered otherwise where nothing is hidden:", "", *told]) if told else ""
 
 
 def _mm(*metres: float) -> list[str]:

@@ -49,6 +49,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
     "Finding what the simulation lacks": (
         gap.demo,
         gap.hidden_effects,
+        *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
         gap.power,
         gap_domains.domains,
     ),
@@ -59,7 +60,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         simulators.mutants,
         simulators.frames,
     ),
-    # A run of disturbed commands takes half an hour: its section is there once it has been made.
+    # Half an hour of disturbed commands: its section is there once it has been made.
     "Robustness": (
         *((interrupted.interrupted,) if (records.FOLDER / interrupted.RECORD).exists() else ()),
         hostile.files,
