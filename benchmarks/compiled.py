@@ -49,13 +49,17 @@ SMALL: dict[str, dict[str, Any]] = {
 }
 
 
-def main() -> None:
-    """Measure what is asked for and put it into the record."""
+def _options() -> argparse.Namespace:
     asked = argparse.ArgumentParser(description=__doc__)
     asked.add_argument("--work", type=Path, required=True)
     asked.add_argument("--part", choices=PARTS, action="append")
     asked.add_argument("--arch", choices=ARCHITECTURES, action="append")
-    given = asked.parse_args()
+    return asked.parse_args()
+
+
+def main() -> None:
+    """Measure what is asked for and put it into the record."""
+    given = _options()
     given.work.mkdir(parents=True, exist_ok=True)
     for part in given.part or PARTS:
         for arch in given.arch or ARCHITECTURES:

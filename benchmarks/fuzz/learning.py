@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import click
 import numpy as np
 
 from benchmarks.fuzz.archives import npz_file, safetensors_file
@@ -22,8 +23,17 @@ from runtime.compiled.folder import read_c_folder
 from runtime.predictor import PackagePredictor
 from trainers.preset import chosen_preset, read_preset
 from trainers.training.fit import FitSettings
-from trainers.training.runs import BEST, CONFIG, LAST, METRICS, load_run, read_config, runs_of
-from trainers.training.trainer import chosen_lead_s, configure, train
+from trainers.training.runs import (
+    BEST,
+    CONFIG,
+    LAST,
+    METRICS,
+    TrainedRun,
+    load_run,
+    read_config,
+    runs_of,
+)
+from trainers.training.trainer import chosen_lead_s, configure, settings_for, train
 from trainers.tuning.conclude import conclude
 from trainers.tuning.plan import Plan, make_plan
 from trainers.tuning.report import best_of, front_of, importances, rows_of
@@ -31,9 +41,10 @@ from trainers.tuning.starts import preset_start
 from trainers.tuning.storage import JOURNAL
 from trainers.tuning.study import give_back_of_the_dead
 from trainers.tuning.workers import Work, run_trials
+from wakedeploy.api import training
+from wakedeploy.api.scores import ScoreRow, score_row
 from wakedeploy.cli import data as data_command
 from wakedeploy.cli import sweep as sweep_command
-from wakedeploy.cli import train as train_command
 from wakedeploy.core.episodes import (
     DESCRIPTION,
     Channel,
@@ -141,7 +152,13 @@ def _train_on(folder: Path) -> None:
     settings = dataclasses.replace(_SETTINGS, epochs=1)
     config = configure(data, "gru", seed=0, lead_s=lead_s, hyper=_SMALL, settings=settings)
     run = train(config, data, folder / "runs")
-    train_command._row(run)
+    _row(run).as_json()
+
+
+def _row(run: TrainedRun) -> ScoreRow:
+    """As `train` tells of a run."""
+    tested = run.metrics.test
+    return score_row(run, "test", tested.rmse, tested.r2, run.metrics.seconds)
 
 
 def mend_set(draw: random.Random, files: dict[str, bytes], folder: str = "") -> None:
@@ -183,7 +200,7 @@ def _read_run(folder: Path) -> None:
     """As `export` and `evaluate` do."""
     (found,) = runs_of(folder)
     run = load_run(found)
-    train_command._row(run)
+    _row(run).as_json()
 
 
 def _mend_run(draw: random.Random, files: dict[str, bytes]) -> None:
@@ -252,9 +269,9 @@ def _train_with(folder: Path) -> None:
     """As `train --preset` and `tune --start` begin."""
     asked = str(folder / "best.toml")
     with spoken():
-        preset = train_command._preset(asked, "gru", small_set(), _LEAD_S)
+        preset = training._preset(asked, "gru", small_set(), _LEAD_S, click.echo)
     assert preset is not None
-    settings = train_command._settings("gru", preset, None, None)
+    settings = settings_for("gru", epochs=None, learning_rate=None, others=preset.settings)
     configure(small_set(), "gru", seed=0, lead_s=_LEAD_S, hyper=preset.hyper, settings=settings)
     preset_start(
         _plan_of_study("hidden=4:192"), asked, chosen_preset(asked, "gru", "gantry") or preset
