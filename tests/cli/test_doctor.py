@@ -4,6 +4,7 @@ import datetime
 import importlib.metadata
 import json
 import os
+import platform
 import sys
 from pathlib import Path
 
@@ -53,6 +54,40 @@ def test_a_library_that_kills_the_interpreter_does_not_kill_the_doctor(
     monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
     (finding,) = doctor.onnxruntime_starts()
     assert (finding.state, finding.found) == (doctor.BROKEN, "ended by SIGILL")
+
+
+def test_a_32_bit_pi_without_onnxruntime_is_sound_and_flies_c(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    words = "No module named 'onnxruntime'"
+    (tmp_path / "onnxruntime.py").write_text(f"raise ModuleNotFoundError({words!r})")
+    monkeypatch.setattr(sys, "path", [str(tmp_path), *sys.path])
+    version = importlib.metadata.version
+
+    def missing(name: str) -> str:
+        if name == "onnxruntime":
+            raise importlib.metadata.PackageNotFoundError(name)
+        return version(name)
+
+    monkeypatch.setattr(importlib.metadata, "version", missing)
+    assert doctor.onnxruntime_starts()[0].state == doctor.BROKEN
+    assert doctor.BROKEN in [finding.state for finding in doctor.base_libraries()]
+    monkeypatch.setattr(sys, "maxsize", 2**31 - 1)  # as on armv6l and armv7l
+    monkeypatch.setattr(platform, "machine", lambda: "armv7l")
+    (finding,) = doctor.onnxruntime_starts()
+    assert finding.state == doctor.OPTIONAL
+    assert "armv7l" in finding.found
+    assert "run-gantry --package gru_c" in finding.fix
+    assert doctor.BROKEN not in [finding.state for finding in doctor.base_libraries()]
+
+
+def test_without_a_c_compiler_it_says_what_c_needs(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (finding,) = doctor.c_compiler()
+    assert finding.state == doctor.OPTIONAL
+    assert "apt install gcc" in finding.fix
 
 
 def test_an_import_error_is_told_in_its_own_words(

@@ -3,6 +3,7 @@
 import datetime
 import glob
 import os
+import platform
 import re
 import shutil
 import signal
@@ -16,7 +17,7 @@ from typing import TYPE_CHECKING
 import click
 
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
-from wakedeploy.core.errors import installs
+from wakedeploy.core.errors import UnusableInput, installs
 
 if TYPE_CHECKING:
     from wakedeploy.core.rig import Calibration, Rig
@@ -25,6 +26,11 @@ OK, OPTIONAL, STALE, BROKEN = "ok", "optional", "stale", "BROKEN"
 _ENOUGH_DISK_GIB = 1.0
 _TRIAL_S = 60.0
 _I2C_BUSES = "/dev/i2c-*"
+_RUNTIME = "onnxruntime"
+_FLIES_C = (
+    "predictors fly here as C: `wakedeploy export --package gru.onnx --c gru_c` on a 64-bit machine,"
+    " then `run-gantry --package gru_c` here. Packages (.onnx) need the 64-bit system."
+)
 _LONGEST_FROZEN_S = 60.0  # flights are shorter
 # Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has
 # measured how fast on this rig, so a month is a habit rather than a finding.
@@ -104,7 +110,8 @@ def python_version() -> list[Finding]:
 
 def base_libraries() -> list[Finding]:
     """What every use needs, as the package's own metadata lists it."""
-    return [_library(name) for name in _required("")]
+    wanted = [name for name in _required("") if name != _RUNTIME or not _lacks_wheels()]
+    return [_library(name) for name in wanted]
 
 
 def extras() -> list[Finding]:
@@ -125,8 +132,21 @@ def onnxruntime_starts() -> list[Finding]:
     ended = _try("import onnxruntime; print(onnxruntime.__version__)")
     if ended.returncode == 0:
         return [Finding("onnxruntime starts", OK, "yes")]
+    if _lacks_wheels():
+        found = f"no wheel for a 32-bit Python on {platform.machine()}"
+        return [Finding("onnxruntime starts", OPTIONAL, found, _FLIES_C)]
     fix = f"{installs('')}; on a Raspberry Pi use the 64-bit system."
     return [Finding("onnxruntime starts", BROKEN, _why(ended), fix)]
+
+
+def c_compiler() -> list[Finding]:
+    """The compiler that predictors in C need, where they are written and where they fly."""
+    from runtime.compiled.compiler import host_compiler, version_of
+
+    try:
+        return [Finding("C compiler", OK, version_of(host_compiler()))]
+    except UnusableInput as error:
+        return [Finding("C compiler", OPTIONAL, "none", f"for predictors in C: {error}")]
 
 
 def serial_ports() -> list[Finding]:
@@ -210,6 +230,7 @@ CHECKS: Sequence[Callable[[], list[Finding]]] = (
     python_version,
     base_libraries,
     onnxruntime_starts,
+    c_compiler,
     extras,
     serial_ports,
     i2c_buses,
@@ -229,6 +250,11 @@ def _required(extra: str) -> list[str]:
         if name and (group[1] if group else "") == extra:
             wanted.append(name[0])
     return wanted
+
+
+def _lacks_wheels() -> bool:
+    """Whether no wheel of onnxruntime is made for this Python, as for a 32-bit Pi's."""
+    return sys.maxsize < 2**32
 
 
 def _version(library: str) -> str | None:
