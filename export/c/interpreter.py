@@ -142,7 +142,7 @@ _RULES: dict[str, Callable[[Node, list[Wide]], Wide | list[Wide]]] = {
     "Reciprocal": lambda node, x: 1.0 / x[0],
     "ReduceMean": lambda node, x: _reduced(node, x, np.mean),
     "ReduceSum": lambda node, x: _reduced(node, x, np.sum),
-    "Relu": lambda node, x: np.where(x[0] > 0.0, x[0], 0.0 * x[0]),
+    "Relu": lambda node, x: np.where(x[0] < 0.0, 0.0, x[0]),
     "Reshape": lambda node, x: x[0].reshape(x[1].astype(int)),
     "Sigmoid": lambda node, x: 1.0 / (1.0 + np.exp(-x[0])),
     "Slice": _slice,

@@ -90,8 +90,9 @@ def test_a_queue_that_starts_with_different_frames_is_kept_as_it_is(tmp_path):
     assert np.allclose(Stepped(model_of(package), tmp_path).rollout(series), told, atol=1e-6)
 
 
-def test_an_input_that_is_no_number_gives_a_force_that_is_none(exported_arch, tmp_path):
-    stepped = Stepped(model_of(exported_arch("gru").package), tmp_path)
+@pytest.mark.parametrize("arch", ["gru", "agile-mlp", "tcn"])
+def test_an_input_that_is_no_number_gives_a_force_that_is_none(exported_arch, tmp_path, arch):
+    stepped = Stepped(model_of(exported_arch(arch).package), tmp_path)
     assert np.isnan(stepped.rollout(np.full((1, 8), np.nan))).all()
 
 
