@@ -344,3 +344,19 @@ def test_where_there_is_no_ssh_it_says_what_to_install(rig, packages, monkeypatc
 def test_either_a_package_or_the_way_back(rig, packages):
     assert_refused(deploy(rig), 2, "either deploy a PACKAGE")
     assert_refused(deploy(rig, packages("first.onnx"), "--rollback"), 2, "either deploy")
+
+
+def test_a_folder_of_c_is_refused_with_the_commands_that_bring_it_there(rig, tmp_path):
+    folder = tmp_path / "gru_c"
+    folder.mkdir()
+    (folder / "gru.c").write_text("int one;")
+    rig.command.write_text('#!/bin/sh\necho "$@"; cat "$2/gru.c"\n')
+    rig.site.mkdir()
+    refused = deploy(rig, folder)
+    assert_refused(refused, 2, "deploy takes a package's file")
+    copy, check = refused.stderr.split("`")[1::2]
+    subprocess.run(copy, shell=True, check=True)
+    told = subprocess.run(check, shell=True, check=True, capture_output=True, text=True).stdout
+    assert told == f"check {rig.site}/gru_c\nint one;"
+    url = CliRunner().invoke(main, ["deploy", "ssh://pi@rig:2222", str(folder)])
+    assert f"scp -r {folder} scp://pi@rig:2222/wakedeploy/`" in url.stderr

@@ -48,6 +48,8 @@ NOT_RUN = {
 # Lines of other programs: the first word, and why they are not run.
 OTHERS = {
     "sudo": "changes the system",
+    "scp": "needs a Pi",
+    "ssh": "needs a Pi",
     "ssh-copy-id": "needs a Pi",
     "git": "sends the checkout to a Pi; test_rig_page.py does it to a folder",
     "cd": "of a line that needs a Pi",

@@ -18,7 +18,7 @@ _DIRECTORY, _COMMAND = "wakedeploy", "wakedeploy"
 
 @click.command()
 @click.argument("target")
-@click.argument("package", required=False, type=_FILE)
+@click.argument("package", required=False, type=click.Path(path_type=Path))
 @click.option("--rollback", is_flag=True, help="Make the previous package current again.")
 @click.option("--directory", default=_DIRECTORY, show_default=True, help="The folder there.")
 @click.option(
@@ -44,7 +44,8 @@ def command(
     there current.onnx leads to the package and previous.onnx to the one before; packages stay in
     packages/, named by their hash. Where a rig.toml lies in the folder, the package has to be for
     that rig: its rate, channels and lead. When anything fails, current.onnx is what it was. A run
-    that is flying keeps its package; the next one takes the new.
+    that is flying keeps its package; the next one takes the new. A folder of C is copied by hand;
+    the sentence that refuses it says how.
 
     \b
     Example:
@@ -61,8 +62,28 @@ def command(
         with progress(f"Going back on {target}", 1):
             links = site.roll_back()
         _tell(site, "Rolled back", links, "Forth again")
+    elif package.is_dir():
+        raise UnusableInput(_by_hand(package, site))
     else:
         _deploy(site, package)
+
+
+def _by_hand(folder: Path, site: "Site") -> str:
+    """What to do with a folder of C instead, as a sentence with its two commands."""
+    target, there = site.remote.target, site.directory.removeprefix("~/").rstrip("/")
+    is_url = target.startswith("ssh://")
+    place = f"scp{target.removeprefix('ssh')}/{there}/" if is_url else f"{target}:{there}/"
+    check = shlex.join([site.command, "check", f"{there}/{folder.resolve().name}"])
+    options = _ssh_options(site)
+    return (
+        f"{folder}: deploy takes a package's file, and this is a folder; copy a folder of C by"
+        f" `{shlex.join(['scp', *options, '-r', str(folder), place])}`, then check it there by"
+        f" `{shlex.join(['ssh', *options, target, check])}`."
+    )
+
+
+def _ssh_options(site: "Site") -> list[str]:
+    return [] if site.remote.ssh_config is None else ["-F", str(site.remote.ssh_config)]
 
 
 def _deploy(site: "Site", file: Path) -> None:
@@ -83,7 +104,7 @@ def _tell(site: "Site", done: str, links: "Links", way: str) -> None:
     if links.previous is None or links.previous == links.current:
         click.echo("There is no other one before it.")
         return
-    options = [] if site.remote.ssh_config is None else ["-F", str(site.remote.ssh_config)]
+    options = _ssh_options(site)
     for name, value, default in (
         ("--directory", site.directory, _DIRECTORY),
         ("--command", site.command, _COMMAND),
