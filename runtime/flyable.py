@@ -39,7 +39,7 @@ class Predicting(Protocol):
         """Forget everything."""
 
     def step(self, observation: npt.ArrayLike) -> FloatArray:
-        """The force (o,) for an observation (d,)."""
+        """The force (o,) for an observation (d,); with a batch (B, o) for (B, d)."""
 
 
 def read_flyable(path: Path) -> Flyable:
@@ -47,13 +47,13 @@ def read_flyable(path: Path) -> Flyable:
     return read_c_folder(path) if path.is_dir() else read_package(path)
 
 
-def predictor_of(flyable: Flyable) -> Predicting:
-    """A predictor at its first step."""
+def predictor_of(flyable: Flyable, batch: int = 1) -> Predicting:
+    """A predictor at its first step, of `batch` independent series."""
     if isinstance(flyable, CFolder):
-        return CompiledPredictor(flyable)
+        return CompiledPredictor(flyable, batch=batch)
     from runtime.predictor import PackagePredictor
 
-    return PackagePredictor(flyable)
+    return PackagePredictor(flyable, batch=batch)
 
 
 def require_tried(flyable: Flyable, waiting: Callable[[], None] = lambda: None) -> None:

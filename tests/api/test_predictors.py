@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from needs import c_compiler
 
 import wakedeploy as wd
 from runtime.predictor import PackagePredictor
@@ -82,3 +83,46 @@ def test_a_predictor_says_what_it_is(predictor: wd.Predictor) -> None:
 def test_what_is_no_package_is_refused(tmp_path: Path) -> None:
     with pytest.raises(wd.UnusableInput, match=r"nothing\.onnx: cannot be read"):
         wd.load(tmp_path / "nothing.onnx")
+
+
+@c_compiler
+def test_a_package_becomes_c_which_predicts_the_same(
+    predictor: wd.Predictor, tmp_path: Path
+) -> None:
+    folder = tmp_path / "tiny_c"
+    made = wd.export(predictor.path, c=folder)
+    loaded = wd.load(folder)
+    assert (made.path, loaded.manifest) == (folder, predictor.manifest)
+    several = observations(predictor, 3, 20)
+    forces = predictor.predict(several)
+    np.testing.assert_allclose(loaded.predict(several), forces, rtol=1e-5, atol=1e-6)
+    stepped = np.stack([loaded.step(newest) for newest in several[1]])
+    np.testing.assert_array_equal(stepped, loaded.predict(several[1]))
+    loaded.reset()
+    np.testing.assert_array_equal(loaded.step(several[1, 0]), stepped[0])
+    assert loaded.predict(np.empty((0, several.shape[-1]))).shape == (0, forces.shape[-1])
+    checked = loaded.check()
+    assert checked.steps >= 3200
+    with pytest.raises(wd.UnusableInput, match="is there already"):
+        wd.export(predictor, c=folder)
+    with pytest.raises(wd.UnusableInput, match="is C already"):
+        wd.export(loaded, c=tmp_path / "again")
+
+
+def test_what_c_cannot_be_is_refused_before_anything_is_written(
+    tiny_package: Callable[[str], Package], tmp_path: Path
+) -> None:
+    write_package(tiny_package("state"), tmp_path / "tiny.onnx")
+    package, folder = wd.load(tmp_path / "tiny.onnx"), tmp_path / "c"
+    refused = {
+        "C keeps float32": {"c": folder, "weights": "float64"},
+        "a share from 0 to 1": {"c": folder, "tolerance": 2.0},
+        "1st": {"c": folder, "name": "1st"},
+        "weights: belongs to C": {"weights": "int8"},
+        "is exported already": {},
+        "and no out": {"c": folder, "out": tmp_path / "out.onnx"},
+    }
+    for sentence, asked in refused.items():
+        with pytest.raises(wd.UnusableInput, match=sentence):
+            wd.export(package, **asked)
+    assert [path.name for path in tmp_path.iterdir()] == ["tiny.onnx"]

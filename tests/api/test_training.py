@@ -5,12 +5,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from needs import c_compiler
 from small_tune import small_set
 from small_tune import wakedeploy as command
 
 import wakedeploy as wd
+from runtime.compiled.folder import read_c_folder
 from trainers.training.predict import predict
 from trainers.training.tape import lay_tape
+from wakedeploy.core.package import read_package
 
 
 def echo() -> wd.EpisodeSet:
@@ -78,6 +81,18 @@ def test_an_exported_run_predicts_what_it_did_in_training(runs: wd.Runs, session
     trained = predict(runs["history-mlp"].predictor, tape).numpy()
     np.testing.assert_allclose(made.predict(episode.observation), trained, rtol=1e-4, atol=1e-7)
     assert wd.load(session / "made.onnx").manifest == made.manifest
+
+
+@c_compiler
+def test_an_exported_run_becomes_c_beside_its_package(runs: wd.Runs, session: Path) -> None:
+    data, file = echo(), session / "beside.onnx"
+    made = wd.export(runs["history-mlp"], file, data=data, c=session / "c", name="wake")
+    document = read_c_folder(session / "c").document
+    assert (document.name, document.reference) == ("wake", "the training-time forward")
+    assert document.package_sha256 == read_package(file).sha256
+    (episode,) = data.part("test")
+    told = wd.load(file).predict(episode.observation)
+    np.testing.assert_allclose(made.predict(episode.observation), told, rtol=1e-4, atol=1e-6)
 
 
 def test_of_several_runs_one_is_exported(runs: wd.Runs) -> None:

@@ -1,21 +1,27 @@
-"""Packages: made from a trained run, loaded from a file, stepped through observations."""
+"""Predictors: made from a trained run, loaded from a file or as C, stepped through observations."""
 
+import functools
+import os
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeGuard, Unpack
 
 import numpy as np
 import numpy.typing as npt
 
-from runtime.predictor import PackagePredictor
+from runtime.flyable import Flyable, Predicting, predictor_of, read_flyable
+from wakedeploy.api.compiled import AsC, c_of_package, c_of_run, wish_of
 from wakedeploy.api.display import html_table
 from wakedeploy.api.inputs import PathLike, episode_set, rig_of
 from wakedeploy.core.episodes import DESCRIPTION, read_episode_set, stated_sha256
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import FloatArray, Manifest
-from wakedeploy.core.package import Package, read_package
+from wakedeploy.core.package import Package
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
+    from runtime.compiled.folder import CFolder
+    from runtime.compiled.proof import Proved
     from runtime.replay import Replay
     from trainers.training.runs import TrainedRun
     from wakedeploy.api.training import Runs
@@ -26,7 +32,7 @@ _DEPTH = 4  # how many folders down the set of a run is looked for
 
 
 class Predictor:
-    """A package that predicts: SI units in and out, channels in the manifest's order.
+    """A package or a folder of C that predicts: SI units, channels in the manifest's order.
 
     `predict` takes whole series (T, d) from a cold start; `step` goes on from call to call, one
     observation (d,) at a time, until `reset`. Forces are those `lead_s` seconds ahead of the newest
@@ -34,9 +40,9 @@ class Predictor:
     Raises ValueError for another shape, CheckFailed where onnxruntime gives up.
     """
 
-    def __init__(self, package: Package, path: Path) -> None:
+    def __init__(self, package: Flyable, path: Path) -> None:
         self.package, self.path = package, path
-        self._live: PackagePredictor | None = None
+        self._live: Predicting | None = None
 
     @property
     def manifest(self) -> Manifest:
@@ -57,7 +63,7 @@ class Predictor:
         """
         given = self._values(observations)  # (T, d) or (B, T, d)
         series = given[None] if given.ndim == 2 else given  # (B, T, d)
-        runner = PackagePredictor(self.package, batch=len(series))
+        runner = predictor_of(self.package, batch=len(series))
         stepped = [runner.step(newest) for newest in series.swapaxes(0, 1)]  # T times (B, o)
         outputs = len(self.manifest.force)
         forces = np.stack(stepped, axis=1) if stepped else np.empty((len(series), 0, outputs))
@@ -69,7 +75,7 @@ class Predictor:
         Raises ValueError for another shape.
         """
         if self._live is None:
-            self._live = PackagePredictor(self.package)
+            self._live = predictor_of(self.package)
         return self._live.step(observation)
 
     def reset(self) -> None:
@@ -77,23 +83,22 @@ class Predictor:
         if self._live is not None:
             self._live.reset()
 
-    def check(self, rig: "Rig | PathLike | None" = None) -> "Replay":
-        """Verify every promise of the package that can be tried without torch.
+    def check(self, rig: "Rig | PathLike | None" = None) -> "Replay | Proved":
+        """Verify every promise that can be tried without torch.
 
-        Its example rollout is replayed in a process of its own and compared with what the
-        training-time forward gave. With a `rig` its rate [Hz], channels, forces and lead [s] have
-        to be those of that rig's loop.
+        A package's example rollout is replayed in a process of its own and compared with what the
+        training-time forward gave. The self-test of C is compiled and run.
+        With a `rig` its rate [Hz], channels, forces and lead [s] have to be those of that rig's
+        loop.
 
         Raises:
             CheckFailed: It does not do what it promises, or takes too long or too much memory.
             UnusableInput: It does not fit the rig.
         """
-        from runtime.trial import tried
-
-        replayed = tried(self.package)
+        checked = _checked(self.package)
         if rig is not None:
             self._require_fit(rig_of(rig))
-        return replayed
+        return checked
 
     def _require_fit(self, rig: "Rig") -> None:
         """UnusableInput where the loop of a rig cannot fly it."""
@@ -146,59 +151,116 @@ class Predictor:
         return html_table(title, ["", "", ""], rows)
 
 
+def _checked(package: Flyable) -> "Replay | Proved":
+    """A package replayed, or C proved again."""
+    from runtime.compiled.proof import proved
+    from runtime.trial import tried
+
+    return tried(package) if isinstance(package, Package) else proved(package)
+
+
 def load(path: PathLike) -> Predictor:
-    """Read a package, one `.onnx` file, without torch.
+    """Read a package, one `.onnx` file, or a folder of C, without torch.
+
+    C is compiled when it first predicts. It is a program: load only one that you would run.
 
     Args:
-        path: The file that `export` wrote.
+        path: The file or the folder that `export` wrote.
 
     Returns:
         The predictor; `predictor.predict(observations)` takes (T, d) and gives forces (T, o), in
         the units that its manifest names.
 
     Raises:
-        UnusableInput: The file is absent, foreign, damaged, of another release, or asks for what no
-            package may.
+        UnusableInput: What is there is absent, foreign, damaged, of another release, or asks for
+            what no package may.
     """
-    return Predictor(read_package(Path(path)), Path(path))
+    return Predictor(read_flyable(Path(path)), Path(path))
 
 
 def export(
-    run: "TrainedRun | Runs | PathLike",
+    run: "TrainedRun | Runs | Predictor | PathLike",
     out: PathLike | None = None,
     *,
     data: "EpisodeSet | PathLike | None" = None,
+    c: PathLike | None = None,
     progress: Progress = quiet,
+    **as_c: Unpack[AsC],
 ) -> Predictor:
-    """Turn a trained run into one self-contained file that the Pi runs.
+    """Turn a trained run into one self-contained file that the Pi runs, and into C.
 
     The exported graph is stepped beside the training-time forward over at least 3,200 samples; a
-    difference above the limit (1e-5 of the largest force) leaves no file.
+    difference above the limit (1e-5 of the largest force) leaves no file. With `c` it also becomes
+    a folder of C, which is compiled here and passes the same gate.
 
     Args:
-        run: A run, its folder, or what `train` returned for a single one.
+        run: A run, its folder, or what `train` returned for a single one. With `c` also a package
+            or its file, which becomes C alone.
         out: The file to write. Default: `ARCH.onnx`.
-        data: The set it was trained on. Default: where the run knows it to lie.
+        data: The set it was trained on. Default: where the run knows it to lie; for a package none.
+        c: The new folder for C.
         progress: Called with a stage, the steps done and their number.
+        **as_c: How C shall be: see `wakedeploy.api.compiled.AsC`.
 
     Returns:
-        The predictor in the file: observations (T, d) to forces (T, o), in the units of its
-        channels.
+        The predictor in the file, or with `c` the one in that folder: observations (T, d) to forces
+        (T, o), in the units of its channels.
 
     Raises:
-        UnusableInput: There is no such run, or the set is another one than it was trained on.
-        CheckFailed: Exported graph and training-time forward differ.
+        UnusableInput: There is no such run, the set is another one than it was trained on, or C
+            cannot be as it shall.
+        CheckFailed: What was exported and the training-time forward differ, or rounded weights
+            exceed their tolerance.
     """
+    if c is None and as_c:
+        raise UnusableInput(f"{', '.join(as_c)}: belongs to C; give c=FOLDER too.")
+    if _is_file(run):
+        run = load(run)
+    if isinstance(run, Predictor):
+        return _package_as_c(run.package, out, data, c, progress, as_c)
     from export.packaging import export_run
 
+    wish = None if c is None else wish_of(Path(c), as_c)
     trained = _one_run(run)
     path = Path(out) if out is not None else Path(f"{trained.config.arch}.onnx")
     episodes = episodes_of(trained) if data is None else episode_set(data)
     progress("Exporting", 0, 1)
-    package = export_run(
-        trained, episodes, path, lambda done, total: progress("Exporting", done, total)
-    )
-    return Predictor(package, path)
+    made = export_run(trained, episodes, path, lambda n, total: progress("Exporting", n, total))
+    if c is None or wish is None:
+        return Predictor(made, path)
+    steps = _writing_c(progress)
+    return _predictor_of_c(c_of_run(made, trained, Path(c), wish, episodes, steps))
+
+
+def _is_file(run: object) -> TypeGuard[PathLike]:
+    """Whether a file is named, which is a package: a run is a folder."""
+    return isinstance(run, str | os.PathLike) and Path(run).is_file()
+
+
+def _package_as_c(
+    package: Flyable,
+    out: PathLike | None,
+    data: "EpisodeSet | PathLike | None",
+    c: PathLike | None,
+    progress: Progress,
+    as_c: AsC,
+) -> Predictor:
+    """C of what is a package already; UnusableInput where that is not what is asked for."""
+    if c is None or out is not None:
+        raise UnusableInput("A package is exported already; give c=FOLDER for C of it, and no out.")
+    if not isinstance(package, Package):
+        raise UnusableInput(f"{package.path}: is C already; give its package or its run.")
+    wish, episodes = wish_of(Path(c), as_c), None if data is None else episode_set(data)
+    steps = _writing_c(progress)
+    return _predictor_of_c(c_of_package(package, Path(c), wish, episodes, steps))
+
+
+def _predictor_of_c(folder: "CFolder") -> Predictor:
+    return Predictor(folder, folder.path)
+
+
+def _writing_c(progress: Progress) -> Callable[[int, int], None]:
+    return functools.partial(progress, "Writing C")
 
 
 def _one_run(run: "TrainedRun | Runs | PathLike") -> "TrainedRun":

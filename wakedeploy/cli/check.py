@@ -50,6 +50,7 @@ def command(file: Path, rig_path: Path | None, json_path: Path | None) -> None:
 
 def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[list[str]]:
     """The table of a package that passes; `result` is filled with what is known by then."""
+    from runtime.replay import Replay
     from wakedeploy.api.predictors import load
 
     predictor = load(file)
@@ -59,6 +60,7 @@ def _checked(file: Path, rig_path: Path | None, result: dict[str, Any]) -> list[
     result |= {"domain": manifest.domain}
     with progress(f"Checking {file}", 1):
         replayed = predictor.check(rig_path)
+    assert isinstance(replayed, Replay), "a file is a package"
     fits = [_fit(manifest, rig_path)] if rig_path else []
     difference = replayed.difference
     here = {"max_rel": difference.max_rel, "max_abs": difference.max_abs, "steps": replayed.steps}

@@ -28,8 +28,8 @@ _TRIAL_S = 60.0
 _I2C_BUSES = "/dev/i2c-*"
 _RUNTIME = "onnxruntime"
 _FLIES_C = (
-    "predictors fly here as C: `wakedeploy export --package gru.onnx --c gru_c` on a 64-bit machine,"
-    " then `run-gantry --package gru_c` here. Packages (.onnx) need the 64-bit system."
+    "predictors fly here as C: `wakedeploy export --package gru.onnx --c gru_c` on a 64-bit"
+    " machine, then `run-gantry --package gru_c` here. Packages (.onnx) need the 64-bit system."
 )
 _LONGEST_FROZEN_S = 60.0  # flights are shorter
 # Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has

@@ -75,6 +75,7 @@ def command(
         return
     from trainers.training.runs import load_run
     from wakedeploy.api.predictors import export
+    from wakedeploy.core.package import Package
 
     is_bare = run is None and arch is None and not _is_given("runs")
     chosen, which = _chosen(run, runs, arch, is_bare=is_bare)
@@ -88,10 +89,12 @@ def command(
     episodes = None if wanted.folder is None else _set_of(trained, data)
     with stage_bars() as bars:
         made = export(trained, out, data=episodes or data, progress=bars)
-    _tell(made.package, made.path)
-    told = _json(made.package, made.path)
+    package = made.package
+    assert isinstance(package, Package), "without c= it is no C"
+    _tell(package, made.path)
+    told = _json(package, made.path)
     if episodes is not None:
-        told |= {"c": c_of_run(wanted, made.package, trained, episodes)}
+        told |= {"c": c_of_run(wanted, package, trained, episodes)}
     write_json_of(json_path, told)
 
 

@@ -12,8 +12,7 @@ from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
-    from export.c.packaging import Forward, Wish
-    from export.c.real import Real
+    from export.c.packaging import Wish
     from runtime.compiled.folder import CFolder
     from trainers.training.runs import TrainedRun
     from wakedeploy.core.episodes import EpisodeSet
@@ -109,28 +108,20 @@ class CWish:
             options["c_tolerance"],
             _flags(options["c_flags"]),
         )
-        wish._require_possible()
+        if folder is not None:
+            wish.for_export()  # told before minutes are spent
         return wish
 
-    def _require_possible(self) -> None:
-        """What can be known to fail is told before minutes are spent."""
-        if self.folder is None:
-            return
-        from export.c.identifiers import require_name
-        from export.c.packaging import require_free
-        from runtime.compiled.compiler import host_compiler
-
-        if self.name is not None:
-            require_name(self.name)
-        require_free(self.folder)
-        host_compiler()
-
     def for_export(self) -> "Wish":
-        """The same for the package that writes C."""
-        from export.c.packaging import Wish
+        """The same for the package that writes C; what can be known to fail is told here."""
+        from wakedeploy.api.compiled import AsC, wish_of
 
-        kind: Any = self.weights
-        return Wish(kind, self.name, self.flags, self.tolerance / 100.0)
+        assert self.folder is not None
+        weights: Any = self.weights
+        asked = AsC(
+            weights=weights, name=self.name, tolerance=self.tolerance / 100.0, flags=self.flags
+        )
+        return wish_of(self.folder, asked)
 
 
 def _flags(text: str) -> tuple[str, ...]:
@@ -142,53 +133,34 @@ def _flags(text: str) -> tuple[str, ...]:
 
 def c_of_package(wish: CWish, data: Path | None) -> dict[str, Any]:
     """Write C from a package's file; the result for --json."""
+    from wakedeploy.api import compiled
+    from wakedeploy.core.episodes import read_episode_set
     from wakedeploy.core.package import read_package
 
     if wish.folder is None or wish.package is None:
         raise UnusableInput("--package belongs to --c FOLDER, which is not given.")
     package = read_package(wish.package)
-    real = None
-    if data is not None:
-        from export.c.real import real_samples
-        from wakedeploy.core.episodes import read_episode_set
-
-        real = real_samples(read_episode_set(data), package.manifest)
-    return _exported(wish, package, None, real)
+    episodes = None if data is None else read_episode_set(data)
+    with progress("Writing C", 1) as bar:
+        written = compiled.c_of_package(
+            package, wish.folder, wish.for_export(), episodes, bar.update
+        )
+    return _told(written)
 
 
 def c_of_run(
     wish: CWish, package: "Package", run: "TrainedRun", data: "EpisodeSet"
 ) -> dict[str, Any]:
     """Write C from a run that has just become a package; the result for --json."""
-    from export.c.real import real_samples
-    from export.example import rollout
-    from export.limits import limited
-
-    force = package.manifest.force
-    predictor = run.predictor.eval()
-    return _exported(
-        wish,
-        package,
-        lambda observations: limited(rollout(predictor, observations), force),
-        real_samples(data, package.manifest),
-    )
-
-
-def _exported(
-    wish: CWish, package: "Package", forward: "Forward | None", real: "Real | None"
-) -> dict[str, Any]:
-    from export.c.packaging import export_c
+    from wakedeploy.api import compiled
 
     assert wish.folder is not None
     with progress("Writing C", 1) as bar:
-        folder = export_c(
-            package,
-            wish.folder,
-            wish.for_export(),
-            forward=forward,
-            real=real,
-            progress=bar.update,
-        )
+        written = compiled.c_of_run(package, run, wish.folder, wish.for_export(), data, bar.update)
+    return _told(written)
+
+
+def _told(folder: "CFolder") -> dict[str, Any]:
     _tell(folder)
     return json_of_c(folder)
 
