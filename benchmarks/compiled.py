@@ -201,7 +201,7 @@ def _rounding_on(work: Path, arch: str, domain: str) -> dict[str, Any]:
     told: dict[str, Any] = {}
     for kind in ("float16", "int8"):
         with tempfile.TemporaryDirectory() as place:
-            wish: Any = Wish(kind, tolerance=10.0)  # type: ignore[arg-type]
+            wish = Wish(kind, tolerance=10.0)
             made = export_c(
                 package, Path(place) / "c", wish,
                 forward=lambda o: limited(rollout(predictor, o), force),
