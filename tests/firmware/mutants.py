@@ -327,9 +327,10 @@ def tried_again(record: dict[str, Any], every: Sequence[Mutant], workers: int) -
 
 
 def digest_of_decisions() -> str:
-    """Which code a record is of: the decisions', comments and all."""
+    """Which code a record is of: the decisions', line by line, comments left out."""
     files = sorted(f"{name}{suffix}" for name in DECISIONS for suffix in (".cpp", ".h"))
-    code = "\0".join((SKETCH / file).read_text() for file in files)
+    lines = [(SKETCH / file).read_text().splitlines() for file in files]
+    code = "\0".join("\n".join(line.split("//")[0].rstrip() for line in one) for one in lines)
     return hashlib.sha256(code.encode()).hexdigest()[:16]
 
 

@@ -106,7 +106,6 @@ def test_what_runs_out_of_time_or_not_at_all_is_not_killed(judge, monkeypatch) -
         fate(None, folder)
 
 
-@pytest.mark.xfail(reason="make mutants has not been run to its end on firmware 4 yet")
 def test_the_record_is_of_the_present_decisions_and_of_every_mutant() -> None:
     record = json.loads(RECORD.read_text())
     again = "the decisions have changed: run make mutants"
