@@ -1,0 +1,41 @@
+"""A recording of any system: named columns over one time base, in SI units."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wakedeploy.core.errors import UnusableInput
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """One uninterrupted piece of a log.
+
+    `time_s` (n,) rises in equal steps; each of `columns` is (n,), by the name that the user's
+    system gives it. A sample that was not measured is NaN.
+
+    Raises UnusableInput for columns of another length, or fewer than two samples.
+    """
+
+    name: str
+    time_s: NDArray[np.float64]
+    columns: Mapping[str, NDArray[np.float64]]
+
+    def __post_init__(self) -> None:
+        if len(self.time_s) < 2:
+            raise UnusableInput(
+                f"{self.name}: {len(self.time_s)} samples; at least two are needed."
+            )
+        for column, values in self.columns.items():
+            if np.shape(values) != np.shape(self.time_s):
+                raise UnusableInput(
+                    f"{self.name}: column {column!r} has shape {np.shape(values)}, the time "
+                    f"has {np.shape(self.time_s)}."
+                )
+
+    @property
+    def rate_hz(self) -> float:
+        """Samples a second."""
+        return float((len(self.time_s) - 1) / (self.time_s[-1] - self.time_s[0]))
