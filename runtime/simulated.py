@@ -129,6 +129,10 @@ class PackageForecast:
         """The force for an observation (d,)."""
         return predicted(self._predictor, observation)
 
+    def is_possible(self, force_n: float) -> bool:
+        """Whether training has shown that a force [N] can be."""
+        return self._predictor.manifest.force[0].is_possible(force_n)
+
     def reset(self) -> None:
         """Forget what was observed."""
         self._predictor.reset()
@@ -146,6 +150,10 @@ class OracleForecast:
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
         """The true force; the observation is not looked at."""
         return Result(self._plant.wake_force_ahead(self.lead_s), ready=True)
+
+    def is_possible(self, force_n: float) -> bool:
+        """The truth always is."""
+        return True
 
     def reset(self) -> None:
         """There is nothing to forget."""

@@ -12,7 +12,17 @@ from wakedeploy.core.rig import Limits
 # After these the height is not known, or cannot be controlled. A controller would wind up against
 # motors without a battery, and jump when it comes back. A lost link is not among them: where
 # commands still arrive the loop lands, and where they do not the board follows its own ladder.
-BLINDING = frozenset({"sensor_lost", "sensor_frozen", "sensor_jump", "thrust_lost", "battery_lost"})
+BLINDING = frozenset(
+    {
+        "sensor_lost",
+        "sensor_frozen",
+        "sensor_jump",
+        "sensor_noisy",
+        "height_impossible",
+        "thrust_lost",
+        "battery_lost",
+    }
+)
 # Of these, where the last height may have been wrong for long, or the speed is that of a fall.
 HEIGHTLESS = frozenset({"sensor_frozen", "thrust_lost", "battery_lost"})
 # After these the loop itself swings: it lands with half the bandwidth.

@@ -40,6 +40,10 @@ _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
 _NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
+# A sensor with so much noise, or so many strays, is none. One stray in five is not many.
+_STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
+_TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
+_FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
 _STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
 
@@ -83,7 +87,19 @@ class Estimate:
     last_innovation_m: float = math.nan
     stale_s: float = 0.0  # since a new sample says the same again and again
     noise_scale: float = 1.0  # of the sensor's variance over the rig file's
+    stray_share: float = 0.0  # of the latest samples, those that the rig file's noise cannot give
     rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
+
+    @property
+    def is_noisy(self) -> bool:
+        """Whether too little is left of what the sensor says to fly by it."""
+        most = _MANY_STRAYS if self.noise_scale > _TOO_NOISY else _TOO_MANY_STRAYS
+        return self.stray_share > most
+
+    @property
+    def is_calm(self) -> bool:
+        """Whether the sensor says what the filter expects, as nearly always."""
+        return self.noise_scale == 1.0 and self.stray_share < _FEW_STRAYS
 
     @property
     def z_m(self) -> float:
@@ -262,7 +278,11 @@ class Estimator:
         rejects = (first_m, range_m, path_m + abs(range_m - last_m))
         is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
         is_same = now.rejected > 0 and measured.alike > 0  # the same again is no news
-        if is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered)):
+        is_stray = is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered))
+        is_out = innovation**2 > _GATE_SD**2 * (variance - noise_var + self._range_var)
+        share = now.stray_share + (float(is_out) - now.stray_share) / _STRAY_TICKS
+        seen = replace(seen, stray_share=share)
+        if is_stray:
             if now.rejected >= _PERSISTENT:
                 return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
             return replace(seen, rejected=now.rejected + 1, off_m=off_m, rejects=rejects)

@@ -56,7 +56,8 @@ class Forecasting:
         result = worker.step(observed, deadline_s)
         if result is None:
             return Prediction(late=True)
-        if not abs(result.force_n) <= self._most_n:  # nor NaN
+        is_bounded = abs(result.force_n) <= self._most_n  # NaN is not
+        if not (is_bounded and worker.is_possible(result.force_n)):
             worker.reset()
             return Prediction(bad_prediction=True)
         return Prediction(result.force_n, result.force_n if result.ready else None)

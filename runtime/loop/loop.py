@@ -310,6 +310,7 @@ class Loop:
             t_s=measured.t_s,
             range_m=measured.range_m,
             z_m=estimate.z_m,
+            vz_mps=estimate.vz_mps,
             thrust_n=estimate.rotor_speed**2,
             battery_v=status.battery_mv / 1000.0,
         )
@@ -333,6 +334,8 @@ class Loop:
             recorder_failed=self._recorder is not None and self._recorder.error is not None,
             stop_asked=self.stop_asked,
             range_jump_m=estimate.jumped_m if self._flies else 0.0,
+            is_noisy=estimate.is_noisy and self._flies,
+            held_up_mps=signs.held_up_mps if self._flies else 0.0,
             range_frozen_s=signs.range_frozen_s,
             range_frozen_limit_s=self._sign_reader.frozen_limit_s,
             moves_unseen=self._way_down.moves_unseen,

@@ -59,21 +59,20 @@ class Predictions(Protocol):
     def step(self, observation: FloatArray, deadline_s: float) -> Result | None:
         """The force for an observation (d,), or None when it is not there by `deadline_s`."""
 
+    def is_possible(self, force_n: float) -> bool:
+        """Whether training has shown that a force [N] can be; False for NaN."""
+
     def reset(self) -> None:
         """Let the memory be filled anew by the observations from now on."""
 
 
 def predicted(predictor: Stepper, observation: FloatArray) -> Result:
-    """One step of a predictor; NaN, which degrades the mode, where it fails.
-
-    It fails, too, where the force is none that training has shown to be possible.
-    """
+    """One step of a predictor; NaN, which degrades the mode, where it fails."""
     try:
         force_n = float(predictor.step(observation)[0])
-        is_possible = predictor.manifest.force[0].is_possible(force_n)
     except Exception:  # onnxruntime's exceptions have no common base
-        is_possible = False
-    return Result(force_n if is_possible else math.nan, predictor.ready)
+        force_n = math.nan
+    return Result(force_n, predictor.ready)
 
 
 class PredictionWorker:
@@ -114,6 +113,10 @@ class PredictionWorker:
             self.reset()
         self._asked.put((self._count, observation))
         return self._await(deadline_s)
+
+    def is_possible(self, force_n: float) -> bool:
+        """Whether training has shown that a force [N] can be; False for NaN."""
+        return self._predictor.manifest.force[0].is_possible(force_n)
 
     def reset(self) -> None:
         """Let the memory be filled anew by the observations from now on."""

@@ -43,6 +43,10 @@ NOT_LIFTING_S = 1.0
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
 UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
+# With a thrust of less than two fifths of its weight a sufferer in the air is by so much faster, a
+# quarter of a second later. One that is hardly moving then stands on something: on the stop, most
+# of the time.
+HELD_SHARE, HELD_UP_MPS, HELD_MPS = 0.4, 1.5, 0.4
 # Below the lower z limit while the commands should give more than the weight: only a fall ends
 # there (the filter runs on past the stop). 10 % are for errors of the thrust curve and the weight.
 FELL_SHARE = 1.1
@@ -126,6 +130,8 @@ class Findings:
     recorder_failed: bool = False
     stop_asked: bool = False  # by the operator
     range_jump_m: float = 0.0  # which five samples in a row are off at least
+    is_noisy: bool = False  # too much of what the sensor says is noise, or has no sense
+    held_up_mps: float = 0.0  # that gravity owes: in the air by the sensor, and nothing carries it
     range_frozen_s: float = 0.0  # since the range sensor says the same in the air
     range_frozen_limit_s: float = RANGE_FROZEN_S  # longer for a sensor of little noise
     moves_unseen: bool = False  # in the air, while the range sensor says the very same
@@ -191,6 +197,8 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "sensor_lost": found.range_silence_s > SENSOR_LOST_S,
         "sensor_frozen": found.range_frozen_s > found.range_frozen_limit_s or found.moves_unseen,
         "sensor_jump": found.range_jump_m > RANGE_JUMP_M and found.range_frozen_s < REPEATED_S,
+        "sensor_noisy": found.is_noisy,
+        "height_impossible": found.held_up_mps > HELD_UP_MPS,
         "thrust_lost": lost_thrust,
         "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,
         "mcu_fault": found.mcu_fault,

@@ -15,6 +15,7 @@ TEST_S = 0.5
 SINK_S = 0.75  # on the way down between two tests
 MOVED_M = 0.025  # in a test, which noise alone does not show
 _READINGS = 4  # at each end of a test, averaged
+_PINNED = 6  # that often the same at the end
 NEAR_STOP_M = 0.06  # what stands is read below
 LONGEST_S = 12.0  # then it comes down as one whose height nobody knows
 
@@ -60,16 +61,22 @@ def settled(
         return replace(before, ranges_m=read)
     if len(set(read)) == 1 and not may_repeat:
         return Settling(before.began_s, t_s, Stage.BLIND)
-    stage = Stage.STANDS if _is_still(read) else Stage.SINK
+    stage = Stage.STANDS if _is_still(read, may_repeat=may_repeat) else Stage.SINK
     return Settling(before.began_s, t_s, stage)
 
 
-def _is_still(ranges_m: tuple[float, ...]) -> bool:
-    """Whether readings at both ends of a test agree, near the stop; too few show nothing."""
+def _is_still(ranges_m: tuple[float, ...], *, may_repeat: bool) -> bool:
+    """Whether readings at both ends of a test agree, near the stop; too few show nothing.
+
+    Nor do readings that end in the very same: a sensor cannot say less than nothing, and one that
+    drifted down there says nothing of a fall. A healthy one does so in one test of sixty.
+    """
     if len(ranges_m) < 2 * _READINGS:
         return False
     first, last = ranges_m[:_READINGS], ranges_m[-_READINGS:]
-    return abs(_median(first) - _median(last)) < MOVED_M and _median(last) < NEAR_STOP_M
+    is_pinned = len(set(ranges_m[-_PINNED:])) == 1 and not may_repeat
+    is_near = _median(last) < NEAR_STOP_M
+    return abs(_median(first) - _median(last)) < MOVED_M and is_near and not is_pinned
 
 
 def _median(values: tuple[float, ...]) -> float:

@@ -8,7 +8,7 @@ the same, the sufferer has not lifted, the battery has been gone. Pure steps;
 import math
 from dataclasses import dataclass
 
-from runtime.loop.safety import RANGE_FROZEN_S
+from runtime.loop.safety import HELD_MPS, HELD_SHARE, RANGE_FROZEN_S
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.rail import GRAVITY_MPS2
@@ -32,6 +32,8 @@ class Signs:
     battery_gone_s: float = 0.0
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     range_m: float = float("nan")
+    vz_mps: float = 0.0
+    held_up_mps: float = 0.0  # what it should have lost of its speed by gravity, and has not
     armed_v: float = 0.0  # the battery's voltage at arming; 0 where none is measured
 
 
@@ -72,6 +74,7 @@ class SignReader:
         t_s: float,
         range_m: float,
         z_m: float,
+        vz_mps: float,
         thrust_n: float,
         battery_v: float,
     ) -> Signs:
@@ -83,6 +86,8 @@ class SignReader:
         share = thrust_n / self._weight_n
         is_frozen = z_m > AIRBORNE_M and range_m == before.range_m
         is_heavy = z_m < GROUNDED_M and share > LIFTING_SHARE
+        is_light = z_m > AIRBORNE_M and share < HELD_SHARE and abs(vz_mps) < HELD_MPS
+        owed_mps = (1.0 - share) * GRAVITY_MPS2 * passed_s + vz_mps - before.vz_mps
         is_gone = battery_v < BATTERY_GONE_SHARE * before.armed_v
         return Signs(
             t_s,
@@ -91,5 +96,7 @@ class SignReader:
             before.battery_gone_s + passed_s if is_gone else 0.0,
             share,
             range_m,
+            vz_mps,
+            max(before.held_up_mps + owed_mps, 0.0) if is_light else 0.0,
             before.armed_v,
         )

@@ -46,6 +46,8 @@ FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the to
 # The very same for longer than any sensor holds a reading, while the forces moved it so far: it is
 # frozen, and what the forces say is still good.
 FROZEN_TICKS, FROZEN_MOVED_M = 8, 0.05
+# What comes with a sensor's noise. The forces alone say for so long where the sufferer is.
+NOISE, LONG_UNCALM_S = frozenset({"sensor_noisy", "sensor_jump"}), 1.5
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -55,6 +57,7 @@ class WayDown:
     def __init__(self, rig: Rig, pilot: Pilot) -> None:
         self._rig, self._pilot = rig, pilot
         self._trim, self._planner, self._reckoned = TrimReader(rig), BlindPlanner(rig), Reckoned()
+        self._calm, self._uncalm_s = Reckoned(), 0.0  # by the forces since the sensor surprises
         self._source_us = self._last_us = rig.limits.pulse_us[0]
         self._descent: Descent | None = None
         self._rise, self._settling = Rise(), Settling(0.0, 0.0)
@@ -95,6 +98,9 @@ class WayDown:
         self._reckoned = self._planner.reckon(
             self._reckoned, now, self._trim, dt_s, trusted=trusted
         )
+        is_calm = trusted and now.is_calm
+        self._calm = self._planner.reckon(self._calm, now, self._trim, dt_s, trusted=is_calm)
+        self._uncalm_s = 0.0 if is_calm else self._uncalm_s + dt_s
         if measured.same == 0:
             self._froze_m = self._reckoned.z_m
         moved_m = abs(self._reckoned.z_m - self._froze_m)
@@ -208,6 +214,11 @@ class WayDown:
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
         last = self._reckoned
+        if "height_impossible" in faults:  # what carries it now carries it on
+            held = BlindPulses(state.last_us, state.last_us)
+            return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), held)
+        if not NOISE.isdisjoint(faults) and self._uncalm_s < LONG_UNCALM_S:
+            last = self._calm
         has_risen = self._rise.is_unseen
         if has_risen:
             last = replace(last, z_m=last.z_m + UNSEEN_RISE_M, vz_mps=self._rise.likely_mps)

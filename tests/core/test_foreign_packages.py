@@ -90,10 +90,10 @@ def test_what_a_manifest_may_ask_for_has_bounds(kind, changes, reason, tiny_pack
 
 
 def test_an_example_stays_within_what_its_manifest_says_is_possible(tiny_package):
-    made = tiny_package("none")  # its force lies between -3 and 3 N, and a width of 6 N beyond
+    made = tiny_package("none")  # its force lies between -3 and 3 N, and half of that beyond
     seen, force = made.example.observation, made.example.force
     for observation, forces, reason in (
-        (seen, force + 50.0, "fx_n is 50 where -9 to 9 is possible"),
+        (seen, force + 50.0, "fx_n is 50 where -6 to 6 is possible"),
         (seen, force - 50.0, "fx_n is -50 where"),
         (seen, force + 1e30, "fx_n is 1e+30 where"),
         (seen, np.where(force == force[3], np.nan, force), "fx_n is nan where"),

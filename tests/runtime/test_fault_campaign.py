@@ -33,6 +33,8 @@ CHOSEN = (
     "range frozen",
     "range 1e300",
     "range +0.3 m",
+    "range strays 70 %",
+    "range drifts +0.2 m/s",
     "link cut",
     "link cut, 0.2 s",
     "commands 100 ms late",

@@ -13,6 +13,10 @@ HINTS = {
     "sensor_lost": "no new range sample: check the sensor's wires and that it sees the reflector",
     "sensor_frozen": "the range sensor says the same all the time: switch it off and on again",
     "sensor_jump": "the measured height jumped and stayed there: keep the sensor's beam free",
+    "sensor_noisy": "most of what the range sensor says is noise: check its wires, its reflector "
+    "and range_sensor.noise_m, and keep sunlight off it",
+    "height_impossible": "the range sensor sees the sufferer in the air while nothing carries it: "
+    "check what is in its beam, and whether its readings drift",
     "thrust_lost": "the thrust does not follow the command: check the battery, the ESC and the "
     "propeller, that nothing covers the range sensor, and that the wake is not stronger than it",
     "mcu_fault": "the board's deadman or watchdog latched: check its power and the computer's load",

@@ -24,7 +24,7 @@ PARAMETER_BUDGET = 100_000  # trainable weights must stay below this (paper, § 
 PARITY_STEPS = 3200
 PARITY_LIMIT = 1e-5
 WORST_FLOAT32_ERROR = 1e-3  # of a reservoir against float64; ten times the worst that was seen
-FORCE_MARGIN = 1.0  # beyond each end of a force's range, in widths of that range
+FORCE_MARGIN = 0.5  # beyond each end of a force's range, in widths of that range
 
 MOST_CHANNELS = 100
 MOST_SNAPSHOTS = 1000

@@ -31,8 +31,12 @@ class Forces:
         self.force, self.ready_after = force, ready_after
         self.lead_s = RIG.default_lead_s
         self.low, self.high = np.full(5, low, np.float32), np.full(5, high, np.float32)
+        self.most_n = np.inf
         self.calls = self.resets = self.seen = 0
         self.deadlines_s = []
+
+    def is_possible(self, force_n):
+        return abs(force_n) <= self.most_n
 
     def reset(self):
         self.resets += 1

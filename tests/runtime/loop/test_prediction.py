@@ -112,6 +112,8 @@ def test_a_model_that_hangs_piles_nothing_up_and_starts_anew(worker, model):
     assert worker.step(OBSERVATION, soon()).force_n == 1.0
 
 
-def test_a_force_that_training_never_came_near_is_no_number(model, worker):
+def test_a_force_that_training_never_came_near_is_not_possible(model, worker):
     model.manifest.force = (ForceChannel(name="f", unit="N", min=-1.0, max=0.0),)
-    assert math.isnan(worker.step(OBSERVATION, soon()).force_n)  # it says 1, twice the range away
+    assert not worker.is_possible(worker.step(OBSERVATION, soon()).force_n)  # 1, a width away
+    assert worker.is_possible(0.4)
+    assert not worker.is_possible(math.nan)

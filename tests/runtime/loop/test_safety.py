@@ -110,6 +110,8 @@ def test_what_passes_soon_ends_no_flight():
         (Findings(link_silence_s=0.2, stalled_s=0.19), "loop_stalled"),
         (Findings(link_failed=True, stalled_s=0.19), "link_lost"),
         (Findings(range_jump_m=0.15, range_frozen_s=0.07), "sensor_jump"),
+        (Findings(is_noisy=True), "sensor_noisy"),
+        (Findings(held_up_mps=1.6), "height_impossible"),
         (Findings(range_silence_s=0.3), "sensor_lost"),
         (Findings(mcu_fault=True), "mcu_fault"),
         (Findings(range_frozen_s=0.8), "sensor_frozen"),
