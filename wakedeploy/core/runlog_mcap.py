@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 
 import lz4.frame
 import zstandard
@@ -178,7 +178,7 @@ def read_mcap(path: Path) -> Table:
         reason = f" ({one_line(problem)})" if problem else ""
         raise UnusableInput(f"{path}: is not an MCAP run log of wakedeploy{reason}.")
     _refuse_newer(found.metadata, path)
-    if problem is not None and _was_closed(path):
+    if problem is not None and was_closed(path):
         raise UnusableInput(
             f"{path}: is damaged after {len(found.rows)} ticks ({one_line(problem)}); "
             "copy it again from where it was recorded."
@@ -199,7 +199,9 @@ def _read_into(found: _Found, path: Path) -> Exception | None:
     except OSError as error:
         raise UnusableInput(f"{path}: cannot be read ({one_line(error)}).") from error
     try:
-        for record in _records(content):
+        size = max(len(content), 1)
+        room = min(_MOST_BYTES, _MOST_PACKED * size)
+        for record in records(io.BytesIO(content), size, room):
             _take(found, record)
     # Decompressor, decoder and record parser share no base class; all mean: no further than this.
     except Exception as error:
@@ -207,19 +209,18 @@ def _read_into(found: _Found, path: Path) -> Exception | None:
     return None
 
 
-def _records(content: bytes) -> Iterator[McapRecord]:
-    """The records of a file and those in its chunks, of which no more is unpacked than a log has.
+def records(file: IO[bytes], size: int, room: int) -> Iterator[McapRecord]:
+    """The records of a file of `size` bytes and those in its chunks, of which at most `room` bytes.
 
-    The library would take whatever memory a chunk asks for.
+    The library would take whatever memory a chunk asks for. Raises whatever it and the
+    decompressors raise for what is damaged, ValueError for what takes more room.
     """
-    size = max(len(content), 1)
-    room = min(_MOST_BYTES, _MOST_PACKED * size)
     reader = StreamReader(
-        io.BytesIO(content), emit_chunks=True, validate_crcs=True, record_size_limit=size
+        file, emit_chunks=True, validate_crcs=True, record_size_limit=max(size, 1)
     )
     for record in reader.records:
         if isinstance(record, Chunk):
-            plain = _unpacked(record, room)
+            plain = _unpacked(record, min(room, _MOST_BYTES))
             room -= len(plain)
             yield from _inside(plain)
         else:
@@ -236,7 +237,7 @@ def _unpacked(chunk: Chunk, room: int) -> bytes:
     elif chunk.compression:
         raise ValueError(f"a chunk is packed by {chunk.compression!r}")
     if len(plain) > room:
-        raise ValueError("it unpacks to more than a run log holds")
+        raise ValueError("it unpacks to more than a log holds")
     if chunk.uncompressed_crc not in (0, zlib.crc32(plain)):
         raise ValueError("the sum of a chunk does not fit its bytes")
     return plain
@@ -290,7 +291,7 @@ def _refuse_newer(metadata: Mapping[str, str], path: Path) -> None:
         )
 
 
-def _was_closed(path: Path) -> bool:
+def was_closed(path: Path) -> bool:
     """Whether the file has its proper end, so that a fault inside is damage, not a cut."""
     with path.open("rb") as handle:
         handle.seek(0, os.SEEK_END)

@@ -45,29 +45,40 @@ _UNDERSTOOD = {  # what a sentence offers; the other prefixes and products are u
     "1": "1 or %",
     "rad": "rad, mrad or deg",
     "V": "V or mV",
+    "A": "A or mA",
+    "W": "W, mW or kW",
+    "K": "K or mK",
+    "N m": "N m, mN m or kgf m",
+    "rad/s": "rad/s, deg/s or rpm",
 }
+_SI = (  # the units that a number is put into where nobody asks for one; every factor is 1
+    "1", "m", "kg", "s", "m/s", "m/s^2", "N", "N m", "N/m", "N s/m", "V", "A", "W", "K", "Pa", "T",
+    "1/s", "m^2", "m^2/s", "kg m^2", "N s", "V/m", "N/V", "N/A", "N m/A", "ohm", "V s", "A s",
+)  # fmt: skip
+_SI_ANGLES = ("rad", "rad/s", "rad/s^2", "N m/rad", "N m s/rad", "V s/rad", "m/rad", "rad/m")
+
+
+_BASES = ("m", "kg", "s", "step", "a", "k")  # metre to kelvin, in the order of a unit's powers
 
 
 class Quantity(NamedTuple):
-    """A unit as a factor to SI units, and the powers of metre, kilogram, second, step and volt."""
+    """A unit as a factor to SI units, and its powers in the order of `_BASES`."""
 
     factor: Fraction
-    powers: tuple[int, int, int, int, int] = (0, 0, 0, 0, 0)
+    powers: tuple[int, ...] = (0, 0, 0, 0, 0, 0)
 
     def __mul__(self, other: "Quantity") -> "Quantity":  # type: ignore[override]
         """The product of two units."""
-        m, kg, s, step, v = (a + b for a, b in zip(self.powers, other.powers, strict=True))
-        return Quantity(self.factor * other.factor, (m, kg, s, step, v))
+        powers = tuple(a + b for a, b in zip(self.powers, other.powers, strict=True))
+        return Quantity(self.factor * other.factor, powers)
 
     def raised(self, power: int) -> "Quantity":
         """The unit to a power."""
-        m, kg, s, step, v = (power * a for a in self.powers)
-        return Quantity(self.factor**power, (m, kg, s, step, v))
+        return Quantity(self.factor**power, tuple(power * a for a in self.powers))
 
 
 def _one(factor: Fraction | int | str, **powers: int) -> Quantity:
-    m, kg, s, step, v = (powers.get(name, 0) for name in ("m", "kg", "s", "step", "v"))
-    return Quantity(Fraction(factor), (m, kg, s, step, v))
+    return Quantity(Fraction(factor), tuple(powers.get(base, 0) for base in _BASES))
 
 
 _G = Fraction("9.80665")  # m/s², of which gram-force and pound-force are made
@@ -81,7 +92,14 @@ _PREFIXED = {  # as they are, and with one of _PREFIXES before them
     "Nm": _one(1, m=2, kg=1, s=-2),
     "gf": _one(_G / 1000, m=1, kg=1, s=-2),
     "Hz": _one(1, s=-1),
-    "V": _one(1, v=1),
+    "V": _one(1, m=2, kg=1, s=-3, a=-1),
+    "A": _one(1, a=1),
+    "W": _one(1, m=2, kg=1, s=-3),
+    "J": _one(1, m=2, kg=1, s=-2),
+    "K": _one(1, k=1),
+    "Pa": _one(1, m=-1, kg=1, s=-2),
+    "T": _one(1, kg=1, s=-2, a=-1),
+    "ohm": _one(1, m=2, kg=1, s=-3, a=-2),
     "rad": _one(1),
     "mps": _one(1, m=1, s=-1),
 }
@@ -92,6 +110,8 @@ _ALONE = {
     "%": _one(Fraction(1, 100)),
     "deg": _one(Fraction(math.pi / 180.0)),
     "°": _one(Fraction(math.pi / 180.0)),
+    "rpm": _one(Fraction(math.pi) / 30, s=-1),
+    "bar": _one(100_000, m=-1, kg=1, s=-2),
     "min": _one(60, s=1),
     "h": _one(3600, s=1),
     "in": _one("0.0254", m=1),
@@ -157,6 +177,31 @@ def conversion(given: str, wanted: str) -> Fraction:
     if own.powers != target.powers:
         raise ValueError(f"{given!r} is of another dimension; give {understood}")
     return own.factor / target.factor
+
+
+def si_unit(text: str) -> str:
+    """The SI unit of the same dimension: "deg/s" gives "rad/s", "gf" gives "N".
+
+    Raises ValueError with a clause where the unit is not known.
+    """
+    own = _read(text)
+    if own is None:
+        raise ValueError(f"{text!r} is not known; give one such as m, rad, N m, V, A or m/s^2")
+    names = [*_SI_ANGLES, *_SI] if is_angular(text) else [*_SI, *_SI_ANGLES]
+    same = (name for name in names if _read(name) == Quantity(Fraction(1), own.powers))
+    return next(same, _composed(own))
+
+
+def is_angular(text: str) -> bool:
+    """Whether a unit counts angle: rad/s is another thing than Hz, though both are 1/s."""
+    return re.search(r"(?<![A-Za-z])(m?rad|deg|rpm)(?![A-Za-z])|°", text) is not None
+
+
+def _composed(one: Quantity) -> str:
+    """A unit of its base units: "kg m^2 s^-4"."""
+    bases = ("m", "kg", "s", "step", "A", "K")
+    powers = [(b, p) for b, p in zip(bases, one.powers, strict=True) if p]
+    return " ".join(base if power == 1 else f"{base}^{power}" for base, power in powers)
 
 
 def converted(value: float, factor: Fraction) -> float:

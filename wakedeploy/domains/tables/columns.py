@@ -1,0 +1,218 @@
+"""`columns.toml`: what the columns of a log mean. Read and checked here and nowhere else.
+
+In: a TOML file. Out: `Columns`. What each entry does is said at its field below, and for people in
+docs/own-logs.md.
+"""
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal
+
+import pydantic
+from pydantic import Field, StringConstraints
+
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.files import text_of, toml_of
+from wakedeploy.core.units import si_unit
+from wakedeploy.core.validation import first_problem
+
+VERSION = 1
+Role = Literal["input", "output", "observation", "force", "unused"]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
+Address = Annotated[str, StringConstraints(min_length=1, max_length=300)]
+_MOST_HZ = 1e5
+
+
+class _Table(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class TimeBase(_Table):
+    """When samples were taken: by a column of stamps, or by a rate where a log has none."""
+
+    column: Address | None = None
+    """The column of stamps; None for the log's own clock (ULog, MCAP, rosbag2) or for a rate."""
+    unit: str | None = None
+    """Of the stamps; seconds where nothing is said, and what the log's own clock counts in."""
+    format: str | None = None
+    """How stamps that are texts are written, as `strptime` takes it, or "iso"."""
+    rate_hz: float | None = Field(default=None, gt=0, le=_MOST_HZ)
+    """Samples a second of a log without stamps."""
+    repeated: Literal["last", "first", "refuse"] = "last"
+    """Which of several samples with one stamp is kept."""
+    falling: Literal["refuse", "sort", "split"] = "refuse"
+    """Stamps that fall: refused, sorted, or the begin of another recording."""
+
+    @pydantic.model_validator(mode="after")
+    def _one_source(self) -> "TimeBase":
+        if self.rate_hz is not None and self.column is not None:
+            raise ValueError("give either a column of stamps or a rate_hz, not both")
+        return self
+
+
+class Resampling(_Table):
+    """The even rate that all columns are brought to; without this table samples stay as they are.
+
+    "hold" takes the newest sample at or before each tick. "low-pass" filters what is held by a
+    second-order Butterworth filter that knows no later sample, for every column alike.
+    """
+
+    rate_hz: float = Field(gt=0, le=_MOST_HZ)
+    method: Literal["hold", "low-pass"] = "hold"
+    cutoff_hz: float | None = Field(default=None, gt=0)
+    """Of the low-pass filter; a quarter of the rate where nothing is said."""
+
+    @pydantic.model_validator(mode="after")
+    def _cutoff_below_half(self) -> "Resampling":
+        if self.cutoff_hz is not None and self.method == "hold":
+            raise ValueError('cutoff_hz is of method = "low-pass"')
+        if self.cutoff_hz is not None and self.cutoff_hz > 0.45 * self.rate_hz:
+            raise ValueError("cutoff_hz has to lie below 0.45 of rate_hz")
+        return self
+
+    @property
+    def effective_cutoff_hz(self) -> float:
+        """The cut-off that is used."""
+        return self.cutoff_hz or self.rate_hz / 4.0
+
+
+class Splitting(_Table):
+    """Where a recording ends within a file."""
+
+    gap_s: float | None = Field(default=None, gt=0)
+    """A silence that is longer ends a recording; None: files are not split, silence is refused."""
+    shortest_s: float = Field(default=0.0, ge=0)
+    """Pieces that are shorter are left out."""
+
+
+class Delimited(_Table):
+    """How a CSV file is written, where it cannot be seen from its first line."""
+
+    delimiter: Annotated[str, StringConstraints(min_length=1, max_length=1)] | None = None
+    """None: whichever of comma, semicolon, tab and blank the first line has."""
+    decimal: Literal[".", ","] = "."
+    header: bool = True
+    """Without a header columns are called #1, #2 and so on; with one these names work, too."""
+    units_row: bool = False
+    """Whether the row below the header holds units."""
+    skip_rows: int = Field(default=0, ge=0, le=10_000)
+    """Lines before the header."""
+    comment: str | None = None
+    """What lines that are left out begin with."""
+    encoding: Literal["utf-8-sig", "utf-8", "ascii", "latin-1", "cp1252", "utf-16"] = "utf-8-sig"
+
+
+class Training(_Table):
+    """What an episode set needs beside the columns."""
+
+    name: Annotated[str, StringConstraints(pattern=r"^[a-z][a-z0-9-]{0,40}$")] = "table"
+    """What the set is called in run folders and packages."""
+    window_s: float = Field(default=0.5, gt=0, le=1e3)
+    """The history that a window model sees."""
+    held_out: Literal["files", "time"] | None = None
+    """What validation and test are: whole files, or the last 30 % of each recording.
+
+    None: files where there are at least three.
+    """
+    validation: tuple[str, ...] = ()
+    test: tuple[str, ...] = ()
+    """Patterns of file names; where they are given, they decide and all else is for training."""
+    loss_weights: Mapping[Name, Annotated[float, Field(gt=0)]] = {}
+    """By the name of the force; 1 where nothing is said."""
+
+
+class Column(_Table):
+    """One column: where it stands in the log, what it is, and its unit.
+
+    A number in the system is (number in the log × scale + offset), in `unit`, converted to `to`.
+    """
+
+    column: Address
+    """Its name in the log; `state_positions[2]` is the third number of a vector."""
+    role: Role | tuple[Role, ...]
+    unit: str
+    """What the log's numbers are in; "1" for none."""
+    to: str | None = None
+    """What they become; the SI unit of the same dimension where nothing is said."""
+    scale: float = 1.0
+    offset: float = 0.0
+    missing: Literal["refuse", "hold", "nan", "split"] = "refuse"
+    """A sample without a number: refused, the last one held, NaN, or the end of a recording."""
+    event: bool = False
+    """Written only when it changes: its last sample holds for as long as the others go on."""
+    time: Address | None = None
+    """Its own column of stamps, where [time] is that of others."""
+    time_unit: str | None = None
+    file: Address | None = None
+    """The file within a folder, where a recording is a folder of files."""
+
+    @property
+    def roles(self) -> tuple[Role, ...]:
+        """All of its roles."""
+        return self.role if isinstance(self.role, tuple) else (self.role,)
+
+    @property
+    def target_unit(self) -> str:
+        """The unit of the numbers that come out."""
+        return self.to if self.to is not None else si_unit(self.unit)
+
+
+class Columns(_Table):
+    """A whole `columns.toml`; `columns` by the name that each has in the system or the set."""
+
+    version: Literal[1]
+    time: TimeBase = TimeBase()
+    resample: Resampling | None = None
+    split: Splitting = Splitting()
+    csv: Delimited = Delimited()
+    training: Training = Training()
+    columns: Mapping[Name, Column] = Field(min_length=1)
+
+    @property
+    def used(self) -> dict[str, Column]:
+        """The columns that have a role."""
+        return {n: c for n, c in self.columns.items() if set(c.roles) - {"unused"}}
+
+    def with_role(self, *roles: Role) -> dict[str, Column]:
+        """The columns that have one of these roles."""
+        return {n: c for n, c in self.columns.items() if set(c.roles) & set(roles)}
+
+
+def read_columns(path: Path | str) -> Columns:
+    """Read and check a `columns.toml`; UnusableInput names the file, the entry and the bound."""
+    path = Path(path)
+    try:
+        text = text_of(path)
+    except (OSError, ValueError) as error:
+        raise UnusableInput(
+            f"{path}: cannot be read ({one_line(error)}); write a first one with: wakedeploy data"
+            " import table LOG --guess --columns columns.toml"
+        ) from error
+    return parse_columns(text, str(path))
+
+
+def parse_columns(text: str, name: str = "columns.toml") -> Columns:
+    """Check the text of a `columns.toml`; `name` stands in error messages."""
+    try:
+        raw = toml_of(text)
+    except ValueError as error:
+        raise UnusableInput(f"{name}: not valid TOML: {one_line(error)}.") from error
+    told = raw.get("version")
+    if isinstance(told, int) and told > VERSION:
+        raise UnusableInput(
+            f"{name}: version {told} is newer than this wakedeploy reads ({VERSION}); upgrade it."
+        )
+    try:
+        read = Columns.model_validate(raw)
+    except pydantic.ValidationError as error:
+        raise UnusableInput(f"{name}: {_clause(first_problem(error))}.") from error
+    if not read.used:
+        roles = "input, output, observation or force"
+        raise UnusableInput(f"{name}: no column has a role yet; give some the role {roles}.")
+    return read
+
+
+def _clause(problem: str) -> str:
+    """A problem without pydantic's names for the two ways in which a role may be written."""
+    return re.sub(r"\.(literal|tuple)\[[^=]*?\](?=[ :.])", "", problem).rstrip(".")

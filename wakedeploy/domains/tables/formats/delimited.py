@@ -1,0 +1,295 @@
+"""CSV and its relatives, plain or gzipped: read line by line, only the columns that are asked for.
+
+A cell may hold a vector as a list in a quoted string ("[0.1, 0.2]"), of which an address takes one
+number. Columns are called by the header, or by their place: #1 is the first.
+"""
+
+import csv
+import gzip
+import re
+import zlib
+from array import array
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.domains.tables.columns import Delimited
+from wakedeploy.domains.tables.log import (
+    MOST_BYTES,
+    Clock,
+    Field,
+    Log,
+    Values,
+    indexed,
+    missing,
+    refused,
+    require_size,
+    require_values,
+)
+
+_BLOCK = 1 << 15  # rows that are converted at once
+_LONGEST_LINE = 1 << 20
+_MISSING = {"", "nan", "null", "none", "na", "n/a"}
+_BOOLEAN = {"true": 1.0, "false": 0.0}
+_UNIT_IN_NAME = re.compile(r"^(?P<name>.*?)\s*[(\[](?P<unit>[^()\[\]]+)[)\]]\s*$")
+
+
+def open_log(path: Path, csv: Delimited) -> Log:
+    """Open a delimited text."""
+    require_size(path)
+    return DelimitedLog(path, csv)
+
+
+@dataclass(frozen=True)
+class _Cell:
+    """Where a column's numbers stand: the place in a row, and in a vector within a cell."""
+
+    address: str
+    column: int
+    element: int | None = None
+
+
+class DelimitedLog:
+    """A CSV file and how it is written."""
+
+    def __init__(self, path: Path, form: Delimited) -> None:
+        self.path, self._form, self.notes = path, form, list[str]()
+        self._lines = array("q")  # of each row, where the first is 1
+        rows = self._rows()
+        self._delimiter = form.delimiter or ","
+        first = next(rows, None)
+        if first is None:
+            raise UnusableInput(f"{path}: is empty; give a log with a header and rows.")
+        _, cells = first
+        named = [cell.strip() for cell in cells] if form.header else [""] * len(cells)
+        self._names = [name or f"#{i}" for i, name in enumerate(named, 1)]
+        units = next(rows, (0, []))[1] if form.header and form.units_row else []
+        self._units = dict(zip(self._names, (u.strip() for u in units), strict=False))
+        self._example = next(rows, (0, []))[1] if form.header else cells
+
+    def fields(self) -> list[Field]:
+        """Every column, vectors number by number."""
+        found = []
+        for i, name in enumerate(self._names):
+            text = self._example[i].strip() if i < len(self._example) else ""
+            told = _UNIT_IN_NAME.match(name)
+            unit = self._units.get(name) or (told["unit"] if told else None)
+            count = len(_numbers(text)) if text.startswith("[") else 0
+            names = [f"{name}[{k}]" for k in range(count)] or [name]
+            value = None if not count and _is_text(text, self._form) else 0.0
+            found += [Field(one, unit=unit, example=value) for one in names]
+        return found
+
+    def clock_of(self, address: str) -> Clock | None:
+        """None: stamps are a column."""
+        return None
+
+    def read(self, addresses: Collection[str], stamps: Collection[str]) -> dict[str, Values]:
+        """Read the columns of these addresses in one pass."""
+        cells = [self._cell(address) for address in addresses]
+        kept = {cell.address: _Growing() for cell in cells}
+        del self._lines[:]
+        for block in self._blocks():
+            columns = list(zip(*block, strict=True))
+            for cell in cells:
+                is_stamp = cell.address in stamps
+                kept[cell.address].add(self._converted(cell, columns[cell.column], is_stamp))
+            require_values(self.path, len(cells) * len(self._lines))
+        if not self._lines:
+            raise UnusableInput(f"{self.path}: has no row below its header; record it again.")
+        return {address: growing.whole() for address, growing in kept.items()}
+
+    def place(self, address: str, index: int) -> str:
+        """The line of a row."""
+        return f"line {self._lines[index]}"
+
+    def _cell(self, address: str) -> _Cell:
+        if (at := self._position(address)) is not None:
+            return _Cell(address, at)
+        name, index = indexed(address)
+        at = self._position(name)
+        if at is None or len(index) != 1:
+            raise missing(self.path, address, self._names)
+        return _Cell(address, at, index[0])
+
+    def _position(self, name: str) -> int | None:
+        if self._names.count(name) > 1:
+            raise refused(self.path, name, "is there twice", "say which by its place, as in '#2'")
+        if name in self._names:
+            return self._names.index(name)
+        place = re.fullmatch(r"#([1-9][0-9]{0,4})", name)
+        return int(place[1]) - 1 if place and int(place[1]) <= len(self._names) else None
+
+    # --- lines and rows
+
+    def _blocks(self) -> Iterator[list[list[str]]]:
+        """Rows of the header's width, some thousands at a time; the last may be cut off."""
+        rows = self._rows()
+        for _ in range(self._form.header + (self._form.header and self._form.units_row)):
+            next(rows)
+        block: list[list[str]] = []
+        width, torn = len(self._names), None
+        for line, row in rows:
+            if torn is not None:
+                raise self._uneven(*torn)
+            if len(row) != width:
+                torn = line, row
+                if len(row) > width:
+                    raise self._uneven(*torn)
+                continue
+            block.append(row)
+            self._lines.append(line)
+            if len(block) == _BLOCK:
+                yield block
+                block = []
+        if torn is not None:
+            self.notes.append(f"{self.path}: its last line is cut off and was left out")
+        if block:
+            yield block
+
+    def _uneven(self, line: int, row: Sequence[str]) -> UnusableInput:
+        return UnusableInput(
+            f"{self.path}, line {line}: has {len(row)} fields, but the header {len(self._names)};"
+            " mend the line or delete it."
+        )
+
+    def _rows(self) -> Iterator[tuple[int, list[str]]]:
+        """Each row with the number of its line; the first one tells the delimiter."""
+        try:
+            with _opened(self.path, self._form.encoding) as file:
+                yield from self._parsed(self._text_lines(file))
+        except (OSError, EOFError, zlib.error, UnicodeError, csv.Error, ValueError) as error:
+            raise UnusableInput(
+                f"{self.path}: cannot be read as a table of text ({one_line(error)}); copy it"
+                " again, or say in [csv] how it is written."
+            ) from error
+
+    def _text_lines(self, file: IO[str]) -> Iterator[tuple[int, str]]:
+        """Lines that are not left out, each with its number, none without an end."""
+        size = 0
+        for number in range(1, MOST_BYTES):
+            line = file.readline(_LONGEST_LINE)
+            size += len(line)
+            if not line:
+                return
+            if len(line) == _LONGEST_LINE or size > MOST_BYTES:
+                raise ValueError(f"line {number} has no end, or the text none")
+            is_comment = self._form.comment and line.startswith(self._form.comment)
+            if number > self._form.skip_rows and not is_comment and line.strip():
+                yield number, line
+
+    def _parsed(self, lines: Iterator[tuple[int, str]]) -> Iterator[tuple[int, list[str]]]:
+        first = next(lines, None)
+        if first is None:
+            return
+        number, line = first
+        delimiter = self._form.delimiter or _delimiter(line)
+        if delimiter == " ":
+            yield number, line.split()
+            yield from ((n, text.split()) for n, text in lines)
+            return
+        at = [number]
+
+        def fed() -> Iterator[str]:
+            yield line
+            for at[0], text in lines:
+                yield text
+
+        for row in csv.reader(fed(), delimiter=delimiter, skipinitialspace=True):
+            yield at[0], row
+
+    # --- cells
+
+    def _converted(self, cell: _Cell, texts: Sequence[str], is_stamp: bool) -> Values:
+        if cell.element is not None:
+            texts = [self._element(cell, text, i) for i, text in enumerate(texts)]
+        joined = "".join(texts)
+        if self._form.decimal == ",":
+            texts, joined = [text.replace(",", ".") for text in texts], ""
+        if joined.isascii() and "_" not in joined:
+            try:
+                if is_stamp:
+                    return np.array(array("q", map(int, texts)))
+            except (ValueError, OverflowError):
+                pass
+            try:
+                return np.array(array("d", map(float, texts)))
+            except ValueError:
+                pass
+        if is_stamp and not all(map(_is_number, texts)):
+            return np.array([text.strip() for text in texts], dtype=object)
+        first = len(self._lines) - len(texts)
+        return np.array([self._number(cell, text, first + i) for i, text in enumerate(texts)])
+
+    def _number(self, cell: _Cell, text: str, index: int) -> float:
+        plain = text.strip()
+        folded = plain.lower()
+        if folded in _MISSING:
+            return float("nan")
+        if folded in _BOOLEAN:
+            return _BOOLEAN[folded]
+        if not _is_number(plain):
+            reason = f"holds {plain[:40]!r} in line {self._lines[index]}, which is no number"
+            raise refused(self.path, cell.address, reason, "mend it, or leave the column out")
+        return float(plain)
+
+    def _element(self, cell: _Cell, text: str, index: int) -> str:
+        """One number of a vector in a cell; blank where the cell is."""
+        numbers = _numbers(text)
+        if not numbers:
+            return ""
+        if cell.element is None or cell.element >= len(numbers):
+            line = self._lines[len(self._lines) - 1] if self._lines else 0
+            reason = f"has only {len(numbers)} numbers in a cell at or before line {line}"
+            raise refused(self.path, cell.address, reason, "mend it, or give another index")
+        return numbers[cell.element]
+
+
+class _Growing:
+    """A column that comes in blocks: whole numbers as long as all are, texts once one is."""
+
+    def __init__(self) -> None:
+        self._parts: list[Values] = []
+
+    def add(self, part: Values) -> None:
+        self._parts.append(part)
+
+    def whole(self) -> Values:
+        if any(part.dtype == object for part in self._parts):
+            return np.concatenate([part.astype(object) for part in self._parts])
+        return np.concatenate(self._parts)
+
+
+def _opened(path: Path, encoding: str) -> IO[str]:
+    if path.suffix.lower() == ".gz":
+        return gzip.open(path, "rt", encoding=encoding, newline="")
+    return path.open(encoding=encoding, newline="")
+
+
+def _delimiter(line: str) -> str:
+    """What separates the cells of a line: whatever is there most often, quoted text aside."""
+    bare = re.sub(r'"[^"]*"', "", line)
+    most = max(",;\t", key=bare.count)
+    return most if most in bare or len(bare.split()) < 2 else " "
+
+
+def _numbers(text: str) -> list[str]:
+    """The numbers of a vector in a cell: "[1, 2]", "(1 2)" or "1;2"."""
+    return re.split(r"[\s,;]+", inner) if (inner := text.strip().strip("[]()").strip()) else []
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return text.isascii() and "_" not in text
+
+
+def _is_text(text: str, form: Delimited) -> bool:
+    plain = text.strip().lower().replace(form.decimal, ".")
+    return not (plain in _MISSING or plain in _BOOLEAN or _is_number(plain))

@@ -1,0 +1,91 @@
+"""Samples at stamps as samples at even ticks: held or filtered, and never of the future.
+
+Pure functions of arrays: stamps (n,) [s] that rise, values (n,), ticks (m,) [s] that rise evenly.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+_NEAR = 0.25  # of a log's own step, by which its stamps may lie off the ticks to be one each
+_FINER = 10.0  # times the cut-off, at which the filter runs at least
+_MOST_FINE = 64 << 20  # steps of the filter
+
+
+def even_ticks(stamps_s: Vector, start_s: float, end_s: float, rate_hz: float) -> Vector:
+    """Ticks at `rate_hz` within a piece, so late that stamps that jitter have a tick each.
+
+    Where stamps lie at the ticks up to a quarter of the log's own step, ticks begin later by the
+    most that a stamp lies behind its tick. A sample is then never one tick late in one place and in
+    time in the next.
+    """
+    ticks_s = start_s + np.arange(_count(start_s, end_s, rate_hz)) / rate_hz
+    off_s = _nearest(stamps_s, ticks_s) - ticks_s
+    step_s = float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else 0.0
+    late_s = float(off_s.max(initial=0.0))
+    if np.abs(off_s).max(initial=0.0) > _NEAR * step_s or late_s == 0.0:
+        return ticks_s
+    late_s += 4.0 * float(np.spacing(np.abs(ticks_s).max()))
+    inside: Vector = (ticks_s + late_s)[: _count(start_s + late_s, end_s + late_s, rate_hz)]
+    return inside
+
+
+def held(stamps_s: Vector, values: Vector, ticks_s: Vector) -> Vector:
+    """The newest value at or before each tick; NaN before the first."""
+    newest = np.searchsorted(stamps_s, ticks_s, side="right") - 1
+    return np.where(newest >= 0, values[np.maximum(newest, 0)], np.nan)
+
+
+def low_passed(stamps_s: Vector, values: Vector, ticks_s: Vector, cutoff_hz: float) -> Vector:
+    """The values through a second-order Butterworth filter that begins at rest at the first.
+
+    What is held between samples runs through the filter in steps that are as fine as the log's own,
+    or a tenth of the cut-off's period. Raises ValueError for a log that would take too many.
+    """
+    from scipy.signal import butter, lfilter, lfilter_zi
+
+    rate_hz = (len(ticks_s) - 1) / (ticks_s[-1] - ticks_s[0])
+    own_hz = 1.0 / float(np.median(np.diff(stamps_s))) if len(stamps_s) > 1 else rate_hz
+    finer = int(np.ceil(max(own_hz, _FINER * cutoff_hz) / rate_hz - 1e-6))
+    steps = (len(ticks_s) - 1) * max(finer, 1) + 1
+    if steps > _MOST_FINE:
+        raise ValueError(f"the filter would take {steps} steps, and {_MOST_FINE} are the most")
+    fine_s = np.interp(np.arange(steps) / max(finer, 1), np.arange(len(ticks_s)), ticks_s)
+    fine_s[:: max(finer, 1)] = ticks_s
+    through = held(stamps_s, values, fine_s)
+    b, a = butter(2, cutoff_hz, fs=rate_hz * max(finer, 1))
+    filtered, _ = lfilter(b, a, through, zi=lfilter_zi(b, a) * through[0])
+    return np.asarray(filtered[:: max(finer, 1)], dtype=np.float64)
+
+
+def unevenness(stamps_s: Vector) -> int | None:
+    """The sample after the first step that is not even; None where all are.
+
+    A step may be off by half of the mean one: then no sample is nearer to another's place.
+    """
+    steps_s = np.diff(stamps_s)
+    usual_s = float(np.median(steps_s))
+    uneven = np.abs(steps_s - usual_s) > 0.5 * usual_s
+    return int(np.argmax(uneven)) + 1 if uneven.any() else None
+
+
+def evened(stamps_s: Vector) -> Vector:
+    """The even stamps that are nearest to some that are even but for their jitter."""
+    numbers = np.arange(len(stamps_s)) - 0.5 * (len(stamps_s) - 1)
+    middle_s = float(stamps_s.mean())
+    step_s = float(numbers @ (stamps_s - middle_s) / (numbers @ numbers))
+    return middle_s + step_s * numbers
+
+
+def _count(start_s: float, end_s: float, rate_hz: float) -> int:
+    """How many ticks lie within a piece, forgiving a millionth of a step."""
+    return max(0, int(np.floor((end_s - start_s) * rate_hz + 1e-6)) + 1)
+
+
+def _nearest(stamps_s: Vector, ticks_s: Vector) -> Vector:
+    after = np.clip(np.searchsorted(stamps_s, ticks_s), 1, max(len(stamps_s) - 1, 1))
+    after = np.minimum(after, len(stamps_s) - 1)
+    before = np.maximum(after - 1, 0)
+    is_after = np.abs(stamps_s[after] - ticks_s) <= np.abs(stamps_s[before] - ticks_s)
+    return np.where(is_after, stamps_s[after], stamps_s[before])
