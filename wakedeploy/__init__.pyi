@@ -3,6 +3,9 @@ from wakedeploy.api.flights import Flights as Flights
 from wakedeploy.api.flights import fly as fly
 from wakedeploy.api.gaps import Gap as Gap
 from wakedeploy.api.gaps import close_gap as close_gap
+from wakedeploy.api.logs import guess_columns as guess_columns
+from wakedeploy.api.logs import import_table as import_table
+from wakedeploy.api.logs import read_log as read_log
 from wakedeploy.api.predictors import Predictor as Predictor
 from wakedeploy.api.predictors import export as export
 from wakedeploy.api.predictors import load as load

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterable
 
-from benchmarks.fuzz import gantry, gap, learning, recordings
+from benchmarks.fuzz import gantry, gap, learning, logs, recordings
 from benchmarks.fuzz.kind import Kind
 
 MAKE: dict[str, Callable[[], Kind]] = {
@@ -10,6 +10,7 @@ MAKE: dict[str, Callable[[], Kind]] = {
     **learning.kinds(),
     **gap.kinds(),
     **recordings.kinds(),
+    **logs.kinds(),
 }
 
 

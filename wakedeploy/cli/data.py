@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import click
 
 from wakedeploy.cli.groups import Group
-from wakedeploy.cli.output import json_option, print_table, stage_bars, write_json
+from wakedeploy.cli.output import json_option, print_table, stage_bars, warn, write_json
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -210,6 +210,67 @@ def import_crazyflie(path: Path, out: Path, json_path: Path | None) -> None:
         wakedeploy data import crazyflie swaps --out sets/crazyflie
     """
     _import("crazyflie", path, out, json_path)
+
+
+@import_.command("table")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--columns",
+    "columns_path",
+    type=click.Path(dir_okay=False, path_type=Path),
+    required=True,
+    help="What the columns mean.",
+)
+@click.option("--out", type=click.Path(file_okay=False, path_type=Path), help="Folder to write.")
+@click.option("--guess", is_flag=True, help="Write a first --columns for the first of FILES.")
+@json_option
+def import_table(
+    files: tuple[Path, ...],
+    columns_path: Path,
+    out: Path | None,
+    guess: bool,
+    json_path: Path | None,
+) -> None:
+    """Import logs of any system: CSV, Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog.
+
+    FILES are logs, or folders of files that belong together. The file of --columns says which
+    column is which observation or force, its unit, and how time is kept (docs/own-logs.md).
+
+    \b
+    Example:
+        wakedeploy data import table axis.csv --guess --columns columns.toml
+        wakedeploy data import table axis*.csv --columns columns.toml --out sets/axis
+    """
+    if guess:
+        _guess(files[0], columns_path)
+        return
+    if out is None:
+        raise click.UsageError("Missing option '--out'.")
+    from wakedeploy.api.logs import import_table as read
+
+    _require_writable(out)
+    with stage_bars() as bars:
+        made = read(files, columns_path, progress=bars)
+    made.write(out)
+    _describe(made, out, json_path)
+    for note in made.provenance.get("notes", ()):  # type: ignore[union-attr]
+        warn(f"{note}.")
+
+
+def _guess(log: Path, columns_path: Path) -> None:
+    """Write a first columns.toml, never over another one."""
+    from wakedeploy.api.logs import guess_columns
+    from wakedeploy.core.files import begun
+
+    text = guess_columns(log)
+    try:
+        with begun(columns_path) as path:
+            path.write_text(text, "utf-8")
+    except FileExistsError as error:
+        raise UnusableInput(
+            f"{columns_path}: is there already; delete it, or choose another --columns."
+        ) from error
+    click.echo(f"Wrote {columns_path}: give the columns that you need a role, then import.")
 
 
 @command.command()

@@ -52,6 +52,8 @@ from wakedeploy.domains.tables.stamps import (
 )
 
 Vector = NDArray[np.float64]
+_ABSURD = 1e30  # in any unit, nothing has so much of anything
+
 Progress = Callable[[int, int], None]
 
 
@@ -121,11 +123,12 @@ class _Wanted:
 
     def converted(self, values: Vector) -> Vector:
         """Numbers of the log in that unit."""
-        scaled = values * self.column.scale + self.column.offset if self._is_scaled else values
         factor: Fraction = self._factor
-        if factor == 1:
-            return scaled
-        return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what overflows
+            scaled = values * self.column.scale + self.column.offset if self._is_scaled else values
+            if factor == 1:
+                return scaled
+            return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
 
     @property
     def _is_scaled(self) -> bool:
@@ -311,7 +314,8 @@ class _FileReader:
             unit = "ns" if form is not None else place.clock.unit
             return numbers, seconds_in(unit)
         except ValueError as error:
-            raise place.clock_refused(f"is in a unit of time that is none: {error}", "mend it")
+            advice = "correct its unit in [time], or time_unit"
+            raise place.clock_refused(f"has no unit of time: {error}", advice) from error
 
     def _timeline(
         self, key: tuple[int, str], places: Mapping[str, _Place], stamps_s: Vector, first: int
@@ -351,14 +355,15 @@ class _FileReader:
     def _numbers(self, place: _Place, values: Values) -> Vector:
         if values.dtype == object:
             raise place.refused("holds texts", "leave it out, or choose another")
-        numbers = values.astype(np.float64)
-        if np.isinf(numbers).any():
-            at = int(np.argmax(np.isinf(numbers)))
-            raise place.refused(f"is infinite in {place.row(at)}", "mend or delete that row")
-        return numbers
+        with np.errstate(over="ignore"):
+            return values.astype(np.float64)
 
     def _series(self, wanted: _Wanted, place: _Place, times: Timeline, values: Vector) -> _Series:
         values = wanted.converted(values[times.rows])
+        absurd = np.abs(values) > _ABSURD
+        if absurd.any():
+            row = place.row(int(times.rows[int(np.argmax(absurd))]))
+            raise place.refused(f"is too large for a measurement in {row}", "mend or delete it")
         absent = np.isnan(values)
         if absent.any() and wanted.column.missing == "refuse":
             at = int(times.rows[int(np.argmax(absent))])
@@ -367,7 +372,6 @@ class _FileReader:
             raise place.refused(reason, advice)
         if wanted.column.missing == "hold" and absent.any():
             self._tell(place, f"{int(absent.sum())} samples have no number; the last one is held")
-            times = Timeline(times.stamps_s, times.rows)
         return _Series(wanted, place, times, values)
 
     def _tell(self, place: _Place, note: str) -> None:

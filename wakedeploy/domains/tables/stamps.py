@@ -3,6 +3,7 @@
 In: the numbers or texts under a clock's address. Out: a `Timeline`, and remarks on what was done.
 """
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ Vector = NDArray[np.float64]
 Place = Callable[[int], str]
 Refuse = Callable[[str, str], UnusableInput]  # of a reason and an advice
 
+_LATEST_S = 1e12
 _DATES_BEGIN_S = 1_000_000  # a clock that shows more counts from a year, not from a start
 
 
@@ -67,7 +69,7 @@ def _ns_of(text: str, form: str, index: int, place: Place, refuse: Refuse) -> in
 
 def whole_start_s(values: Values, seconds: Fraction) -> int | None:
     """The whole second of a clock's first stamp where it counts from a year; None for no stamp."""
-    finite = values[np.isfinite(values.astype(np.float64))]
+    finite = values[np.abs(values.astype(np.float64)) < 1e30]
     if not len(finite):
         return None
     lowest = finite.min()
@@ -89,16 +91,18 @@ def in_seconds(values: Values, seconds: Fraction, origin: int) -> Vector:
         if zero.denominator == 1 and low <= zero.numerator <= high:
             values = values - values.dtype.type(zero.numerator)
             zero = Fraction(0)
-    numbers = values.astype(np.float64) - float(zero)
-    return np.asarray(numbers * seconds.numerator / seconds.denominator, dtype=np.float64)
+    with np.errstate(over="ignore", invalid="ignore"):  # `timeline` refuses what overflows
+        numbers = values.astype(np.float64) - float(zero)
+        return np.asarray(numbers * seconds.numerator / seconds.denominator, dtype=np.float64)
 
 
 def timeline(
     stamps_s: Vector, base: TimeBase, place: Place, refuse: Refuse, notes: list[str]
 ) -> Timeline:
     """Stamps in rising order, with what was done about doubles and falls."""
-    if not np.isfinite(stamps_s).all():
-        at = int(np.argmin(np.isfinite(stamps_s)))
+    is_stamp = np.abs(stamps_s) < _LATEST_S  # nor is NaN
+    if not is_stamp.all():
+        at = int(np.argmin(is_stamp))
         raise refuse(f"has no stamp in {place(at)}", "mend or delete that row")
     rows = np.arange(len(stamps_s))
     falls = np.flatnonzero(np.diff(stamps_s) < 0)
@@ -136,4 +140,4 @@ def _without_doubles(
 def between_falls(stamps_s: Vector) -> list[slice]:
     """The pieces of a clock between its falls."""
     cuts = [0, *(np.flatnonzero(np.diff(stamps_s) < 0) + 1).tolist(), len(stamps_s)]
-    return [slice(a, b) for a, b in zip(cuts, cuts[1:], strict=False)]
+    return [slice(a, b) for a, b in itertools.pairwise(cuts)]

@@ -1,45 +1,52 @@
 """HDF5, MATLAB's version 7.3 among it: a dataset for each column, by its path in the file."""
 
-from collections.abc import Collection
+import importlib.util
+import json
+import subprocess
+import sys
+import tempfile
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from wakedeploy.core.errors import UnusableInput, installs, shown
 from wakedeploy.domains.tables.columns import Delimited
 from wakedeploy.domains.tables.log import (
-    MOST_BYTES,
     Arrays,
     Clock,
     Field,
     Values,
     elements,
-    library,
     refused,
     require_size,
     require_values,
-    unreadable,
 )
 
-_MOST_DATASETS = 10_000
+_READER = Path(__file__).with_name("hdf5_process.py")
+_SLOWEST_S = 10  # for a small file
+_BYTES_PER_S = 2_000_000  # more for each so many
 
 
 def open_log(path: Path, csv: Delimited) -> "Hdf5Log":
     """Open an HDF5 file."""
-    require_size(path)
-    return Hdf5Log(path, library(path, "h5py", "h5py", "hdf5"))
+    if importlib.util.find_spec("h5py") is None:
+        raise UnusableInput(f"{path}: needs h5py: {installs('hdf5')}.")
+    return Hdf5Log(path)
 
 
 class Hdf5Log:
     """An HDF5 file's datasets of numbers; `/arm/q` and `arm/q` are the same."""
 
-    def __init__(self, path: Path, h5py: Any) -> None:
+    def __init__(self, path: Path) -> None:
         self.path, self.notes = path, list[str]()
-        self._h5py = h5py
-        self._shapes: dict[str, tuple[int, ...]] = {}
-        self._units: dict[str, str | None] = {}
-        self._kinds: dict[str, str] = {}
-        self._in_file(self._list)
+        self._limit_s = _SLOWEST_S + require_size(path) // _BYTES_PER_S
+        with tempfile.TemporaryDirectory() as folder:
+            self._run(folder)
+            about = json.loads((Path(folder) / "about.json").read_text("utf-8"))
+        self._shapes = {name: tuple(shape) for name, (shape, _, _) in about.items()}
+        self._kinds: dict[str, str] = {name: kind for name, (_, kind, _) in about.items()}
+        self._units: dict[str, str | None] = {name: unit for name, (_, _, unit) in about.items()}
         self._arrays = Arrays(path, self._shapes)
 
     def fields(self) -> list[Field]:
@@ -57,45 +64,40 @@ class Hdf5Log:
     def read(self, addresses: Collection[str], stamps: Collection[str]) -> dict[str, Values]:
         """The columns of these addresses; each dataset is read whole."""
         plain = {address: address.lstrip("/") for address in addresses}
-        keys = {self._arrays.split(name)[0] for name in plain.values()}
-        require_values(self.path, sum(int(np.prod(self._shapes[key])) for key in keys))
-        for address, name in plain.items():
-            if self._kinds[self._arrays.split(name)[0]] not in "fiub":
+        keys = {address: self._arrays.split(name)[0] for address, name in plain.items()}
+        for address, key in keys.items():
+            if self._kinds[key] not in "fiub":
                 raise refused(self.path, address, "does not hold real numbers", "choose another")
-        held: dict[str, Values] = {}
-        self._in_file(lambda file: held.update({key: file[key][()] for key in keys}))
-        arrays = {name: held[self._arrays.split(name)[0]] for name in plain.values()}
-        return {a: self._arrays.column(name, arrays[name]) for a, name in plain.items()}
+        needed = sorted(set(keys.values()))
+        require_values(self.path, sum(int(np.prod(self._shapes[key])) for key in needed))
+        held = self._datasets(needed) if needed else {}
+        return {a: self._arrays.column(name, held[keys[a]]) for a, name in plain.items()}
 
     def place(self, address: str, index: int) -> str:
         """The number of a sample, from 0 on."""
         return f"sample {index}"
 
-    def _in_file(self, what: Any) -> None:
+    def _datasets(self, names: Sequence[str]) -> dict[str, Values]:
+        with tempfile.TemporaryDirectory() as folder:
+            self._run(folder, *names)
+            files = [Path(folder) / f"{number}.npy" for number in range(len(names))]
+            return {n: np.load(f, allow_pickle=False) for n, f in zip(names, files, strict=True)}
+
+    def _run(self, folder: str, *names: str) -> None:
+        """Let a process list the file, or read datasets of it, into a folder."""
+        limit = str(self._limit_s)
+        command = [sys.executable, "-P", str(_READER), str(self.path), folder, limit, *names]
         try:
-            with self._h5py.File(self.path, "r") as file:
-                what(file)
-        except Exception as error:  # h5py raises whatever is near to what its C library says
-            raise unreadable(self.path, error) from error
-
-    def _list(self, file: Any) -> None:
-        def visit(name: str, item: Any) -> None:
-            if not isinstance(item, self._h5py.Dataset) or item.dtype.hasobject:
-                return
-            if len(self._shapes) >= _MOST_DATASETS or item.nbytes > MOST_BYTES or item.external:
-                raise ValueError(f"{name} is larger than a log is, or lies elsewhere")
-            if item.shape is not None and item.dtype.names is None:
-                self._shapes[name], self._kinds[name] = item.shape, item.dtype.kind
-                self._units[name] = _unit(item)
-
-        file.visititems(visit)
-
-
-def _unit(item: Any) -> str | None:
-    told = next((item.attrs[name] for name in ("unit", "units") if name in item.attrs), None)
-    if isinstance(told, bytes):
-        told = told.decode("utf-8", "replace")
-    return told if isinstance(told, str) and told else None
+            ended = subprocess.run(  # noqa: S603 - our own file, and no shell
+                command, capture_output=True, timeout=4 * self._limit_s, check=False
+            )
+            reason = shown(ended.stderr.decode("utf-8", "replace"))
+        except subprocess.TimeoutExpired:
+            ended, reason = None, ""
+        if ended is None or ended.returncode < 0:
+            reason = "the HDF5 library does not come to an end with it"
+        if ended is None or ended.returncode:
+            raise UnusableInput(f"{self.path}: cannot be read ({reason}); copy or record it again.")
 
 
 def _example(kind: str) -> float | None:

@@ -1,10 +1,13 @@
 """MCAP: messages as JSON or of ROS; unpacked chunk by chunk, within bounds."""
 
+import mmap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO, Any
 
-from mcap.records import Channel, Message as McapMessage, Schema
+from mcap.records import Channel, Schema
+from mcap.records import Message as McapMessage
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of
@@ -58,9 +61,9 @@ class _Stream:
 
     def _records(self) -> Iterator[McapMessage]:
         try:
-            with self.path.open("rb") as file:
-                size = require_size(self.path)
-                for record in records(file, size, min(MOST_BYTES, _MOST_PACKED * size)):
+            size = require_size(self.path)
+            with self.path.open("rb") as file, _mapped(file) as content:
+                for record in records(content, size, min(MOST_BYTES, _MOST_PACKED * size)):
                     if isinstance(record, Schema):
                         self._schemas[record.id] = record
                     elif isinstance(record, Channel):
@@ -83,7 +86,7 @@ class _Stream:
 
     def _decoder(self, number: int) -> Decode:
         if number not in self._decoders:
-            self._decoders[number] = self._new_decoder(self._channel(number))
+            self._decoders[number] = ros.when_needed(self._new_decoder, self._channel(number))
         return self._decoders[number]
 
     def _new_decoder(self, channel: Channel) -> Decode:
@@ -95,6 +98,11 @@ class _Stream:
             return _unknown(self.path, channel)
         definition = schema.data.decode("utf-8", "replace")
         return ros.decoder(self.path, schema.name, definition, _ROS[told])
+
+
+def _mapped(file: IO[bytes]) -> Any:
+    """A file as memory: of it, unlike of a file, no more is read than there is."""
+    return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
 
 def _unknown(path: Path, channel: Channel) -> Callable[[bytes], object]:

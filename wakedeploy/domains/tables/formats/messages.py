@@ -56,11 +56,15 @@ class MessageLog:
             firsts.setdefault(message.topic, message)
             if len(firsts) == len(self._topics):
                 break
-        return [
-            Field(f"{topic}.{name}", topic, example=example)
-            for topic, message in sorted(firsts.items())
-            for name, example in _numbers(self._decoded(message))
-        ]
+        found: list[Field] = []
+        for topic, message in sorted(firsts.items()):
+            try:
+                numbers = list(_numbers(self._decoded(message)))
+            except UnusableInput as error:
+                self.notes.append(str(error).rstrip("."))
+                continue
+            found += [Field(f"{topic}.{name}", topic, example=example) for name, example in numbers]
+        return found
 
     def clock_of(self, address: str) -> Clock | None:
         """When the messages of a field's topic were recorded, in nanoseconds."""

@@ -43,7 +43,7 @@ class ParquetLog:
         """Every column, lists number by number as the first row has them."""
         found = []
         for name, (kind, unit) in self._leaves.items():
-            count = len(self._first(name) or []) if "list" in str(kind) else 0
+            count = self._length(name) if "list" in str(kind) else 0
             names = [f"{name}[{i}]" for i in range(count)] or [name]
             example = None if str(kind) in ("string", "large_string", "binary") else 0.0
             found += [Field(one, unit=unit, example=example) for one in names]
@@ -62,8 +62,10 @@ class ParquetLog:
         """The number of a row, from 0 on."""
         return f"row {index}"
 
-    def _first(self, name: str) -> Any:
-        return next(iter(self._array(name, self._file.iter_batches(1, columns=[name]))), None)
+    def _length(self, name: str) -> int:
+        """The numbers of a list in the first row that has one."""
+        values = self._array(name, self._file.iter_batches(columns=[name]))
+        return next((len(value) for value in values if value is not None), 0)
 
     def _column(self, address: str) -> Values:
         name, index = (address, ()) if address in self._leaves else indexed(address)

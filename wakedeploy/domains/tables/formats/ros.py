@@ -4,7 +4,9 @@ rosbags writes Python from a definition and runs it. So a type's name has to be 
 are taken out of definitions before they come there: nothing else of a file reaches the program.
 """
 
+import functools
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +38,12 @@ def decoder(path: Path, name: str, definition: str, is_cdr: bool) -> Decode:
         ) from error
     read: Any = store.deserialize_cdr if is_cdr else store.deserialize_ros1
     return lambda content: read(content, _long(name))
+
+
+def when_needed(make: Callable[..., Decode], *of: Any) -> Decode:
+    """A decoder that is made with the first message: topics that nobody asks for may be odd."""
+    made = functools.cache(lambda: make(*of))
+    return lambda content: made()(content)
 
 
 def _name(name: str) -> str:

@@ -1,4 +1,4 @@
-"""rosbag2: a folder with metadata.yaml, or one of its .db3 files; those of MCAP are read as such."""
+"""rosbag2: a folder with metadata.yaml, or one of its .db3 files; MCAP ones are read as such."""
 
 import contextlib
 import re
@@ -26,17 +26,13 @@ def open_log(path: Path, csv: Delimited) -> MessageLog:
     rosbag2 = library(path, "rosbags.rosbag2", "rosbags", "rosbag")
     with _bag(path, rosbag2) as bag:
         connections = list(bag.connections)
-    decoders = {
-        c.topic: ros.decoder(path, c.msgtype, c.msgdef.data, True) if c.msgdef.data else None
-        for c in connections
-    }
+    decoders = {c.topic: ros.when_needed(_decoder, path, c) for c in connections}
 
     def stream() -> Iterator[Message]:
         with _bag(path, rosbag2) as bag:
             for connection, stamp_ns, content in bag.messages():
                 topic = connection.topic
-                decode = decoders.get(topic) or _undefined(path, topic, connection.msgtype)
-                yield Message(topic, int(stamp_ns), bytes(content), decode)
+                yield Message(topic, int(stamp_ns), bytes(content), decoders[topic])
 
     return MessageLog(path, {c.topic for c in connections}, stream)
 
@@ -64,13 +60,16 @@ def _refuse_compressed(path: Path) -> None:
         )
 
 
-def _undefined(path: Path, topic: str, kind: str) -> Decode:
-    """For a recording of before ROS 2 Jazzy, whose types are not in it."""
+def _decoder(path: Path, connection: Any) -> Decode:
+    """By the definition in the file; before ROS 2 Jazzy there is none, and ROS's own may do."""
+    kind, definition = connection.msgtype, connection.msgdef
+    if definition.data and definition.format.name == "MSG":
+        return ros.decoder(path, kind, definition.data, True)
     typesys = library(path, "rosbags.typesys", "rosbags", "rosbag")
     store = typesys.get_typestore(typesys.Stores.LATEST)
     if kind not in store.fielddefs:
         raise UnusableInput(
-            f"{path}: the type {kind} of {topic} is not in the file; convert it to MCAP with"
-            " `ros2 bag convert`."
+            f"{path}: the type {kind[:80]!r} of {connection.topic[:80]} is not in the file; convert"
+            " it to MCAP with `ros2 bag convert`."
         )
     return lambda content: store.deserialize_cdr(content, kind)

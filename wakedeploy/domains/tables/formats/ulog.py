@@ -114,7 +114,9 @@ def _refuse_bombs(path: Path, formats: Mapping[str, Any]) -> None:
         if depth > _DEEPEST or name not in formats:
             return _MOST_FIELDS + 1 if name in formats else 1
         if name not in counts:
-            inner = (max(size, 1) * count(kind, depth + 1) for kind, size, _ in formats[name].fields)
+            inner = (
+                max(size, 1) * count(kind, depth + 1) for kind, size, _ in formats[name].fields
+            )
             counts[name] = sum(inner)
         return counts[name]
 

@@ -1,0 +1,95 @@
+"""Logs of any system: as a set for training, as recordings, and a first `columns.toml`."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from wakedeploy.api.inputs import PathLike
+from wakedeploy.gap.progress import Progress, quiet
+
+if TYPE_CHECKING:
+    from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.core.recording import Recording
+    from wakedeploy.domains.tables.columns import Columns
+
+Paths = PathLike | Sequence[PathLike]
+
+
+def import_table(
+    files: Paths, columns: "Columns | PathLike", *, progress: Progress = quiet
+) -> "EpisodeSet":
+    """Read logs of any system as a set for training.
+
+    Args:
+        files: A log or several: CSV, Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog; or folders
+            of files that belong together.
+        columns: What their columns mean, or the `columns.toml` that says so; some have the role
+            observation and some the role force.
+        progress: Called with a stage, the files done and their number.
+
+    Returns:
+        Episodes of observations (T, d) and forces (T, o) in the units of the set's channels; what
+        was noticed is in `provenance["notes"]`.
+
+    Raises:
+        UnusableInput: Names file, column, row and reason.
+    """
+    from wakedeploy.domains.tables.training import import_set
+
+    progress("Importing", 0, 1)
+    return import_set(_paths(files), _columns(columns), _stage(progress))
+
+
+def read_log(
+    files: Paths, columns: "Columns | PathLike", *, units: dict[str, str] | None = None
+) -> "tuple[Recording, ...]":
+    """Read logs of any system as recordings.
+
+    Args:
+        files: As for `import_table`.
+        columns: What their columns mean, or the `columns.toml` that says so.
+        units: The unit that a column's numbers are wanted in, by the column's name; that of
+            `columns.toml`, or the SI unit, where nothing is said.
+
+    Returns:
+        A recording for each uninterrupted piece: `time_s` (n,) rises evenly, `columns` has arrays
+        (n,) by name, `rate_hz` is the samples a second.
+
+    Raises:
+        UnusableInput: Names file, column, row and reason.
+    """
+    from wakedeploy.domains.tables.reading import read_recordings
+
+    return read_recordings(_paths(files), _columns(columns), units).recordings
+
+
+def guess_columns(log: PathLike) -> str:
+    """Write a first `columns.toml` for a log: its columns, and guesses of their units and clock.
+
+    Args:
+        log: A log, or a folder of files that belong together.
+
+    Returns:
+        The text of the file, in which a person gives some columns a role.
+
+    Raises:
+        UnusableInput: The log cannot be read, or holds no numbers.
+    """
+    from wakedeploy.domains.tables.guess import guess_columns as guess
+
+    return guess(Path(log))
+
+
+def _paths(files: Paths) -> list[Path]:
+    several = [files] if isinstance(files, str) or not isinstance(files, Sequence) else files
+    return [Path(one) for one in several]
+
+
+def _columns(columns: "Columns | PathLike") -> "Columns":
+    from wakedeploy.domains.tables.columns import Columns, read_columns
+
+    return columns if isinstance(columns, Columns) else read_columns(Path(columns))
+
+
+def _stage(progress: Progress) -> Callable[[int, int], None]:
+    return lambda done, total: progress("Importing", done, total)

@@ -1,0 +1,204 @@
+"""Logs as an episode set, which `train` takes.
+
+In: files and `Columns`, of which some have the role observation or force. Out: an `EpisodeSet`. No
+recording is in two splits unless the splits are stretches of time.
+"""
+
+import fnmatch
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+from pydantic import JsonValue
+
+from wakedeploy.core.episodes import SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.core.version import VERSION
+from wakedeploy.domains.split import split_in_order
+from wakedeploy.domains.tables.columns import Columns, Role
+from wakedeploy.domains.tables.reading import Progress, Reading, read_recordings
+
+BLOCKS = (("train", 0.0, 0.70), ("validation", 0.70, 0.85), ("test", 0.85, 1.0))
+_FEW_FILES = 3  # from which on whole files are held out
+_RATES_DIFFER = 0.01
+_MOST = float(np.finfo(np.float32).max)
+
+Pieces = list[tuple[str, str, Recording]]  # split, name, samples
+
+
+def import_set(
+    paths: Sequence[Path | str], columns: Columns, progress: Progress | None = None
+) -> EpisodeSet:
+    """Read logs as a set of episodes.
+
+    Args:
+        paths: Files, or folders of files that belong together.
+        columns: What their columns mean; at least one observation and one force.
+        progress: Called with the files done and their number.
+
+    Returns:
+        Observations (T, d) and forces (T, o), in the order of `columns`; what was noticed is in
+        `provenance["notes"]`.
+
+    Raises:
+        UnusableInput: Names file, column, row and reason.
+    """
+    _require_roles(columns)
+    reading = read_recordings(paths, columns, progress=progress)
+    rate_hz = _rate_hz(reading)
+    pieces, too_short = _long_enough(list(_pieces(reading, columns)), rate_hz, columns)
+    _require_splits(pieces, paths)
+    return EpisodeSet(
+        domain=columns.training.name,
+        rate_hz=rate_hz,
+        observation=_channels(columns, reading, "observation"),
+        force=_channels(columns, reading, "force"),
+        window_s=columns.training.window_s,
+        loss_weights=_loss_weights(columns),
+        split={name: split for split, name, _ in pieces},
+        episodes=tuple(_episode(name, piece, columns) for _, name, piece in pieces),
+        provenance=_provenance(reading, columns, too_short),
+    )
+
+
+def _require_roles(columns: Columns) -> None:
+    needed: tuple[Role, ...] = ("observation", "force")
+    for role in needed:
+        if not columns.with_role(role):
+            raise UnusableInput(
+                f"columns.toml: no column has the role {role!r}; a set for training needs"
+                " observations and forces."
+            )
+    for name, column in columns.with_role("observation", "force").items():
+        if column.missing == "nan":
+            raise UnusableInput(
+                f'columns.toml: columns.{name}.missing = "nan" is nothing to learn from; give'
+                ' "hold" or "split".'
+            )
+
+
+def _rate_hz(reading: Reading) -> float:
+    """The rate that all recordings share, to six digits."""
+    rates = [one.rate_hz for one in reading.recordings]
+    for path, pieces in reading.pieces.items():
+        for one in pieces:
+            if abs(one.rate_hz / rates[0] - 1.0) > _RATES_DIFFER:
+                raise UnusableInput(
+                    f"{path}: runs at {one.rate_hz:.4g} Hz and the first log at {rates[0]:.4g} Hz;"
+                    " give [resample] rate_hz in columns.toml."
+                )
+    return float(f"{np.median(rates):.6g}")
+
+
+def _pieces(reading: Reading, columns: Columns) -> Iterator[tuple[str, str, Recording]]:
+    """Every recording with its split, cut where splits are stretches of time."""
+    by_file = _split_of_files(reading, columns)
+    for path, recordings in reading.pieces.items():
+        for one in recordings:
+            if by_file is not None:
+                yield by_file[path], one.name, one
+                continue
+            for split, start, end in BLOCKS:
+                part = slice(round(start * len(one.time_s)), round(end * len(one.time_s)))
+                yield split, f"{one.name}-{split}", _cut(one, part)
+
+
+def _split_of_files(reading: Reading, columns: Columns) -> dict[Path, str] | None:
+    """The split of each file; None where every recording is cut by time."""
+    how, paths = columns.training, list(reading.pieces)
+    if how.validation or how.test:
+        return {path: _by_pattern(path, columns) for path in paths}
+    if how.held_out == "time" or (how.held_out is None and len(paths) < _FEW_FILES):
+        return None
+    if len(paths) < _FEW_FILES:
+        raise UnusableInput(
+            f'{paths[0]}: held_out = "files" needs at least {_FEW_FILES} logs, and there are'
+            f' {len(paths)}; give more, or held_out = "time".'
+        )
+    names = split_in_order([str(path) for path in paths])
+    return {path: names[str(path)] for path in paths}
+
+
+def _by_pattern(path: Path, columns: Columns) -> str:
+    patterns = {"validation": columns.training.validation, "test": columns.training.test}
+    for split, some in patterns.items():
+        if any(fnmatch.fnmatch(path.name, pattern) for pattern in some):
+            return split
+    return "train"
+
+
+def _cut(one: Recording, part: slice) -> Recording:
+    if len(one.time_s[part]) < 2:
+        raise UnusableInput(
+            f"{one.name}: has {len(one.time_s)} samples, too few to cut into three splits; give a"
+            ' longer log, or held_out = "files".'
+        )
+    columns = {name: values[part] for name, values in one.columns.items()}
+    return Recording(one.name, one.time_s[part], columns)
+
+
+def _long_enough(pieces: Pieces, rate_hz: float, columns: Columns) -> tuple[Pieces, int]:
+    """Pieces that are longer than the window, and how many are not."""
+    fewest = columns.training.window_s * rate_hz + 2
+    kept = [piece for piece in pieces if len(piece[2].time_s) >= fewest]
+    return kept, len(pieces) - len(kept)
+
+
+def _require_splits(pieces: Pieces, paths: Sequence[Path | str]) -> None:
+    for split in SPLITS:
+        if not any(own == split for own, _, _ in pieces):
+            raise UnusableInput(
+                f"{paths[0]}: the {split} split has no recording that is longer than the window;"
+                " give longer logs, a shorter window_s, or another split in [training]."
+            )
+
+
+def _channels(columns: Columns, reading: Reading, role: Role) -> tuple[Channel, ...]:
+    names = columns.with_role(role)
+    return tuple(Channel(name, reading.units[name]) for name in names)
+
+
+def _loss_weights(columns: Columns) -> tuple[float, ...]:
+    forces = columns.with_role("force")
+    for name in columns.training.loss_weights:
+        if name not in forces:
+            raise UnusableInput(f"columns.toml: training.loss_weights.{name} is no force.")
+    return tuple(columns.training.loss_weights.get(name, 1.0) for name in forces)
+
+
+def _episode(name: str, piece: Recording, columns: Columns) -> Episode:
+    arrays = []
+    for names in (columns.with_role("observation"), columns.with_role("force")):
+        values = np.column_stack([piece.columns[one] for one in names])
+        if not (np.abs(values) < _MOST).all():
+            _, at = np.argwhere(~(np.abs(values) < _MOST))[0]
+            raise UnusableInput(
+                f"{name}: column {list(names)[at]!r} holds a number too large for a measurement;"
+                " mend it, or leave the column out."
+            )
+        arrays.append(values.astype(np.float32))
+    return Episode(name, *arrays)
+
+
+def _provenance(reading: Reading, columns: Columns, too_short: int) -> dict[str, JsonValue]:
+    notes = list(reading.notes)
+    if too_short:
+        notes.append(f"{too_short} pieces are no longer than the window and were left out")
+    return {
+        "generator": f"wakedeploy {VERSION} table",
+        "columns": columns.model_dump(mode="json", exclude_defaults=True),
+        "files": dict(_hashes(reading.pieces)),
+        "notes": notes,
+    }
+
+
+def _hashes(pieces: Mapping[Path, object]) -> Iterator[tuple[str, str]]:
+    """The files that were read, by their names below what was given, with their hashes."""
+    for path in pieces:
+        inside = sorted(p for p in path.rglob("*") if p.is_file()) if path.is_dir() else [path]
+        for file in inside:
+            with file.open("rb") as opened:
+                digest = hashlib.file_digest(opened, "sha256").hexdigest()
+            yield str(file.relative_to(path.parent)), digest
