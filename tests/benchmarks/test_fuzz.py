@@ -23,6 +23,9 @@ FILES = {
     "expression": 900, "episodes": 150, "run": 150, "run-interrupted": 12, "preset": 200,
     "study": 120, "sweep-plan": 150, "sweep-results": 25, "gap-steps": 100, "gap-add": 60,
     "gap-fits": 40, "gap-benchmark": 30, "fish": 40, "quadrotor": 40, "crazyflie": 60, "motor": 60,
+    "table-csv": 100, "table-npz": 100, "table-mat": 20, "table-parquet": 60, "table-hdf5": 8,
+    "table-mcap": 40, "table-rosbag": 20, "table-ros-mcap": 20, "table-ulog": 40,
+    "table-columns": 100,
 }  # fmt: skip
 SEED = 1
 

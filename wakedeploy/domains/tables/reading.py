@@ -365,6 +365,8 @@ class _FileReader:
             row = place.row(int(times.rows[int(np.argmax(absurd))]))
             raise place.refused(f"is too large for a measurement in {row}", "mend or delete it")
         absent = np.isnan(values)
+        if absent.all():
+            raise place.refused("has no number in any row", "choose another column")
         if absent.any() and wanted.column.missing == "refuse":
             at = int(times.rows[int(np.argmax(absent))])
             reason = f"has no number in {place.row(at)}"

@@ -51,12 +51,26 @@ def low_passed(stamps_s: Vector, values: Vector, ticks_s: Vector, cutoff_hz: flo
     steps = (len(ticks_s) - 1) * max(finer, 1) + 1
     if steps > _MOST_FINE:
         raise ValueError(f"the filter would take {steps} steps, and {_MOST_FINE} are the most")
-    fine_s = np.interp(np.arange(steps) / max(finer, 1), np.arange(len(ticks_s)), ticks_s)
-    fine_s[:: max(finer, 1)] = ticks_s
-    through = held(stamps_s, values, fine_s)
+    through = held(stamps_s, values, _fine(stamps_s, ticks_s, max(finer, 1)))
     b, a = butter(2, cutoff_hz, fs=rate_hz * max(finer, 1))
     filtered, _ = lfilter(b, a, through, zi=lfilter_zi(b, a) * through[0])
     return np.asarray(filtered[:: max(finer, 1)], dtype=np.float64)
+
+
+def _fine(stamps_s: Vector, ticks_s: Vector, finer: int) -> Vector:
+    """Ticks and, between two of them, steps that come late enough for stamps that jitter.
+
+    Late by less than a step: what a tick gives is of its past alone.
+    """
+    count = (len(ticks_s) - 1) * finer + 1
+    fine_s = np.interp(np.arange(count) / finer, np.arange(len(ticks_s)), ticks_s)
+    step_s = (ticks_s[-1] - ticks_s[0]) / (count - 1)
+    off_s = _nearest(stamps_s, fine_s) - fine_s
+    is_near = np.abs(off_s).max(initial=0.0) <= _NEAR * step_s
+    fine_s += max(float(off_s.max(initial=0.0)), 0.0) if is_near else 0.0
+    fine_s += 1e-6 * step_s
+    fine_s[::finer] = ticks_s
+    return fine_s
 
 
 def unevenness(stamps_s: Vector) -> int | None:

@@ -220,7 +220,7 @@ class DelimitedLog:
                 return np.array(array("d", map(float, texts)))
             except ValueError:
                 pass
-        if is_stamp and not all(map(_is_number, texts)):
+        if is_stamp and not all(map(_is_number_or_absent, texts)):
             return np.array([text.strip() for text in texts], dtype=object)
         first = len(self._lines) - len(texts)
         return np.array([self._number(cell, text, first + i) for i, text in enumerate(texts)])
@@ -288,6 +288,10 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return text.isascii() and "_" not in text
+
+
+def _is_number_or_absent(text: str) -> bool:
+    return text.strip().lower() in _MISSING or _is_number(text)
 
 
 def _is_text(text: str, form: Delimited) -> bool:

@@ -1,0 +1,284 @@
+"""Every kind of log: what its own library wrote, or a public recording, is read to the digit."""
+
+import builtins
+import gzip
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from needs import recordings_of
+
+from benchmarks.fuzz import logs
+from benchmarks.fuzz.kind import put
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import parse_columns
+from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.domains.tables.reading import read_recordings
+
+KINDS = {
+    "csv": "numpy", "npz": "numpy", "mat": "scipy", "parquet": "pyarrow", "hdf5": "h5py",
+    "mcap": "mcap", "rosbag": "rosbags", "ros-mcap": "rosbags", "ulog": "pyulog",
+}  # fmt: skip
+
+
+STAND = "Log_2019-11-07_175456.csv.gz"
+MOTORS = "actuator_outputs"
+
+
+def read(paths: Path | list[Path], text: str, **units: str) -> tuple[Recording, ...]:
+    columns = parse_columns(text if "version" in text else f"version = 1\n{text}")
+    several = paths if isinstance(paths, list) else [paths]
+    return read_recordings(several, columns, units).recordings
+
+
+def column(name: str, address: str, unit: str = "1", **more: str) -> str:
+    extra = "".join(f"{key} = {value}\n" for key, value in more.items())
+    told = f'column = "{address}"\nrole = "output"\nunit = "{unit}"\n'
+    return f"[columns.{name}]\n{told}{extra}"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_its_library_wrote_is_read_to_the_digit(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip(KINDS[kind])
+    made = logs.motion()
+    put(tmp_path, logs.written(kind, made))
+    for path in sorted(tmp_path.iterdir()):
+        (one,) = read(path, logs.columns_of(kind))
+        exact = np.float32(made["u"]) if kind == "ulog" else made["u"]  # PX4 logs single precision
+        assert np.array_equal(one.columns["u"], exact)
+        np.testing.assert_allclose(one.columns["q"], np.deg2rad(made["q"][:, 1]), rtol=1e-15)
+        np.testing.assert_allclose(np.diff(one.time_s), 0.01, rtol=1e-9)
+        assert one.rate_hz == pytest.approx(100.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_guess_runs_once_columns_have_a_role(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip(KINDS[kind])
+    put(tmp_path, logs.written(kind, logs.motion()))
+    path = sorted(tmp_path.iterdir())[0]
+    guessed = guess_columns(path)
+    with pytest.raises(UnusableInput, match="no column has a role yet"):
+        parse_columns(guessed)
+    (one,) = read(path, guessed.replace('role = "unused"', 'role = "output"'))
+    assert len(one.columns) >= 3
+    assert one.rate_hz == pytest.approx(100.0, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kind", "module", "extra"),
+    [("hdf5", "h5py", "hdf5"), ("rosbag", "rosbags", "rosbag"), ("ulog", "pyulog", "ulog"),
+     ("parquet", "pyarrow", "tables")],
+)  # fmt: skip
+def test_a_library_that_is_absent_is_named_with_its_extra(
+    kind: str, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip(KINDS[kind])
+    put(tmp_path, logs.written(kind, logs.motion()))
+    ordinary = builtins.__import__
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+
+    def absent(name: str) -> Any:
+        if name.partition(".")[0] == module:
+            raise ImportError(name)
+        return ordinary(name)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "wakedeploy.domains.tables.log.importlib.import_module",
+            lambda name: absent(name) if name.startswith(module) else imported(name),
+        )
+        with pytest.raises(UnusableInput, match=rf"needs {module}: .*\[{extra}\]"):
+            read(sorted(tmp_path.iterdir())[0], logs.columns_of(kind))
+
+
+def imported(name: str) -> Any:
+    return __import__(name, fromlist=["_"])
+
+
+def test_matlab_7_3_is_read_by_its_hdf5(tmp_path: Path) -> None:
+    h5py = pytest.importorskip("h5py")
+    made, path = logs.motion(), tmp_path / "log.mat"
+    with h5py.File(path, "w", userblock_size=512) as file:  # MATLAB writes arrays the other way
+        file["t"], file["u"], file["q"] = made["t"][None], made["u"][None], made["q"].T
+    with path.open("r+b") as file:
+        file.write(b"MATLAB 7.3 MAT-file".ljust(512))
+    (one,) = read(path, logs.columns_of("mat"))
+    assert np.array_equal(one.columns["u"], made["u"])
+    np.testing.assert_allclose(one.columns["q"], np.deg2rad(made["q"][:, 1]), rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("text", "csv"),
+    [
+        ("t;u\n0,0;1,5\n0,1;2,5\n0,2;-3\n", 'decimal = ","'),
+        ("t\tu\n0.0\t1.5\n0.1\t2.5\n0.2\t-3\n", ""),
+        ("t u\n0.0   1.5\n0.1 2.5\n0.2 -3\n", ""),
+        ("# by the logger\nt,u\ns,V\n0.0,1.5\n0.1,2.5\n0.2,-3\n",
+         'comment = "#"\nunits_row = true'),
+        ("Logger 7\nrun 3\nt, u\n0.0, 1.5\n0.1, 2.5\n0.2, -3\n", "skip_rows = 2"),
+        ("\ufefft,u\r\n0.0,1.5\r\n\r\n0.1,2.5\r\n0.2,-3", ""),
+        ("t,u\n0.0,1.5\n0.1,2.5\n0.2,-3\n0.3", ""),  # cut off while it was written
+    ],
+)  # fmt: skip
+def test_tables_of_text_as_people_write_them(text: str, csv: str, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    path.write_text(text, "utf-8", newline="")
+    (one,) = read(path, f'[time]\ncolumn = "t"\n[csv]\n{csv}\n' + column("u", "u"))
+    assert one.columns["u"].tolist() == [1.5, 2.5, -3.0]
+    np.testing.assert_allclose(one.time_s, [0.0, 0.1, 0.2], atol=1e-12)
+
+
+def test_topics_of_ros_before_jazzy_and_other_encodings_are_refused_when_they_are_asked_for(
+    tmp_path: Path,
+) -> None:
+    from mcap.writer import Writer
+
+    with (tmp_path / "log.mcap").open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, encoding in (("/a", "json"), ("/b", "protobuf")):
+            channel = writer.register_channel(topic, encoding, 0)
+            for k in range(3):
+                writer.add_message(channel, k * 10**7, b'{"x": 1.5}', k * 10**7)
+        writer.finish()
+    (one,) = read(tmp_path / "log.mcap", column("x", "/a.x"))
+    assert one.columns["x"].tolist() == [1.5, 1.5, 1.5]
+    with pytest.raises(UnusableInput, match="messages of /b are written as 'protobuf'"):
+        read(tmp_path / "log.mcap", column("x", "/b.x"))
+
+
+def test_a_definition_in_a_recording_is_data_and_never_a_program(tmp_path: Path) -> None:
+    pytest.importorskip("rosbags")
+    from mcap.writer import Writer
+
+    mark = tmp_path / "owned"
+    forged = (
+        ("x/msg/Y:\n    open('" + str(mark) + "', 'w')\n#", b"float64 x\n"),
+        ('x/msg/Y"""\n    pass\nopen("' + str(mark) + '", "w")\n"""', b"float64 x\n"),
+        ("x/msg/Y", b"float64 x = __import__('os').system('touch " + str(mark).encode() + b"')\n"),
+        ("x/msg/Y", b"float64 x\nopen('" + str(mark).encode() + b"','w') z\n"),
+    )
+    for name, definition in forged:
+        with (tmp_path / "log.mcap").open("wb") as file:
+            writer = Writer(file)
+            writer.start()
+            schema = writer.register_schema(name, "ros2msg", definition)
+            channel = writer.register_channel("/a", "cdr", schema)
+            writer.add_message(channel, 0, bytes(12), 0)
+            writer.add_message(channel, 10**7, bytes(12), 10**7)
+            writer.finish()
+        with pytest.raises(UnusableInput, match=r"log\.mcap"):
+            read(tmp_path / "log.mcap", column("x", "/a.x"))
+        assert not mark.exists()
+
+
+# --- public recordings
+
+
+def test_the_positioning_axis_and_others_of_matlab_are_scipys_numbers() -> None:
+    from scipy.io import loadmat
+
+    path = recordings_of("emps") / "DATA_EMPS.mat"
+    mat = loadmat(path)
+    text = '[time]\ncolumn = "t"\n' + column("u", "vir", "V") + column("q", "qm", "m", to='"mm"')
+    (one,) = read(path, text)
+    assert np.array_equal(one.columns["u"], mat["vir"].ravel())
+    np.testing.assert_allclose(one.columns["q"], 1000 * mat["qm"].ravel(), rtol=1e-15)
+    assert np.abs(one.time_s - mat["t"].ravel()).max() < 5e-6  # its jitter
+    for folder, name, time in (
+        ("pick-and-place", "u", 'column = "t"'), ("coupled-drives", "u1", "rate_hz = 50"),
+    ):  # fmt: skip
+        (path,) = recordings_of(folder).glob("*.mat")
+        (one,) = read(path, f"[time]\n{time}\n" + column("u", name, "V"))
+        assert np.array_equal(one.columns["u"], loadmat(path)[name].ravel())
+
+
+def test_text_recordings_are_numpys_numbers() -> None:
+    path = recordings_of("cascaded-tanks") / "dataBenchmark_est.csv"
+    (one,) = read(path, "[time]\nrate_hz = 0.25\n" + column("h", "yEst", "V"))
+    there = np.genfromtxt(path, delimiter=",", skip_header=1)
+    assert np.array_equal(one.columns["h"], there[:, 1])
+    (path,) = recordings_of("silverbox").glob("*.csv.gz")
+    (one,) = read(path, "[time]\nrate_hz = 610.35\n" + column("y", "V2", "V"))
+    with gzip.open(path, "rt") as file:
+        assert np.array_equal(one.columns["y"], np.loadtxt(file, delimiter=",", skiprows=1)[:, 1])
+
+
+def test_both_layouts_of_the_arm_are_the_same_motion() -> None:
+    arm = recordings_of("so101")
+    npz = '[time]\ncolumn = "state_timestamp"\n' + "".join(
+        column(f"{kind}{i}", f"{name}_positions[{i}]", "rad")
+        for i in range(6) for kind, name in (("u", "control"), ("q", "state"))
+    )  # fmt: skip
+    text = '[time]\ncolumn = "timestamp"\nunit = "us"\n' + "".join(
+        column(f"{kind}{i}", f"positions[{i}]", "rad", file=f'"{name}.csv"')
+        for i in range(6) for kind, name in (("u", "control"), ("q", "state_motor"))
+    )  # fmt: skip
+    (one,) = read(arm / "wave_motion.npz", npz)
+    (other,) = read(arm / "original_layout" / "wave_motion", text)
+    for name, values in one.columns.items():
+        assert np.array_equal(values, np.float32(other.columns[name]))
+    assert np.abs(one.time_s - other.time_s).max() < 1e-6
+    assert one.rate_hz == pytest.approx(49.85, abs=0.01)
+
+
+def test_pendulums_with_a_nameless_column_and_with_blanks_in_the_header() -> None:
+    path = recordings_of("pendulum") / "filter_method_fft.csv.gz"
+    (one,) = read(path, '[time]\ncolumn = "time"\n' + column("i", "#1") + column("q", "pos", "rad"))
+    assert one.columns["i"].tolist() == list(range(10_000))
+    path = recordings_of("double-pendulum") / "A0_sys_id_friccomp_063536.csv.gz"
+    resampled = '[time]\ncolumn = "time"\n[resample]\nrate_hz = 200\n' + column("q", "pos1", "rad")
+    reading = read_recordings([path], parse_columns("version = 1\n" + resampled))
+    assert "1 stamps were there twice; the last was kept" in reading.notes[0]
+    with pytest.raises(UnusableInput, match=r"steps by 0.003661 s at line 4.*\[resample\]"):
+        read(path, resampled.replace("[resample]\nrate_hz = 200\n", ""))
+
+
+def test_two_crazyflies_in_one_file() -> None:
+    path = recordings_of("crazyflie") / "swap_ss_00.npz"
+    (one,) = read(path, '[time]\ncolumn = "t"\n' + column("z", "b_pos[2]", "m"))
+    with np.load(path) as arrays:
+        assert np.array_equal(one.columns["z"], arrays["b_pos"][:, 2].astype(float))
+    with pytest.raises(UnusableInput, match=r"holds \(3,\) numbers a sample; .*up to b_pos\[2\]"):
+        read(path, '[time]\ncolumn = "t"\n' + column("z", "b_pos", "m"))
+
+
+@pytest.mark.parametrize("name", ["sample_log_small", "sample_px4_events"])
+def test_flights_of_px4_at_one_rate(name: str) -> None:
+    pyulog = pytest.importorskip("pyulog")
+    path = recordings_of("ulog") / f"{name}.ulg"
+    text = "[resample]\nrate_hz = 50\n[split]\ngap_s = 0.5\n"
+    text += column("w", "sensor_combined.gyro_rad[0]", "rad/s")
+    text += column("motor", "actuator_outputs[0].output[1]", "us", to='"us"')
+    (one,) = read(path, text)
+    log = pyulog.ULog(str(path))
+    first = min(log.get_dataset(n, 0).data["timestamp"][0] for n in ("sensor_combined", MOTORS))
+    start = first // 10**6 * 10**6 if first > 10**12 else 0  # a simulated board counts from 1970
+    for column_name, topic, field in (
+        ("w", "sensor_combined", "gyro_rad[0]"), ("motor", MOTORS, "output[1]"),
+    ):  # fmt: skip
+        data = log.get_dataset(topic, 0).data
+        stamps = data["timestamp"] - start
+        newest = [data[field][stamps <= round(t * 1e6)][-1] for t in one.time_s]
+        assert np.array_equal(one.columns[column_name], np.array(newest, dtype=float))
+    assert one.rate_hz == pytest.approx(50.0)
+
+
+def test_motor_stands_with_dates_and_with_columns_of_their_own_pace() -> None:
+    motor = recordings_of("motor")
+    dates = '[time]\ncolumn = "Timestamp"\nformat = "%Y-%m-%d %H:%M:%S:%f"\n'
+    dates += "[resample]\nrate_hz = 100\n" + column("w", "RPM", "rpm")
+    (one,) = read(motor / "f40_steps_5-2.csv.gz", dates)
+    assert one.time_s[0] == pytest.approx(0.947)  # after the first whole second
+    assert one.columns["w"].max() == pytest.approx(16050 * math.pi / 30, rel=0.01)
+    stand = '[time]\ncolumn = "Time (s)"\nfalling = "sort"\n[resample]\nrate_hz = 100\n'
+    with pytest.raises(UnusableInput, match="'ESC signal .µs.' has no number in any row"):
+        read(motor / STAND, stand + column("pulse", "ESC signal (µs)", "µs", missing='"hold"'))
+    stand += column("w", "Motor Optical Speed (RPM)", "rpm", missing='"hold"')
+    stand += column("thrust", "Thrust (gf)", "gf", missing='"hold"')
+    (one,) = read(motor / STAND, stand)
+    assert one.rate_hz == pytest.approx(100.0)
+    assert one.columns["thrust"].max() == pytest.approx(861.8 * 9.80665e-3, rel=1e-3)

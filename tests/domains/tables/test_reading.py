@@ -1,0 +1,245 @@
+"""Logs with gaps, doubles, blanks and clocks of their own: handled and said, or refused by name."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import parse_columns, read_columns
+from wakedeploy.domains.tables.reading import Reading, read_recordings
+
+BASE = 'version = 1\n[time]\ncolumn = "t"\n'
+U = '[columns.u]\ncolumn = "u"\nrole = "input"\nunit = "V"\n'
+
+
+def write(path: Path, stamps: list[object], values: list[object]) -> Path:
+    rows = [f"{t},{u}" for t, u in zip(stamps, values, strict=True)]
+    path.write_text("\n".join(["t,u", *rows]) + "\n", "utf-8")
+    return path
+
+
+def reading(path: Path | list[Path], text: str, **units: str) -> Reading:
+    return read_recordings(path if isinstance(path, list) else [path], parse_columns(text), units)
+
+
+def one(path: Path, text: str, **units: str) -> Recording:
+    (only,) = reading(path, text, **units).recordings
+    return only
+
+
+def tenths(count: int) -> list[object]:
+    return [k / 10 for k in range(count)]
+
+
+@pytest.mark.parametrize(
+    ("unit", "more", "wanted", "value"),
+    [
+        ("mV", "", None, 1.5e-3), ("mV", "", "V", 1.5e-3), ("V", "", "mV", 1500.0),
+        ("deg", "", None, np.deg2rad(1.5)), ("rpm", "", "rad/s", 1.5 * np.pi / 30),
+        ("gf", "", "N", 1.5 * 9.80665e-3), ("m/s^2", "scale = 9.80665", None, 1.5 * 9.80665),
+        ("K", "offset = 273.15", None, 274.65), ("V", 'to = "mV"', None, 1500.0),
+        ("mA", "scale = 2\noffset = -1", "A", 2e-3), ("g", "", "kg", 0.0015),
+    ],
+)  # fmt: skip
+def test_numbers_come_in_the_unit_that_is_wanted(
+    unit: str, more: str, wanted: str | None, value: float, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
+    text = BASE + U.replace('"V"', f'"{unit}"') + more
+    read = one(path, text, **({"u": wanted} if wanted else {}))
+    np.testing.assert_allclose(read.columns["u"], value, rtol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("unit", "wanted", "sentence"),
+    [
+        ("V", "N", "columns.u.unit: 'V' is of another dimension; give N"),
+        ("furlong", None, "columns.u.unit: 'furlong' is not known; give one such as m"),
+        ("rpm", "Hz", "'rpm' counts angle and 'Hz' does not"),
+        ("degC", None, "'degC' is not known"),
+    ],
+)
+def test_a_unit_of_another_dimension_is_refused(
+    unit: str, wanted: str | None, sentence: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "log.csv", tenths(3), [1.5] * 3)
+    with pytest.raises(UnusableInput) as told:
+        one(path, BASE + U.replace('"V"', f'"{unit}"'), **({"u": wanted} if wanted else {}))
+    assert sentence in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "values", "more", "sentence"),
+    [
+        ([0, 0.1, "", 0.3], [1, 2, 3, 4], "", "column 't' has no stamp in line 4"),
+        ([0, 0.2, 0.1, 0.3], [1, 2, 3, 4], "", "column 't' falls by 0.1 s at line 4"),
+        ([0, 0.1, 0.1, 0.2], [1, 2, 3, 4], 'repeated = "refuse"', "'t' repeats a stamp at line 4"),
+        ([0, 0.1, 0.2, 0.5], [1, 2, 3, 4], "", "steps by 0.3 s at line 5, where 0.1 s is usual"),
+        (tenths(4), [1, "", 3, 4], "", "column 'u' has no number in line 3"),
+        (tenths(4), [1, "nan", 3, 4], "", "column 'u' has no number in line 3"),
+        (tenths(4), [1, "inf", 3, 4], "", "'u' is too large for a measurement in line 3"),
+        (tenths(4), [1, "1_0", 3, 4], "", "column 'u' holds '1_0' in line 3, which is no number"),
+        (tenths(4), [1, "off", 3, 4], "", "column 'u' holds 'off' in line 3, which is no number"),
+        (tenths(4), [1, "2,9", 3, 4], "", "line 3: has 3 fields, but the header 2"),
+        (["2024-01-01 00:00:00", "x"], [1, 2], "", "'t' holds texts, '2024-01-01 00:00:00' the"),
+        (["2024-01-01", "x"], [1, 2], 'format = "iso"', "'t' holds 'x' in line 3, which is not"),
+        (tenths(4), [1, 2, 3, 4], 'unit = "V"', "'t' has no unit of time: 'V' is of another"),
+        ([0], [1], "", "column 'u' has fewer than two samples"),
+        ([], [], "", "has no row below its header"),
+        (
+            [0, 0.1, 0.2, 5.0], [1, 2, 3, 4], "\n[resample]\nrate_hz = 10",
+            "column 'u' is silent for 4.8 s from 0.2 s on",
+        ),
+    ],
+)  # fmt: skip
+def test_what_is_no_log_is_refused_by_file_column_row_and_reason(
+    stamps: list[object], values: list[object], more: str, sentence: str, tmp_path: Path
+) -> None:
+    path = write(tmp_path / "log.csv", stamps, values)
+    with pytest.raises(UnusableInput) as told:
+        one(path, BASE + more + "\n" + U)
+    assert sentence in str(told.value)
+    assert str(told.value).startswith(str(path))
+
+
+@pytest.mark.parametrize(
+    ("repeated", "kept"), [("last", [1.0, 3.0, 4.0, 5.0]), ("first", [1.0, 2.0, 4.0, 5.0])]
+)
+def test_of_doubled_stamps_one_is_kept_and_it_is_said(
+    repeated: str, kept: list[float], tmp_path: Path
+) -> None:
+    path = write(tmp_path / "log.csv", [0, 0.1, 0.1, 0.2, 0.3], [1, 2, 3, 4, 5])
+    read = reading(path, BASE + f'repeated = "{repeated}"\n' + U)
+    assert read.recordings[0].columns["u"].tolist() == kept
+    assert read.notes == (
+        f"{path}, column 't': 1 stamps were there twice; the {repeated} was kept",
+    )
+
+
+def test_falling_stamps_are_sorted_or_begin_another_recording(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", [0, 0.2, 0.1, 0.3], [1, 3, 2, 4])
+    assert one(path, BASE + 'falling = "sort"\n' + U).columns["u"].tolist() == [1, 2, 3, 4]
+    path = write(tmp_path / "two.csv", [*tenths(3), *tenths(4)], [1, 2, 3, 4, 5, 6, 7])
+    read = reading(path, BASE + 'falling = "split"\n' + U).recordings
+    assert [(r.name, r.columns["u"].tolist()) for r in read] == [
+        ("two", [1, 2, 3]), ("two-2", [4, 5, 6, 7]),
+    ]  # fmt: skip
+
+
+def test_gaps_end_recordings_and_short_pieces_are_left_out(tmp_path: Path) -> None:
+    stamps = [*tenths(5), *(2 + k / 10 for k in range(2)), *(4 + k / 10 for k in range(6))]
+    path = write(tmp_path / "log.csv", stamps, list(range(13)))
+    read = reading(path, BASE + "[split]\ngap_s = 0.5\nshortest_s = 0.3\n" + U).recordings
+    assert [(r.name, r.columns["u"].tolist()) for r in read] == [
+        ("log", [0, 1, 2, 3, 4]), ("log-2", [7, 8, 9, 10, 11, 12]),
+    ]  # fmt: skip
+    assert read[1].time_s[0] == pytest.approx(4.0)  # in the log's own time
+
+
+def test_missing_numbers_are_held_kept_or_end_a_recording(tmp_path: Path) -> None:
+    path = write(tmp_path / "log.csv", tenths(7), ["", 1, "", "", 4, 5, ""])
+    held = reading(path, BASE + U + 'missing = "hold"\n')
+    assert held.recordings[0].columns["u"].tolist() == [1, 1, 1, 4, 5, 5]
+    assert "4 samples have no number; the last one is held" in held.notes[0]
+    kept = one(path, BASE + U + 'missing = "nan"\n').columns["u"]
+    assert np.isnan(kept).tolist() == [True, False, True, True, False, False, True]
+    split = one(path, BASE + U + 'missing = "split"\n')
+    assert (split.columns["u"].tolist(), split.time_s[0]) == ([4, 5], pytest.approx(0.4))
+
+
+def test_two_clocks_meet_at_a_rate_and_one_of_events_holds_to_the_end(tmp_path: Path) -> None:
+    np.savez(
+        tmp_path / "log.npz",
+        t=np.arange(100) / 100, u=np.arange(100.0), slow_t=[0.1, 0.9], mode=[3.0, 4.0],
+    )  # fmt: skip
+    mode = '[columns.mode]\ncolumn = "mode"\nrole = "input"\nunit = "1"\ntime = "slow_t"\n'
+    with pytest.raises(
+        UnusableInput, match=r"'mode' has another clock than 'u'; give \[resample\]"
+    ):
+        one(tmp_path / "log.npz", BASE + U + mode)
+    text = BASE + "[resample]\nrate_hz = 10\n" + U + mode
+    read = one(tmp_path / "log.npz", text)
+    assert read.columns["mode"].tolist() == [3] * 8 + [4]
+    assert read.columns["u"].tolist() == list(range(10, 91, 10))
+    read = one(tmp_path / "log.npz", text + "event = true\n")
+    assert (read.columns["mode"].tolist(), read.time_s[-1]) == ([3] * 8 + [4], pytest.approx(0.9))
+
+
+@pytest.mark.parametrize(("unit", "per_s"), [("ns", 10**9), ("us", 10**6), ("ms", 1000)])
+def test_stamps_since_1970_lose_no_digit(unit: str, per_s: int, tmp_path: Path) -> None:
+    start = 1_700_000_000 * per_s
+    stamps: list[object] = [start + k * per_s // 1000 for k in range(1000)]
+    path = write(tmp_path / "log.csv", stamps, list(range(1000)))
+    read = one(path, BASE + f'unit = "{unit}"\n[resample]\nrate_hz = 1000\n' + U)
+    assert read.columns["u"].tolist() == list(range(1000))
+    assert read.time_s[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_folder_of_files_is_one_recording_and_a_path_in_it_leads_nowhere_else(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    write(folder / "cmd.csv", tenths(5), [0, 1, 2, 3, 4])
+    write(folder / "arm.csv", tenths(5), [5, 6, 7, 8, 9])
+    q = '[columns.q]\ncolumn = "u"\nrole = "output"\nunit = "V"\nfile = "arm.csv"\n'
+    read = one(folder, BASE + U + 'file = "cmd.csv"\n' + q)
+    assert (read.name, read.columns["q"].tolist()) == ("run", [5, 6, 7, 8, 9])
+    for file, reason in (("../x.csv", "no name of a file"), ("none.csv", "cannot be read")):
+        with pytest.raises(UnusableInput, match=reason):
+            one(folder, BASE + U + f'file = "{file}"\n')
+    with pytest.raises(UnusableInput, match="is a folder; say in which of its files"):
+        one(folder, BASE + U)
+
+
+def test_names_of_recordings_are_distinct(tmp_path: Path) -> None:
+    paths = []
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        paths.append(write(tmp_path / name / "log.csv", tenths(3), [1, 2, 3]))
+    assert [r.name for r in reading(paths, BASE + U).recordings] == ["a-log", "b-log"]
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("", "version is missing"),
+        ("version = 2\n" + U, "version 2 is newer than this wakedeploy reads (1); upgrade it"),
+        ("version = 1\n[columns]\n", "columns: Dictionary should have at least 1 item"),
+        (BASE + U.replace("input", "inputs"), "columns.u.role = 'inputs'"),
+        (BASE + U + "colour = 3\n", "columns.u.colour is not known"),
+        (BASE + "rate_hz = 3\n" + U, "give either a column of stamps or a rate_hz, not both"),
+        (BASE + "[resample]\nrate_hz = 10\ncutoff_hz = 1\n" + U, 'is of method = "low-pass"'),
+        (
+            BASE + '[resample]\nrate_hz = 10\nmethod = "low-pass"\ncutoff_hz = 5\n' + U,
+            "cutoff_hz has to lie below 0.45 of rate_hz",
+        ),
+        (BASE + U.replace('"input"', '"unused"'), "no column has a role yet"),
+        ("version = 1\n[time]\nrate_hz = 0\n" + U, "time.rate_hz = 0"),
+        ("=", "not valid TOML"),
+    ],
+)
+def test_a_columns_file_is_refused_by_entry_and_bound(
+    text: str, sentence: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "columns.toml"
+    path.write_text(text, "utf-8")
+    with pytest.raises(UnusableInput) as told:
+        read_columns(path)
+    assert sentence in str(told.value)
+    assert str(told.value).startswith(str(path))
+
+
+def test_a_column_that_is_not_there_is_answered_with_the_near_ones(tmp_path: Path) -> None:
+    path = tmp_path / "log.json"
+    path.write_text(json.dumps([1]), "utf-8")
+    with pytest.raises(UnusableInput, match="is no log of a kind that is known; give CSV"):
+        one(path, BASE + U)
+    path = write(tmp_path / "log.csv", tenths(3), [1, 2, 3])
+    with pytest.raises(UnusableInput, match="column 'T ime' is not there; it has 't', 'u'"):
+        one(path, BASE.replace('"t"', '"T ime"') + U)
+    with pytest.raises(UnusableInput, match="has no clock of its own"):
+        one(path, "version = 1\n" + U)

@@ -1,0 +1,130 @@
+"""Logs as a set: the splits, the channels, the command, and what training takes of it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+import wakedeploy as wd
+from wakedeploy.cli import main
+from wakedeploy.core.episodes import Channel
+
+COLUMNS = """
+version = 1
+[time]
+column = "t"
+[training]
+name = "axis"
+window_s = 0.2
+[columns.speed]
+column = "v"
+role = "observation"
+unit = "mm/s"
+[columns.drag]
+column = "f"
+role = "force"
+unit = "gf"
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    Path("columns.toml").write_text(COLUMNS, "utf-8")
+    for k in range(4):
+        t = np.arange(400) / 100
+        v, f = 100 * np.sin(t + k), 10 * np.cos(2 * t + k)
+        np.savetxt(f"run{k}.csv", np.column_stack([t, v, f]), delimiter=",", header="t,v,f",
+                   comments="")  # fmt: skip
+    return tmp_path
+
+
+def wakedeploy(*words: str, status: int = 0) -> str:
+    told = CliRunner().invoke(main, list(words))
+    assert told.exit_code == status, told.output
+    return told.output
+
+
+def test_whole_files_are_held_out_where_there_are_enough(here: Path) -> None:
+    files = sorted(here.glob("run*.csv"))
+    made = wd.import_table(files, "columns.toml")
+    assert (made.domain, made.rate_hz, made.window_s) == ("axis", 100.0, 0.2)
+    assert made.observation == (Channel("speed", "m/s"),)
+    assert made.force == (Channel("drag", "N"),)
+    assert dict(made.split) == {
+        "run0": "train", "run1": "train", "run2": "validation", "run3": "test",
+    }  # fmt: skip
+    t = np.arange(400) / 100
+    np.testing.assert_allclose(made.episodes[1].observation[:, 0], 0.1 * np.sin(t + 1), atol=1e-7)
+    np.testing.assert_allclose(
+        made.episodes[1].force[:, 0], 0.0980665 * np.cos(2 * t + 1), atol=1e-7
+    )
+    assert list(made.provenance["files"]) == [f"run{k}.csv" for k in range(4)]
+
+
+def test_one_file_is_cut_by_time_and_names_decide_where_they_are_given(here: Path) -> None:
+    made = wd.import_table("run0.csv", "columns.toml")
+    assert {e.name: len(e) for e in made.episodes} == {
+        "run0-train": 280, "run0-validation": 60, "run0-test": 60,
+    }  # fmt: skip
+    named = COLUMNS.replace("[training]", '[training]\nvalidation = ["run0*"]\ntest = ["run[12]*"]')
+    Path("named.toml").write_text(named, "utf-8")
+    made = wd.import_table(sorted(here.glob("run*.csv")), "named.toml")
+    assert list(made.split.values()) == ["validation", "test", "test", "train"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "sentence"),
+    [
+        ('"force"', '"output"', "no column has the role 'force'"),
+        ('unit = "gf"', 'unit = "gf"\nmissing = "nan"', 'missing = "nan" is nothing to learn from'),
+        ("window_s = 0.2", "window_s = 3.0", "no recording that is longer than the window"),
+        ("window_s = 0.2", "loss_weights = { x = 1.0 }", "training.loss_weights.x is no force"),
+    ],
+)
+def test_a_set_that_could_not_be_learnt_from_is_refused(
+    here: Path, old: str, new: str, sentence: str
+) -> None:
+    Path("columns.toml").write_text(COLUMNS.replace(old, new), "utf-8")
+    with pytest.raises(wd.UnusableInput) as told:
+        wd.import_table("run0.csv", "columns.toml")
+    assert sentence in str(told.value)
+
+
+def test_logs_of_two_rates_need_one(here: Path) -> None:
+    lines = Path("run1.csv").read_text().splitlines()
+    Path("half.csv").write_text("\n".join(lines[:1] + lines[1::2]))
+    with pytest.raises(wd.UnusableInput, match=r"half.csv: runs at 50 Hz and the first log at 100"):
+        wd.import_table(["run0.csv", "half.csv"], "columns.toml")
+
+
+def test_the_command_guesses_imports_and_never_overwrites(here: Path) -> None:
+    pytest.importorskip("torch")
+    assert "Wrote first.toml" in wakedeploy(
+        "data", "import", "table", "run0.csv", "--guess", "--columns", "first.toml"
+    )
+    guessed = Path("first.toml").read_text("utf-8")
+    assert "[columns.v]  # -" in guessed
+    told = wakedeploy(
+        "data", "import", "table", "run0.csv", "--guess", "--columns", "first.toml", status=2
+    )
+    assert "is there already" in told
+    first, second = guessed.split("[columns.f]")
+    roles = first.replace('"unused"', '"observation"') + "[columns.f]"
+    roles += second.replace('"unused"', '"force"')
+    Path("first.toml").write_text(roles, "utf-8")
+    shown = wakedeploy("data", "import", "table", "run0.csv", "run1.csv", "run2.csv", "run3.csv",
+                       "--columns", "first.toml", "--out", "set")  # fmt: skip
+    assert "table, 100 Hz" in shown
+    shown = wakedeploy("train", "--data", "set", "--arch", "agile-mlp", "--epochs", "1",
+                       "--out", "runs")  # fmt: skip
+    assert "agile-mlp" in shown
+    told = wakedeploy("data", "import", "table", "run0.csv", "--columns", "first.toml", status=2)
+    assert "--out" in told
+
+
+def test_recordings_in_the_units_of_a_system(here: Path) -> None:
+    (one,) = wd.read_log("run0.csv", "columns.toml", units={"speed": "m/s", "drag": "mN"})
+    assert one.columns["speed"].max() == pytest.approx(0.1, abs=1e-4)
+    assert one.columns["drag"].max() == pytest.approx(98.0665, abs=0.01)
