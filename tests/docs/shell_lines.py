@@ -36,7 +36,7 @@ SMALLER = (
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.
 NOT_RUN = {
     r"^docs/results": "makes a record: takes minutes to hours",
-    r" (data import |study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
+    r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",

@@ -275,7 +275,7 @@ def test_motor_stands_with_dates_and_with_columns_of_their_own_pace() -> None:
     assert one.time_s[0] == pytest.approx(0.947)  # after the first whole second
     assert one.columns["w"].max() == pytest.approx(16050 * math.pi / 30, rel=0.01)
     stand = '[time]\ncolumn = "Time (s)"\nfalling = "sort"\n[resample]\nrate_hz = 100\n'
-    with pytest.raises(UnusableInput, match="'ESC signal .µs.' has no number in any row"):
+    with pytest.raises(UnusableInput, match=r"'ESC signal .µs.' has no number in any row"):
         read(motor / STAND, stand + column("pulse", "ESC signal (µs)", "µs", missing='"hold"'))
     stand += column("w", "Motor Optical Speed (RPM)", "rpm", missing='"hold"')
     stand += column("thrust", "Thrust (gf)", "gf", missing='"hold"')

@@ -319,6 +319,8 @@ def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator
         yield f"file = {_toml(file)}"
     yield 'role = "unused"'
     yield f"unit = {_toml(unit)}{remark}"
+    if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit}"):
+        yield f"to = {_toml(unit)}  # as its name says"
     if len(there) < len(numbers):
         yield 'missing = "hold"  # ? some samples have no number'
 
