@@ -23,7 +23,16 @@ def test_the_page_runs_on_a_log_of_its_columns(
     table = np.column_stack([t, 0.2 + 0.1 * np.sin(t), 0.1 * np.cos(t), 1500 + t, -np.sin(t)])
     names = "t_s,z_est_m,x_m,source_cmd_us,true_wake_force_n"
     np.savetxt("axis.csv", table, delimiter=",", header=names, comments="")
-    words = "data import table axis.csv --columns columns.toml --out sets/axis".split()
+    words = [
+        "data",
+        "import",
+        "table",
+        "axis.csv",
+        "--columns",
+        "columns.toml",
+        "--out",
+        "sets/axis",
+    ]
     told = CliRunner().invoke(main, words)
     assert told.exit_code == 0, told.output
     (example,) = [body for word, _, body, _ in fences(PAGE) if word == "python"]

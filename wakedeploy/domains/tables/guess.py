@@ -211,7 +211,6 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> _Timing:
         name = field.name.lower()
         if field.example is None or name not in (*_RATE_NAMES, *_STEP_NAMES):
             continue
-        rate = field.example if name in _RATE_NAMES else 1.0 / (field.example or np.inf)
         first = _first_number(log, field)
         if first is not None and first > 0:
             rate = first if name in _RATE_NAMES else 1.0 / first

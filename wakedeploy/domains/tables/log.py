@@ -164,10 +164,9 @@ class Arrays:
 
     def split(self, address: str) -> tuple[str, tuple[int, ...]]:
         """The array of an address, and the index of one number in each sample."""
+        name, index = indexed(address)
         if address in self.shapes:
             name, index = address, ()
-        else:
-            name, index = indexed(address)
         if name not in self.shapes:
             raise missing(self.path, address, self.shapes)
         return name, index
@@ -183,7 +182,8 @@ class Arrays:
             raise refused(self.path, address, f"holds {inner} numbers a sample", advice)
         if len(index) != len(inner) or any(i >= n for i, n in zip(index, inner, strict=False)):
             raise refused(self.path, address, f"has no such number in {inner}", "give another")
-        return upright[(slice(None), *index)]
+        chosen: Values = upright[(slice(None), *index)]  # type: ignore[arg-type]  # NumPy's own
+        return chosen
 
 
 def indexed(address: str) -> tuple[str, tuple[int, ...]]:

@@ -89,7 +89,7 @@ def evened(stamps_s: Vector) -> Vector:
     numbers = np.arange(len(stamps_s)) - 0.5 * (len(stamps_s) - 1)
     middle_s = float(stamps_s.mean())
     step_s = float(numbers @ (stamps_s - middle_s) / (numbers @ numbers))
-    return middle_s + step_s * numbers
+    return np.asarray(middle_s + step_s * numbers, dtype=np.float64)
 
 
 def _count(start_s: float, end_s: float, rate_hz: float) -> int:

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import JsonValue
 
-from wakedeploy.core.episodes import SPLITS, Channel, Episode, EpisodeSet
+from wakedeploy.core.episodes import SPLITS, Array, Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.core.version import VERSION
@@ -169,21 +169,27 @@ def _loss_weights(columns: Columns) -> tuple[float, ...]:
 
 
 def _episode(name: str, piece: Recording, columns: Columns) -> Episode:
-    arrays = []
-    for names in (columns.with_role("observation"), columns.with_role("force")):
-        values = np.column_stack([piece.columns[one] for one in names])
-        if not (np.abs(values) < _MOST).all():
-            _, at = np.argwhere(~(np.abs(values) < _MOST))[0]
-            raise UnusableInput(
-                f"{name}: column {list(names)[at]!r} holds a number too large for a measurement;"
-                " mend it, or leave the column out."
-            )
-        arrays.append(values.astype(np.float32))
-    return Episode(name, *arrays)
+    return Episode(
+        name, _array(name, piece, columns, "observation"), _array(name, piece, columns, "force")
+    )
+
+
+def _array(name: str, piece: Recording, columns: Columns, role: Role) -> Array:
+    """The columns of a role (T, d) as a set keeps them; UnusableInput for what overflows there."""
+    names = columns.with_role(role)
+    values = np.column_stack([piece.columns[one] for one in names])
+    fits = np.abs(values) < _MOST
+    if not fits.all():
+        _, at = np.argwhere(~fits)[0]
+        raise UnusableInput(
+            f"{name}: column {list(names)[at]!r} holds a number too large for a measurement; mend"
+            " it, or leave the column out."
+        )
+    return values.astype(np.float32)
 
 
 def _provenance(reading: Reading, columns: Columns, too_short: int) -> dict[str, JsonValue]:
-    notes = list(reading.notes)
+    notes: list[JsonValue] = list(reading.notes)
     if too_short:
         notes.append(f"{too_short} pieces are no longer than the window and were left out")
     return {

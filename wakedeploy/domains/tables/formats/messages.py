@@ -183,7 +183,7 @@ def _stamp(value: Any) -> Any:
 def _numbers(fields: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, float | None]]:
     """The numbers below some fields, each with the way to it and its value."""
     if isinstance(fields, bool | int | float | np.number | np.bool_):
-        yield name, float(fields) if abs(fields) < 1e300 else 0.0
+        yield name, 0.0
     elif isinstance(fields, list | tuple | np.ndarray):
         for i, one in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
             yield from _numbers(one, f"{name}[{i}]", depth + 1)
