@@ -304,8 +304,7 @@ class _FileReader:
 
     def _clock(self, place: _Place, values: Values) -> tuple[Values, Fraction]:
         """A clock's numbers, and the seconds in its unit."""
-        if place.clock is None:
-            raise AssertionError("a clock without an address")
+        assert place.clock is not None
         form = self.columns.time.format
         numbers = as_numbers(values, form, place.row, place.clock_refused)
         if numbers.dtype.kind == "M":
@@ -456,8 +455,7 @@ class _FileReader:
         self, series: Sequence[_Series], start_s: float, end_s: float
     ) -> tuple[Vector, dict[str, Vector]]:
         how = self.columns.resample
-        if how is None:
-            raise AssertionError("nothing to resample to")
+        assert how is not None
         leading = max((s for s in series if not s.is_event), key=lambda s: len(s.times.stamps_s))
         stamps_s = leading.times.stamps_s
         inside_s = stamps_s[(stamps_s >= start_s) & (stamps_s <= end_s)]
@@ -471,8 +469,7 @@ class _FileReader:
 
     def _at_ticks(self, one: _Series, ticks_s: Vector) -> Vector:
         how = self.columns.resample
-        if how is None:
-            raise AssertionError("nothing to resample to")
+        assert how is not None
         stamps_s, values = one.times.stamps_s, _filled(one)
         if how.method == "hold":
             return held(stamps_s, values, ticks_s)
