@@ -52,8 +52,8 @@ def read_log(
             `columns.toml`, or the SI unit, where nothing is said.
 
     Returns:
-        A recording for each uninterrupted piece: `time_s` (n,) rises evenly, `columns` has arrays
-        (n,) by name, `rate_hz` is the samples a second.
+        A recording for each uninterrupted piece: `time_s` (T,) rises evenly, `columns` has arrays
+        (T,) by name, `rate_hz` is the samples a second.
 
     Raises:
         UnusableInput: Names file, column, row and reason.
@@ -70,7 +70,8 @@ def guess_columns(log: PathLike) -> str:
         log: A log, or a folder of files that belong together.
 
     Returns:
-        The text of the file, in which a person gives some columns a role.
+        The text of the file, in which a person gives some columns a role; a table (T, 6) of a log
+        is six columns.
 
     Raises:
         UnusableInput: The log cannot be read, or holds no numbers.
