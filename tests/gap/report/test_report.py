@@ -369,8 +369,10 @@ def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():
 
 def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
     named = {"verdict": "named", "effects": [{"name": "added-mass"}]}
-    rest = {"text": "+ 0.1 N * x_m", "gain_nats": 9.0}
-    assert "+ 0.1 N * x_m (9.0 nats)" in account(named | {"rest": rest})
+    rest = {"text": "+ 0.1 N * x_m", "gain_nats": 9.0, "force_n": 0.008}
+    told = account(named | {"rest": rest})
+    assert "Its form is not exact: 8 mN are left" in told
+    assert "+ 0.1 N * x_m." in told
     white = {"passes": False, "statistic": 90.0, "limit": 40.0}
     told = account({"verdict": "unknown", "beside": [{"name": "added-mass"}], "white": white})
     assert "known effects explain only a part" in told
