@@ -14,12 +14,8 @@ from typing import Any
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
-from wakedeploy.gap.search.naming import (
-    CLASS_NATS,
-    FEWEST_FLIGHTS,
-    Answer,
-    with_terms,
-)
+from wakedeploy.gap.rules import FEWEST_FLIGHTS
+from wakedeploy.gap.search.naming import CLASS_NATS, Answer, with_terms
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.physics.effects import LIBRARY
