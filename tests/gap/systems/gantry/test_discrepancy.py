@@ -63,10 +63,10 @@ def test_a_rig_without_the_section_keeps_its_hash_and_one_with_it_reads_back() -
 def test_a_skew_jet_is_no_shifted_axis(centre) -> None:
     """The force that an odd pair adds is orthogonal to that of a small shift, as flights see both.
 
-    The wake's unrest grows with its force, so that a flank tells more than the axis.
+    The wake's unrest grows with its force, so that a flank tells somewhat more than the axis.
     """
     flown = np.abs(PLACES) <= 3.0
-    sd = np.sqrt(AXIS**4 + 0.3**2)
+    sd = np.sqrt(AXIS**4 + 1.0)
     pair = (2.0 * AXIS * _odd(PLACES, centre) / sd)[flown]
     shifted = ((np.exp(-0.5 * (PLACES - 1e-4) ** 2) ** 2 - AXIS**2) / sd)[flown]
     cosine = pair @ shifted / np.linalg.norm(pair) / np.linalg.norm(shifted)

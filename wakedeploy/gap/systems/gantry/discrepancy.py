@@ -31,10 +31,12 @@ _OVERLAP = 1.42  # sum of the squares of all bumps at any one place
 _ODD_SHARE = 0.7  # of an even bump's size: an axis that is off is an effect, a skew jet is not
 _FLOWN_WIDTHS = 3.0
 _FARTHEST = 3.8  # beyond it there is no air to correct
-# Of the force's share, for the air's speed at the ends of the rail: linear and curved. With more, a
+# Of the force's share, for the air's speed at the ends of the rail, linear and curved. With more, a
 # ground effect or a spring would be the wake's form; how a wake fades is an effect, too.
-_HEIGHT_SHARES = (0.12, 0.1)
-_UNREST = 0.3  # of the force on the axis: what errs in any case beside the turbulence, as a weight
+_HEIGHT_SHARE = 0.1
+# Of the force on the axis: what errs in any case beside the turbulence, as a weight. Between two
+# range samples that is most of it; a weight of the turbulence alone leaves half of a shift in.
+_UNREST = 1.0
 _BEND_MPS = (0.03, 0.1)
 _CORNER_MPS = 0.02
 _LEAST_FRICTION_N = 0.01
@@ -62,7 +64,7 @@ def free_terms(rig: Rig) -> tuple[Free, ...]:
     wake, friction = rig.discrepancy.wake, rig.discrepancy.friction
     bump = 0.5 * wake / _OVERLAP**0.5
     sizes = dict.fromkeys(_EVEN, bump) | dict.fromkeys(_ODD, _ODD_SHARE * bump)
-    sizes |= {n: share * wake for n, share in zip(_HEIGHT, _HEIGHT_SHARES, strict=True)}
+    sizes |= dict.fromkeys(_HEIGHT, _HEIGHT_SHARE * wake)
     sizes |= dict.fromkeys(_FRICTION, friction)
     return tuple(_free(name, sd) for name, sd in sizes.items() if sd > 0.0)
 
