@@ -216,7 +216,7 @@ def test_the_account_says_how_little_it_rests_on():
                     "flights": 3, "cross_validated": True})  # fmt: skip
     assert "too few flights to seal" in told
     assert "Three flights say so; one more has to confirm it." in told
-    assert "sure" not in told
+    assert "% sure" not in told
 
 
 def test_the_account_says_what_was_assumed_and_how_far_it_is_from_what_was_tried():

@@ -282,7 +282,7 @@ def searched(found: dict[str, float]) -> _Search:
     """A search that has found these with these gains, and that no expression helps."""
     search = _Search(None, None, None, LIMITS, CLASS_NATS)  # type: ignore[arg-type]
     search._gains = found
-    search.expression = lambda current: None  # type: ignore[method-assign]
+    search.expression = lambda model, current: None  # type: ignore[method-assign]
     return search
 
 

@@ -42,7 +42,7 @@ def form_sentences(result: Mapping[str, Any]) -> list[str]:
     if not entries(result.get("effects")):
         return []
     if rest.get("text"):
-        left = f"{_force(rest)} are left, which are not added; as an expression"
+        left = f"{force_words(rest)} are left, which are not added; as an expression"
         return [f"Its form is not exact: {left}, {rest['text']}."]
     if result.get("form_exact") is False:
         return ["Its form is not exact: what is left is not quite noise."]
@@ -95,7 +95,7 @@ def worth_sentences(entry: Mapping[str, Any], subject: str = "It") -> list[str]:
     worth = mapping(entry.get("worth"))
     if not worth:
         return []
-    told = [f"{subject} changes the force by {_force(worth)}{_tracking(worth)}"]
+    told = [f"{subject} changes the force by {force_words(worth)}{_tracking(worth)}"]
     for horizon in (_NEAR, _FAR):
         one = mapping(_removed(entry).get(horizon))
         if not math.isnan(number(one.get("share"))):
@@ -121,10 +121,10 @@ def small_rest_sentences(result: Mapping[str, Any]) -> list[str]:
     rest = mapping(result.get("small"))
     if not rest.get("text"):
         return []
+    force = force_words(mapping(rest.get("worth")))
     return [
         f"A little is left that does not matter, and is not added: {rest['text']}. It changes the "
-        f"force by {_force(mapping(rest.get('worth')))} and removes {removed_words(rest)} of the "
-        "squared forecast error."
+        f"force by {force} and removes {removed_words(rest)} of the squared forecast error."
     ]
 
 
@@ -142,7 +142,8 @@ def _removed(entry: Mapping[str, Any]) -> Mapping[str, Any]:
     return mapping(mapping(entry.get("worth")).get("removed"))
 
 
-def _force(worth: Mapping[str, Any]) -> str:
+def force_words(worth: Mapping[str, Any]) -> str:
+    """The force that something makes: `37 mN`."""
     force_n = number(worth.get("force_n"))
     if math.isnan(force_n):
         return "an unknown force"

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, these, unconfirmed
+from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.mattering import (
     NOTHING,
     explainable_sentences,
@@ -50,11 +51,13 @@ _MOST = 8  # of a long list on the terminal; the report shows all
 
 
 def account(result: Mapping[str, Any]) -> str:
-    """A short account of a result, one sentence or two per line, the verdict first.
+    """A short account of a result, one sentence or two per line: the first screen, then why.
 
     Only `verdict` is needed; whatever else is missing or null is left out or shown as a dash.
     """
-    return "\n".join([verdict_sentence(result), *evidence(result)])
+    asked = [f"{question} {answer}" for question, answer in first_screen(result)]
+    apart = ["", "In detail:"] if asked else []
+    return "\n".join([verdict_sentence(result), *asked, *apart, *evidence(result)])
 
 
 def verdict_sentence(result: Mapping[str, Any]) -> str:
