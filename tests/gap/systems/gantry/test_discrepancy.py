@@ -1,11 +1,15 @@
 """The model's own form: how large its correction is, and what it leaves alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from recorded import RIG, flown
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
+from wakedeploy.gap.evidence.inference import fit
+from wakedeploy.gap.evidence.separation import gain_nats, gather, lost_to_form
 from wakedeploy.gap.systems.gantry.discrepancy import (
     FormedWorld,
     _odd,
@@ -113,3 +117,17 @@ def test_a_world_of_the_model_s_own_form_is_the_plain_plant() -> None:
     )
     plain, formed = (record(RIG, seconds=2.0, seed=4, **h) for h in ({}, world.hooks()))
     assert formed["range_m"] == pytest.approx(plain["range_m"], abs=1e-9, nan_ok=True)
+
+
+def test_what_the_form_takes_of_an_effect_is_what_an_exact_model_would_not_lose() -> None:
+    """Against evidence from which the form's rows and columns were taken."""
+    names, model = ("viscous-friction", "range-drift"), GantryModel(RIG, [flown(51), flown(52)])
+    base = fit(model, (), range(2), model.start(()))
+    evidence = gather(model, base, names)
+    exact = [i for i, f in enumerate(base.free) if not f.is_form]
+    kept = [*exact, *range(len(base.free), evidence.gram.shape[1])]
+    gram = evidence.gram[:, kept][:, :, kept]
+    alone = gain_nats(replace(evidence, precision=evidence.precision[exact], gram=gram))
+    lost = lost_to_form(evidence, base.free)
+    assert lost == pytest.approx(1.0 - gain_nats(evidence) / alone, abs=1e-3)
+    assert lost[0] > 0.1 > 0.05 > lost[1]  # friction has a form, a sensor's drift none
