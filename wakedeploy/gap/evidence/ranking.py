@@ -5,7 +5,7 @@ In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,11 +38,11 @@ _LEDGE_NATS = 3.0
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
-_GLANCED_FIRST = 2  # episodes on which all sizes are scanned before a first climb
-_LIKELY = 30  # of these sizes, so many are looked at on all episodes
+_APART = 0.03  # sizes nearer than that are one place to begin
+# A scan before a first climb: of how many episodes, how many sizes are kept, and how far apart.
+_GLANCES = ((1, 200, 0.0), (2, 30, _APART))
 _SCANNED_CLIMBED = 4
 _SUMMITS_CLIMBED = 12  # of an effect that was found
-_APART = 0.03  # sizes nearer than that are one place to begin
 _ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
 _ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
 _WORTH_NATS = 4.0  # of a jagged effect's rough fit; below, no summit of it is climbed to the end
@@ -159,7 +159,6 @@ def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
         for i, free in enumerate(found.free)
         for start in _scanned(
             *(model, found.episodes, found.hypothesis, found.theta, free, i),
-            first=found.episodes,
             keep=_SUMMITS_CLIMBED,
         )
     ]
@@ -326,7 +325,7 @@ def _starts(
             if key not in scans:
                 found = _scanned(
                     *(model, base.episodes, hypothesis, point, free[i], i),
-                    first=base.episodes[:_GLANCED_FIRST],
+                    glances=_GLANCES,
                     keep=_SCANNED_CLIMBED,
                 )
                 scans[key] = [float(start[i]) for start in found]
@@ -353,27 +352,36 @@ def _scanned(
     free: Free,
     place: int,
     *,
-    first: Sequence[int],
     keep: int,
+    glances: Sequence[tuple[int, int, float]] = (),
 ) -> list[FloatArray]:
     """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
 
-    All are looked at on the `first` episodes, and what is likely there on all. No two are nearer
-    than a few per cent: the sizes around one summit would crowd the others out.
+    All are looked at on the first episodes, as many as `glances` say, and what is likely there on
+    all. No two are nearer than a few per cent: the sizes around one summit would crowd the others
+    out.
     """
-
-    def likeliest(sizes: Sequence[float], seen: Sequence[int], most: int) -> list[float]:
-        best: dict[int, tuple[float, float]] = {}
-        for size in sizes:
+    density = dict.fromkeys(free.scanned, 0.0)
+    seen = 0
+    for count, most, apart in (*glances, (len(episodes), keep, _APART)):
+        for size in density:
             start = np.where(np.arange(len(theta)) == place, size, theta)
-            scores = (model.score(hypothesis, start, e) for e in seen)
-            density = sum(float(s.log_density.sum()) for s in scores)
-            near = round(math.log(size) / _APART)
-            best[near] = max(best.get(near, (density, size)), (density, size))
-        return [size for _, size in sorted(best.values(), reverse=True)[:most]]
+            scores = (model.score(hypothesis, start, e) for e in episodes[seen:count])
+            density[size] += sum(float(s.log_density.sum()) for s in scores)
+        density, seen = _likeliest(density, most, apart), max(seen, count)
+    return [np.where(np.arange(len(theta)) == place, size, theta) for size in density]
 
-    sizes = likeliest(likeliest(free.scanned, first, _LIKELY), episodes, keep)
-    return [np.where(np.arange(len(theta)) == place, size, theta) for size in sizes]
+
+def _likeliest(density: Mapping[float, float], most: int, apart: float) -> dict[float, float]:
+    """The sizes of the highest log density, highest first, none within `apart` of a higher one."""
+    places: set[float] = set()
+    kept = {}
+    for size, value in sorted(density.items(), key=lambda one: (-one[1], -one[0])):
+        place = round(math.log(size) / apart) if apart else size
+        if place not in places and len(kept) < most:
+            kept[size] = value
+            places.add(place)
+    return kept
 
 
 def _carried_over(
