@@ -81,6 +81,30 @@ def form_error(records: Records) -> Section:
     )
 
 
+FORM_LOSSES = "form-losses.json"
+_TELLING = 0.1  # of an effect's evidence; less is not worth a line
+
+
+def form_losses(records: Records) -> Section:
+    """What the correction of the model's form costs each effect."""
+    record = records.json(FORM_LOSSES)
+    lost = [row for row in record["rows"] if row["lost"] >= _TELLING]
+    lines = [[r["effect"], percent(r["lost"], 0), f"{r['gain_nats']:.0f}"] for r in lost]
+    others = len(record["rows"]) - len(lost)
+    return Section(
+        "What the model's own form costs effects",
+        "Every hypothesis has a smooth correction of wake and friction, which can look like an "
+        f"effect. On {record['flights']} simulated flights of {record['seconds']:.0f} s, each "
+        "effect at its plausible size. What loses much has to be stronger to be named: fly "
+        "longer, or state a smaller `[discrepancy]` where the form is known to be better.",
+        paragraphs(
+            table(["effect", "of its evidence lost", "left [nats]"], lines),
+            f"The other {others} effects lose less than {percent(_TELLING, 0)}.",
+        ),
+        ("python -m benchmarks.form_losses",),
+    )
+
+
 def _counted(share: Row) -> str:
     return f"{share['count']} of {share['of']}" if share["of"] else "–"
 
