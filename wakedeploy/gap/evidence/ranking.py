@@ -375,7 +375,7 @@ def _scanned(
 def _likeliest(density: Mapping[float, float], most: int, apart: float) -> dict[float, float]:
     """The sizes of the highest log density, highest first, none within `apart` of a higher one."""
     places: set[float] = set()
-    kept = {}
+    kept: dict[float, float] = {}
     for size, value in sorted(density.items(), key=lambda one: (-one[1], -one[0])):
         place = round(math.log(size) / apart) if apart else size
         if place not in places and len(kept) < most:
