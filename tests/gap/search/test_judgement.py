@@ -117,6 +117,9 @@ def test_an_expression_that_does_not_matter_is_no_unknown() -> None:
 def test_a_class_stands_and_falls_with_its_best_member() -> None:
     told = {"verdict": "class", "class": ["wake-width", "wake-spreading"], "effects": []}
     assert judged(told, [("wake-width",)], [worth(0.2, 0.2, 20.0)])["verdict"] == "class"
+    small = judged(told, [("wake-width",)], [worth(0.01, 0.02, 1.0)])
+    assert (small["verdict"], small["class"]) == ("none", [])
+    assert "does not matter, and is not added: wake-width or wake-spreading." in account(small)
     gone = judged(told, [("wake-width",)], [worth(-0.1, 0.0, 0.0)])
     assert gone["verdict"] == "none"
     assert gone["class"] == []

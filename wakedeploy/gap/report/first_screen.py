@@ -64,20 +64,20 @@ def _of_names(effects: list[Mapping[str, Any]]) -> str:
 
 
 def _costs(name: str, entry: Mapping[str, Any]) -> str:
-    """`crosswind-offset changes the force by 37 mN, which costs … mm of height, and …`."""
+    """`crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error`."""
     worth = mapping(entry.get("worth"))
     if not worth:
         return ""
-    shares = [share_of(entry, horizon) for horizon in _HORIZONS]
-    best = max(range(len(shares)), key=lambda i: -math.inf if math.isnan(shares[i]) else shares[i])
-    told = f"{name} changes the force by {force_words(worth)}"
+    told = [force_words(worth)]
     height_mm = 1e3 * number(mapping(worth.get("tracking_m")).get("value"))
-    if not math.isnan(height_mm):
-        told += f", which moves the height by {height_mm:.1f} mm under the rig's controller"
-    if math.isnan(shares[best]):
-        return told
-    share = percent(max(shares[best], 0.0))
-    return f"{told}, and with it {share} of the squared forecast error {_HORIZONS[best]} goes"
+    if height_mm > 0.0:
+        told.append(f"{height_mm:.1f} mm of height")
+    shares = {h: share_of(entry, h) for h in _HORIZONS}
+    known = {h: share for h, share in shares.items() if not math.isnan(share)}
+    if known:
+        best = max(known, key=lambda h: known[h])
+        told.append(f"{percent(max(known[best], 0.0))} of the squared forecast error {best}")
+    return f"{name} makes {listed(told)}"
 
 
 def certainty(result: Result) -> str:

@@ -19,6 +19,7 @@ from wakedeploy.gap.wording import (
 )
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"
+_LEAST_N = 0.0005  # below it, it is an error of a reading
 NOTHING = "Nothing that matters is missing from the model"
 
 
@@ -95,7 +96,7 @@ def worth_sentences(entry: Mapping[str, Any], subject: str = "It") -> list[str]:
     worth = mapping(entry.get("worth"))
     if not worth:
         return []
-    told = [f"{subject} changes the force by {force_words(worth)}{_tracking(worth)}"]
+    told = [f"{subject} makes {force_words(worth)}{_tracking(worth)}"]
     for horizon in (_NEAR, _FAR):
         one = mapping(_removed(entry).get(horizon))
         if not math.isnan(number(one.get("share"))):
@@ -123,8 +124,8 @@ def small_rest_sentences(result: Mapping[str, Any]) -> list[str]:
         return []
     force = force_words(mapping(rest.get("worth")))
     return [
-        f"A little is left that does not matter, and is not added: {rest['text']}. It changes the "
-        f"force by {force} and removes {removed_words(rest)} of the squared forecast error."
+        f"A little is left that does not matter, and is not added: {rest['text']}. It makes "
+        f"{force} and removes {removed_words(rest)} of the squared forecast error."
     ]
 
 
@@ -143,10 +144,12 @@ def _removed(entry: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def force_words(worth: Mapping[str, Any]) -> str:
-    """The force that something makes: `37 mN`."""
+    """The force that something makes: `37 mN`; of a sensor's error `no force`."""
     force_n = number(worth.get("force_n"))
     if math.isnan(force_n):
         return "an unknown force"
+    if force_n < _LEAST_N:
+        return "no force"
     return f"{1e3 * force_n:.0f} mN" if force_n < 0.2 else quantity(force_n, "N")
 
 

@@ -60,12 +60,16 @@ def _of_names(told: Told, labels: Mapping[str, Mattering]) -> dict[str, Any]:
 
 
 def _of_class(told: Told, part: Sequence[str], one: Mattering) -> dict[str, Any]:
-    """A class whose best member helps no forecast is no more than a better fit."""
-    if one.is_confirmed:
+    """A class whose best member does not matter need not be split; what helps none is gone."""
+    if one.matters:
         return {**told, "worth": one.as_json(), "withdrawn": []}
-    gone = [{"name": name, "parameters": {}, "worth": one.as_json()} for name in part]
     nothing: dict[str, Any] = {"effects": [], "class": [], "more_classes": [], "others": []}
-    return {**told, **nothing, "verdict": "none", "withdrawn": gone}
+    none = {**told, **nothing, "verdict": "none"}
+    if one.is_confirmed:
+        text = " or ".join(told.get("class", ()))
+        return {**none, "withdrawn": [], "small": {"text": text, "worth": one.as_json()}}
+    gone = [{"name": name, "parameters": {}, "worth": one.as_json()} for name in part]
+    return {**none, "withdrawn": gone}
 
 
 def _of_unknown(told: Told, part: Sequence[str], one: Mattering) -> dict[str, Any]:
