@@ -76,7 +76,7 @@ def form_error(records: Records) -> Section:
         "Gantries written from other equations: four families of jet profile, four of friction, "
         "and others of motor, sensor and noise. The misfit is what is left of the wake's steady "
         "force after the model has been calibrated within its spreads, of its root mean square.",
-        paragraphs(table(head, lines), _answers(record["rows"])),
+        paragraphs(table(head, lines), _answers(record["rows"]), record.get("run", "")),
         ("python -m benchmarks.form_error --out build/form-error --record",),
     )
 
@@ -114,7 +114,7 @@ def _answers(rows: Sequence[Row]) -> str:
     told = [
         f"- {row['case']}: {row['verdict']}"
         + (f", {row['unknown']}" if row["unknown"] else "")
-        + (f", {', '.join(row['named'])}" if row["named"] else "")
+        + (f", {', '.join(row['named'] or row['class'])}" if row["named"] or row["class"] else "")
         for row in rows
         if row["answer"] == "false alarm"
     ]
