@@ -193,10 +193,8 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
 def _opening(steps: Steps, out: Path) -> Markup:
     """The first screen, the numbers that matter, what comes next; then the account in detail."""
     summary = steps.summary
-    asked = [
-        element("p", element("b", question), f" {answer}")
-        for question, answer in first_screen(summary)
-    ]
+    asked = [element("p", f"{question} {answer}") for question, answer in first_screen(summary)]
+    apart = [element("p", "In detail:", class_="soft")] if asked else []
     links = [("where", "Where"), ("which", "Which"), ("added", "Added"), ("shown", "Shown")]
     return together(
         element("h1", TITLE),
@@ -205,6 +203,7 @@ def _opening(steps: Steps, out: Path) -> Markup:
         element("div", element("p", verdict_sentence(summary)), *asked, class_="account"),
         _tiles(summary),
         _next(advice(steps, out)),
+        *apart,
         *(element("p", each) for each in evidence(summary)),
     )
 
