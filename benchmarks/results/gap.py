@@ -76,8 +76,32 @@ def form_error(records: Records) -> Section:
         "Gantries written from other equations: four families of jet profile, four of friction, "
         "and others of motor, sensor and noise. The misfit is what is left of the wake's steady "
         "force after the model has been calibrated within its spreads, of its root mean square.",
-        paragraphs(table(head, lines), _answers(record["rows"])),
+        paragraphs(table(head, lines), _answers(record["rows"]), record.get("run", "")),
         ("python -m benchmarks.form_error --out build/form-error --record",),
+    )
+
+
+FORM_LOSSES = "form-losses.json"
+_TELLING = 0.1  # of an effect's evidence; less is not worth a line
+
+
+def form_losses(records: Records) -> Section:
+    """What the correction of the model's form costs each effect."""
+    record = records.json(FORM_LOSSES)
+    lost = [row for row in record["rows"] if row["lost"] >= _TELLING]
+    lines = [[r["effect"], percent(r["lost"], 0), f"{r['gain_nats']:.0f}"] for r in lost]
+    others = len(record["rows"]) - len(lost)
+    return Section(
+        "What the model's own form costs effects",
+        "Every hypothesis has a smooth correction of wake and friction, which can look like an "
+        f"effect. On {record['flights']} simulated flights of {record['seconds']:.0f} s, each "
+        "effect at its plausible size. What loses much has to be stronger to be named: fly "
+        "longer, or state a smaller `[discrepancy]` where the form is known to be better.",
+        paragraphs(
+            table(["effect", "of its evidence lost", "left [nats]"], lines),
+            f"The other {others} effects lose less than {percent(_TELLING, 0)}.",
+        ),
+        ("python -m benchmarks.form_losses",),
     )
 
 
@@ -90,7 +114,7 @@ def _answers(rows: Sequence[Row]) -> str:
     told = [
         f"- {row['case']}: {row['verdict']}"
         + (f", {row['unknown']}" if row["unknown"] else "")
-        + (f", {', '.join(row['named'])}" if row["named"] else "")
+        + (f", {', '.join(row['named'] or row['class'])}" if row["named"] or row["class"] else "")
         for row in rows
         if row["answer"] == "false alarm"
     ]

@@ -49,6 +49,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
     "Finding what the simulation lacks": (
         gap.demo,
         gap.hidden_effects,
+        gap.form_losses,
         *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
         gap.power,
         gap_domains.domains,

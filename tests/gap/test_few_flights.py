@@ -243,7 +243,7 @@ def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> Non
     assert "--seed 63" in command
     assert "the new one last, to be kept apart" in told["next"]["why"]
     assert not (out / "rig.toml").exists()
-    assert " sure" not in account(read_steps(out).summary)
+    assert "% sure" not in account(read_steps(out).summary)
     case = open_case(flights["rig"][0], flights[HIDDEN], thresholds=LIMITS)
     added = add(case, out)  # who asks for it gets it
     assert [e["name"] for e in added["effects"]] == [HIDDEN]

@@ -31,6 +31,8 @@ _LATER = (  # constants that rig files once did not have; without them they have
     ("range_sensor", "bias_m"),
     ("range_sensor", "scale"),
     ("battery", "has_divider"),
+    ("discrepancy", "wake"),
+    ("discrepancy", "friction"),
     ("limits", "brake_s"),
     ("limits", "sink_s"),
     ("limits", "sink_rate_us_per_s"),
@@ -229,6 +231,17 @@ class Disturbance(_Section):
     esc_frame_s: float = Field(default=0.02, ge=0, le=0.1)
 
 
+class Discrepancy(_Section):
+    """How far the model's form may be off (1 sd): a share of the force that it corrects.
+
+    Of the wake's force on its axis, and of the rail's Coulomb friction. The gap workflow allows for
+    so much in every hypothesis; zero says that a form is exact.
+    """
+
+    wake: float = Field(default=0.05, ge=0, le=0.5)
+    friction: float = Field(default=0.15, ge=0, le=1)
+
+
 class EffectParameter(_Section):
     """One parameter of an effect, with its unit and its interval."""
 
@@ -284,6 +297,7 @@ class Rig(_Section):
     wake: Wake
     control: Control = Control()
     disturbance: Disturbance = Disturbance()
+    discrepancy: Discrepancy = Discrepancy()
     effect: tuple[Effect, ...] = ()
     calibration: dict[str, Calibration] = Field(default={}, exclude=True)
 

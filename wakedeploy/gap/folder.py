@@ -35,6 +35,9 @@ _OF_FIND = ("places", "logs", "split")
 _OF_NAME = (
     *("verdict", "effects", "class", "more_classes", "others", "split_by"),
     *("unknown", "rest", "beside", "leading"),
+    *("withdrawn", "small", "worth", "explainable", "form_exact", "unsettled"),
+    "closest",
+    "repeated",
     *("detectable", "white", "threshold_of_s"),
 )
 _OF_SHOW = (
@@ -79,7 +82,7 @@ class Steps:
     @property
     def option(self) -> str:
         """What the step that comes next needs beside its name, or ""."""
-        by_expression = self.missing == "add" and not self.name.get("effects")
+        by_expression = self.missing == "add" and not to_add(entries(self.name.get("effects")))
         return " --from-symbolic" if by_expression else ""
 
     @property
@@ -108,10 +111,18 @@ class Steps:
     @property
     def _can_add(self) -> bool:
         """There is an effect, or an expression, that a rig could be given. Of a class, none is."""
-        if self.name.get("effects"):
+        if to_add(entries(self.name.get("effects"))):
             return True
         unknown = self.name.get("verdict") == "unknown"
         return unknown and bool(mapping(self.name.get("unknown")).get("expression"))
+
+
+def to_add(effects: Sequence[Artefact]) -> list[Artefact]:
+    """The named effects that a rig file is given without being asked: those that matter.
+
+    Where no flight has judged them, all.
+    """
+    return [e for e in effects if mapping(e.get("worth")).get("matters", True)]
 
 
 def read_plan(folder: Path) -> Artefact:

@@ -26,6 +26,7 @@ from wakedeploy.gap.folder import (
     read_steps,
     refuse_foreign_rig,
     require,
+    to_add,
     write_step,
 )
 from wakedeploy.gap.planning.plan import make_plan, stated_sizes
@@ -36,10 +37,14 @@ from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.search.answer import sizes_of, write_answer
 from wakedeploy.gap.search.before_after import show
 from wakedeploy.gap.search.correction import corrected_rig, ranked
+from wakedeploy.gap.search.explainable import explainable
 from wakedeploy.gap.search.glance import UNSIMULATED, glance
-from wakedeploy.gap.search.naming import Thresholds, fitted_base, name_effects, with_terms
+from wakedeploy.gap.search.judgement import judged, parts_of, unexplained
+from wakedeploy.gap.search.mattering import mattering
+from wakedeploy.gap.search.naming import Answer, Thresholds, fitted_base, name_effects, with_terms
 from wakedeploy.gap.search.places import find_places, forbids_none
 from wakedeploy.gap.search.refitting import refitted
+from wakedeploy.gap.search.repeatability import repeated
 from wakedeploy.gap.search.saved_fits import Found
 from wakedeploy.gap.search.threshold import known_thresholds, thresholds_for
 from wakedeploy.gap.systems.gantry.flight import Flight, read_flights
@@ -168,7 +173,37 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> dict[str, Any]:
         disagrees=disagrees,
     )
     progress("comparing what could be told apart")
-    return write_answer(answer, out, started)
+    told = write_answer(answer, out, started)
+    return _judged(case, out, answer, told, progress)
+
+
+def _judged(
+    case: Case, out: Path, answer: Answer, told: Mapping[str, Any], progress: Progress
+) -> dict[str, Any]:
+    """The answer after the sealed flights have said what it is worth; writes `name.json` again."""
+    found = Found.of(answer)
+    parts = parts_of(told, found.fit.hypothesis)
+    progress("asking the sealed flights whether it matters")
+    if not parts and told["verdict"] == "unknown":
+        judging = GantryModel(case.rig, case.sealed) if case.sealed else None
+        moved = None if judging is None else judging.around_own_motion(found.base)
+        worth_all = explainable(found.base_model, found.base, moved)
+        return write_step(out, "name", unexplained(told, worth_all))
+    if not parts:
+        return write_step(out, "name", judged(told, (), ()))
+    worth = mattering(
+        found,
+        case.sealed or case.flights,
+        parts,
+        members=answer.members,
+        crossed=case.in_sample,
+    )
+    after = judged(told, parts, worth)
+    if after["verdict"] in ("named", "class"):
+        progress("answering again from each half of the flights")
+        again = repeated(answer, case.sealed)
+        after["repeated"] = None if again is None else again.as_json()
+    return write_step(out, "name", after)
 
 
 def add(
@@ -197,9 +232,10 @@ def add(
     except UnusableInput as error:
         raise UnusableInput(f"{out / 'name.json'}: {error}") from error
     if not added:
-        hint = "; its expression can be added --from-symbolic" if named.get("unknown") else ""
+        hint = "; what is too small to matter is added with --effect" if named["effects"] else ""
+        hint = "; its expression can be added --from-symbolic" if named.get("unknown") else hint
         hint = "; of a class, one is added with --effect" if named.get("class") else hint
-        raise UnusableInput(f"{out / 'name.json'}: no effect was named, none to add{hint}.")
+        raise UnusableInput(f"{out / 'name.json'}: no effect that matters was named{hint}.")
     refuse_foreign_rig(out)
     forget(out, "add")
     written = {
@@ -286,6 +322,14 @@ def result(case: Case, out: Path) -> dict[str, Any]:
         "unknown": named.get("unknown"),
         "beside": named.get("beside", []),
         "rest": named.get("rest"),
+        "withdrawn": named.get("withdrawn", []),
+        "small": named.get("small"),
+        "explainable": named.get("explainable"),
+        "repeated": named.get("repeated"),
+        "form_exact": named.get("form_exact"),
+        "unsettled": named.get("unsettled", []),
+        "closest": named.get("closest", ""),
+        "worth": named.get("worth"),
         "calibration": named.get("calibration", []),
         "as_if": shown.get("as_if", []),
         "hidden_by": shown.get("hidden_by", []),
@@ -332,7 +376,7 @@ def close(
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     find(case, out, progress)
     named = name(case, out, progress)
-    if named["effects"] and case.sealed:  # what no flight can confirm is added when asked for
+    if to_add(named["effects"]) and case.sealed:  # what none can confirm is added when asked for
         add(case, out)
     show_gap(case, out, progress)
     if plan and len(named["class"]) > 1:
@@ -386,7 +430,7 @@ def _to_add(
     case: Case, out: Path, named: Mapping[str, Any], only: str | None
 ) -> list[Mapping[str, Any]]:
     """The effects that were named, and the one asked for; sizes of the fit that `show` judges."""
-    effects = list(named.get("effects", ()))
+    effects = to_add(named.get("effects", ()))
     if only is None:
         return effects
     if only not in ranked(named):
@@ -397,6 +441,14 @@ def _to_add(
     if fitted is None or fitted is found.fit:  # its slopes, and so intervals, were not kept
         return [e for e in named.get("together", ()) if e["name"] in names]
     return [{"name": n, "parameters": sizes_of(fitted, n)} for n in names]
+
+
+def _as_if(found: Found, named: Mapping[str, Any]) -> tuple[GantryModel, Fit | None]:
+    """What the corrected rig file would have, had it been given what was named."""
+    names = [str(e["name"]) for e in named.get("effects", ())]
+    if named.get("verdict") in ("class", "inconclusive") and found.fit.hypothesis:
+        return found.model, found.fit
+    return _corrected(found, named, names) if names else (found.model, None)
 
 
 def _corrected(
@@ -413,8 +465,7 @@ def _corrected(
     if texts(named.get("class")) and set(added) <= settled:
         return found.model, found.fit  # the best member stands for its class
     if not added:
-        as_if = found.fit if found.fit.hypothesis and named.get("verdict") != "unknown" else None
-        return found.model, as_if
+        return _as_if(found, named)
     hypothesis = tuple(added)
     free = found.model.free(hypothesis)
     sizes = {

@@ -11,6 +11,8 @@ from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.progress import quiet
+from wakedeploy.gap.search.answer import write_answer
 from wakedeploy.gap.search.detectability import detectable
 from wakedeploy.gap.search.expressions import search
 from wakedeploy.gap.search.naming import (
@@ -31,7 +33,7 @@ from wakedeploy.gap.search.places import find_places
 from wakedeploy.gap.search.refitting import expressed_by_own_motion, without_idle
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.workflow import Case, find, name
+from wakedeploy.gap.workflow import Case, _judged, find, name
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
@@ -65,10 +67,13 @@ def nothing() -> Answer:
     return answered()
 
 
-def test_nothing_is_missing_where_nothing_is_hidden(nothing) -> None:
-    assert nothing.verdict == "none"
+def test_nothing_that_matters_is_missing_where_nothing_is_hidden(nothing, tmp_path) -> None:
+    """Three short flights may show a trace of something; others, that are sealed, decide."""
+    sealed = tuple(flown(seed) for seed in (54, 55))
+    case = Case(RIG, nothing.model.flights, sealed, LIMITS)
+    told = _judged(case, tmp_path, nothing, write_answer(nothing, tmp_path, 0.0), quiet)
+    assert told["verdict"] == "none"
     assert nothing.effects == nothing.members == ()
-    assert nothing.unknown is None
     assert nothing.rounds[0].given == ()
     assert nothing.rounds[0].ranking[0].gain_nats < LIMITS.effect_nats
     assert nothing.white.statistic < LIMITS.whiteness
@@ -277,7 +282,7 @@ def searched(found: dict[str, float]) -> _Search:
     """A search that has found these with these gains, and that no expression helps."""
     search = _Search(None, None, None, LIMITS, CLASS_NATS)  # type: ignore[arg-type]
     search._gains = found
-    search.expression = lambda current: None  # type: ignore[method-assign]
+    search.expression = lambda model, current: None  # type: ignore[method-assign]
     return search
 
 

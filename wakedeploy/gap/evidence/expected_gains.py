@@ -35,7 +35,7 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     a calibrated constant which the fit has bent; all of them where it has bent its calibration on
     the whole.
     """
-    if base.log_prior < BENT_NATS:
+    if base.calibration_log_prior < BENT_NATS:
         return list(names)
     bent = {
         f.quantity

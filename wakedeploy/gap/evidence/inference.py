@@ -22,6 +22,7 @@ Hypothesis = tuple[str, ...]
 _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
 _ENOUGH_NATS = 0.05  # a step that promises less ends a fit
+_FORM_SETTLED_NATS = 20.0  # below this a step keeps those of the form, which is nearly linear
 _SETTLED_NATS = 2.0  # below this a step keeps the slopes of the parameters that hardly moved
 
 
@@ -35,7 +36,8 @@ class Free:
     `scanned` are sizes to look at before a climb, where a likelihood is jagged; `finest` and
     `finest_share` (of the size) are the least standard error that may be told of it. `adds_to` is
     the calibrated constant that a parameter moves without replacing it. `first` is where a first
-    fit begins, if not at neutral: loud noise makes outliers of nothing.
+    fit begins, if not at neutral: loud noise makes outliers of nothing. `is_form` says that it is
+    of the model's own shape: bent, it tells of no calibration.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Free:
     scanned: tuple[float, ...] = ()
     finest: float = 0.0
     finest_share: float = 0.0
+    is_form: bool = False
 
 
 @dataclass(frozen=True)
@@ -122,6 +125,7 @@ class Fit:
     """A hypothesis at its maximum a posteriori; everything per episode (E, …).
 
     `summits` are fits of the same hypothesis elsewhere that these episodes do not tell from it.
+    `converged` says that its climb ended where no step promised anything.
     """
 
     hypothesis: Hypothesis
@@ -131,6 +135,7 @@ class Fit:
     slopes: Slopes = field(repr=False)
     per_episode: FloatArray  # (E,) log likelihood in nats
     summits: tuple["Fit", ...] = field(default=(), repr=False)
+    converged: bool = True
 
     @property
     def log_likelihood(self) -> float:
@@ -146,6 +151,12 @@ class Fit:
     def log_prior(self) -> float:
         """How well the parameters agree with their priors, 0 at best [nats]."""
         return log_prior(self.free, self.theta)
+
+    @property
+    def calibration_log_prior(self) -> float:
+        """The same of calibrated constants alone, without noise and the model's form [nats]."""
+        kept = [i for i, f in enumerate(self.free) if f.quantity]
+        return log_prior([self.free[i] for i in kept], self.theta[kept])
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -336,10 +347,11 @@ class _Ascent:
     def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
         slopes = slopes if slopes is not None else self.slopes(theta, None)
         value = self._objective(slopes.scores, theta)
-        damping = 1e-3
+        damping, converged = 1e-3, False
         for _ in range(_ITERATIONS):
             step, promised = self._step(slopes, theta, damping)
             if promised < _ENOUGH_NATS:
+                converged = True
                 break
             tried = np.clip(theta + step, *_bounds(self._free))
             scores = self._scores(tried)
@@ -353,7 +365,15 @@ class _Ascent:
             damping = max(0.2 * damping, 1e-6)
             slopes = self._renewed(slopes, theta, scores, gained)
         per_episode = np.array([s.log_density.sum() for s in slopes.scores])
-        return Fit(self._hypothesis, self._free, self._episodes, theta, slopes, per_episode)
+        return Fit(
+            self._hypothesis,
+            self._free,
+            self._episodes,
+            theta,
+            slopes,
+            per_episode,
+            converged=converged,
+        )
 
     def _renewed(
         self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
@@ -361,6 +381,8 @@ class _Ascent:
         renew: Sequence[int] | None = self._moving
         if renew is None and gained < _SETTLED_NATS:
             renew = ()  # hardly moved: the slopes still hold
+        if renew is None and gained < _FORM_SETTLED_NATS:
+            renew = [i for i, f in enumerate(self._free) if not f.is_form]
         if renew is None:
             return self.slopes(theta, None, scores)
         return self.slopes(theta, (slopes, renew), scores)

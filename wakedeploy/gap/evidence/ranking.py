@@ -5,7 +5,7 @@ In: a model and a fit of the base hypothesis. Out: candidates ranked by held-out
 
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,14 +38,20 @@ _LEDGE_NATS = 3.0
 _MOST_RESETTLED = 3
 _GLANCED_AT = 2  # flights are enough to choose a start
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
-_GLANCED_FIRST = 2  # episodes on which all sizes are scanned before a first climb
-_LIKELY = 30  # of these sizes, so many are looked at on all episodes
+_APART = 0.03  # sizes nearer than that are one place to begin
+# A scan before a first climb: of how many episodes, how many sizes are kept, and how far apart.
+_GLANCES = ((1, 200, 0.0), (2, 30, _APART))
 _SCANNED_CLIMBED = 4
 _SUMMITS_CLIMBED = 12  # of an effect that was found
-_APART = 0.03  # sizes nearer than that are one place to begin
 _ROUGH_SIZES = 10  # a rough fit costs what so many scanned sizes do
 _ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
+_WORTH_NATS = 4.0  # of a jagged effect's rough fit; below, no summit of it is climbed to the end
+_SUMMIT_NATS = 6.0  # behind the highest, roughly, a summit may yet be higher
+_MOST_SUMMITS = 3
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+
+
+Scans = dict[tuple[Hypothesis, str, int], list[float]]  # the likeliest sizes of what is jagged
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,20 +90,23 @@ def rank(
     *,
     least_nats: float = 0.0,
     steps: Steps = uncounted,
+    scans: Scans | None = None,
 ) -> list[Candidate]:
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
     to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
-    `steps` are of about the same length, but not an effect each.
+    `steps` are of about the same length, but not an effect each. `scans` keeps the sizes that were
+    looked at, for another ranking on nearly the same base.
     """
+    scans = {} if scans is None else scans
     costs = [_cost(model, base, name) for name in candidates]
     total = round(sum(costs) / _ROUGH_SHARE)
     rough = []
     for i, name in enumerate(candidates):
-        rough.append(_rough(model, base, name))
+        rough.append(_rough(model, base, name, scans))
         steps(sum(costs[: i + 1]), total)
-    if base.log_prior < BENT_NATS:
+    if base.calibration_log_prior < BENT_NATS:
         left = functools.partial(_advanced, steps, sum(costs), total)
         rough = _from_calibration(model, base, candidates, rough, left)
     best = max((f.objective for f in rough), default=0.0)
@@ -117,13 +126,15 @@ def rank_fairly(
     *,
     least_nats: float = 0.0,
     steps: Steps = uncounted,
+    scans: Scans | None = None,
 ) -> tuple[Fit, list[Candidate]]:
     """`rank`, on a base that is no worse than the best candidate is without its effect.
 
     A climb may end short of the best base; every effect then seems to gain what any new climb does.
     """
+    scans = {} if scans is None else scans
     for _ in range(_MOST_RESETTLED):
-        ranked = rank(model, base, candidates, least_nats=least_nats, steps=steps)
+        ranked = rank(model, base, candidates, least_nats=least_nats, steps=steps, scans=scans)
         if ranked[0].fitted_gain < _BETTERED_NATS:
             break
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
@@ -148,7 +159,6 @@ def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
         for i, free in enumerate(found.free)
         for start in _scanned(
             *(model, found.episodes, found.hypothesis, found.theta, free, i),
-            first=found.episodes,
             keep=_SUMMITS_CLIMBED,
         )
     ]
@@ -175,7 +185,7 @@ def _objective(fitted: Fit) -> float:
     return fitted.objective
 
 
-def _rough(model: Model, base: Fit, name: str) -> Fit:
+def _rough(model: Model, base: Fit, name: str, scans: Scans) -> Fit:
     """The candidate fitted from several starts, mostly with the base's slopes for the rest."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
@@ -183,10 +193,27 @@ def _rough(model: Model, base: Fit, name: str) -> Fit:
     if not own:
         raise ValueError(f"{name!r} has no parameters")
     fits = []
-    for theta in _starts(model, base, hypothesis, free, own):
+    for theta in _starts(model, base, hypothesis, free, own, scans):
         slopes = _carried_over(model, base, hypothesis, free, theta, own)
         fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own))
-    return max(fits, key=lambda f: f.objective)
+    best = max(fits, key=_objective)
+    if any(free[i].scanned for i in own) and best.objective > base.objective + _WORTH_NATS:
+        best = max((best, *_climbed(model, fits, own)), key=_objective)
+    return best
+
+
+def _climbed(model: Model, fits: Sequence[Fit], own: Sequence[int]) -> list[Fit]:
+    """The highest of several summits, each climbed to the end with everything free.
+
+    How high a jagged effect's summits are, the base's slopes tell too roughly to choose by them.
+    """
+    most = max(f.objective for f in fits)
+    summits: list[Fit] = []
+    for one in sorted(fits, key=_objective, reverse=True):
+        is_new = not any(np.allclose(one.theta[own], s.theta[own], rtol=_APART) for s in summits)
+        if is_new and one.objective > most - _SUMMIT_NATS and len(summits) < _MOST_SUMMITS:
+            summits.append(one)
+    return [fit(model, f.hypothesis, f.episodes, f.theta) for f in summits]
 
 
 def _from_calibration(
@@ -267,7 +294,12 @@ def _released(
 
 
 def _starts(
-    model: Model, base: Fit, hypothesis: Hypothesis, free: tuple[Free, ...], own: Sequence[int]
+    model: Model,
+    base: Fit,
+    hypothesis: Hypothesis,
+    free: tuple[Free, ...],
+    own: Sequence[int],
+    scans: Scans,
 ) -> list[FloatArray]:
     """The neutral point, and those of the effect's starts that are not absurd."""
     neutral_point = extended(base, free)
@@ -287,16 +319,18 @@ def _starts(
         # delay for the age of held readings: with both, the right size looks absurd.
         points.append(neutral_point.copy())
         points[1][bent] = [free[i].neutral for i in bent]
-    return starts + [
-        start
-        for i in own
-        for point in points
-        for start in _scanned(
-            *(model, base.episodes, hypothesis, point, free[i], i),
-            first=base.episodes[:_GLANCED_FIRST],
-            keep=_SCANNED_CLIMBED,
-        )
-    ]
+    for i in own:
+        for k, point in enumerate(points):
+            key = (hypothesis, free[i].name, k)
+            if key not in scans:
+                found = _scanned(
+                    *(model, base.episodes, hypothesis, point, free[i], i),
+                    glances=_GLANCES,
+                    keep=_SCANNED_CLIMBED,
+                )
+                scans[key] = [float(start[i]) for start in found]
+            starts += [np.where(np.arange(len(point)) == i, size, point) for size in scans[key]]
+    return starts
 
 
 def _constants_of_confused(name: str) -> set[str]:
@@ -318,27 +352,36 @@ def _scanned(
     free: Free,
     place: int,
     *,
-    first: Sequence[int],
     keep: int,
+    glances: Sequence[tuple[int, int, float]] = (),
 ) -> list[FloatArray]:
     """Of the sizes that a parameter asks to be looked at, the likeliest, as starts.
 
-    All are looked at on the `first` episodes, and what is likely there on all. No two are nearer
-    than a few per cent: the sizes around one summit would crowd the others out.
+    All are looked at on the first episodes, as many as `glances` say, and what is likely there on
+    all. No two are nearer than a few per cent: the sizes around one summit would crowd the others
+    out.
     """
-
-    def likeliest(sizes: Sequence[float], seen: Sequence[int], most: int) -> list[float]:
-        best: dict[int, tuple[float, float]] = {}
-        for size in sizes:
+    density = dict.fromkeys(free.scanned, 0.0)
+    seen = 0
+    for count, most, apart in (*glances, (len(episodes), keep, _APART)):
+        for size in density:
             start = np.where(np.arange(len(theta)) == place, size, theta)
-            scores = (model.score(hypothesis, start, e) for e in seen)
-            density = sum(float(s.log_density.sum()) for s in scores)
-            near = round(math.log(size) / _APART)
-            best[near] = max(best.get(near, (density, size)), (density, size))
-        return [size for _, size in sorted(best.values(), reverse=True)[:most]]
+            scores = (model.score(hypothesis, start, e) for e in episodes[seen:count])
+            density[size] += sum(float(s.log_density.sum()) for s in scores)
+        density, seen = _likeliest(density, most, apart), max(seen, count)
+    return [np.where(np.arange(len(theta)) == place, size, theta) for size in density]
 
-    sizes = likeliest(likeliest(free.scanned, first, _LIKELY), episodes, keep)
-    return [np.where(np.arange(len(theta)) == place, size, theta) for size in sizes]
+
+def _likeliest(density: Mapping[float, float], most: int, apart: float) -> dict[float, float]:
+    """The sizes of the highest log density, highest first, none within `apart` of a higher one."""
+    places: set[float] = set()
+    kept: dict[float, float] = {}
+    for size, value in sorted(density.items(), key=lambda one: (-one[1], -one[0])):
+        place = round(math.log(size) / apart) if apart else size
+        if place not in places and len(kept) < most:
+            kept[size] = value
+            places.add(place)
+    return kept
 
 
 def _carried_over(

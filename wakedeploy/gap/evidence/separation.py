@@ -26,6 +26,7 @@ from wakedeploy.gap.evidence.inference import (
 
 ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
 _TINY = 1e-10
+_HELD = 1e14  # precision of what may not move
 _MOST_DEVIATIONS = 2.0
 _SMALLEST_SHARE = 1e-4
 _SWEEPS = 20
@@ -326,6 +327,16 @@ def gain_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
     """Nats that each effect gains on the base when it is the truth, (C,)."""
     information = evidence.information(copies)
     return np.array([0.5 * float(w @ information @ w) for w in evidence.whole])
+
+
+def lost_to_form(evidence: Evidence, free: Sequence[Free]) -> FloatArray:
+    """Share of each effect's nats that the model's own form can imitate, (C,) from 0 to 1.
+
+    `free` are the nuisances of the evidence. What is lost entirely no flight can name.
+    """
+    held = np.where([f.is_form for f in free], _HELD, evidence.precision)
+    alone = gain_nats(replace(evidence, precision=held))
+    return np.asarray(np.clip(1.0 - gain_nats(evidence) / np.maximum(alone, _TINY), 0.0, 1.0))
 
 
 def information(model: Model, base: Fit, name: str, size: float | None = None) -> FloatArray:

@@ -17,7 +17,13 @@ from wakedeploy.core.processes import Pool, pool
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
-from wakedeploy.gap.evidence.separation import Evidence, gain_nats, gather, loss_nats
+from wakedeploy.gap.evidence.separation import (
+    Evidence,
+    gain_nats,
+    gather,
+    loss_nats,
+    lost_to_form,
+)
 from wakedeploy.gap.few_flights import in_words
 from wakedeploy.gap.planning.plan import MARGIN_NATS, plausible_size
 from wakedeploy.gap.planning.rates import (
@@ -76,6 +82,7 @@ class EffectPower:
     sensor: str | None
     cost_mm: float | None
     split_by: str
+    lost_to_form: float
 
     @property
     def verdict(self) -> str:
@@ -212,7 +219,7 @@ def power(
     named_with = _named_with_sensors(
         simulated, threshold, _telling(progress, "sensors", len(SENSORS) + 1)
     )
-    told = _Told(rig, simulated.evidence, threshold, seconds + 2.0 * rig.disturbance.rest_s)
+    told = _Told(rig, simulated, threshold, seconds + 2.0 * rig.disturbance.rest_s)
     advance = _telling(progress, "sizes", len(chosen))
     effects = []
     for i, name in enumerate(chosen):
@@ -241,12 +248,14 @@ def step_count(rig: Rig, flights: int) -> int:
 class _Told:
     """Puts together what is known about each effect."""
 
-    def __init__(self, rig: Rig, evidence: Evidence, threshold: float, flight_s: float) -> None:
+    def __init__(self, rig: Rig, simulated: Simulated, threshold: float, flight_s: float) -> None:
+        evidence = simulated.evidence
         self._rig, self._evidence = rig, evidence
         self._threshold, self._flight_s = threshold, flight_s
         self._draws = Draws.of(evidence, share=fitted_share(len(evidence.gram)))
         self.loss = loss_nats(evidence)
         self._gain = gain_nats(evidence)
+        self._lost = lost_to_form(evidence, simulated.base.free)
 
     def effect(self, name: str, named_with: FloatArray, cost_mm: float | None) -> EffectPower:
         """Everything about one effect; `named_with` (S + 1,)."""
@@ -279,6 +288,7 @@ class _Told:
             sensor=_cheapest(named_with),
             cost_mm=cost_mm,
             split_by=effect.split_by,
+            lost_to_form=float(self._lost[i]),
         )
 
     def _calibration(self, name: str, nameable: float) -> float | None:

@@ -16,6 +16,7 @@ from wakedeploy.gap.folder import TITLE, Steps, read_steps
 from wakedeploy.gap.report import charts
 from wakedeploy.gap.report import maps as report_maps
 from wakedeploy.gap.report.advice import Advice, advice
+from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.shrinkage import (
     closed_words,
     flight_count,
@@ -190,17 +191,20 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
 
 
 def _opening(steps: Steps, out: Path) -> Markup:
-    """The account in plain words, the numbers that matter, and what comes next."""
+    """The first screen, the numbers that matter, what comes next; then the account in detail."""
     summary = steps.summary
-    sentences = [verdict_sentence(summary), *evidence(summary)]
+    asked = [element("p", f"{question} {answer}") for question, answer in first_screen(summary)]
+    apart = [element("p", "In detail:", class_="soft")] if asked else []
     links = [("where", "Where"), ("which", "Which"), ("added", "Added"), ("shown", "Shown")]
     return together(
         element("h1", TITLE),
         _flights(steps),
         element("nav", *(element("a", text, href=f"#{to}") for to, text in links)),
-        element("div", *(element("p", each) for each in sentences), class_="account"),
+        element("div", element("p", verdict_sentence(summary)), *asked, class_="account"),
         _tiles(summary),
         _next(advice(steps, out)),
+        *apart,
+        *(element("p", each) for each in evidence(summary)),
     )
 
 

@@ -52,6 +52,7 @@ _CAPTIONS = {
         "has to fly until it is named."
     ),
 }
+_MUCH_IMITATED = 0.2  # of an effect's nats
 
 
 def write_page(power: Power, folder: Path) -> Path:
@@ -99,7 +100,19 @@ def sentences(power: Power) -> list[str]:
         else (f"adds {costly.cost_mm:.0f} mm to a tracking error of {power.tracking_mm:.1f} mm")
     )
     told.append(f"Ignoring {costly.name} costs most: it {cost}.")
-    return told
+    return told + _imitated(power)
+
+
+def _imitated(power: Power) -> list[str]:
+    """Effects of which the model's own form takes much: their gains are what is left."""
+    lost = [e for e in power.effects if e.lost_to_form > _MUCH_IMITATED]
+    if not lost:
+        return []
+    shares = [f"{e.name} {100 * e.lost_to_form:.0f} %" for e in lost]
+    return [
+        "How far the form of the wake and of the friction may be off ([discrepancy] in the rig "
+        f"file) costs evidence, since it can look like an effect: {', '.join(shares)}."
+    ]
 
 
 def rows(power: Power) -> list[list[str]]:

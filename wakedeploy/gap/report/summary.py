@@ -10,6 +10,19 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, these, unconfirmed
+from wakedeploy.gap.report.first_screen import first_screen
+from wakedeploy.gap.report.mattering import (
+    NOTHING,
+    explainable_sentences,
+    form_sentences,
+    matters,
+    repeated_sentences,
+    small_clause,
+    small_rest_sentences,
+    unsettled_sentences,
+    withdrawn_sentences,
+    worth_sentences,
+)
 from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, placebo, shrinking
 from wakedeploy.gap.search.places import FALSE_DISCOVERIES, forbids_none
 from wakedeploy.gap.wording import (
@@ -33,15 +46,18 @@ _STATED_Q = re.compile(r",? ?\(?q [=<] [0-9.e-]+\)?$")  # at the end of a place'
 _NEEDS_NO_AT = ("at ", "above ", "below ", "between ", "everywhere")
 _MUCH_MORE = 3.0  # times what the thresholds were simulated for
 _CLAIMS = ("named", "class", "unknown")  # verdicts by which something is missing
+_NOTHING_AT_ALL = "Nothing is missing from the model beyond noise."
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
 def account(result: Mapping[str, Any]) -> str:
-    """A short account of a result, one sentence or two per line, the verdict first.
+    """A short account of a result, one sentence or two per line: the first screen, then why.
 
     Only `verdict` is needed; whatever else is missing or null is left out or shown as a dash.
     """
-    return "\n".join([verdict_sentence(result), *evidence(result)])
+    asked = [f"{question} {answer}" for question, answer in first_screen(result)]
+    apart = ["", "In detail:"] if asked else []
+    return "\n".join([verdict_sentence(result), *asked, *apart, *evidence(result)])
 
 
 def verdict_sentence(result: Mapping[str, Any]) -> str:
@@ -58,22 +74,42 @@ def verdict_sentence(result: Mapping[str, Any]) -> str:
 def _verdict_of(result: Mapping[str, Any]) -> str:
     """The sentence of a verdict, whatever it rests on."""
     verdict = result.get("verdict")
-    names = [str(effect.get("name")) for effect in entries(result.get("effects"))]
+    names = [str(e.get("name")) for e in entries(result.get("effects"))]
     if verdict == "named" and names:
-        return (
-            f"{'Effects' if len(names) > 1 else 'Effect'} missing from the model: {listed(names)}."
-        )
+        return _named_sentence(result)
     if verdict == "class":
         members, others = texts(result.get("class")), texts(result.get("others"))
         more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
         return _class_sentence(members, names) + more + _more_classes(result)
     if verdict == "unknown" and entries(result.get("beside")):
         return "Something is missing from the model, and known effects explain only a part of it."
+    if verdict == "unknown" and result.get("closest"):
+        near = (
+            f"the known effect that comes nearest, {result['closest']}, explains too little of it"
+        )
+        return f"Something is missing from the model; {near}."
     if verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
     if verdict == "none":
-        return "Nothing is missing from the model beyond noise."
+        return f"{NOTHING}." if _was_judged(result) else _NOTHING_AT_ALL
     return "No verdict yet."
+
+
+def _was_judged(result: Mapping[str, Any]) -> bool:
+    """Whether something was found, and found not to count."""
+    small = mapping(result.get("small")) or mapping(result.get("explainable"))
+    return bool(entries(result.get("withdrawn")) or small)
+
+
+def _named_sentence(result: Mapping[str, Any]) -> str:
+    """The effects that matter, and those that are there and do not."""
+    names = [str(e.get("name")) for e in entries(result.get("effects")) if matters(e)]
+    small = small_clause(result)
+    if not names:
+        return f"{NOTHING}: {small}."
+    several = "Effects" if len(names) > 1 else "Effect"
+    also = f" Besides, {small}." if small else ""
+    return f"{several} missing from the model: {listed(names)}.{also}"
 
 
 def evidence(result: Mapping[str, Any]) -> list[str]:
@@ -82,11 +118,13 @@ def evidence(result: Mapping[str, Any]) -> list[str]:
     if cannot_tell(flight_count(result)):
         return _hints(result)
     told = _values(result)
+    told += withdrawn_sentences(result) + small_rest_sentences(result)
+    told += explainable_sentences(result)
     if verdict == "class":
-        told += _splitting(result)
+        told += worth_sentences(result, "The best of them") + _splitting(result)
     if verdict == "unknown":
-        told += _part(result) + _rest(mapping(result.get("unknown")))
-    told += _little_left(mapping(result.get("rest")))
+        told += _part(result) + _rest(mapping(result.get("unknown"))) + worth_sentences(result)
+    told += form_sentences(result) + repeated_sentences(result) + unsettled_sentences(result)
     told += _place(result)
     told += shrinking(result) + placebo(result) + _retraining(result)
     if verdict == "none":
@@ -184,7 +222,7 @@ def _values(result: Mapping[str, Any]) -> list[str]:
             values.append(f"{confidence(sure)} sure")
         physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
         told.append(f"{name}: {', '.join(values) or 'without parameters'}.{physics}")
-        told += _at_bound(effect) + _may_be_nothing(effect)
+        told += worth_sentences(effect) + _at_bound(effect) + _may_be_nothing(effect)
     return told + _sizes_if(result)
 
 
@@ -245,14 +283,6 @@ def _part(result: Mapping[str, Any]) -> list[str]:
     bounds = [told for effect in known for told in _at_bound(effect)]
     which = "which are not added by themselves" if known[1:] else "which is not added by itself"
     return [f"A part of it looks like {names}, {which}.", *bounds]
-
-
-def _little_left(rest: Mapping[str, Any]) -> list[str]:
-    """What is beyond the effects, but too little to doubt them."""
-    if not rest.get("text"):
-        return []
-    gain = quantity(number(rest.get("gain_nats")), "nats")
-    return [f"Beyond that a little is left, which is not added: {rest['text']} ({gain})."]
 
 
 def _rest(unknown: Mapping[str, Any]) -> list[str]:

@@ -16,9 +16,11 @@ from wakedeploy.gap.search.detectability import detectable
 from wakedeploy.gap.search.naming import MOST_IN_CLASS, Answer, Round
 from wakedeploy.gap.search.saved_fits import Found
 from wakedeploy.gap.search.threshold import FLIGHTS, SECONDS
+from wakedeploy.gap.systems.gantry.effect_force import force_of
 from wakedeploy.physics.effects import LIBRARY
 
 _CONFUSED = 14  # effects in the picture of what can be told apart
+_NEAR_TOP = 5  # of a ranking; what comes after it decides nothing
 _BENT_SD = 3.0  # of twenty constants, chance bends one as far in one rig of twenty
 
 
@@ -44,7 +46,10 @@ def write_answer(
         "confusion": _confusion(answer) if concluded else {},
         "detectable": detectable(answer) if concluded else {},
         "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
-        "rest": answer.rest.as_json() if answer.rest is not None else None,
+        "rest": _rest(answer),
+        "closest": _closest(answer),
+        "form_exact": answer.rest is None and answer.white.passes(answer.thresholds.whiteness),
+        "unsettled": unsettled(answer),
         "together": [
             {"name": n, "parameters": sizes_of(answer.fit, n)}
             for n in answer.fit.hypothesis
@@ -104,6 +109,37 @@ def bent(fitted: Fit) -> list[dict[str, Any]]:
             one = {"name": f.name, "stated": f.neutral, "spread": f.prior_sd}
             told.append(one | {"fitted": float(value), "away_sd": away_sd})
     return sorted(told, key=lambda one: -float(one["away_sd"]))
+
+
+def _closest(answer: Answer) -> str:
+    """Of an unknown, the known effect that gains most alone, if it gains enough; or ""."""
+    best = answer.rounds[0].ranking[0]
+    leads = answer.verdict == "unknown" and best.gain_nats >= answer.rounds[0].least_nats
+    return best.name if leads else ""
+
+
+def _rest(answer: Answer) -> dict[str, Any] | None:
+    """What is left beyond the effects, with the size of its force along the flights."""
+    if answer.rest is None:
+        return None
+    force_n = force_of(answer.model, answer.rest.fit, answer.rest.terms)
+    return answer.rest.as_json() | {"force_n": force_n}
+
+
+def unsettled(answer: Answer) -> list[str]:
+    """Effects near the top of a ranking whose fit did not converge, or never left its start."""
+    names = []
+    for searched in answer.rounds:
+        near = [c for c in searched.ranking[:_NEAR_TOP] if c.gain_nats > 0.0]
+        names += [c.name for c in near if not c.fit.converged or _unmoved(c.fit, c.name)]
+    names += [n for n in answer.fit.hypothesis if not answer.fit.converged]
+    return list(dict.fromkeys(names))
+
+
+def _unmoved(fitted: Fit, effect: str) -> bool:
+    """Whether all of an effect's parameters stand exactly where they are neutral."""
+    own = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
+    return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in own)
 
 
 def _beside(answer: Answer) -> list[str]:

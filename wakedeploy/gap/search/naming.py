@@ -17,12 +17,13 @@ import numpy as np
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import worth_trying
 from wakedeploy.gap.evidence.inference import Fit, Hypothesis, fit, held_out
-from wakedeploy.gap.evidence.ranking import Candidate, candidate, rank_fairly, scanned_starts
+from wakedeploy.gap.evidence.ranking import Candidate, Scans, candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.rules import FEWEST_FLIGHTS
 from wakedeploy.gap.search.candidates import TERMS
 from wakedeploy.gap.search.expressions import MOST_TERMS, Symbolic, search
+from wakedeploy.gap.search.pairs import best_pair
 from wakedeploy.gap.search.refitting import (
     STILL_NATS,
     expressed_by_own_motion,
@@ -43,6 +44,7 @@ _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own 
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
 _SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
+_LONG_TERMS = 3  # an expression of so many is believed only after effects were tried in pairs
 _CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
 _CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
 _MOST_CONTENDERS = 4
@@ -202,6 +204,11 @@ def name_effects(
     progress("looking for what no effect explains")
     beyond = searched.expression(model, current)
     unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
+    if unknown is not None and len(unknown.terms) >= _LONG_TERMS:
+        progress("trying effects in pairs")
+        pair = _pair_instead(searched, unknown, thresholds)
+        if pair is not None:
+            (model, current), unknown, rest = pair, None, None
     white = whiteness(current)
     verdict, classes = _verdict(rounds, current, unknown, white, thresholds, disagrees)
     if unknown is not None:
@@ -241,10 +248,13 @@ def ranked_by_own_motion(
     been met, whose motion is another.
     """
     least_nats = 0.5 * threshold_nats
-    again, ranked = rank_fairly(model, base, names, least_nats=least_nats, steps=steps)
+    scans: Scans = {}
+    again, ranked = rank_fairly(model, base, names, least_nats=least_nats, steps=steps, scans=scans)
     if again.objective > base.objective + STILL_NATS:
         model, again = refitted(model, again)
-        again, ranked = rank_fairly(model, again, names, least_nats=least_nats, steps=steps)
+        again, ranked = rank_fairly(
+            model, again, names, least_nats=least_nats, steps=steps, scans=scans
+        )
     hopeful = [c for c in ranked if c.gain_nats > _HOPE_SHARE * threshold_nats]
     best = ranked[0]
     near = [c for c in hopeful if c.gain_nats > best.gain_nats - _CONTENDING_NATS]
@@ -284,15 +294,27 @@ class _Search:
         )
         if not self.current.hypothesis:
             self.base_model, self.base = self.model, self.current
-        best = self._chosen(ranked)
-        found = best.name if best is not None else ""
         given = self.current.hypothesis
+        best = self._taken(ranked)
+        found = best.name if best is not None else ""
         self.rounds.append(Round(given, tuple(ranked), found, self._near_nats, least))
-        if best is None:
-            return False
-        self.model, self.current = settled(self.model, best.fit)
-        self._gains[best.name] = best.gain_nats
-        return True
+        if best is not None:
+            self._gains[best.name] = best.gain_nats
+        return best is not None
+
+    def _taken(self, ranked: Sequence[Candidate]) -> Candidate | None:
+        """The first that may be taken and is not nothing: of that size the search goes on past."""
+        left = list(ranked)
+        while left:
+            best = self._chosen(left)
+            if best is None:
+                return None
+            model, fitted = settled(self.model, best.fit)
+            if not may_be_nothing(fitted, best.name):
+                self.model, self.current = model, fitted
+                return best
+            left = [c for c in left if c is not best]
+        return None
 
     def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
         """What is beyond a fit, looked for once."""
@@ -312,6 +334,13 @@ class _Search:
         beyond = self.expression(self.model, self.current)
         close = beyond is not None and best.gain_nats >= beyond.gain_nats - CLASS_NATS
         return best if close else None
+
+
+def may_be_nothing(fitted: Fit, name: str) -> bool:
+    """Whether every parameter's 90 % interval reaches to where the effect changes nothing."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    ends = [(fitted.interval(f.name), f.neutral) for f in own]
+    return all(low <= neutral <= high for (low, high), neutral in ends)
 
 
 def _still_needed(rounds: Sequence[Round], current: Fit) -> list[Round]:
@@ -375,23 +404,39 @@ def _expression(
 def _rest(
     model: GantryModel, base: Fit, current: Fit, beyond: Symbolic | None, thresholds: Thresholds
 ) -> tuple[Symbolic | None, Symbolic | None]:
-    """An expression that explains more than the effects do, or much beyond them; or else a little.
+    """An expression that explains more than the effects do, with or without them; or else a rest.
 
-    The second is what is left beyond the effects where that is too little to doubt them: their own
-    form need not be exact.
+    The second is what is left beyond effects that lead: they keep their name although their form is
+    not exact. An expression takes a name's place only where it is better by more than a class is
+    wide, and than the best of so many expressions gains by chance.
     """
     if not current.hypothesis:
         return beyond, None
     explained = gain_over(base, current)
-    if beyond is not None and beyond.gain_nats > _REST_SHARE * explained:
+    left = beyond.gain_nats if beyond is not None else 0.0
+    if left > explained:
         return beyond, None
-    if explained > _CLEAR_NATS:
+    if explained > _CLEAR_NATS and left < _REST_SHARE * explained:
         return None, beyond
     instead = _expression(model, base, thresholds, most_terms=2)
-    # The best of so many expressions gains as much by chance.
-    if instead is not None and instead.gain_nats > explained + thresholds.expression_nats:
+    least = explained + thresholds.expression_nats + CLASS_NATS
+    if instead is not None and instead.gain_nats > least:
         return instead, None
     return None, beyond
+
+
+def _pair_instead(
+    searched: _Search, unknown: Symbolic, thresholds: Thresholds
+) -> tuple[GantryModel, Fit] | None:
+    """Two effects that explain together what a long expression does, and are both there."""
+    paired = best_pair(searched.base_model, searched.base, searched.rounds[0].ranking)
+    if paired is None:
+        return None
+    model, own, gain_nats = paired
+    least = max(unknown.gain_nats - CLASS_NATS, 2.0 * thresholds.effect_nats)
+    if gain_nats < least or any(may_be_nothing(own, name) for name in own.hypothesis):
+        return None
+    return model, own
 
 
 def gain_over(base: Fit, current: Fit) -> float:
@@ -407,10 +452,11 @@ def _verdict(
     thresholds: Thresholds,
     disagrees: bool,
 ) -> tuple[Verdict, tuple[tuple[str, ...], ...]]:
-    if unknown is not None or not white.passes(thresholds.whiteness):
+    if unknown is not None:
         return "unknown", ()
     if not current.hypothesis:
-        return ("unknown" if disagrees else "none"), ()
+        is_noise = white.passes(thresholds.whiteness) and not disagrees
+        return ("none" if is_noise else "unknown"), ()
     unsettled = _unsettled(rounds, current)
     if unsettled:
         return "class", tuple(tuple(c.name for c in r.rivals) for r in unsettled)

@@ -1,9 +1,9 @@
 """How much gain a rig shows when nothing is missing: the thresholds, simulated and cached.
 
-In: a rig. Out: `Thresholds` that closed-loop flights without any effect, but with constants off by
-as much as the rig file says they may be, exceed together in one case of twenty. Ordinary
-calibration error gives wrong effects many nats; so does looking at thirty effects at once. A
-threshold therefore belongs to a rig and cannot be chosen.
+In: a rig. Out: `Thresholds` that closed-loop flights without any effect, but with constants and
+forms off by as much as the rig file says they may be, exceed together in one case of twenty.
+Ordinary calibration error gives wrong effects many nats; so does looking at thirty effects at once.
+A threshold therefore belongs to a rig and cannot be chosen.
 """
 
 import json
@@ -34,6 +34,7 @@ from wakedeploy.gap.search.expressions import SEARCHED, search
 from wakedeploy.gap.search.naming import Thresholds, fitted_base, ranked_by_own_motion, with_terms
 from wakedeploy.gap.search.places import find_places
 from wakedeploy.gap.search.refitting import expressed_by_own_motion
+from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
@@ -46,7 +47,7 @@ FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
 _INTERVAL_SD = 1.645  # half of a 90 % interval
 _LEAST_RANKED_NATS = 2.0  # even what would be far below a threshold is ranked to the end
-VERSION = 10  # of what is simulated; thresholds of another one are not used
+VERSION = 11  # of what is simulated; thresholds of another one are not used
 LEAST = Thresholds(3.0, 3.0, 4.0, 40.0, 0.005, 0.005, 0.001)
 _NAMING = ("effect_nats", "expression_nats", "wave_nats", "whiteness")
 
@@ -204,7 +205,12 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     text, seed = job
     rig = parse_rig(text)
     truth = miscalibrated(rig, np.random.default_rng([seed, 7]))
-    logs = [record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig) for i in range(FLIGHTS)]
+    form = drawn(rig, np.random.default_rng([seed, 11]))
+    world = FormedWorld(truth, form, constants_of(truth))
+    logs = [
+        record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
+        for i in range(FLIGHTS)
+    ]
     flights = [
         flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
     ]

@@ -9,6 +9,7 @@ from wakedeploy.gap.evidence.inference import Fit, fit
 from wakedeploy.gap.evidence.ranking import rank, scanned_starts
 from wakedeploy.gap.planning.sensors import _carriage_error
 from wakedeploy.gap.search.naming import fitted_base, settled
+from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import DT_S
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.parameters import NOISE
@@ -163,10 +164,10 @@ def test_some_flights_make_a_model_of_their_own(base) -> None:
     assert one.log_density.tobytes() == other.log_density.tobytes()
 
 
-def test_every_hypothesis_has_noise_and_calibration_free() -> None:
+def test_every_hypothesis_has_noise_calibration_and_form_free() -> None:
     model = GantryModel(RIG, [flown(SEEDS[0])])
     names = [f.name for f in model.free(())]
-    assert names == [*NOISE, *spreads_of(RIG)]
+    assert names == [*NOISE, *spreads_of(RIG), *(f.name for f in free_terms(RIG))]
     for effect in LIBRARY.values():
         free = model.free((effect.name,))
         own = {f"{effect.name}.{p.name}" for p in effect.parameters}

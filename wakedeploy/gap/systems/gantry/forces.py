@@ -14,6 +14,14 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from wakedeploy.core.rig import Rig
+from wakedeploy.gap.systems.gantry.discrepancy import (
+    friction_basis,
+    friction_n,
+    heights_of,
+    places_of,
+    wake_basis,
+    wake_factor,
+)
 from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, Line
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
@@ -67,6 +75,7 @@ class Physics:
         last = int(flight.stop.max(initial=len(flight.grid_s)))
         self._air = slice(first, last)
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
+        self._bends: dict[tuple[float, float], FloatArray] = {}
         travelled = np.cumsum(np.abs(flight.vx_mps)) * DT_S
         self._still = Motion(
             time_s=np.maximum(flight.grid_s - flight.take_off_s, 0.0),
@@ -175,19 +184,43 @@ class Physics:
         carriage_m = self._carriage_m(effects)
         key = (id(source_n), *(constants[n] for n in names), id(carriage_m), _key(moving))
 
-        def compute() -> tuple[FloatArray, FloatArray]:
+        def compute() -> tuple[FloatArray, FloatArray, FloatArray]:
             offset = np.zeros(len(source_n))
             motion = _with(self._still, source_n=source_n)
             for effect, values in moving:
                 offset = offset + effect.wake_offset_m(values, motion, self._setting)
-            return self._jet(constants, source_n, carriage_m - offset)
+            lateral_m = carriage_m - offset if moving else carriage_m
+            return *self._jet(constants, source_n, lateral_m), lateral_m
 
         air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
         strength = constants["wake.strength"]
         wake, _ = self._remembered(
             "wake", (id(air), strength), lambda: ((strength * air[0], strength * air[1]), air)
         )
-        return wake
+        return self._formed(constants, wake, air[2])
+
+    def _formed(
+        self, constants: Constants, wake: tuple[FloatArray, FloatArray], lateral_m: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """The wake where its form is not quite the model's."""
+        names = ("wake.speed_mps", "wake.width_m", "wake.diffusivity_m2ps")
+        sizes = tuple(v for n, v in constants.items() if n.startswith("discrepancy.wake."))
+        if not any(sizes):
+            return wake
+
+        def over() -> tuple[FloatArray, object]:
+            z_m = self._flight.nominal[0]
+            places = places_of(constants, self._rig.source.height_m, lateral_m, z_m)
+            return wake_basis(places, heights_of(self._rig.sufferer.travel_m, z_m)), lateral_m
+
+        shape = (id(lateral_m), *(constants[n] for n in names))
+        basis, _ = self._remembered("form", shape, over)
+
+        def compute() -> tuple[tuple[FloatArray, FloatArray], object, object]:
+            factor = wake_factor(constants, basis)
+            return (wake[0] * factor, wake[1] * factor), wake, basis
+
+        return self._remembered("formed", (id(wake), id(basis), sizes), compute)[0]
 
     def _carriage_m(self, effects: Active) -> FloatArray:
         """Where the carriage is [m] when its steps say `x_m`."""
@@ -258,10 +291,11 @@ class Physics:
         acting = tuple(
             e for e in effects if e[0].changes("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
         )
-        key = (id(source_n), id(sufferer_n), id(wake[0]), rail)
+        form = tuple(v for n, v in constants.items() if n.startswith("discrepancy.friction."))
+        key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form)
 
         def compute() -> _Sum:
-            at = _Motions(self._setting, motion, wake, self._rig.wake.drag_area_m2)
+            at = _Motions(self._rig, self._setting, motion, wake, self._bends)
             middle = at.acceleration(constants, acting, 0.0, 0.0)
             higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
             faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
@@ -339,10 +373,11 @@ class _Sum(NamedTuple):
 class _Motions:
     """Forces at motions near the nominal one."""
 
+    rig: Rig
     setting: Setting
     nominal: Motion
     wake: tuple[FloatArray, FloatArray]
-    drag_area_m2: float
+    bends: dict[tuple[float, float], FloatArray]  # of the friction, at motions that were asked for
 
     def acceleration(
         self, constants: Constants, effects: Active, dz_m: float, dv_mps: float
@@ -357,7 +392,8 @@ class _Motions:
         )
         for effect, values in _overriding(effects, "wake_mps"):
             m = _with(m, wake_mps=effect.wake_mps(values, m, self.setting))
-        wake_n = 0.5 * AIR_DENSITY_KGPM3 * self.drag_area_m2 * m.wake_mps * np.abs(m.wake_mps)
+        area_m2 = self.rig.wake.drag_area_m2
+        wake_n = 0.5 * AIR_DENSITY_KGPM3 * area_m2 * m.wake_mps * np.abs(m.wake_mps)
         m = _with(m, wake_n=wake_n)
         for effect, values in _overriding(effects, "sufferer_n"):
             m = _with(m, sufferer_n=effect.sufferer_n(values, m, self.setting))
@@ -377,6 +413,10 @@ class _Motions:
             _SLIDING_MPS,
             _RESTING_MPS,
         )
+        if (dz_m, dv_mps) not in self.bends:
+            heights = heights_of(self.setting.travel_m, np.asarray(m.z_m))
+            self.bends[dz_m, dv_mps] = friction_basis(np.asarray(m.vz_mps), heights)
+        total = total - friction_n(self.rig, constants, self.bends[dz_m, dv_mps])
         return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
 
 

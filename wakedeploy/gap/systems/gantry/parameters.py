@@ -1,7 +1,8 @@
 """The free parameters of a gantry's hypothesis: where each stands, and what it means.
 
 In: a rig, its own effects, and those that a hypothesis names. Out: a `Layout` that turns parameters
-into constants and effects with values. Noise comes first, then calibration, then effects.
+into constants and effects with values. Noise comes first, then calibration, then the model's form,
+then effects.
 """
 
 import math
@@ -12,6 +13,7 @@ import numpy as np
 
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
@@ -26,6 +28,9 @@ NOISE = (
     "noise.range_slope",
 )
 _ACCELERATION = 0.03  # [m/s²·√s] white acceleration that friction's fine structure leaves
+# A factor of 1.5. With a form that bends, few flights can be followed by a noise that is much too
+# small; others then are not.
+_NOISE_SD = 0.4
 _WIDEST_SD = 5.0
 # An effect's delay comes on top of what is uncertain about the delay that was calibrated.
 _ADDED = {"command.delay_s", "range.delay_s"}
@@ -66,6 +71,9 @@ class Layout:
             if constant not in claimed:
                 self._constants.append((len(free), constant))
                 free.append(_nuisance(constant, self._base[constant], spread))
+        for term in free_terms(rig):
+            self._constants.append((len(free), term.name))
+            free.append(term)
         for effect, known in own:
             self._add(free, effect, known)
         for effect in named:
@@ -105,8 +113,8 @@ def _noise(rig: Rig) -> tuple[Free, ...]:
     time_s = rig.disturbance.turbulence_time_s
     range_m = max(rig.range_sensor.noise_m, 0.0005)
     return (
-        Free(NOISE[0], "", math.log(_ACCELERATION), 1.0, -8.0, 2.0, 0.05, first=0.0),
-        Free(NOISE[1], "", math.log(fraction), 1.0, -7.0, 1.5, 0.05, first=-1.0),
+        Free(NOISE[0], "", math.log(_ACCELERATION), _NOISE_SD, -8.0, 2.0, 0.05, first=0.0),
+        Free(NOISE[1], "", math.log(fraction), _NOISE_SD, -7.0, 1.5, 0.05, first=-1.0),
         Free(NOISE[2], "", math.log(time_s), 0.5, -4.5, 1.0, 0.05),
         Free(NOISE[3], "", math.log(range_m), 0.5, -8.0, -2.0, 0.02),
         Free(NOISE[4], "", 0.0, 0.002, -0.003, 0.03, 1e-4),

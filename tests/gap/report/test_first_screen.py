@@ -1,0 +1,84 @@
+"""The first screen: a person who knows no nats reads what it costs, how sure it is, what to do."""
+
+import re
+
+import pytest
+
+from wakedeploy.gap.report.first_screen import first_screen
+from wakedeploy.gap.report.summary import account
+
+WORTH = {
+    "matters": True,
+    "confirmed": True,
+    "force_n": 0.037,
+    "tracking_m": {"value": 0.0014, "low": 0.0011, "high": 0.0017},
+    "removed": {
+        "0.25 s ahead": {"share": 0.12, "low": 0.08, "high": 0.16},
+        "1 s ahead": {"share": 0.34, "low": 0.2, "high": 0.5},
+    },
+}
+NAMED = {
+    "verdict": "named",
+    "flights": 7,
+    "effects": [{"name": "crosswind-offset", "confidence": 0.97, "worth": WORTH}],
+}
+GAP = {
+    "height 0.25 s ahead": {"before": 0.0052, "after": 0.0052, "noise_floor": 0.005, "unit": "m"}
+}
+
+
+def asked(result) -> dict[str, str]:
+    return dict(first_screen(result))
+
+
+def test_what_matters_is_told_in_newtons_millimetres_and_per_cent() -> None:
+    told = asked(NAMED)
+    assert told["Does it matter?"] == (
+        "Yes: crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast "
+        "error 1 s ahead."
+    )
+    assert told["How sure is that?"].startswith("crosswind-offset 97 %. Flights that took no part")
+    assert told["What next?"] == "Simulate and train with the corrected rig file."
+
+
+def test_what_is_too_small_leaves_the_rig_file_as_it_is() -> None:
+    small = {**NAMED["effects"][0], "worth": WORTH | {"matters": False, "force_n": 0.004}}
+    told = asked(NAMED | {"effects": [small]})
+    assert told["Does it matter?"].startswith("No: crosswind-offset makes 4 mN")
+    assert told["What next?"].startswith("Nothing")
+
+
+def test_where_nothing_is_missing_the_error_stands_beside_the_noise() -> None:
+    told = asked({"verdict": "none", "flights": 7, "gap": GAP})
+    assert "5.2 mm" in told["Does it matter?"]
+    assert "noise alone gives 5.0 mm" in told["Does it matter?"]
+    assert told["What next?"].startswith("Nothing")
+
+
+def test_halves_that_disagree_ask_for_more_flights() -> None:
+    assert "fly more" in asked(NAMED | {"repeated": {"agree": False}})["How sure is that?"]
+    assert "says the same" in asked(NAMED | {"repeated": {"agree": True}})["How sure is that?"]
+
+
+def test_of_too_few_flights_nothing_is_asked() -> None:
+    assert first_screen(NAMED | {"flights": 2}) == []
+    assert first_screen({}) == []
+
+
+@pytest.mark.parametrize(
+    "result",
+    [
+        NAMED,
+        {"verdict": "class", "class": ["wake-width", "wake-decay"], "worth": WORTH, "flights": 7},
+        {
+            "verdict": "unknown",
+            "flights": 7,
+            "explainable": {"share": 0.2, "low": 0.1, "high": 0.3},
+        },
+        {"verdict": "none", "flights": 7, "gap": GAP, "withdrawn": [{"name": "range-drift"}]},
+    ],
+)
+def test_no_verdict_needs_statistics_to_be_read(result) -> None:
+    screen = account(result).partition("\n\n")[0]
+    assert len(screen.splitlines()) >= 3
+    assert not re.search(r"nats|likelihood|sd|posterior|q <|whit", screen)
