@@ -299,6 +299,8 @@ def test_every_fault_that_ends_a_flight_comes_with_a_hint():
         range_jump_m=9.0,
         mcu_fault=True,
         recorder_failed=True,
+        is_noisy=True,
+        held_up_mps=9.0,
         stop_asked=True,
         z_m=9.0,
         x_m=9.0,

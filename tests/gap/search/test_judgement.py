@@ -16,7 +16,14 @@ from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 NAMED = {"verdict": "named", "effects": [{"name": "crosswind-offset", "parameters": {}}]}
 
 
-def worth(near: float, far: float, nats: float, reach: float = 0.01, placebo: float = 0.0):
+def worth(
+    near: float,
+    far: float,
+    nats: float,
+    reach: float = 0.01,
+    placebo: float = 0.0,
+    far_placebo: float = 0.0,
+):
     return Mattering(
         {
             0.25: Removed(near, near - reach, near + reach),
@@ -24,7 +31,7 @@ def worth(near: float, far: float, nats: float, reach: float = 0.01, placebo: fl
         },
         nats,
         Cost(0.02, 0.001, 0.0008, 0.0012),
-        placebo,
+        {0.25: placebo, 1.0: far_placebo},
         1.0,
     )
 
@@ -83,8 +90,10 @@ def test_what_makes_the_sealed_forecast_worse_is_withdrawn_with_a_sentence() -> 
 
 
 def test_what_helps_no_more_than_a_wrong_effect_is_withdrawn() -> None:
-    one = worth(0.03, 0.02, 2.0, placebo=0.04)
+    one = worth(0.03, 0.02, 2.0, placebo=0.04, far_placebo=0.03)
     assert not one.is_confirmed
+    # A horizon at which a wrong effect can do as well does not speak against the other.
+    assert worth(0.03, 0.1, 2.0, placebo=0.04, far_placebo=0.03).is_confirmed
     assert worth(0.03, 0.02, 2.0, placebo=0.01).is_confirmed
 
 

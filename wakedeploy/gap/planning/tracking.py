@@ -36,6 +36,10 @@ class RigForecast:
         self._rig, self.lead_s = rig, rig.default_lead_s
         self.reset()
 
+    def is_possible(self, force_n: float) -> bool:
+        """What the rig file predicts always is."""
+        return True
+
     def reset(self) -> None:
         """Still air, the source idle."""
         dt_s = 1.0 / LOOP_RATE_HZ / _STEPS_PER_TICK

@@ -177,5 +177,5 @@ def _by(entry: Mapping[str, Any]) -> str:
 
 
 def _placebo(entry: Mapping[str, Any]) -> str:
-    share = number(mapping(entry.get("worth")).get("placebo_share"))
+    share = number(mapping(mapping(entry.get("worth")).get("placebo_removed")).get(_NEAR))
     return "" if math.isnan(share) else f"; a wrong effect: {_digits(share)} %"

@@ -53,21 +53,22 @@ class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
     `removed` by horizon [s]; `gain_nats` of the sealed likelihood; `cost`, the force that it makes
-    along the flights and the tracking error of a controller that ignores it; `placebo_share`, what
-    a wrong effect removes 0.25 s ahead, and `placebo_nats`, what it gains (None without another).
+    along the flights and the tracking error of a controller that ignores it; `placebo_shares`,
+    what a wrong effect removes by horizon, and `placebo_nats`, what it gains (None without one).
     """
 
     removed: Mapping[float, Removed]
     gain_nats: float
     cost: Cost
-    placebo_share: float | None = None
+    placebo_shares: Mapping[float, float] | None = None
     placebo_nats: float | None = None
 
     @property
     def helps(self) -> bool:
-        """Whether the forecast is the better for it, and more than for a wrong effect."""
-        near = self.removed[0.25].share
-        return near > max(self.placebo_share or 0.0, 0.0)
+        """Whether forecasts are the better for it, and at a horizon more than for a wrong effect."""
+        placebo = self.placebo_shares or {}
+        better = [r.share > max(placebo.get(h, 0.0), 0.0) for h, r in self.removed.items()]
+        return self.removed[0.25].share > 0.0 and any(better)
 
     @property
     def speaks(self) -> bool:
@@ -86,7 +87,7 @@ class Mattering:
         Surely more than nothing: by the share's own interval, or because the sealed likelihood
         speaks for it, which tells more of few blocks.
         """
-        spoils = self.removed[1.0].high < 0.0
+        spoils = any(r.high < 0.0 for r in self.removed.values())
         counts = [r for r in self.removed.values() if r.share >= SHARE]
         surely = self.speaks or any(r.clearly for r in counts)
         return self.helps and not spoils and bool(counts) and surely
@@ -104,7 +105,8 @@ class Mattering:
                 "low": self.cost.low_m,
                 "high": self.cost.high_m,
             },
-            "placebo_share": self.placebo_share,
+            "placebo_removed": self.placebo_shares
+            and {f"{h:g} s ahead": share for h, share in self.placebo_shares.items()},
             "placebo_gain_nats": self.placebo_nats,
         }
 
@@ -167,12 +169,12 @@ class _Judge:
             return self.base
         return self.errors(*reduced(self._found.model, self._found.fit, rest))
 
-    def gained(self, wrong: _Errors | None) -> tuple[float | None, float | None]:
-        """The share that a wrong effect removes 0.25 s ahead, and what it gains [nats]."""
+    def gained(self, wrong: _Errors | None) -> tuple[Mapping[float, float] | None, float | None]:
+        """The share that a wrong effect removes, by horizon, and what it gains [nats]."""
         if wrong is None:
             return None, None
-        share = removed(self.base.blocks[0.25], wrong.blocks[0.25]).share
-        return share, wrong.log_density - self.base.log_density
+        shares = {h: removed(self.base.blocks[h], wrong.blocks[h]).share for h in BLOCKS_S}
+        return shares, wrong.log_density - self.base.log_density
 
     def placebo(self, found: Found, members: Sequence[str]) -> _Errors | None:
         """Under the best wrong effect, as the search fitted it; None where there is no other."""
