@@ -102,10 +102,9 @@ class FlightServer(PageServer):
         self.hub.news(arm=can_arm, stopped=desk.stopped, held=desk.is_held)
 
     def look(self) -> None:
-        """Twenty times a second: whether the page that watches is there; what is new, to pages."""
+        """Whether the page that watches is still there."""
         self.desk.look(time.monotonic())
         self._tell_desk()
-        self.flush()
 
     def carry_out(self, said: dict[str, Any], now_s: float) -> dict[str, Any] | None:
         """STOP, the two steps to a flight, a page's beat."""
@@ -192,9 +191,7 @@ async def _served(
     end.send(json.dumps({"port": address.port}).encode())
     end.setblocking(False)
     asyncio.get_running_loop().add_reader(end, server.read)
-    while not server.is_over:
-        await asyncio.sleep(FLUSH_S)
-        server.look()
+    await server.run(server.look, lambda: server.is_over)
     asyncio.get_running_loop().remove_reader(end)
     end_s = time.monotonic() + LAST_WORD_S
     while time.monotonic() < end_s and not all(one.is_up_to_date for one in server.visitors):

@@ -23,7 +23,6 @@ from wakedeploy.live.address import address_of, token_for
 from wakedeploy.live.events import events_of
 from wakedeploy.live.rows import page_row
 from wakedeploy.live.web import (
-    FLUSH_S,
     PageServer,
     Refused,
     Visitor,
@@ -88,7 +87,7 @@ class Replay(PageServer):
         self.hub.news(plays=self._plays, speed=self._speed)
 
     def look(self) -> None:
-        """Let time pass, and offer pages what was flown meanwhile."""
+        """Let time pass, and take what was flown meanwhile."""
         now_s = time.monotonic()
         if self._plays:
             self._at_s += self._speed * (now_s - self._last_s)
@@ -99,7 +98,6 @@ class Replay(PageServer):
             self._plays = until < len(self._times)
         self._last_s = now_s
         self._tell()
-        self.flush()
 
     def carry_out(self, said: dict[str, Any], now_s: float) -> dict[str, Any] | None:
         """Play, pause, another speed, another place."""
@@ -143,8 +141,6 @@ def replay(
             sockets, application(address, token, "live.html", [(r"/live", Visitor, {"server": server})])
         )
         tell(address.told(token))
-        while True:
-            await asyncio.sleep(FLUSH_S)
-            server.look()
+        await server.run(server.look, lambda: False)
 
     asyncio.run(run())

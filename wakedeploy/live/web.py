@@ -11,6 +11,7 @@ import errno
 import json
 import socket
 import time
+from collections.abc import Callable
 from importlib.resources import files
 from typing import Any
 
@@ -25,6 +26,7 @@ from wakedeploy.core.version import VERSION
 from wakedeploy.live.address import Address, Allowance, fits, is_our_host, is_our_origin
 
 MOST_PAGES = 64
+ASK_S = 0.7  # between two times that pages are asked whether they are there
 FLUSH_S = 0.05  # twenty times a second: more is not seen
 _WRONG_TOKENS = Allowance(5.0, 10)  # answers to them, so that guessing is slow for all guessers
 _LATE_S = 5.0  # for a page to say its token
@@ -210,6 +212,11 @@ class Visitor(tornado.websocket.WebSocketHandler):
             self._is_busy = True
             asyncio.ensure_future(self._sent(frame))
 
+    def ask_whether_it_is_there(self) -> None:
+        """A word that a page answers, and by whose absence it knows that nobody is here."""
+        if self._is_let_in and not self._is_busy:
+            self._send('{"there":true}')
+
     async def _sent(self, frame: str) -> None:
         with contextlib.suppress(
             tornado.websocket.WebSocketClosedError, tornado.iostream.StreamClosedError
@@ -261,6 +268,18 @@ class PageServer:
         """Offer every page what is new."""
         for visitor in list(self.visitors):
             visitor.offer()
+
+    async def run(self, look: Callable[[], None], is_over: Callable[[], bool]) -> None:
+        """Twenty times a second: `look`, and offer what is new; ask pages whether they are there."""
+        ask_s = 0.0
+        while not is_over():
+            look()
+            self.flush()
+            if time.monotonic() >= ask_s:
+                ask_s = time.monotonic() + ASK_S
+                for visitor in list(self.visitors):
+                    visitor.ask_whether_it_is_there()
+            await asyncio.sleep(FLUSH_S)
 
 
 def bound(address: Address) -> tuple[list[socket.socket], Address]:

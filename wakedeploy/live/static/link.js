@@ -1,6 +1,7 @@
 // The way to the server: says the token, takes rows and state, comes back after a loss.
 
 const WAITS_MS = [300, 600, 1200, 2000];
+const SILENCE_MS = 3000;
 const FINAL = { 4000: "ended", 4401: "token", 4403: "token" };
 
 export function token() {
@@ -8,16 +9,28 @@ export function token() {
 }
 
 export class Link {
-  // `hears(frame)` for rows and state, `answered(answer | null, refusal)`, `changed(word)` for the
+  // `hears(frame)` for rows and state, `asked()` whether the page is there, `answered(answer | null, refusal)`, `changed(word)` for the
   // connection itself: "live", "lost", "ended", "token".
-  constructor({ hears, answered, changed }) {
+  constructor({ hears, asked, answered, changed }) {
     this.hears = hears;
+    this.asked = asked;
     this.answered = answered;
     this.changed = changed;
     this.seen = -1;
     this.epoch = "";
     this.tries = 0;
+    this.heardAt = performance.now();
+    setInterval(() => this.listen(), 500);
     this.connect();
+  }
+
+  // A server that is out of reach closes nothing: its silence tells.
+  listen() {
+    const open = this.socket?.readyState === WebSocket.OPEN;
+    if (!open || performance.now() - this.heardAt < SILENCE_MS) return;
+    this.socket.onclose = this.socket.onmessage = null;
+    this.socket.close();
+    this.lost(0);
   }
 
   connect() {
@@ -27,12 +40,18 @@ export class Link {
     }
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.socket = new WebSocket(`${scheme}://${location.host}/live`);
+    this.heardAt = performance.now();
     this.socket.onopen = () => this.send({ token: token(), seen: this.seen, epoch: this.epoch });
     this.socket.onmessage = (event) => this.take(JSON.parse(event.data));
     this.socket.onclose = (event) => this.lost(event.code);
   }
 
   take(message) {
+    this.heardAt = performance.now();
+    if (message.there) {
+      this.asked();
+      return;
+    }
     if ("answer" in message) {
       this.answered(message.answer, message.answer.refused);
       return;
