@@ -1,10 +1,12 @@
-"""What tests of pages share: a served page, rows to feed it with, flights slowed down, a browser."""
+"""What tests of pages share: clients of a server, rows to feed it with, flights slowed down."""
 
 import asyncio
 import contextlib
 import http.client
 import json
 import socket
+import subprocess
+import sys
 import time
 from urllib.parse import urlsplit
 
@@ -64,6 +66,20 @@ class Client:
         socket = await tornado.websocket.websocket_connect(request)
         await socket.write_message(json.dumps({"token": token or self.token} | said))
         return socket
+
+
+@contextlib.contextmanager
+def serving(*words):
+    """The address of a command that serves a page until the block is left."""
+    line = [sys.executable, "-c", "from wakedeploy.cli import main; main()", *map(str, words)]
+    line += ["--listen", "127.0.0.1:0"]
+    with subprocess.Popen(line, stderr=subprocess.PIPE, text=True) as command:
+        try:
+            told = command.stderr.readline()
+            assert "Live page: http://" in told, told + command.stderr.read()
+            yield told.split()[-1]
+        finally:
+            command.terminate()
 
 
 class Slow:

@@ -124,7 +124,8 @@ def test_stop_and_height_are_in_sight_and_nothing_hangs_over(browser, calm, size
             assert bottom <= size[1]
             assert width > 0
     wide, high = browser.script(
-        "const r = document.getElementById('stop').getBoundingClientRect(); return [r.width, r.height]"
+        "const r = document.getElementById('stop').getBoundingClientRect();"
+        "return [r.width, r.height]"
     )
     assert wide > 200
     assert high >= 48  # a thumb
@@ -132,8 +133,9 @@ def test_stop_and_height_are_in_sight_and_nothing_hangs_over(browser, calm, size
 
 def test_nothing_moves_while_values_change(browser, calm):
     places = (
-        "return [...document.querySelectorAll('main > *, .top > *, .top dd, .facts dd, .columns > *')]"
-        ".map((e) => { const r = e.getBoundingClientRect(); return [r.left, r.top, r.right, r.bottom]; })"
+        "const places = 'main > *, .top > *, .top dd, .facts dd, .columns > *';"
+        "return [...document.querySelectorAll(places)].map((e) => e.getBoundingClientRect())"
+        ".map((r) => [r.left, r.top, r.right, r.bottom])"
     )
     browser.open(calm.url)
     calm.feed.put(row(50, z_est_m=0.001))

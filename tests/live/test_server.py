@@ -41,7 +41,9 @@ def test_the_page_is_sent_with_headers_that_leave_nothing_open(client):
     assert "Tornado" not in str(headers)
 
 
-@pytest.mark.parametrize("path", ["/static/../web.py", "/static/%2e%2e/web.py", "/x", "/static/x.js"])
+@pytest.mark.parametrize(
+    "path", ["/static/../web.py", "/static/%2e%2e/web.py", "/x", "/static/x.js"]
+)
 def test_nothing_but_the_pages_files_is_sent(client, path):
     status, headers, _ = client.ask("GET", path)
     assert status == 404

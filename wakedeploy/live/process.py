@@ -44,7 +44,7 @@ def live_page(address_text: str, token_file: Path | None = None) -> Iterator[Ser
     token = token_for(address, token_file)
     ours, its = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     with deaf_to_ctrl_c():
-        process = subprocess.Popen(
+        process = subprocess.Popen(  # noqa: S603
             [sys.executable, "-m", "wakedeploy.live", str(its.fileno())],
             pass_fds=[its.fileno()],
             stdin=subprocess.DEVNULL,

@@ -138,7 +138,8 @@ def replay(
 
     async def run() -> None:
         serve(
-            sockets, application(address, token, "live.html", [(r"/live", Visitor, {"server": server})])
+            sockets,
+            application(address, token, "live.html", [(r"/live", Visitor, {"server": server})]),
         )
         tell(address.told(token))
         await server.run(server.look, lambda: False)

@@ -130,6 +130,7 @@ class Visitor(tornado.websocket.WebSocketHandler):
         self._is_let_in = self._is_busy = False
         self._seen, self._version, self._epoch = -1, -1, ""
         self._wishes = Allowance(20.0, 40)
+        self._sending: asyncio.Future[None] | None = None  # asyncio itself keeps no reference
 
     def set_default_headers(self) -> None:
         """The headers of every answer."""
@@ -210,7 +211,7 @@ class Visitor(tornado.websocket.WebSocketHandler):
         if frame is not None:
             self._seen, self._version, self._epoch = hub.count, hub.version, hub.epoch
             self._is_busy = True
-            asyncio.ensure_future(self._sent(frame))
+            self._sending = asyncio.ensure_future(self._sent(frame))
 
     def ask_whether_it_is_there(self) -> None:
         """A word that a page answers, and by whose absence it knows that nobody is here."""
@@ -270,7 +271,7 @@ class PageServer:
             visitor.offer()
 
     async def run(self, look: Callable[[], None], is_over: Callable[[], bool]) -> None:
-        """Twenty times a second: `look`, and offer what is new; ask pages whether they are there."""
+        """Look, offer what is new, and now and then ask pages whether they are there."""
         ask_s = 0.0
         while not is_over():
             look()

@@ -5,9 +5,19 @@ export function colour(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
 }
 
-const FONT = '11px system-ui, -apple-system, "Segoe UI", Roboto, sans-serif';
+export const FONT = '11px system-ui, -apple-system, "Segoe UI", Roboto, sans-serif';
 
-const INCREMENTS = [0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+const SECONDS = [0.1, 0.2, 0.5, 1, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 3600];
+const INCREMENTS = [0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000];
+
+// The two axes of every chart: seconds below, `told(value)` at the left.
+export function chartAxes(told) {
+  const axis = { stroke: colour("soft"), font: FONT, ticks: { show: false }, grid: { stroke: colour("grid"), width: 1 } };
+  return [
+    { ...axis, size: 22, space: 60, incrs: SECONDS, values: (_, ticks) => ticks.map((t) => `${+t.toFixed(2)} s`), grid: { show: false } },
+    { ...axis, size: 44, space: 24, incrs: INCREMENTS, values: (_, ticks) => ticks.map(told) },
+  ];
+}
 
 // series: [{ label, colour, dash, width }]; low and high are where the scale begins.
 export class Strip {
@@ -29,8 +39,6 @@ export class Strip {
 
   draw() {
     this.plot?.destroy();
-    const ink = colour("soft");
-    const axis = { stroke: ink, font: FONT, ticks: { show: false }, grid: { stroke: colour("grid"), width: 1 } };
     this.plot = new uPlot(
       {
         ...this.size(),
@@ -38,10 +46,7 @@ export class Strip {
         cursor: { show: false },
         padding: [8, 6, 0, 0],
         scales: { x: { time: false, auto: false }, y: { auto: false, min: this.low, max: this.high } },
-        axes: [
-          { ...axis, size: 22, space: 60, incrs: [1, 5, 10, 20, 30, 60, 120, 300, 600], values: (_, ticks) => ticks.map((t) => `${t} s`), grid: { show: false } },
-          { ...axis, size: 44, space: 24, incrs: INCREMENTS, values: (_, ticks) => ticks.map((v) => v.toFixed(this.digits)) },
-        ],
+        axes: chartAxes((value) => value.toFixed(this.digits)),
         series: [
           {},
           ...this.series.map((one) => ({

@@ -93,7 +93,7 @@ export class Timeline {
   }
 }
 
-function faultText(name, hints) {
+export function faultText(name, hints) {
   const hint = hints[name];
   return hint ? hint[0].toUpperCase() + hint.slice(1) : name.replaceAll("_", " ");
 }
