@@ -2,7 +2,7 @@
 
 Every flight is one of the virtual gantry in real time, paced at 32 Hz, of the same plan; the order
 within a pair alternates. Pages are read by another process, as by ten browsers. What a row costs
-in the loop, and how fast a list of a thousand flights comes from the index, is timed beside it.
+in the loop, and how long `log browse` takes to list a thousand flights, is timed beside it.
 
     python -m benchmarks.live --json docs/records/live.json
 """
@@ -13,6 +13,8 @@ import contextlib
 import json
 import math
 import multiprocessing
+import os
+import shutil
 import socket
 import statistics
 import sys
@@ -33,6 +35,7 @@ from runtime.loop.tally import Tally
 from runtime.request import RunRequest
 from runtime.run import fly
 from wakedeploy.core.errors import CheckFailed
+from wakedeploy.live.flights import Index
 from wakedeploy.live.process import live_page
 from wakedeploy.rig.file import default_rig
 
@@ -50,6 +53,7 @@ def main() -> None:
         "package": options.package.name if options.package else None,
         "pairs": flown,
         "put_us": _put_us(),
+        "list": _listed(options.logs),
     } | _difference(flown)
     print(json.dumps(result, indent=1))
     if options.json:
@@ -61,6 +65,7 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--package", type=Path, help="feed its force forward; default: PID alone")
     parser.add_argument("--pairs", type=int, default=10)
     parser.add_argument("--seconds", type=float, default=120.0)
+    parser.add_argument("--logs", type=int, default=1000, help="of the folder that is listed")
     parser.add_argument("--json", type=Path)
     return parser.parse_args()
 
@@ -153,6 +158,40 @@ def _difference(flown: list[dict[str, Any]]) -> dict[str, Any]:
 def _mean(values: list[float]) -> list[float | None]:
     error = statistics.stdev(values) / math.sqrt(len(values)) if len(values) > 1 else None
     return [round(statistics.fmean(values), 4), None if error is None else round(error, 4)]
+
+
+def _listed(logs: int) -> dict[str, float]:
+    """How long a list of so many flights takes [s]: read from the files, and from the cache."""
+    with tempfile.TemporaryDirectory() as temporary, _cache_in(Path(temporary)):
+        folder = Path(temporary) / "flights"
+        folder.mkdir()
+        first = folder / "0.mcap"
+        fly(RunRequest(default_rig(), 20.0, log=first))
+        for number in range(1, logs):
+            shutil.copyfile(first, folder / f"{number}.mcap")
+        began_s = time.perf_counter()
+        Index(folder).refresh()
+        read_s = time.perf_counter() - began_s
+        began_s = time.perf_counter()
+        rows = Index(folder).rows()
+        from_cache_s = time.perf_counter() - began_s
+        assert len(rows) == logs
+        assert not any("waits" in row for row in rows)
+    return {"logs": logs, "read_s": round(read_s, 2), "from_cache_s": round(from_cache_s, 4)}
+
+
+@contextlib.contextmanager
+def _cache_in(folder: Path) -> Iterator[None]:
+    """A cache of its own, gone afterwards."""
+    before = os.environ.get("XDG_CACHE_HOME")
+    os.environ["XDG_CACHE_HOME"] = str(folder / "cache")
+    try:
+        yield
+    finally:
+        if before is None:
+            del os.environ["XDG_CACHE_HOME"]
+        else:
+            os.environ["XDG_CACHE_HOME"] = before
 
 
 def _put_us() -> dict[str, float]:

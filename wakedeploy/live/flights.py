@@ -24,6 +24,7 @@ from wakedeploy.core.runlog import RunLog, read_run_log
 
 VERSION = 1  # of a row; another one makes the cache worthless
 FEW = 8  # logs that are read here; for more, other processes help
+_KEPT_EACH = 100  # logs, after which what was read survives the program's end
 _AT_ONCE = 16  # logs for a process at a time
 _REPORTS = (".html",)
 _PICTURES = ("curves.png", "prediction.png")  # of a training run
@@ -153,8 +154,8 @@ class Index:
                 size, changed_ns = self._present.get(name, (0, 0))
                 self._kept[name] = (size, changed_ns, row)
                 tell(done, len(todo))
-            if todo:
-                self._keep()
+                if done % _KEPT_EACH == 0 or done == len(todo):
+                    self._keep()
         finally:
             self._reading.release()
 
