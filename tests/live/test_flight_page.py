@@ -174,6 +174,7 @@ def test_dark_is_dark_and_is_drawn_anew(browser, calm):
     assert sum(map(int, re.findall(r"\d+", dark)[:3])) < 100
 
 
+@pytest.mark.wallclock
 def test_two_steps_arm_and_a_page_that_goes_lands_the_flight(browser, tmp_path):
     word = tmp_path / "fly"
     with live_page("127.0.0.1:0") as page:
@@ -187,8 +188,9 @@ def test_two_steps_arm_and_a_page_that_goes_lands_the_flight(browser, tmp_path):
         browser.click("arm-yes")
         browser.until(word.exists)
         time.sleep(HOLD_S + 0.5)  # a package is tried meanwhile; the page is heard without rows
+        assert not page.feed.stop_asked()
         begin(page.feed)
-        fed(page.feed, range(10), 0.01)
+        fed(page.feed, range(160), 0.03)  # and with them
         assert not page.feed.stop_asked()
         browser.driver.get("about:blank")
         browser.until(page.feed.stop_asked, limit_s=HOLD_S + 3.0)

@@ -134,6 +134,32 @@ def test_ten_pages_get_every_row_once_and_one_that_comes_back_only_the_rest():
         assert page.feed.dropped == 0
 
 
+def test_a_page_is_asked_whether_it_is_there_while_rows_flow_and_while_none_do():
+    with live_page("127.0.0.1:0") as page:
+        begin(page.feed)
+
+        async def asked(socket, for_s):
+            """How often within a time."""
+            count = 0
+            try:
+                async with asyncio.timeout(for_s):
+                    while message := await socket.read_message():
+                        count += "there" in json.loads(message)
+            except TimeoutError:
+                return count
+            raise AssertionError("the page was sent away")
+
+        async def visit():
+            one = await Client(page.url).page()
+            flowing = threading.Thread(target=fed, args=(page.feed, range(300), 0.006))
+            flowing.start()
+            assert await asked(one, 1.8) >= 2  # HOLD_S is longer
+            flowing.join()
+            assert await asked(one, 1.8) >= 2
+
+        asyncio.run(visit())
+
+
 def test_a_page_that_does_not_read_holds_up_nobody_and_misses_what_it_did_not_take():
     """Twice what fits between the two, while it does not read; then it gets the newest."""
     with live_page("127.0.0.1:0") as page:

@@ -275,11 +275,11 @@ class PageServer:
         ask_s = 0.0
         while not is_over():
             look()
-            self.flush()
-            if time.monotonic() >= ask_s:
+            if time.monotonic() >= ask_s:  # before rows are on their way again
                 ask_s = time.monotonic() + ASK_S
                 for visitor in list(self.visitors):
                     visitor.ask_whether_it_is_there()
+            self.flush()
             await asyncio.sleep(FLUSH_S)
 
 

@@ -24,6 +24,7 @@ export class Strip {
   constructor(element, { series, low, high, height, digits = 2, growth = 1.15 }) {
     Object.assign(this, { element, series, low, high, height, digits, growth });
     this.data = [[], ...series.map(() => [])];
+    this.window = { min: 0, max: 30 };
     this.draw();
     new ResizeObserver(() => this.resize()).observe(element);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.draw());
@@ -61,7 +62,7 @@ export class Strip {
       this.data,
       this.element,
     );
-    if (this.window) this.plot.setScale("x", this.window);
+    this.show(this.data, this.window.max, this.window.max - this.window.min);
   }
 
   // columns: [t, one array per series]; the window ends at `end`, `span` seconds long.

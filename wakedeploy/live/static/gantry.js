@@ -51,6 +51,7 @@ export class Gantry {
     make(this.sufferer, "rect", { x: -26, y: -10, width: 52, height: 20, rx: 5, class: "g-body" });
     this.measured = arrow(this.sufferer, "g-measured", -13);
     this.predicted = arrow(this.sufferer, "g-predicted", 13);
+    this.place({ x_m: 0, z_m: 0, z_ref_m: 0 });
   }
 
   beams(root, half, bottom, left, right) {
@@ -87,15 +88,19 @@ export class Gantry {
   // past(t): the source's pulse at an earlier time [µs], or null.
   show(now, past) {
     if (!this.rig || now.z_m === null) return;
+    this.place(now);
+    this.measured(now.force_n);
+    this.predicted(now.force_pred_n);
+    this.blow(now.t_s, past);
+  }
+
+  place(now) {
     const x = (now.x_m ?? 0) * M;
     this.carriage.setAttribute("transform", `translate(${x} 0)`);
     this.sufferer.setAttribute("transform", `translate(0 ${this.y(now.z_m)})`);
     const at = this.y(now.z_ref_m ?? 0);
     this.reference.setAttribute("y1", at);
     this.reference.setAttribute("y2", at);
-    this.measured(now.force_n);
-    this.predicted(now.force_pred_n);
-    this.blow(now.t_s, past);
   }
 
   blow(t, past) {

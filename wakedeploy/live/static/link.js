@@ -9,7 +9,7 @@ export function token() {
 }
 
 export class Link {
-  // `hears(frame)` for rows and state, `asked()` whether the page is there, `answered(answer | null, refusal)`, `changed(word)` for the
+  // `hears(frame)` for rows and state, `asked()` with every message, `answered(answer | null, refusal)`, `changed(word)` for the
   // connection itself: "live", "lost", "ended", "token".
   constructor({ hears, asked, answered, changed }) {
     this.hears = hears;
@@ -48,10 +48,8 @@ export class Link {
 
   take(message) {
     this.heardAt = performance.now();
-    if (message.there) {
-      this.asked();
-      return;
-    }
+    this.asked();
+    if (message.there) return;
     if ("answer" in message) {
       this.answered(message.answer, message.answer.refused);
       return;

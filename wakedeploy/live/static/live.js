@@ -9,6 +9,7 @@ const SPAN_S = 30;
 const KEPT_S = 125;
 const HOLE_S = 0.4; // without rows: drawn as a gap
 const NO_ANSWER_MS = 1000;
+const BEAT_MS = 400; // between two beats of a page that has begun the flight
 
 const $ = (id) => document.getElementById(id);
 const holder = sessionStorage.holder ??= crypto.randomUUID?.() ?? String(Math.random()).slice(2);
@@ -19,6 +20,7 @@ let state = {};
 let armWord = null;
 let holdsFlight = false;
 let stopAsked = 0;
+let beatAt = 0;
 
 const narrow = () => matchMedia("(max-width: 760px)").matches;
 const tall = (wide, phone) => () => (narrow() ? phone : wide);
@@ -92,7 +94,10 @@ function hears(frame) {
 
 // Not by a timer: browsers slow those of a page that is not in front.
 function asked() {
-  if (holdsFlight) link.send({ do: "beat", holder });
+  const now = performance.now();
+  if (!holdsFlight || now - beatAt < BEAT_MS) return;
+  beatAt = now;
+  link.send({ do: "beat", holder });
 }
 
 function heard(news) {
@@ -117,7 +122,7 @@ function tellAbout() {
   document.title = state.title ? `${state.title} – wakedeploy` : "wakedeploy";
   $("title").textContent = state.kind === "replay" ? `Replay of ${state.title}` : state.title ?? "";
   $("log").textContent = state.kind === "replay" ? "" : state.log ? `Recorded in ${state.log}` : "Not recorded";
-  if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms`;
+  if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
   $("gap-says").textContent = state.watches_gap ? "1 is the limit" : state.kind === "replay" ? "not recorded" : "off; --watch-gap";
 }
 
@@ -128,7 +133,8 @@ function tellStop() {
   button.textContent = over ? "ENDED" : state.stopped ? "STOPPED" : "STOP";
   if (state.stopped) stopAsked = 0;
   if (over) {
-    notice(`The run has ended: ${state.ended}. What was flown stays here until this page is closed.`);
+    const why = state.stopped ? ` (${state.stopped})` : "";
+    notice(`The run has ended: ${state.ended}${why}. What was flown stays here until this page is closed.`);
   } else if (state.stopped) {
     notice(`Stopped: ${state.stopped}. The sufferer comes down. It stays stopped for this run.`);
   }
