@@ -84,7 +84,7 @@ export class Timeline {
       const line = document.createElement("li");
       const when = Object.assign(document.createElement("span"), { className: "t", textContent: `${t.toFixed(1)} s` });
       const what = Object.assign(document.createElement("span"), {
-        className: kind,
+        className: `is-${kind}`,
         textContent: kind === "mode" ? modeName(name) : faultText(name, hints),
       });
       line.append(when, what);
