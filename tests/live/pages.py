@@ -82,6 +82,15 @@ def serving(*words):
             command.terminate()
 
 
+def sent_at(path):
+    """What a socket in the file system answers who asks for its page."""
+    with socket.socket(socket.AF_UNIX) as asking:
+        asking.settimeout(10.0)
+        asking.connect(str(path))
+        asking.sendall(b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nConnection: close\r\n\r\n")
+        return b"".join(iter(lambda: asking.recv(65536), b"")).decode()
+
+
 class Slow:
     """A page that reads when it is told to, and has little room for what it does not read."""
 
