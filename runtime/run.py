@@ -20,10 +20,12 @@ import numpy as np
 
 from runtime.flyable import Flyable
 from runtime.io.board import BoardNews, met_board
+from runtime.io.live_feed import LiveFeed
 from runtime.io.range_source import RangeSource, resting_range_m, wait_for_first
 from runtime.io.realtime import Clock
 from runtime.io.recorder import Recorder, RecorderReport, Taken
 from runtime.io.sd_notify import ServiceManager
+from runtime.live_view import run_view
 from runtime.loop.loop import PERIOD_S, Loop
 from runtime.loop.prediction import PredictionWorker
 from runtime.loop.tally import Tally
@@ -51,13 +53,15 @@ def fly(
     tell: Tell | None = None,
     show: Show | None = None,
     warn: Warn | None = None,
+    live: LiveFeed | None = None,
 ) -> Tally:
     """Carry out a run.
 
     `tell` is given the tally of every run that flew, however it ended, before anything is raised;
     `show` is called twice a second with the seconds done and those of the whole run; `warn` gets
     sentences: of the board and the computer before a flight, and, from another thread, whenever
-    `watch_gap` finds that the rig file stops or starts to explain it.
+    `watch_gap` finds that the rig file stops or starts to explain it; `live` gets every row, and
+    its page may ask for the way down, as Ctrl-C does.
 
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
@@ -66,12 +70,14 @@ def fly(
     with ExitStack() as opened:
         manager = ServiceManager()
         opened.callback(manager.close)
+        beat = functools.partial(_beat, manager, live)
         place = opened_place(request, opened)
         link, ranges, clock = place.link, place.ranges, place.clock
         if request.arm_file is not None:
-            _stand_by(request.arm_file, place, manager, warn, _may_be_virtual(request))
+            _tell(live, phase="standby", arm_file=str(request.arm_file), **run_view(request, None))
+            _stand_by(request.arm_file, place, manager, beat, warn, _may_be_virtual(request))
             request = request.current()  # what is current now, not when the standby began
-            plan, package = wanted(request, manager.beat)
+            plan, package = wanted(request, beat)
         forecast = place.predictions(package, opened) if package is not None else None
         board = met_board(link, may_be_virtual=_may_be_virtual(request))
         if warn is not None and board.warning is not None:
@@ -82,16 +88,20 @@ def fly(
         if not plan.motors_off:
             _require_on_stop(ranges, request.rig, clock)
         recorder = _recorder(request, package, board, opened)
+        log = recorder.path if recorder else None
+        _tell(live, phase="about to fly", **run_view(request, log))
         del package  # its bytes have become a model; megabytes for the reservoir
         watch = GapWatch(request.rig, warn) if request.watch_gap else None
         loop = Loop(
             request.rig, link, ranges, plan, forecast, recorder, clock, watch, manager.beat,
-            is_timed=not place.is_simulated_time,
+            onlooker=live, is_timed=not place.is_simulated_time,
         )  # fmt: skip
-        loop.tally.log = recorder.path if recorder else None
+        loop.tally.log = log
         if warn is not None and place.priority is not None:
             warn(place.priority.sentence)
+        beat()  # the last moment at which a stop means: do not begin
         manager.ready("flying")
+        _tell(live, phase="flying")
         place.settle()
         # A thread beside a loop of real-time priority is what that is to prevent.
         shown = None if place.is_realtime else show
@@ -99,6 +109,7 @@ def fly(
             with _shown(loop, len(plan) * PERIOD_S, request.rig, shown):
                 report = _fly_recorded(loop, recorder, manager)
         finally:
+            _tell(live, phase="ended", ended=loop.tally.ended or "before take-off")
             if tell is not None and loop.tally.ticks:
                 tell(loop.tally)
     said = recording_sentence(report)
@@ -106,10 +117,23 @@ def fly(
     return loop.tally
 
 
+def _beat(manager: ServiceManager, live: LiveFeed | None) -> None:
+    """What is done again and again before a flight; a stop then ends the run, as Ctrl-C does."""
+    manager.beat()
+    if live is not None and live.stop_asked():
+        raise KeyboardInterrupt
+
+
+def _tell(live: LiveFeed | None, **news: object) -> None:
+    if live is not None:
+        live.tell(news)
+
+
 def _stand_by(
     arm_file: Path,
     place: Place,
     manager: ServiceManager,
+    beat: Callable[[], None],
     warn: Warn | None,
     may_be_virtual: bool,
 ) -> None:
@@ -123,7 +147,7 @@ def _stand_by(
             old = "An old one was taken away unheeded. " if forgotten else ""
             warn(f"{old}Standing by, motors off; to fly: touch {arm_file}")
         manager.ready(f"standing by, motors off; to fly: touch {arm_file}")
-        stand_by(arm_file, place.link, place.ranges, manager.beat)
+        stand_by(arm_file, place.link, place.ranges, beat)
         manager.status("about to fly")
     finally:
         signal.signal(signal.SIGTERM, before)

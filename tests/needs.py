@@ -32,6 +32,9 @@ arm = packages(
     all(map(shutil.which, ("arm-none-eabi-gcc", "qemu-system-arm"))),
     *("gcc-arm-none-eabi", "libnewlib-arm-none-eabi", "qemu-system-arm"),
 )
+chromium = packages(
+    all(map(shutil.which, ("chromium", "chromedriver"))), "chromium", "chromium-driver"
+)
 octave = packages(shutil.which("octave-cli") is not None, "octave")
 
 

@@ -75,7 +75,7 @@ def test_the_wheel_holds_the_four_packages_and_nothing_else(wheel: Path) -> None
     tops = {name.split("/")[0] for name in names if ".dist-info/" not in name}
     assert tops == PACKAGES
     kinds = {Path(name).suffix for name in names if ".dist-info/" not in name}
-    assert kinds == {".py", ".pyi", ".toml", ".json", ".typed"}
+    assert kinds == {".py", ".pyi", ".toml", ".json", ".typed", ".html", ".css", ".js", ".txt"}
 
 
 def test_the_wheel_holds_the_licence_and_names_it(wheel: Path) -> None:

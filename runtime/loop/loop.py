@@ -26,7 +26,7 @@ from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.loop.prediction import Predictions
 from runtime.loop.readings import RangeDoor, Seen
 from runtime.loop.safety import ANSWERS_MISSING_S, Event, Findings, Mode, SafetyState
-from runtime.loop.sides import RowSink, Wire
+from runtime.loop.sides import Onlooker, RowSink, Wire
 from runtime.loop.silent_faults import SignReader, Signs
 from runtime.loop.tally import Tally
 from runtime.loop.watch import GapWatch
@@ -81,11 +81,13 @@ class Loop:
         watch: GapWatch | None = None,
         beat: Callable[[], None] | None = None,
         *,
+        onlooker: Onlooker | None = None,
         is_timed: bool = True,
     ) -> None:
         self._rig, self._link, self._ranges, self._plan = rig, link, ranges, plan
         self._worker, self._recorder, self._clock = worker, recorder, clock
         self._watch, self._beat, self._is_timed = watch, beat, is_timed
+        self._onlooker = onlooker
         self._pilot = Pilot(rig, worker.lead_s if worker is not None else 0.0)
         self._rest_ticks = round(rig.disturbance.rest_s * LOOP_RATE_HZ)
         self._wait_s = prediction_wait_s(rig)
@@ -135,6 +137,7 @@ class Loop:
             pacer = Pacer(PERIOD_S, self._clock)
             while not self._finished:
                 self._guarded_tick(pacer.wait())
+                self._look_for_a_stop()
                 if self._beat is not None:
                     self._beat()
         except Exception:
@@ -150,6 +153,11 @@ class Loop:
         if self.error is not None:
             raise self.error
         return self.tally
+
+    def _look_for_a_stop(self) -> None:
+        """Whoever looks on may ask for the way down, as Ctrl-C does."""
+        if self._onlooker is not None and self._onlooker.stop_asked():
+            self.stop_asked = True
 
     def _wait_for_a_board_that_hears_nothing(self) -> None:
         """It cannot be disarmed: its own descent ends in idle motors, and so does the run."""
@@ -239,6 +247,8 @@ class Loop:
         if self._watch is not None:
             row["gap_score"] = self._watch.step(row)
         self._record(row, tick)
+        if self._onlooker is not None:
+            self._onlooker.put(row | {"force_now_n": self._state.unexplained_n})
 
     def _sink(self) -> None:
         """A blind descent's pulses and nothing else; where they do not go out, the board's own."""

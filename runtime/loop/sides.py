@@ -19,6 +19,16 @@ class RowSink(Protocol):
         """Take one row without blocking."""
 
 
+class Onlooker(Protocol):
+    """Who looks on, and may ask for the way down: `runtime.io.live_feed.LiveFeed`."""
+
+    def put(self, row: Mapping[str, LogValue]) -> None:
+        """Take one row without blocking and without an error."""
+
+    def stop_asked(self) -> bool:
+        """Whether the way down was ever asked for."""
+
+
 class Wire(Protocol):
     """The other end of the wire: `runtime.io.link.Link`, or a simulation of it."""
 

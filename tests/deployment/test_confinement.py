@@ -6,12 +6,15 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import needs
 import pytest
+from pages import sent_at
 
 from wakedeploy.core.package import write_package
+from wakedeploy.rig.file import default_rig
 
 UNIT = Path(__file__).parents[2] / "deployment" / "wakedeploy-gantry@.service"
 CEILING = 0.8  # systemd's exposure, of 10; real time, two devices and a socket are what remains
@@ -127,3 +130,26 @@ def test_the_real_time_loop_runs_within_the_units_limits_and_system_calls(tiny_p
     assert row["realtime"]
     refused = confined(package, calls - {"sched_setscheduler"}, tmp_path / "none.json")
     assert "may not use SCHED_FIFO" in refused.stdout + refused.stderr
+
+
+@pytest.mark.wallclock
+@pytest.mark.usefixtures("confinement")
+def test_a_live_page_is_served_at_a_socket_within_the_units_system_calls(tmp_path):
+    default_rig().changed(disturbance={"rest_s": 0.2}).write(tmp_path / "rig.toml")
+    page = tmp_path / "live"
+    command = [sys.executable, Path(__file__).with_name("confined.py"), "wakedeploy", "run-gantry",
+               "--baseline", "--virtual", "--rig", tmp_path / "rig.toml", "--seconds", "6",
+               "--realtime", "--live", page]  # fmt: skip
+    with subprocess.Popen(command, stdin=-1, stdout=-1, stderr=subprocess.STDOUT, text=True) as run:
+        run.stdin.write(" ".join(sorted(allowed_calls())))
+        run.stdin.close()
+        until_s = time.monotonic() + 30.0
+        while not page.exists():
+            assert time.monotonic() < until_s
+            assert run.poll() is None, run.stdout.read()
+            time.sleep(0.1)
+        told = sent_at(page)
+        said = run.stdout.read()
+    assert run.returncode == 0, said
+    assert "<title>wakedeploy</title>" in told
+    assert "ssh -N -L 8032:" in said

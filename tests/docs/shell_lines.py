@@ -40,6 +40,7 @@ NOT_RUN = {
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
+    r" (--live|live \S|log browse)": "serves a page until it is stopped; tests/live do it",
     r" --firmware": "needs the AVR compiler; tests/firmware fly the sketch on a simulated chip",
     r" (.* --wall-clock|bench latency)": "needs a quiet machine; the tests marked wallclock do it",
     r" --install-completion": "writes into the home; tests/cli/test_completion.py has one to give",

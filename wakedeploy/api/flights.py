@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from runtime.flights import Flight as Flown
     from runtime.flights import Mean
+    from runtime.io.live_feed import LiveFeed
     from runtime.loop.tally import Tally
     from runtime.request import RunRequest
     from wakedeploy.api.predictors import Predictor
@@ -271,6 +272,7 @@ def fly(
     progress: Progress = ...,
     tell: "Callable[[Tally], None]" = ...,
     warn: Callable[[str], None] | None = ...,
+    live: "LiveFeed | None" = ...,
     **place: Unpack[Place],
 ) -> Flight: ...
 
@@ -306,6 +308,7 @@ def fly(
     progress: Progress = quiet,
     tell: "Callable[[Tally], None]" = lambda tally: None,
     warn: Callable[[str], None] | None = None,
+    live: "LiveFeed | None" = None,
     **place: Unpack[Place],
 ) -> Flight | Flights:
     """Fly the gantry at 32 Hz: at rest, a random plan, at rest again.
@@ -325,6 +328,7 @@ def fly(
         progress: Called with a stage, and the flights or seconds done and their number.
         tell: Called with the tally of a single flight, however it ended, before anything is raised.
         warn: Called with sentences of the board and the computer during a single flight.
+        live: Where a single flight's rows go as they come (`wakedeploy.live`).
         **place: Where and how: see `wakedeploy.api.flights.Place`.
 
     Returns:
@@ -342,7 +346,7 @@ def fly(
         if kept:
             request = dataclasses.replace(request, log=_inside(Path(temporary), flights))
         if flights is None:
-            return _one_flown(request, kept, progress, tell, warn)
+            return _one_flown(request, kept, progress, tell, warn, live)
         return _many_flown(request, flights, kept, workers, progress)
 
 
@@ -390,13 +394,14 @@ def _one_flown(
     progress: Progress,
     tell: "Callable[[Tally], None]",
     warn: Callable[[str], None] | None,
+    live: "LiveFeed | None",
 ) -> Flight:
     from runtime.run import fly as run
 
     def show(done_s: float, total_s: float) -> None:
         progress("Flying", round(done_s), round(total_s))
 
-    tally = run(request, tell=tell, show=None if progress is quiet else show, warn=warn)
+    tally = run(request, tell=tell, show=None if progress is quiet else show, warn=warn, live=live)
     if tally.log is None:
         rmse_m = tally.true_rmse_m if request.is_virtual else tally.rmse_m
         return Flight(RunLog.from_rows([]), None, tally.ended, rmse_m)

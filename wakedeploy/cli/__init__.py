@@ -33,6 +33,7 @@ COMMANDS = (
     "bench",
     "run-gantry",
     "fly-pair",
+    "live",
     "log",
     "gap",
     "study",

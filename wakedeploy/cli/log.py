@@ -1,4 +1,4 @@
-"""`wakedeploy log`: look at a run, hand it on to other programs, measure the force in it."""
+"""`wakedeploy log`: look at runs, hand them on to other programs, measure the force in them."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from wakedeploy.cli.groups import Group
+from wakedeploy.cli.live_options import TOKEN, address_option, tell_address
 from wakedeploy.cli.output import json_option, print_table, progress, write_json
 from wakedeploy.core.errors import UnusableInput
 
@@ -126,6 +127,28 @@ def smooth_logs(
     _tell_measured(made, out)
     if json_path:
         write_json(json_path, _measured_json(made))
+
+
+@command.command("browse")
+@click.argument("folder", type=click.Path(path_type=Path))
+@address_option("--listen")
+@TOKEN
+def browse_logs(folder: Path, listen: str, live_token: Path | None) -> None:
+    """List the flights of a folder in the browser: filter, sort, draw two over one another.
+
+    It steps through faults, opens the reports that lie beside, and exports a flight as one HTML
+    file to send to a colleague. Nothing in the folder is changed. Ctrl-C ends it.
+
+    \b
+    Example:
+        wakedeploy log browse flights
+    """
+    from wakedeploy.live.process import require_tornado
+
+    require_tornado()
+    from wakedeploy.live.browse import browse
+
+    browse(folder, listen, live_token, tell_address)
 
 
 def _print_summaries(files: Iterable[Path], summaries: list["RunSummary"]) -> None:

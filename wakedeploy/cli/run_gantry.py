@@ -1,5 +1,6 @@
 """`wakedeploy run-gantry`: the 32 Hz loop on the rig, or on the virtual gantry."""
 
+import contextlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,11 +14,16 @@ from wakedeploy.cli.flight_options import (
     shown_progress,
     warn,
 )
+from wakedeploy.cli.live_options import TOKEN, live_option, tell_address
 from wakedeploy.cli.many_flights import fly_and_tell
 from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
+from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from runtime.io.live_feed import LiveFeed
     from runtime.loop.tally import Tally
     from runtime.request import Show
     from wakedeploy.gap.progress import Progress
@@ -35,6 +41,8 @@ if TYPE_CHECKING:
 @click.option("--watch-gap", is_flag=True,
               help="Warn when the rig file explains it no more (limits: the default rig's).",
 )  # fmt: skip
+@live_option()
+@TOKEN
 @click.option(
     "--flights",
     type=click.IntRange(2, 10_000),
@@ -47,6 +55,8 @@ def command(
     flights: int | None,
     workers: int,
     json_path: Path | None,
+    live: str | None,
+    live_token: Path | None,
     **options: Any,
 ) -> None:
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.
@@ -62,12 +72,17 @@ def command(
     With --arm-file it watches board and sensor, motors off, until somebody makes that file, which
     it takes away: one file, one flight. deployment/wakedeploy-gantry@.service runs it so.
 
+    --live serves a page that shows the flight, from a process of its own. STOP on it is Ctrl-C
+    here; neither is the emergency stop. A virtual flight is flown in real time then.
+
     \b
     Example:
         wakedeploy run-gantry --package gru.onnx --virtual --seconds 20 --log flight.mcap
         wakedeploy run-gantry --package gru.onnx --virtual --flights 24
         wakedeploy run-gantry --baseline --rig rig.toml --port /dev/ttyACM0
     """
+    _require_one_page(live, live_token, flights)
+    options["wall_clock"] |= live is not None and options["virtual"]
     asked = asked_flight(log=log_path, **options)
     if flights is not None:
         fly_and_tell(asked, flights, workers, json_path)
@@ -77,13 +92,35 @@ def command(
     from wakedeploy.api.inputs import rig_of
 
     budget_ms = 1e3 * budget_s(rig_of(asked["rig"]))
-    fly(
-        **asked,
-        record=log_path is not None,
-        tell=lambda tally: _tell(tally, budget_ms, json_path),
-        progress=_shown(shown_progress()),
-        warn=warn,
-    )
+    with _page(live, live_token) as feed:
+        fly(
+            **asked,
+            record=log_path is not None,
+            tell=lambda tally: _tell(tally, budget_ms, json_path),
+            progress=_shown(shown_progress()),
+            warn=warn,
+            live=feed,
+        )
+
+
+def _require_one_page(live: str | None, token: Path | None, flights: int | None) -> None:
+    if token is not None and live is None:
+        raise UnusableInput("--live-token belongs to --live.")
+    if flights is not None and live is not None:
+        raise UnusableInput("--live shows a single flight; leave --flights out.")
+
+
+@contextlib.contextmanager
+def _page(live: str | None, token: Path | None) -> "Iterator[LiveFeed | None]":
+    """The page that was asked for, while the block flies."""
+    if live is None:
+        yield None
+        return
+    from wakedeploy.live.process import live_page
+
+    with live_page(live, token) as served:
+        tell_address(served.url)
+        yield served.feed
 
 
 def _shown(show: "Show | None") -> "Progress":

@@ -1,0 +1,218 @@
+"""A folder of flights: listed from files or the cache, drawn, exported, and in a real browser."""
+
+import json
+import os
+import time
+from pathlib import Path
+
+import needs
+import pytest
+from browser import PHONE, chromium
+from click.testing import CliRunner
+from pages import Client, serving
+
+from wakedeploy.cli import main
+from wakedeploy.core.run_summary import summarise
+from wakedeploy.core.runlog import RunLog, read_run_log
+from wakedeploy.domains.gantry import record
+from wakedeploy.live import flights as module
+from wakedeploy.live.events import events_of
+from wakedeploy.live.flights import Index, cache_file
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    """A cache of these tests' own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(tmp_path_factory.mktemp("cache")))
+        yield
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory, home):
+    """Three flights, one of them with faults and a gap score, one file that is none, a report."""
+    made = tmp_path_factory.mktemp("flights")
+    for seed in range(2):
+        log = record(None, seconds=6, seed=seed)
+        log.metadata["started_utc"] = f"2026-01-0{seed + 1}T10:00:00+00:00"
+        log.write_mcap(made / f"flight{seed}.mcap")
+    rows = list(record(None, seconds=6, seed=2).rows())
+    for one in rows[100:104]:
+        one["faults"] = "late"
+    for one in rows[150:]:
+        one["faults"], one["gap_score"] = "range_bad+late", 1.7
+    (made / "below").mkdir()
+    RunLog.from_rows(rows, {"started_utc": "2026-01-03T10:00:00+00:00"}).write_mcap(
+        made / "below" / "<b>.mcap"
+    )
+    (made / "broken.mcap").write_bytes(b"no log")
+    (made / "below" / "report.html").write_text("<p>the report</p>")
+    (made / "secret.toml").write_text("nobody's")
+    return made
+
+
+@pytest.fixture(scope="module")
+def served(folder):
+    with serving("log", "browse", folder) as url:
+        yield url
+
+
+def test_rows_are_what_log_show_says(folder):
+    index = Index(folder)
+    index.refresh()
+    rows = {row["name"]: row for row in index.rows()}
+    assert set(rows) == {"flight0.mcap", "flight1.mcap", "below/<b>.mcap", "broken.mcap"}
+    told = summarise(read_run_log(folder / "flight1.mcap"))
+    assert rows["flight1.mcap"]["tracking_mm"] == pytest.approx(
+        1e3 * told.tracking_rmse_m, abs=0.01
+    )
+    assert rows["flight1.mcap"]["seconds"] == pytest.approx(told.duration_s, abs=0.05)
+    assert rows["below/<b>.mcap"]["faults"] == {"late": 2, "range_bad": 1}
+    assert rows["below/<b>.mcap"]["gap"] == 1.7
+    assert "is not an MCAP run log" in rows["broken.mcap"]["problem"]
+
+
+def test_the_cache_is_asked_first_and_a_changed_file_is_read_again(folder, monkeypatch):
+    Index(folder).refresh()
+    read = []
+    whole = module.row_of
+    monkeypatch.setattr(module, "row_of", lambda path: read.append(path.name) or whole(path))
+    Index(folder).refresh()
+    assert read == []
+    os.utime(folder / "flight0.mcap", ns=(1, time.time_ns()))
+    index = Index(folder)
+    assert [row for row in index.rows() if "waits" in row] == [
+        {"name": "flight0.mcap", "waits": True}
+    ]
+    index.refresh()
+    assert read == ["flight0.mcap"]
+
+
+@pytest.mark.parametrize(
+    "damage", ["", "{", "[]", '{"version": 1, "logs": {"a": 3}}', '{"version": 9}']
+)
+def test_a_damaged_cache_is_no_cache(folder, damage):
+    Index(folder).refresh()
+    cache_file(folder).write_text(damage)
+    index = Index(folder)
+    index.refresh()
+    assert all("waits" not in row for row in index.rows())
+
+
+def test_events_are_changes_of_mode_and_onsets_of_faults(folder):
+    found = events_of(read_run_log(folder / "below" / "<b>.mcap"))
+    assert [name for _, kind, name in found if kind == "fault"] == ["late", "late", "range_bad"]
+    assert [name for _, kind, name in found if kind == "mode"][:2] == ["ARMED", "RUNNING"]
+
+
+def test_a_folder_that_is_not_there_is_a_sentence(tmp_path):
+    told = CliRunner().invoke(main, ["log", "browse", str(tmp_path / "none")])
+    assert told.exit_code == 2
+    assert "there is no such folder" in told.output
+
+
+def test_nothing_is_told_without_the_token_and_nothing_but_listed_flights_and_reports(served):
+    client = Client(served)
+    token = {"Authorization": f"Bearer {client.token}"}
+    assert client.ask("GET", "/api/flights")[0] == 401
+    assert client.ask("GET", "/api/flights", Authorization="Bearer x")[0] == 401
+    status, _, body = client.ask("GET", "/api/flights", **token)
+    assert status == 200
+    listed = json.loads(body)
+    assert listed["reports"] == ["below/report.html"]
+    for name in ("../secret.toml", "secret.toml", "/etc/passwd", "below/../secret.toml"):
+        assert client.ask("GET", f"/api/flight?name={name}", **token)[0] == 404
+        assert client.ask("GET", f"{listed['way']}{name}")[0] == 404
+    status, headers, body = client.ask("GET", f"{listed['way']}below/report.html")
+    assert (status, body) == (200, "<p>the report</p>")
+    assert "sandbox" in headers["Content-Security-Policy"]
+    assert client.ask("GET", "/report/0000/below/report.html")[0] == 404
+    assert client.ask("POST", "/api/flights", Origin=f"http://{client.host}", **token)[0] == 405
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as running:
+        yield running
+
+
+def names(browser):
+    return browser.script(
+        "return [...document.querySelectorAll('#rows tr')].map((r) => r.dataset.name)"
+    )
+
+
+def draws(browser, name):
+    browser.until(
+        lambda: name in browser.script("return document.getElementById('view').textContent")
+    )
+
+
+@needs.chromium
+def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder, tmp_path):
+    browser.open(served)
+    browser.until(lambda: len(names(browser)) == 4 and "reading" not in browser.text("count"))
+    assert names(browser)[0] == "below/<b>.mcap"  # the newest
+    browser.click("only-faults")
+    assert names(browser) == ["below/<b>.mcap"]
+    browser.click("only-faults")
+    browser.press("/", "FLIGHT1")
+    browser.until(lambda: names(browser) == ["flight1.mcap"])
+    assert browser.text("count") == "1 of 4 flights"
+    browser.press(*7 * ["\ue003"])  # backspace
+    browser.until(lambda: len(names(browser)) == 4)
+    by_tracking = "document.querySelectorAll('#heads button')[2].click()"
+    browser.script(by_tracking)  # the largest first
+    rows = {row["name"]: row.get("tracking_mm") or 0.0 for row in Index(folder).rows()}
+    assert names(browser) == sorted(rows, key=lambda name: -rows[name])
+    browser.script("document.querySelector('[data-name=\"below/<b>.mcap\"]').click()")
+    draws(browser, "below/<b>.mcap")
+    browser.script("document.querySelector('[data-name=\"flight1.mcap\"] input').click()")
+    draws(browser, "flight1.mcap")
+    what = "return document.querySelector('.what').textContent"
+    assert browser.script(what) == "3 faults."
+    browser.script("document.querySelectorAll('.steps button')[1].click()")
+    assert browser.script(what).startswith("1 of 3, 3.1")
+    browser.script("document.querySelectorAll('.steps button')[1].click()")
+    assert browser.script(what).startswith("2 of 3, 4.")
+    assert browser.complaints() == []
+
+    client = Client(served)
+    token = {"Authorization": f"Bearer {client.token}"}
+    path = "/api/export?name=below/%3Cb%3E.mcap&name=flight1.mcap"
+    status, headers, page = client.ask("GET", path, **token)
+    assert status == 200
+    assert "attachment" in headers["Content-Disposition"]
+    assert "Permission is hereby granted" in page  # uPlot's licence goes with it
+    sent = tmp_path / "sent.html"
+    sent.write_text(page, "utf-8")
+    browser.open(sent.as_uri(), PHONE, "dark")
+    draws(browser, "below/<b>.mcap")
+    browser.until(lambda: browser.script("return document.querySelectorAll('.uplot').length") >= 3)
+    assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+    assert browser.complaints() == []
+
+
+@needs.chromium
+def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
+    browser.open(served, PHONE)
+    browser.until(lambda: len(names(browser)) == 4)
+    assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+
+
+@needs.chromium
+def test_a_replay_plays_pauses_seeks_and_has_no_stop(browser, folder):
+    with serving("live", Path(folder) / "flight0.mcap") as url:
+        browser.open(url)
+        browser.until(lambda: browser.text("t") not in ("–", "0.0"))
+        assert not browser.driver.find_element("id", "stop").is_displayed()
+        browser.press(" ")
+        browser.until(lambda: browser.text("play") == "Play")
+        browser.script("wakedeploy.link.send({do: 'seek', value: 6.0})")
+        browser.until(lambda: browser.text("t") == "6.0")
+        assert browser.script("return wakedeploy.rows().t_s.length") > 150  # and what was before
+        browser.script("wakedeploy.link.send({do: 'speed', value: 8})")
+        browser.press(" ")
+        browser.until(lambda: float(browser.text("t")) > 9.0)
+        browser.until(lambda: browser.text("play") == "Play")  # it stops at the log's end
+        assert browser.complaints() == []

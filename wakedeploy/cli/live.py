@@ -1,0 +1,31 @@
+"""`wakedeploy live`: a recorded flight on the page that shows flying ones."""
+
+from pathlib import Path
+
+import click
+
+from wakedeploy.cli.live_options import TOKEN, address_option, tell_address
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path))
+@address_option("--listen")
+@TOKEN
+def command(file: Path, listen: str, live_token: Path | None) -> None:
+    """Replay a recorded flight in the browser: at its own pace, faster, slower, from anywhere.
+
+    It is the page that `run-gantry --live` shows, without STOP. Space pauses, the arrow keys go
+    back and on. Ctrl-C ends it.
+
+    \b
+    Example:
+        wakedeploy live flight.mcap
+    """
+    from wakedeploy.core.runlog import read_run_log
+    from wakedeploy.live.process import require_tornado
+
+    require_tornado()
+    log = read_run_log(file)
+    from wakedeploy.live.replay import replay
+
+    replay(log, file, listen, live_token, tell_address)

@@ -1,0 +1,202 @@
+"""The server of a flight as it is flown: a process of its own at the other end of the loop's feed.
+
+In: datagrams from `runtime.io.live_feed`. Out: a page; words to the loop.
+"""
+
+import asyncio
+import contextlib
+import json
+import os
+import signal
+import socket
+import time
+from pathlib import Path
+from typing import Any
+
+from runtime.io.realtime import loop_core
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.failsafes import HINTS
+from wakedeploy.live.address import Address
+from wakedeploy.live.desk import Desk
+from wakedeploy.live.events import Events
+from wakedeploy.live.rows import page_row
+from wakedeploy.live.web import (
+    FLUSH_S,
+    Answer,
+    PageServer,
+    Refused,
+    Visitor,
+    application,
+    bound,
+    serve,
+)
+
+MOST_BYTES = 64 << 10  # of one datagram
+LAST_WORD_S = 1.0  # in which pages get what came last
+_NICE = 10
+
+
+class FlightServer(PageServer):
+    """A flight's rows on their way to pages, and the pages' wishes on their way to the loop."""
+
+    def __init__(self, end: socket.socket) -> None:
+        super().__init__()
+        self._end = end
+        self._events = Events()
+        self.is_over = False
+        self.desk = Desk(self._say)
+        self.hub.news(kind="flight", phase="starting", hints=HINTS, arm=False, held=False)
+
+    def _say(self, word: bytes) -> None:
+        with contextlib.suppress(OSError):
+            self._end.send(word)
+
+    def read(self) -> None:
+        """Take what the loop has sent."""
+        while not self.is_over:
+            try:
+                data = self._end.recv(MOST_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                data = b""
+            if not data:
+                self._end_of_run()
+                return
+            self._take(json.loads(data))
+
+    def _take(self, message: dict[str, Any]) -> None:
+        if "row" in message:
+            self._see(message["row"])
+            self.hub.news(dropped=message["dropped"])
+        else:
+            self._hear(message["news"])
+
+    def _see(self, row: dict[str, Any]) -> None:
+        """One tick."""
+        self.hub.add(page_row(row))
+        if self._events.see(row["t_s"], row["mode"], row["faults"]):
+            self.hub.news(events=self._events.found)
+
+    def _hear(self, news: dict[str, Any]) -> None:
+        """The run is at something else."""
+        if news["phase"] == "standby":
+            self.desk.arm_file = Path(news.pop("arm_file"))
+        else:
+            self.desk.arm_file = None
+        if news["phase"] == "ended":
+            self.desk.release()
+        self.hub.news(**news)
+        self._tell_desk()
+
+    def _end_of_run(self) -> None:
+        self.is_over = True
+        self.desk.arm_file = None
+        if self.hub.state["phase"] != "ended":
+            self.hub.news(phase="ended", ended="the program ended")
+        self._tell_desk()
+
+    def _tell_desk(self) -> None:
+        desk = self.desk
+        can_arm = desk.arm_file is not None and not desk.stopped
+        self.hub.news(arm=can_arm, stopped=desk.stopped, held=desk.is_held)
+
+    def look(self) -> None:
+        """Whether the page that watches is still there."""
+        self.desk.look(time.monotonic())
+        self._tell_desk()
+
+    def carry_out(self, said: dict[str, Any], now_s: float) -> dict[str, Any] | None:
+        """STOP, the two steps to a flight, a page's beat."""
+        match said.get("do"):
+            case "stop":
+                self.stop()
+            case "arm":
+                return self._first_step(now_s)
+            case "confirm":
+                why = self.desk.confirm(_text(said, "word"), _text(said, "holder"), now_s)
+                self._tell_desk()
+                if why:
+                    raise Refused(why)
+                return {"confirmed": True}
+            case "beat":
+                self.desk.beat(_text(said, "holder"), now_s)
+            case _:
+                raise Refused("There is no such command.")
+        return None
+
+    def _first_step(self, now_s: float) -> dict[str, Any]:
+        word = self.desk.ask(now_s)
+        if word is None:
+            raise Refused("No flight can be begun now; wait a second, or look at the mode.")
+        return {"confirm": word}
+
+    def stop(self) -> None:
+        """The way down, from a page."""
+        self.desk.stop("STOP was pressed on a page")
+        self._tell_desk()
+
+
+def _text(said: dict[str, Any], key: str) -> str:
+    value = said.get(key)
+    return value if isinstance(value, str) else ""
+
+
+class Stop(Answer):
+    """STOP without a websocket, for a page that has just lost its own."""
+
+    def initialize(self, server: FlightServer) -> None:
+        """`server` has the way to the loop."""
+        self._server = server
+
+    def post(self) -> None:
+        """Stop."""
+        self.require_token()
+        self._server.stop()
+        self.finish("stopping\n")
+
+
+def main(descriptor: int) -> int:
+    """Serve one run's page until its program ends; the exit status."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, also to the loop
+    end = socket.socket(fileno=descriptor)
+    asked = json.loads(end.recv(MOST_BYTES))
+    path = Path(asked["path"]) if asked["path"] else None
+    try:
+        sockets, address = bound(Address(asked["host"], asked["port"], path))
+    except UnusableInput as error:
+        end.send(json.dumps({"unusable": str(error)}).encode())
+        return error.exit_status
+    _give_way()
+    asyncio.run(_served(end, sockets, address, asked["token"]))
+    if path is not None:
+        path.unlink(missing_ok=True)
+    return 0
+
+
+def _give_way() -> None:
+    """Keep off the loop's core, and let everything else go first."""
+    os.nice(_NICE)
+    others = os.sched_getaffinity(0) - {loop_core()}
+    if others:
+        os.sched_setaffinity(0, others)
+
+
+async def _served(
+    end: socket.socket, sockets: list[socket.socket], address: Address, token: str
+) -> None:
+    server = FlightServer(end)
+    handlers = [(r"/live", Visitor, {"server": server}), (r"/stop", Stop, {"server": server})]
+    serve(sockets, application(address, token, "live.html", handlers))
+    end.send(json.dumps({"port": address.port}).encode())
+    end.setblocking(False)
+    asyncio.get_running_loop().add_reader(end, server.read)
+    await server.run(server.look, lambda: server.is_over)
+    asyncio.get_running_loop().remove_reader(end)
+    end_s = time.monotonic() + LAST_WORD_S
+    while time.monotonic() < end_s and not all(one.is_up_to_date for one in server.visitors):
+        server.flush()
+        await asyncio.sleep(FLUSH_S)
+    for visitor in list(server.visitors):
+        visitor.close(4000, "the run has ended")
+    await asyncio.sleep(FLUSH_S)

@@ -1,0 +1,214 @@
+// The list of a folder's flights: filter, sort, draw one or two, step through faults, export.
+
+import { token } from "./link.js";
+import { FlightView } from "./view.js";
+
+const $ = (id) => document.getElementById(id);
+const LATER_MS = 1000;
+
+const number = (digits) => (value) => (value === null || value === undefined ? "–" : value.toFixed(digits));
+const date = (value) => (value ? value.slice(0, 16).replace("T", " ") : "–");
+const COLUMNS = [
+  { key: "started", name: "Date, UTC", shown: date },
+  { key: "name", name: "Flight", kind: "name", shown: String },
+  { key: "tracking_mm", name: "Tracking [mm]", kind: "number", shown: number(1) },
+  { key: "worst_mm", name: "Worst [mm]", kind: "number", shown: number(0) },
+  { key: "gap", name: "Gap score", kind: "number", shown: number(2), bad: (row) => row.gap > 1 },
+  { key: "fault_count", name: "Faults", kind: "faults", shown: (_, row) => faults(row), bad: (row) => Boolean(row.failsafe || row.problem) },
+  { key: "seconds", name: "Length [s]", kind: "number", shown: number(0) },
+  { key: "package", name: "Package", shown: (value, row) => value || (row.started ? "PID" : "–") },
+  { key: "rig", name: "Rig", shown: (value) => value || "–" },
+];
+
+let rows = [];
+let sort = { key: "started", down: true };
+let chosen = [];
+let listed = {};
+const view = new FlightView($("view"));
+
+function faults(row) {
+  if (row.problem) return row.problem;
+  if (row.waits) return "being read";
+  const names = Object.entries(row.faults).map(([name, count]) => (count > 1 ? `${name} ×${count}` : name));
+  return names.join(", ").replaceAll("_", " ") || "none";
+}
+
+async function ask(path) {
+  const answer = await fetch(path, { headers: { Authorization: `Bearer ${token()}` } });
+  if (!answer.ok) throw new Error((await answer.text()).trim());
+  return answer;
+}
+
+async function load() {
+  try {
+    listed = await (await ask("/api/flights")).json();
+    notice("");
+  } catch (error) {
+    notice(error.message.startsWith("401") ? "The token is missing or wrong: open the address that the program printed, with what stands behind the #." : `The list cannot be had (${error.message}); is the program still running?`);
+    if (!error.message.startsWith("401")) setTimeout(load, 3 * LATER_MS);
+    return;
+  }
+  rows = listed.flights.map(prepared);
+  $("folder").textContent = listed.folder;
+  draw();
+  tellReports();
+  const { total } = listed.reading;
+  if (total || rows.some((row) => row.waits)) setTimeout(load, LATER_MS);
+}
+
+function prepared(row) {
+  const counts = Object.values(row.faults ?? {});
+  const fault_count = counts.reduce((sum, one) => sum + one, 0);
+  const text = [row.name, row.started, row.rig, row.package, Object.keys(row.faults ?? {}).join(" "), row.problem];
+  return { ...row, fault_count, text: text.join(" ").toLowerCase() };
+}
+
+function wanted(row) {
+  const words = $("filter").value.toLowerCase().split(/\s+/).filter(Boolean);
+  if (!words.every((word) => row.text.includes(word))) return false;
+  if ($("only-faults").checked && !row.fault_count) return false;
+  if ($("only-gap").checked && !(row.gap > 1)) return false;
+  return !$("only-rig").checked || row.simulated === false;
+}
+
+// What is not known comes last, either way.
+function order(a, b) {
+  const [one, other] = [a[sort.key] ?? null, b[sort.key] ?? null];
+  if (one === other) return a.name < b.name ? -1 : 1;
+  if (one === null || one === "") return 1;
+  if (other === null || other === "") return -1;
+  return (one < other ? -1 : 1) * (sort.down ? -1 : 1);
+}
+
+function draw() {
+  const kept = rows.filter(wanted).sort(order);
+  $("rows").replaceChildren(...kept.map(line));
+  const { done, total } = listed.reading;
+  const told = kept.length === rows.length ? `${rows.length} flights` : `${kept.length} of ${rows.length} flights`;
+  $("count").textContent = total ? `${told}, reading ${done} of ${total} new ones` : told;
+  heads();
+}
+
+function heads() {
+  const made = COLUMNS.map((column) => {
+    const head = document.createElement("th");
+    head.scope = "col";
+    head.className = column.kind === "number" ? "is-number" : "";
+    if (column.key === sort.key) head.ariaSort = sort.down ? "descending" : "ascending";
+    const button = Object.assign(document.createElement("button"), { type: "button", textContent: column.name });
+    button.addEventListener("click", () => sortBy(column.key));
+    head.append(button);
+    return head;
+  });
+  const over = Object.assign(document.createElement("th"), { scope: "col" });
+  over.append(Object.assign(document.createElement("span"), { className: "soft small", textContent: "Over" }));
+  $("heads").replaceChildren(...made, over);
+}
+
+function sortBy(key) {
+  sort = { key, down: sort.key === key ? !sort.down : key !== "name" };
+  draw();
+  const at = COLUMNS.findIndex((column) => column.key === key);
+  $("heads").children[at].firstChild.focus();
+}
+
+function line(row) {
+  const made = document.createElement("tr");
+  made.dataset.name = row.name;
+  made.className = ["is-first", "is-second"][chosen.indexOf(row.name)] ?? "";
+  for (const column of COLUMNS) {
+    const cell = made.insertCell();
+    const text = column.shown(row[column.key], row);
+    if (column.key === "started" && row.started) cell.append(Object.assign(document.createElement("span"), { className: "year", textContent: text.slice(0, 5) }), text.slice(5));
+    else cell.textContent = text;
+    cell.className = [column.kind && `is-${column.kind}`, column.bad?.(row) && "is-bad"].filter(Boolean).join(" ");
+    if (column.kind === "name" || column.kind === "faults") cell.title = text;
+  }
+  made.insertCell().append(overBox(row));
+  made.addEventListener("click", (event) => choose(row.name, event.shiftKey));
+  return made;
+}
+
+function overBox(row) {
+  const box = Object.assign(document.createElement("input"), { type: "checkbox", checked: chosen[1] === row.name });
+  box.ariaLabel = `Draw ${row.name} over the chosen one`;
+  box.addEventListener("click", (event) => {
+    event.stopPropagation();
+    choose(row.name, true);
+  });
+  return box;
+}
+
+async function choose(name, over) {
+  if (over && chosen[1] === name) chosen = chosen.slice(0, 1);
+  else chosen = over && chosen.length && chosen[0] !== name ? [chosen[0], name] : [name];
+  mark();
+  const asked = [...chosen];
+  try {
+    const flights = await (await ask(`/api/flight?${query()}`)).json();
+    if (asked.join() !== chosen.join()) return; // another one was chosen meanwhile
+    $("drawn").hidden = false;
+    view.show(flights);
+    $("replay").textContent = `Replay: wakedeploy live ${quoted(`${listed.folder}/${chosen[0]}`)}`;
+    notice("");
+  } catch (error) {
+    notice(`${name} cannot be drawn (${error.message}).`);
+  }
+}
+
+const quoted = (path) => (/^[\w./-]+$/.test(path) ? path : `'${path.replaceAll("'", "'\\''")}'`);
+
+function mark() {
+  for (const made of $("rows").children) {
+    const place = chosen.indexOf(made.dataset.name);
+    made.className = ["is-first", "is-second"][place] ?? "";
+    made.querySelector("input").checked = place === 1;
+  }
+}
+
+const query = () => chosen.map((name) => `name=${encodeURIComponent(name)}`).join("&");
+
+async function exported() {
+  const page = await (await ask(`/api/export?${query()}`)).blob();
+  const link = Object.assign(document.createElement("a"), { href: URL.createObjectURL(page) });
+  link.download = `${chosen.map((name) => name.split("/").at(-1).replace(/\.\w+$/, "")).join("-and-")}.html`;
+  link.click();
+  setTimeout(() => URL.revokeObjectURL(link.href), 10000);
+}
+
+function tellReports() {
+  $("reports").hidden = !listed.reports.length;
+  $("report-list").replaceChildren(...listed.reports.map((name) => {
+    const link = Object.assign(document.createElement("a"), { textContent: name, target: "_blank", rel: "noopener" });
+    link.href = listed.way + name.split("/").map(encodeURIComponent).join("/");
+    const item = document.createElement("li");
+    item.append(link);
+    return item;
+  }));
+}
+
+function notice(text) {
+  $("notice").hidden = !text;
+  $("notice").textContent = text;
+}
+
+function keyed(event) {
+  if (event.key === "/" && document.activeElement !== $("filter")) {
+    event.preventDefault();
+    $("filter").focus();
+  }
+  if (document.activeElement.tagName === "INPUT" || !["ArrowDown", "ArrowUp"].includes(event.key)) return;
+  const shown = [...$("rows").children];
+  const at = shown.findIndex((made) => made.dataset.name === chosen[0]);
+  const next = shown[Math.max(0, Math.min(shown.length - 1, at + (event.key === "ArrowDown" ? 1 : -1)))];
+  if (!next) return;
+  event.preventDefault();
+  next.scrollIntoView({ block: "nearest" });
+  choose(next.dataset.name, false);
+}
+
+$("filter").addEventListener("input", draw);
+for (const id of ["only-faults", "only-gap", "only-rig"]) $(id).addEventListener("change", draw);
+$("export").addEventListener("click", () => exported().catch((error) => notice(`The export failed (${error.message}).`)));
+document.addEventListener("keydown", keyed);
+load();
