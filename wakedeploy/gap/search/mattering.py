@@ -65,7 +65,7 @@ class Mattering:
 
     @property
     def helps(self) -> bool:
-        """Whether forecasts are the better for it, and at a horizon more than for a wrong effect."""
+        """Whether forecasts are better for it, and at one horizon more than for a wrong effect."""
         placebo = self.placebo_shares or {}
         better = [r.share > max(placebo.get(h, 0.0), 0.0) for h, r in self.removed.items()]
         return self.removed[0.25].share > 0.0 and any(better)
