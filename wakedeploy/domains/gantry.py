@@ -26,6 +26,7 @@ from wakedeploy.core.processes import processes
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Setting, Simulated
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.physics.gantry import (
     CommandHook,
@@ -147,7 +148,7 @@ class _Job:
 
 
 def make_set(
-    rig: Rig | None,
+    rig: Rig | None = None,
     *,
     minutes: float,
     seed: int,
@@ -214,3 +215,21 @@ def _as_set(
             "packages": [read_package(path).manifest.graph_sha256 for path in packages],
         },
     )
+
+
+DOMAIN = Simulated(
+    main="force_z_n",
+    told="""Fly the simulated gantry closed loop: half PID alone, half with feedforward.
+
+The feedforward is the true force, now and at the rig's lead, unless packages are given.""",
+    examples=("--out sets/gantry --minutes 30 --seed 0", "--out sets/second --package gru.onnx"),
+    make=make_set,
+    settings=(
+        Setting("rig", "rig", "Default: the default rig."),
+        Setting(
+            "packages",
+            "packages",
+            "Fly this predictor in the flights with feedforward; may be repeated.",
+        ),
+    ),
+)
