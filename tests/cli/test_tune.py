@@ -352,7 +352,7 @@ def test_error_and_latency_give_a_front_of_measured_packages(data: Path, tmp_pat
 
 
 def test_every_architectures_dimensions_are_listed_with_their_bounds() -> None:
-    told = " ".join(wakedeploy("tune", "--list-dimensions").output.split())
+    told = " ".join(wakedeploy("tune", "--list-dimensions").output.replace("│", " ").split())
     assert "gru hidden=16:192 dropout=0:0.5 learning_rate=0.0003:0.03" in told
     for arch, known in ARCHITECTURES.items():
         assert f"{arch} {known.dimensions[0]}" in told
