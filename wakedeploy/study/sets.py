@@ -50,8 +50,14 @@ def _studied(name: str) -> Domain:
     """A domain as its own file tells of it."""
     known, module = domain(name), offers(DOMAIN)[name].module
     if isinstance(known, Recorded):
-        told = {"recordings": name, "pattern": known.pattern, "read": known.read}
-        return Domain(name, known.main, module=module, **told)
+        return Domain(
+            name,
+            known.main,
+            recordings=name,
+            pattern=known.pattern,
+            read=known.read,
+            module=module,
+        )
     make = known.make
 
     def simulate(minutes: float, progress: OnStep) -> EpisodeSet:

@@ -31,36 +31,42 @@ __all__ = (
     "Values",
     "effect",
     "equation_table",
+    "found_effects",
     "markdown_table",
     "replacing",
 )
 
 
-class _Library(Mapping[str, Effect]):
-    """All effects in the order in which they act; those of other packages last in their stage."""
+@functools.cache
+def found_effects() -> Mapping[str, Effect]:
+    """All effects in the order in which they act; those of other packages last in their stage.
 
-    @functools.cached_property
-    def _effects(self) -> dict[str, Effect]:
-        found: dict[str, Effect] = {}
-        for offer in offers(EFFECTS).values():
-            for one in offer.load(tuple):
-                if not isinstance(one, Effect) or one.name in found:
-                    why = "there is one of this name" if isinstance(one, Effect) else "it is none"
-                    raise UnusableInput(
-                        f"The effect {one!r} of {offer.module} cannot be used ({why}); mend the"
-                        f" package {offer.by}, or uninstall it."
-                    )
-                found[one.name] = one
-        return dict(sorted(found.items(), key=lambda entry: STAGES.index(entry[1].stage)))
+    Raises UnusableInput where another package's cannot be used.
+    """
+    found: dict[str, Effect] = {}
+    for offer in offers(EFFECTS).values():
+        for one in offer.load(tuple):
+            if not isinstance(one, Effect) or one.name in found:
+                why = "there is one of this name" if isinstance(one, Effect) else "it is none"
+                raise UnusableInput(
+                    f"The effect {one!r} of {offer.module} cannot be used ({why}); mend the"
+                    f" package {offer.by}, or uninstall it."
+                )
+            found[one.name] = one
+    return dict(sorted(found.items(), key=lambda entry: STAGES.index(entry[1].stage)))
+
+
+class _Library(Mapping[str, Effect]):
+    """The effects that are found, which are looked for when the first of them is asked for."""
 
     def __getitem__(self, name: str) -> Effect:
-        return self._effects[name]
+        return found_effects()[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._effects)
+        return iter(found_effects())
 
     def __len__(self) -> int:
-        return len(self._effects)
+        return len(found_effects())
 
 
 LIBRARY: Mapping[str, Effect] = _Library()
