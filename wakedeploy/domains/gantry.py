@@ -22,7 +22,7 @@ from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import Package, read_package
-from wakedeploy.core.processes import processes
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.version import VERSION
@@ -165,12 +165,8 @@ def make_set(
     truth = rig if rig is not None else default_rig()
     count = max(3, round(minutes * 60.0 / EPISODE_S))
     jobs = [_job(truth, seed, i, packages) for i in range(count)]
-    episodes: list[Episode] = []
-    with processes(workers) as each:
-        for episode in each(_fly_episode, jobs):
-            episodes.append(episode)
-            if progress is not None:
-                progress(len(episodes), count)
+    steps = progress or (lambda done, total: None)
+    episodes = parallel_map(_fly_episode, jobs, workers=workers, steps=steps)
     return _as_set(truth, seed, minutes, episodes, packages)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput
-from wakedeploy.study.side_by_side import side_by_side
+from wakedeploy.core.parallel import parallel_map
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
@@ -140,11 +140,12 @@ def train_all(
 
     `on_run` is called with the `work` of each run that is done.
     """
-    side_by_side(
+    parallel_map(
         _run,
         [(*job, runs) for job in jobs],
         workers=workers,
-        on_done=lambda job: on_run(work(job[0], job[1])),
+        fresh=True,
+        on_done=lambda job, done: on_run(work(job[0], job[1])),
     )
 
 

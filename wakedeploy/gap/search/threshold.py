@@ -25,7 +25,7 @@ from wakedeploy.core.files import (
     text_of,
     write_text_whole,
 )
-from wakedeploy.core.processes import pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
@@ -109,14 +109,16 @@ def simulate(
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
     left = [seed for seed in seeds if seed not in results]
-    with pool(workers) as several:
-        flown = several.map(_null_set, [(rig.text, seed) for seed in left])
-        for done, (seed, result) in enumerate(zip(left, flown, strict=True), sets - len(left) + 1):
-            results[seed] = result
-            if kept is not None:
-                append_json_line(kept, {"seed": seed, **asdict(result)})
-            if progress is not None:
-                progress(done, sets)
+
+    def keep(job: tuple[str, int], result: NullSet) -> None:
+        results[job[1]] = result
+        if kept is not None:
+            append_json_line(kept, {"seed": job[1], **asdict(result)})
+        if progress is not None:
+            progress(len(results), sets)
+
+    jobs = [(rig.text, seed) for seed in left]
+    parallel_map(_null_set, jobs, workers=workers, on_done=keep)
     return [results[seed] for seed in seeds]
 
 
