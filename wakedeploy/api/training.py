@@ -135,7 +135,7 @@ def train(
     names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
     changed = _changed(hyper or {}, names)
     lead_s = chosen_lead_s(data, lead_s)
-    presets = {name: _preset(preset, name, data, lead_s, warn) for name in names}
+    presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     opened = _opened(tracker, Path(out), warn)
     manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn)
@@ -245,7 +245,7 @@ def _configs(
     return configs
 
 
-def _preset(
+def usable_preset(
     asked: str, arch: str, data: "EpisodeSet", lead_s: float, warn: Warn
 ) -> "Preset | None":
     """The preset asked for; warns where it was found for another lead or on another set.
