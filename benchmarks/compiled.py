@@ -25,8 +25,8 @@ from benchmarks.microcontroller.cycles import CLOCK_HZ, cycles_of_a_step
 from runtime.compiled.compiler import host_compiler, version_of
 from runtime.compiled.folder import CFolder, read_c_folder
 from runtime.compiled.predictor import CompiledPredictor
+from trainers.build import ARCHITECTURES
 from wakedeploy.core.errors import CheckFailed
-from wakedeploy.core.names import ARCHITECTURES
 from wakedeploy.core.package import read_package
 
 RECORD = records.FOLDER / "compiled.json"

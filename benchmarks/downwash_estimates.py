@@ -16,12 +16,12 @@ import numpy as np
 import torch
 
 from benchmarks import records
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.downwash import World, make_set
 from wakedeploy.physics.field import FieldGrid
 from wakedeploy.study.closed_loop import LIMITS, Model, mean_force, track
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained
-from wakedeploy.study.side_by_side import side_by_side
 
 MINUTES, EPOCHS, FLIGHTS, FLIGHT_S = 5.0, 15, 6, 12.0
 MODELS = ("agile-mlp", "history-mlp")
@@ -59,7 +59,7 @@ def main() -> None:
         value = getattr(World(), name)
         jobs += [(f"{name} × {f:.2f}", World(**{name: f * value})) for f in FACTORS]
     jobs += [(name, World(grid=grid)) for name, grid in GRIDS.items()]
-    told = side_by_side(measured, jobs)
+    told = parallel_map(measured, jobs, fresh=True)
     by_name = dict(zip([job[0] for job in jobs], told, strict=True))
     print(page(by_name))
     if options.json:

@@ -9,17 +9,18 @@ that it measures. A processor core takes about a third of a second for each flig
 """
 
 import argparse
+import functools
 import json
 import os
 import sys
 from collections.abc import Callable
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import records
 from benchmarks.watch import miscalibrated
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.gantry import record
 from wakedeploy.rig.file import default_rig
 
@@ -101,11 +102,11 @@ def main() -> None:
     """Fly, count, print, write."""
     options = _options()
     rows = []
-    with ProcessPoolExecutor(max_workers=options.workers) as pool:
-        for case in (PULLED, BLOCKED, *WAKES):
-            count = options.flights if case == "default wake" else options.each
-            rows.append(summed_up(case, list(pool.map(flown, [case] * count, range(count)))))
-            print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)
+    for case in (PULLED, BLOCKED, *WAKES):
+        count = options.flights if case == "default wake" else options.each
+        one = functools.partial(flown, case)
+        rows.append(summed_up(case, parallel_map(one, range(count), workers=options.workers)))
+        print(json.dumps(rows[-1], ensure_ascii=False), file=sys.stderr)
     if options.json:
         records.write(options.json, {"seconds": SECONDS, "rows": rows})
 

@@ -8,11 +8,12 @@ of which was trained on. Everything lies in one folder and is made once: a secon
 """
 
 import argparse
+import functools
 import math
 import os
 import subprocess
 import sys
-from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -23,6 +24,7 @@ from trainers.build import ARCHITECTURES
 from wakedeploy.core.episodes import stated_sha256
 from wakedeploy.core.manifest import Parity
 from wakedeploy.core.package import read_package
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.gantry import record
 from wakedeploy.rig.file import default_rig
 
@@ -103,8 +105,7 @@ def _contender(path: Path) -> Contender:
 
 def _flown(contender: Contender, flights: int) -> dict[str, object]:
     """The contender's row: tracking RMSE [mm] over flights, mean and its 95 % half width."""
-    with ProcessPoolExecutor(max_workers=os.cpu_count()) as pool:
-        errors = list(pool.map(_rmse_mm, [contender] * flights, range(flights)))
+    errors = parallel_map(functools.partial(_rmse_mm, contender), range(flights))
     half_width = 2.0 * float(np.std(errors, ddof=1)) / math.sqrt(flights)
     row = {
         "name": contender.name,

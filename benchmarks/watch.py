@@ -8,18 +8,19 @@ times the watch. Two cores take about five minutes.
 """
 
 import argparse
+import functools
 import json
 import os
 import sys
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 import numpy as np
 
 from benchmarks import records
 from runtime.loop.watch import GapWatch
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
@@ -104,13 +105,13 @@ def main() -> None:
     """Fly, watch, print the table, write it."""
     options = _options()
     rows, times = [], []
-    with ProcessPoolExecutor(max_workers=options.workers) as pool:
-        for name in cases(default_rig()):
-            count = options.flights if name == NO_EFFECT else options.each
-            flights = list(pool.map(watched, [name] * count, range(count)))
-            times += [one["ms_per_tick"] for one in flights]
-            rows.append(summed_up(name, flights))
-            print(json.dumps(rows[-1]), file=sys.stderr)
+    for name in cases(default_rig()):
+        count = options.flights if name == NO_EFFECT else options.each
+        one_flight = functools.partial(watched, name)
+        flights = parallel_map(one_flight, range(count), workers=options.workers)
+        times += [one["ms_per_tick"] for one in flights]
+        rows.append(summed_up(name, flights))
+        print(json.dumps(rows[-1]), file=sys.stderr)
     told = {"seconds": SECONDS, "ms_per_tick": float(np.median(times)), "rows": rows}
     for row in rows:
         after = "" if row["median_s"] is None else f", median after {row['median_s']:.1f} s"

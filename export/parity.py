@@ -28,10 +28,6 @@ from wakedeploy.core.manifest import (
 )
 from wakedeploy.core.package import Package
 
-# The reservoir multiplies rounding errors through a thousand neurons: its own float32 error is the
-# yardstick there.
-_SELF_MEASURED = "esn"
-
 
 def joined(episodes: tuple[Episode, ...], steps: int = PARITY_STEPS) -> FloatArray:
     """Observations (T, d) of whole episodes in a row, at least `steps` of them, without a reset.
@@ -88,7 +84,7 @@ def _float32_error(
     observations: FloatArray,
     reference: FloatArray,
 ) -> float | None:
-    if predictor.arch != _SELF_MEASURED:
+    if not predictor.core.amplifies_rounding:
         return None
     wide = copy.deepcopy(predictor).double()
     with torch.no_grad():

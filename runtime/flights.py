@@ -15,7 +15,7 @@ from runtime.loop.tally import Tally
 from runtime.request import RunRequest, wanted
 from runtime.run import fly
 from wakedeploy.core.errors import CheckFailed, UnusableInput
-from wakedeploy.core.processes import processes
+from wakedeploy.core.parallel import parallel_map
 
 PID, FEEDFORWARD = "pid", "feedforward"
 WHOLE = "whole"
@@ -64,12 +64,7 @@ def fly_many(
     """
     wanted(request)  # what none of them can fly is said once, before processes are started
     jobs = _jobs(request, flights)
-    flown: list[Flight] = []
-    with processes(min(workers, len(jobs))) as each:
-        for flight in each(_flown, jobs):
-            flown.append(flight)
-            progress(len(flown), len(jobs))
-    return flown
+    return parallel_map(_flown, jobs, workers=workers, steps=progress)
 
 
 def mean_of(flown: Sequence[Flight], controller: str) -> Mean:

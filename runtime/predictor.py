@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from runtime.stepped import SteppedPredictor
 from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
 from wakedeploy.core.manifest import FloatArray, Manifest, Memory
 from wakedeploy.core.package import Package
@@ -57,53 +58,23 @@ def _onnxruntime() -> Any:
     return onnxruntime
 
 
-class PackagePredictor:
-    """Steps a package through time, `batch` independent series in lockstep.
-
-    NaN in or out is passed on: what to do about it is the caller's decision.
-    """
+class PackagePredictor(SteppedPredictor):
+    """A package, stepped by onnxruntime."""
 
     def __init__(self, package: Package, *, batch: int = 1) -> None:
-        self.manifest: Manifest = package.manifest
-        self.batch = batch
-        self._seen = 0
+        super().__init__(package.manifest, batch)
         self._source = _source(self.manifest, batch)
-        self._force: FloatArray = np.empty((batch, len(self.manifest.force)), np.float32)
         self._states = tuple(_states(self.manifest.memory, batch) for _ in range(2))
         self._initial = _states(self.manifest.memory, batch)
         self._session = inference_session(package.model_bytes)
         self._bindings = tuple(self._binding(turn) for turn in range(2))
         self.reset()
 
-    @property
-    def warm_up_steps(self) -> int:
-        """Observations after which the memory is full."""
-        return self.manifest.warm_up_steps
-
-    @property
-    def lead_s(self) -> float:
-        """How far ahead of the newest observation the force is predicted, in seconds."""
-        return self.manifest.lead_s
-
-    @property
-    def ready(self) -> bool:
-        """Whether the memory has been filled since the last reset."""
-        return self._seen >= self.manifest.warm_up_steps
-
-    def reset(self) -> None:
-        """Forget everything: the next step is the first one."""
-        self._seen = 0
+    def _forget(self) -> None:
         for name, initial in self._initial.items():
             np.copyto(self._states[0][name], initial)
 
-    def step(self, observation: npt.ArrayLike) -> FloatArray:
-        """The force, float32 (o,), for the newest observation (d,); with a batch (B, o), (B, d).
-
-        SI units, channels in the manifest's order. Raises ValueError for another shape, CheckFailed
-        where onnxruntime gives up.
-        """
-        newest = np.asarray(observation)
-        self._require_shape(newest)
+    def _compute(self, newest: npt.NDArray[np.generic]) -> None:
         self._source.push(newest, first=self._seen == 0)
         try:
             self._session.run_with_iobinding(self._bindings[self._seen % 2])
@@ -112,18 +83,6 @@ class PackagePredictor:
                 f"onnxruntime {version('onnxruntime')} cannot compute a step of the model"
                 f" ({one_line(error)[:_LONGEST]}); make the package again with `wakedeploy export`."
             ) from error
-        self._seen += 1
-        return self._force[0].copy() if newest.ndim == 1 else self._force.copy()
-
-    def _require_shape(self, observation: npt.NDArray[np.generic]) -> None:
-        d = len(self.manifest.observation)
-        if observation.shape != (self.batch, d) and (self.batch, observation.shape) != (1, (d,)):
-            expected = f"({d},)" if self.batch == 1 else f"({self.batch}, {d})"
-            names = ", ".join(channel.name for channel in self.manifest.observation)
-            raise ValueError(
-                f"observation of shape {observation.shape} where this package expects {expected}:"
-                f" {names}"
-            )
 
     def _binding(self, turn: int) -> "ort.IOBinding":
         """Buffers for even (0) or odd (1) steps: states read from one set, left in the other."""

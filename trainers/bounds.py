@@ -1,6 +1,5 @@
 """What hyper-parameters may be: the one place that refuses what no core can be built from."""
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,34 +9,20 @@ from wakedeploy.core.errors import UnusableInput
 
 @dataclass(frozen=True)
 class Bound:
-    """The smallest and the largest value of a hyper-parameter, both allowed."""
+    """The smallest and the largest value of a hyper-parameter, both allowed.
+
+    `whole` is for counts whose default, None, does not say that they are.
+    """
 
     low: float
     high: float
+    whole: bool = False
 
 
-_COUNT = Bound(1, 100_000)  # a wider layer alone would exceed the budget of trainable weights
-_SECONDS = Bound(0, 3600)
-# By name, whatever the architecture; counts that are not named here have the bound above.
-_BOUNDS = {
-    "layers": Bound(1, 64),
-    "dropout": Bound(0, 0.9),
-    "kernel": Bound(2, 64),  # of one tap nothing is carried
-    "blocks": Bound(1, 12),  # the dilation doubles with each
-    "d_conv": Bound(2, 64),
-    "neurons": Bound(1, 4000),  # N² recurrent weights: 64 MB, the largest package
-    "spectral_radius": Bound(0, 10),
-    "leak": Bound(0.001, 1),
-    "density": Bound(0.001, 1),
-    "input_scale": Bound(0, 100),
-    "input_offset": Bound(0, 100),
-    "initial_delay_s": _SECONDS,
-    "initial_spread_s": _SECONDS,
-    "gap_s": _SECONDS,
-    "history_s": _SECONDS,
-    "snapshots": Bound(2, 1000),
-}
-_WHOLE = {"snapshots"}  # counts whose default, None, does not say so
+COUNT = Bound(1, 100_000)  # a wider layer alone would exceed the budget of trainable weights
+LAYERS = Bound(1, 64)
+DROPOUT = Bound(0, 0.9)
+SECONDS = Bound(0, 3600)
 _SETTINGS = {
     "epochs": Bound(1, 100_000),
     "patience": Bound(1, 100_000),
@@ -50,13 +35,10 @@ _SETTINGS = {
 }
 
 
-def check_hyper(arch: str, defaults: Mapping[str, Any], overrides: Mapping[str, Any]) -> None:
-    """Raise UnusableInput for a value out of bounds, or for values that do not fit together."""
+def check_hyper(arch: str, usual: Any, overrides: Mapping[str, Any]) -> None:
+    """Raise UnusableInput for a value out of bounds; `usual` are the reference hyper-parameters."""
     for name, value in overrides.items():
-        check_value(arch, name, value, defaults[name])
-    if arch == "cross-attention":
-        chosen = {**defaults, **overrides}
-        _check_heads(chosen["embed"], chosen["heads"])
+        check_value(arch, usual, name, value)
 
 
 def check_settings(defaults: Mapping[str, Any], overrides: Mapping[str, Any]) -> None:
@@ -69,12 +51,17 @@ def check_settings(defaults: Mapping[str, Any], overrides: Mapping[str, Any]) ->
         _check(f"{name} = {value!r}", value, isinstance(defaults[name], int), _SETTINGS[name])
 
 
-def check_value(arch: str, name: str, value: Any, default: Any) -> None:
-    """Counts are whole; everything else is a number, or None where that is the default."""
+def check_value(arch: str, usual: Any, name: str, value: Any) -> None:
+    """Counts are whole; everything else is a number, or None where that is the default.
+
+    The bounds are those of the architecture's own file, else a count's.
+    """
+    default = getattr(usual, name)
     if value is None and default is None:
         return
-    count = isinstance(default, int) or name in _WHOLE
-    _check(f"{arch}: {name} = {value!r}", value, count, _BOUNDS.get(name, _COUNT))
+    bound = getattr(usual, "bounds", {}).get(name, COUNT)
+    count = isinstance(default, int) or bound.whole
+    _check(f"{arch}: {name} = {value!r}", value, count, bound)
 
 
 def _check(told: str, value: Any, count: bool, bound: Bound) -> None:
@@ -82,12 +69,3 @@ def _check(told: str, value: Any, count: bool, bound: Bound) -> None:
     if not usable or not bound.low <= value <= bound.high:
         kind = "whole number" if count else "number"
         raise UnusableInput(f"{told} has to be a {kind} from {bound.low:g} to {bound.high:g}.")
-
-
-def _check_heads(embed: int, heads: int) -> None:
-    """Every head has its share of the width; half of the positions are sines, half cosines."""
-    step = math.lcm(2, heads)
-    if embed % step:
-        raise UnusableInput(
-            f"cross-attention: embed = {embed} with heads = {heads} has to be a multiple of {step}."
-        )

@@ -1,58 +1,38 @@
-"""The eight architectures by name, built to fit a domain and kept under the parameter budget."""
+"""The architectures by name, built to fit a domain and kept under the parameter budget."""
 
 import dataclasses
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import torch
 
-from trainers.architectures.agile_mlp import AgileMlp, AgileMlpHyper
-from trainers.architectures.cross_attention import CrossAttention, CrossAttentionHyper
-from trainers.architectures.delay_embedding import DelayEmbedding, DelayEmbeddingHyper
-from trainers.architectures.esn import Esn, EsnHyper
-from trainers.architectures.gru import Gru, GruHyper
-from trainers.architectures.history_mlp import HistoryMlp, HistoryMlpHyper
-from trainers.architectures.mamba import Mamba, MambaHyper
-from trainers.architectures.tcn import Tcn, TcnHyper
+from trainers.architecture import Architecture
 from trainers.bounds import check_hyper
-from trainers.dimensions import Dimension
 from trainers.memory import Sizes
 from trainers.model import WakeModel
+from wakedeploy.core.discovery import ARCHITECTURE, offers
 from wakedeploy.core.episodes import window_shape
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import PARAMETER_BUDGET
 
 
-@dataclass(frozen=True)
-class Architecture:
-    """A core and its hyper-parameters, both classes, and the peak learning rate that suits it."""
+class _Architectures(Mapping[str, Architecture]):
+    """All that are found, in the order of `offers`; each file is imported when it is asked for."""
 
-    core: type[WakeModel]
-    hyper: type[Any]
-    learning_rate: float = 3e-3
+    def __getitem__(self, name: str) -> Architecture:
+        return offers(ARCHITECTURE)[name].load(Architecture)
 
-    @property
-    def dimensions(self) -> tuple[Dimension, ...]:
-        """What a search may change, as the architecture's own file says it."""
-        return tuple(self.hyper.dimensions)
+    def __contains__(self, name: object) -> bool:
+        return name in offers(ARCHITECTURE)
 
-    @property
-    def starts(self) -> tuple[Mapping[str, float], ...]:
-        """Changes of the usual shape that are worth a try on any set; its own file says them."""
-        return tuple(getattr(self.hyper, "starts", ()))
+    def __iter__(self) -> Iterator[str]:
+        return iter(offers(ARCHITECTURE))
+
+    def __len__(self) -> int:
+        return len(offers(ARCHITECTURE))
 
 
-ARCHITECTURES: dict[str, Architecture] = {
-    "agile-mlp": Architecture(AgileMlp, AgileMlpHyper),
-    "history-mlp": Architecture(HistoryMlp, HistoryMlpHyper),
-    "delay-embedding": Architecture(DelayEmbedding, DelayEmbeddingHyper),
-    "gru": Architecture(Gru, GruHyper),
-    "tcn": Architecture(Tcn, TcnHyper),
-    "mamba": Architecture(Mamba, MambaHyper, learning_rate=1e-2),
-    "esn": Architecture(Esn, EsnHyper),
-    "cross-attention": Architecture(CrossAttention, CrossAttentionHyper),
-}
+ARCHITECTURES: Mapping[str, Architecture] = _Architectures()
 
 
 def build(
@@ -88,7 +68,7 @@ def hyper_parameters(arch: str, overrides: Mapping[str, Any]) -> Any:
     for name in overrides:
         if name not in known:
             raise UnusableInput(f"{arch} has no hyper-parameter '{name}'; it has {_names(known)}.")
-    check_hyper(arch, known, overrides)
+    check_hyper(arch, defaults, overrides)
     return dataclasses.replace(defaults, **overrides)
 
 

@@ -1,6 +1,7 @@
-"""The base of the eight cores, and the Predictor: a core with its normalisation around it."""
+"""The bases of the cores, and the Predictor: a core with its normalisation around it."""
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
@@ -21,6 +22,8 @@ class WakeModel(nn.Module):
     """
 
     memory: Memory
+    # Where rounding errors grow in the core, its own float32 error is the yardstick of its export.
+    amplifies_rounding: ClassVar[bool] = False
 
     @property
     def trainable(self) -> int:
@@ -53,6 +56,20 @@ class StateModel(WakeModel):
         """One sample; by default a sequence of length one."""
         force, next_state = self(observation.unsqueeze(1), state)  # (B, 1, o)
         return force.squeeze(1), next_state
+
+
+class SolvedModel(StateModel):
+    """A core that is drawn once; only its linear `readout` is trained, by ridge regression."""
+
+    readout: nn.Linear
+
+    def echoes(self, sequence: Tensor, state: State) -> tuple[Tensor, State]:
+        """All that the readout sees: (B, T, d) -> (B, T, N), next state."""
+        raise NotImplementedError
+
+    def keep_from(self, hidden: Sequence[int], outputs: int) -> None:
+        """Let no past of the inputs `hidden` in, before anything is trained; `outputs` forces."""
+        raise NotImplementedError
 
 
 class Predictor(nn.Module):

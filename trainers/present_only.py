@@ -12,8 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from trainers.architectures.agile_mlp import mlp
-from trainers.architectures.esn import Esn
-from trainers.model import State, StateModel, WakeModel
+from trainers.model import SolvedModel, State, StateModel, WakeModel
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import PARAMETER_BUDGET
 
@@ -81,10 +80,10 @@ def present_only(
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         joint = _Joint(hidden, inputs, outputs)
-        if isinstance(core, Esn):
+        if isinstance(core, SolvedModel):
             core.keep_from(hidden, outputs)
     made: WakeModel
-    if isinstance(core, Esn):
+    if isinstance(core, SolvedModel):
         made = core
     elif isinstance(core, StateModel):
         made = PresentOnlyState(core, joint)

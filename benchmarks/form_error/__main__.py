@@ -20,7 +20,7 @@ from benchmarks.form_error.plan import no_effect, trivial, with_effect
 from benchmarks.form_error.table import curve, told
 from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
-from wakedeploy.core.processes import pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.gap.workflow import close
 from wakedeploy.rig.file import default_rig
 
@@ -40,11 +40,13 @@ def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:
     out.mkdir(parents=True, exist_ok=True)
     known = {one["digest"]: one for one in read_json_lines(kept)}
     left = [case for case in cases if case.digest not in known]
-    with pool(workers) as several:
-        for case, one in zip(left, several.map(partial(answered, out=out), left), strict=True):
-            append_json_line(kept, {"digest": case.digest, **one})
-            known[case.digest] = one
-            click.echo(f"{one['case']}: {one['answer']}")
+
+    def keep(case: Case, one: dict[str, Any]) -> None:
+        append_json_line(kept, {"digest": case.digest, **one})
+        known[case.digest] = one
+        click.echo(f"{one['case']}: {one['answer']}")
+
+    parallel_map(partial(answered, out=out), left, workers=workers, on_done=keep)
     return [known[case.digest] for case in cases]
 
 

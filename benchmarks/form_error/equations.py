@@ -142,7 +142,7 @@ def air_speed(
         if older >= 0:
             past += share * ring[older % len(ring)]
         root += (2.0 / 3.0 if k == 1 else 1.0 / 6.0) * past
-    return ((1.0 - a) * near + a * far) * root
+    return float(((1.0 - a) * near + a * far) * root)
 
 
 @compiled
@@ -164,14 +164,14 @@ def _factor(y: FloatArray, air: float, n: Numbers) -> float:
     left = 1.0 - n.sag_per_s * y[CHARGE]
     left *= 1.0 - n.inflow_s_per_m * y[SPEED]
     left *= 1.0 - n.wake_inflow_s_per_m * max(-air, 0.0)
-    return left * (1.0 + n.ground_gain / (1.0 + (y[Z] / n.ground_height_m) ** 2))
+    return float(left * (1.0 + n.ground_gain / (1.0 + (y[Z] / n.ground_height_m) ** 2)))
 
 
 @compiled
 def _further(y: FloatArray, x_m: float, n: Numbers) -> float:
     force = -n.tether_n_per_m * max(y[Z] - n.tether_slack_m, 0.0)
     force += n.detent_n * math.sin(2.0 * math.pi * y[Z] / n.detent_m)
-    return force + n.bend_n_per_m * x_m
+    return float(force + n.bend_n_per_m * x_m)
 
 
 @compiled
@@ -209,4 +209,5 @@ def _bristles(y: FloatArray, most_n: float, h: float, n: Numbers) -> float:
         y[BRISTLE] = before + v * h
     damping = 2.0 * math.sqrt(stiffness * n.mass_kg) * 0.3
     moved = (y[BRISTLE] - before) / h
-    return stiffness * 0.5 * (y[BRISTLE] + before) + damping * moved * math.exp(-((v / 0.01) ** 2))
+    damped = damping * moved * math.exp(-((v / 0.01) ** 2))
+    return float(stiffness * 0.5 * (y[BRISTLE] + before) + damped)

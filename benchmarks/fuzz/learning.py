@@ -269,7 +269,7 @@ def _train_with(folder: Path) -> None:
     """As `train --preset` and `tune --start` begin."""
     asked = str(folder / "best.toml")
     with spoken():
-        preset = training._preset(asked, "gru", small_set(), _LEAD_S, click.echo)
+        preset = training.usable_preset(asked, "gru", small_set(), _LEAD_S, click.echo)
     assert preset is not None
     settings = settings_for("gru", epochs=None, learning_rate=None, others=preset.settings)
     configure(small_set(), "gru", seed=0, lead_s=_LEAD_S, hyper=preset.hyper, settings=settings)

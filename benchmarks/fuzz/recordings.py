@@ -60,13 +60,13 @@ def _fish_files(is_compressed: bool) -> Files:
 
 def _quadrotor() -> Kind:
     names = ("1_flybelow/a.npz", "1_flybelow/b.npz", "3_swapping/c.npz", "3_swapping/d.npz")
-    sound = ({name: _flaredw(seed) for seed, name in enumerate(names)},)
+    sound = ({name: _quadrotor_file(seed) for seed, name in enumerate(names)},)
     return Kind(
         "quadrotor", "quadrotor recordings", sound, quadrotor.import_set, {"*.npz": npz_file}
     )
 
 
-def _flaredw(seed: int) -> bytes:
+def _quadrotor_file(seed: int) -> bytes:
     n = _QUADROTOR_SAMPLES
     time_s = np.arange(n) / 200.0
     arrays: dict[str, NDArray[Any]] = {"time": time_s}

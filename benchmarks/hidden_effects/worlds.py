@@ -53,7 +53,6 @@ _SENSING = {
     "pwm-dead-band.band_us": "dead_band_us",
     "pwm-quantisation.step_us": "quantum_us",
     "range-drift.drift_mps": "drift_mps",
-    "sample-and-hold.hold_s": "hold_s",
 }
 _GROUND_M = (0.0, 0.03, 0.06, 0.1, 0.14, 0.18, 0.23, 0.28, 0.34, 0.4, 0.5, 0.6, 0.75, 0.9, 1.2)
 
@@ -192,6 +191,7 @@ def _sensing(rig: Rig, constants: Mapping[str, float]) -> Sensing:
         bias_m=constants["range.bias_m"],
         scale=constants["range.scale"],
         stale_s=constants["range.delay_s"],
+        hold_s=constants["range.hold_s"],
         outlier_probability=disturbance.outlier_probability,
         outlier_size_m=disturbance.outlier_size_m,
         steps_per_m=rig.stepper.steps_per_m,

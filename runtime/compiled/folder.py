@@ -111,11 +111,6 @@ class CFolder:
         return driven(self.manifest, 512)
 
 
-def is_c_folder(path: Path) -> bool:
-    """Whether a path is rather a folder of C than a package's file."""
-    return path.is_dir()
-
-
 def read_c_folder(path: Path | str) -> CFolder:
     """Read and validate a folder; UnusableInput where files are missing, foreign or altered."""
     path = Path(path)

@@ -26,11 +26,6 @@ class Heard:
         """Whether it came since the tick before."""
         return self.repeats == 0
 
-    @property
-    def is_old(self) -> bool:
-        """Whether its step count says nothing about the carriage any more."""
-        return self.repeats > OLD_TICKS
-
 
 class AnswerDoor:
     """What it remembers from tick to tick: the newest sequence number, and late answers."""

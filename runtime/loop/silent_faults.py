@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 from runtime.loop.safety import HELD_MPS, HELD_SHARE, RANGE_FROZEN_S
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
-from wakedeploy.physics.effects.chain import believed
+from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 AIRBORNE_M = 0.1  # below, a VL53L0X may say the same for long: so near it measures badly
@@ -56,8 +56,8 @@ def frozen_limit_s(rig: Rig) -> float:
     if leaves == 0.0:
         return math.inf
     readings = math.log(REPEAT_CHANCE) / math.log1p(-leaves)
-    held_s = [e.parameters["hold_s"].value for e in rig.effect if e.name == "sample-and-hold"]
-    return max(RANGE_FROZEN_S, readings * max(sensor.period_s, 1.0 / LOOP_RATE_HZ, *held_s))
+    held_s = unplaced_constants(rig)["range.hold_s"]
+    return max(RANGE_FROZEN_S, readings * max(sensor.period_s, 1.0 / LOOP_RATE_HZ, held_s))
 
 
 class SignReader:

@@ -49,7 +49,7 @@ class WatchFilter:
         self._model = model
         spreads = spreads_of(self._rig)
         self._forecast = ForceForecast(self._rig, model, spreads)
-        self._hold_s = model.chain.values.get("sample-and-hold.hold_s", 0.0)
+        self._hold_s = model.constants["range.hold_s"]
         self._last_range_m, self._last_stamp_s = math.nan, -math.inf
         self._range_delay_s = spreads.get("range.delay_s", 0.0)
         self._bias_m = spreads.get("range.bias_m", 0.0)

@@ -12,7 +12,7 @@ from test_command_line import HEAVY
 
 from wakedeploy.cli import main
 from wakedeploy.cli.completion import SHELLS
-from wakedeploy.core.names import ARCHITECTURES, DOMAINS
+from wakedeploy.core.names import architectures, domains
 
 PROGRAMS = Path(sys.executable).parent  # where `wakedeploy` is
 
@@ -40,9 +40,9 @@ def answered(*words: str) -> list[str]:
         (["data", "make", ""], ["downwash", "gantry", "ship"]),
         (["gap", "cl"], ["close"]),
         (["train", "--see"], ["--seeds"]),
-        (["train", "--arch", ""], [*ARCHITECTURES, "all"]),
+        (["train", "--arch", ""], [*architectures(), "all"]),
         (["train", "--arch", "M"], ["mamba"]),
-        (["train", "--arch", "gru,"], [f"gru,{n}" for n in ARCHITECTURES if n != "gru"]),
+        (["train", "--arch", "gru,"], [f"gru,{n}" for n in architectures() if n != "gru"]),
         (["train", "--arch", "gru,History_"], ["gru,history-mlp"]),
         (["train", "--arch", "=", "mam"], ["mamba"]),  # as bash cuts --arch=mam
         (["train", "--arch=mam"], ["--arch=mamba"]),  # where it does not
@@ -50,7 +50,7 @@ def answered(*words: str) -> list[str]:
         (["export", "--arch", "t"], ["tcn"]),
         (["train", "--device", "c"], ["cpu", "cuda"]),
         (["train", "--preset", "tu"], ["tuned"]),
-        (["study", "domains", "--domains", ""], [*DOMAINS, "all"]),
+        (["study", "domains", "--domains", ""], [*domains(), "all"]),
         (["gap", "plan", "--class", "coul"], ["coulomb-friction"]),
     ],
 )

@@ -9,7 +9,7 @@ from wakedeploy.cli import main
 from wakedeploy.cli.groups import ELSEWHERE, MEANT_COMMANDS, OPTIONS
 from wakedeploy.cli.names import SOME_ARCHITECTURES
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.names import ARCHITECTURES, DOMAINS, meant, near, unknown
+from wakedeploy.core.names import architectures, domains, meant, near, unknown
 from wakedeploy.study.sets import DOMAINS as STUDIED
 
 
@@ -35,8 +35,8 @@ EVERY = every_command()
 
 
 def test_the_names_are_those_that_there_are() -> None:
-    assert tuple(BUILT) == ARCHITECTURES
-    assert tuple(STUDIED) == DOMAINS
+    assert tuple(BUILT) == architectures()
+    assert tuple(STUDIED) == domains()
 
 
 @pytest.mark.parametrize(
@@ -114,15 +114,15 @@ def test_all_that_is_suggested_exists() -> None:
 
 @pytest.mark.parametrize("given", ["GRU", " gru", "Gru"])
 def test_a_name_is_meant_in_any_case(given: str) -> None:
-    assert meant(given, ARCHITECTURES) == "gru"
-    assert meant("History_MLP", ARCHITECTURES) == meant("history mlp", ARCHITECTURES)
-    assert meant("grue", ARCHITECTURES) is None
+    assert meant(given, architectures()) == "gru"
+    assert meant("History_MLP", architectures()) == meant("history mlp", architectures())
+    assert meant("grue", architectures()) is None
 
 
 def test_what_is_near_is_told() -> None:
-    assert near("attention", ARCHITECTURES) == ["cross-attention"]
-    assert near("hist", ARCHITECTURES) == ["history-mlp"]
-    assert near("x", ARCHITECTURES) == []
+    assert near("attention", architectures()) == ["cross-attention"]
+    assert near("hist", architectures()) == ["history-mlp"]
+    assert near("x", architectures()) == []
     assert unknown("grru", "architecture", ("gru", "tcn")) == (
         "'grru' is no architecture; did you mean gru? Choose gru, tcn"
     )
@@ -131,7 +131,7 @@ def test_what_is_near_is_told() -> None:
 
 def test_several_names_are_taken_once_each() -> None:
     assert SOME_ARCHITECTURES.convert("GRU, history_mlp,gru", None, None) == ("gru", "history-mlp")
-    assert SOME_ARCHITECTURES.convert("ALL", None, None) == ARCHITECTURES
+    assert SOME_ARCHITECTURES.convert("ALL", None, None) == architectures()
     with pytest.raises(UnusableInput, match="'grru' is no architecture; did you mean gru"):
         SOME_ARCHITECTURES.convert("tcn,grru", None, None)
 

@@ -12,8 +12,8 @@ from scipy.spatial.transform import Rotation
 
 from wakedeploy.cli import main
 from wakedeploy.core.episodes import read_episode_set
-from wakedeploy.domains.flaredw import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.domains.quadrotor import OBSERVATION, features, import_set, observed_force
+from wakedeploy.domains.quadrotor_files import LABEL_GRAVITY_MPS2, MASS_KG, thrust_n
 from wakedeploy.study.domains import _by_group
 
 HOVER_RADPS = 379.0
@@ -176,14 +176,14 @@ def test_copies_of_a_file_are_one_course(tmp_path: Path) -> None:
 def test_the_command_writes_a_set_and_a_refusal_writes_nothing(tmp_path: Path) -> None:
     saved(tmp_path / "in" / "1_flybelow", "one")
     out = tmp_path / "set"
-    told = CliRunner().invoke(main, ["data", "import", "flaredw", str(tmp_path / "in"), "--out",
+    told = CliRunner().invoke(main, ["data", "import", "quadrotor", str(tmp_path / "in"), "--out",
                                      str(out)])  # fmt: skip
     assert told.exit_code == 0, told.output
     assert read_episode_set(out).domain == "quadrotor"
     assert "independent" in told.output
     empty = tmp_path / "empty"
     empty.mkdir()
-    refused = CliRunner().invoke(main, ["data", "import", "flaredw", str(empty), "--out",
+    refused = CliRunner().invoke(main, ["data", "import", "quadrotor", str(empty), "--out",
                                         str(tmp_path / "none")])  # fmt: skip
     assert refused.exit_code == 2
     assert "no .npz" in refused.output

@@ -82,7 +82,7 @@ def test_nan_passes_through_and_a_reset_forgets_it(tiny_package):
 
 def test_another_shape_is_refused_with_the_channels_named(tiny_package):
     predictor = PackagePredictor(tiny_package("state"))
-    with pytest.raises(ValueError, match=r"\(3,\) where this package expects \(2,\): dx_m, dz_m"):
+    with pytest.raises(ValueError, match=r"\(3,\) where this predictor expects \(2,\): dx_m, dz_m"):
         predictor.step([1.0, 2.0, 3.0])
     with pytest.raises(ValueError, match=r"expects \(4, 2\)"):
         PackagePredictor(tiny_package("state"), batch=4).step([1.0, 2.0])

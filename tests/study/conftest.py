@@ -15,7 +15,7 @@ def one_process() -> Iterator[None]:
     That several processes come to the same is tested where that is the question.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("wakedeploy.study.side_by_side.default_workers", lambda: 1)
+        patch.setattr("wakedeploy.core.parallel.default_workers", lambda: 1)
         yield
 
 

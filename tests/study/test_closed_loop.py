@@ -119,7 +119,11 @@ def test_the_constant_is_the_training_flights_mean() -> None:
 def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     from wakedeploy.study import sets
 
-    small = {"downwash": sets.Domain("downwash", "force_z_n", 1.0, 1.0, make=sets._downwash)}
+    small = {
+        "downwash": sets.Domain(
+            "downwash", "force_z_n", 1.0, 1.0, make=sets.DOMAINS["downwash"].make
+        )
+    }
     monkeypatch.setattr(sets, "DOMAINS", small)
     told = CliRunner().invoke(
         main, ["study", "closed-loop", "--quick", "--arch", "agile-mlp", "--out", str(tmp_path)]

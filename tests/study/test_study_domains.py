@@ -129,7 +129,7 @@ def test_the_command_writes_figures_tables_and_a_page(tmp_path) -> None:
     assert float(rows[-1]["rmse"]) == lines[-1]["channels"][0]["rmse"]
     page = (folder / "study.html").read_text()
     assert "On gantry, esn is the best on validation" in page
-    assert "Only the reservoir (esn) has its scales chosen" in page
+    assert "Only of esn (one of 3) are hyper-parameters chosen" in page
     assert {row["hyper"] for row in rows if row["predictor"] == "agile-mlp"} == {""}
     assert [row["hyper"] for row in rows if row["predictor"] == "esn"] == [
         " ".join(f"{name}={value:g}" for name, value in lines[-1]["hyper"].items())

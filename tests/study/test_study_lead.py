@@ -221,8 +221,10 @@ def told(tmp_path_factory, short_episodes):
     from wakedeploy.study import sets
 
     tiny = {
-        "gantry": sets.Domain("gantry", "force_z_n", 1.7, 1.7, make=sets._gantry),
-        "downwash": sets.Domain("downwash", "force_z_n", 1.0, 1.0, make=sets._downwash),
+        "gantry": sets.Domain("gantry", "force_z_n", 1.7, 1.7, make=sets.DOMAINS["gantry"].make),
+        "downwash": sets.Domain(
+            "downwash", "force_z_n", 1.0, 1.0, make=sets.DOMAINS["downwash"].make
+        ),
     }
     folder = tmp_path_factory.mktemp("study")
     with pytest.MonkeyPatch.context() as patch:

@@ -106,7 +106,11 @@ def test_only_the_physics_differs_between_spreads() -> None:
 def test_the_command_flies_what_it_trained(tmp_path, monkeypatch) -> None:
     from wakedeploy.study import sets, shift
 
-    small = {"downwash": sets.Domain("downwash", "force_z_n", 1.0, 1.0, make=sets._downwash)}
+    small = {
+        "downwash": sets.Domain(
+            "downwash", "force_z_n", 1.0, 1.0, make=sets.DOMAINS["downwash"].make
+        )
+    }
     monkeypatch.setattr(shift, "DOMAINS", small)
     monkeypatch.setattr(sets, "DOMAINS", small)
     monkeypatch.setattr(shift, "FLOWN", (0.1, 0.2))

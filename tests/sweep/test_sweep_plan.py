@@ -108,7 +108,7 @@ def test_options_come_before_the_file_and_their_folders_are_where_we_are(
         (("hyper.gru", "hyper.esn"), 9, "'esn' is not among the architectures of this sweep"),
         (("hidden = [8", "hiden = [8"), 10, "gru has no hyper-parameter 'hiden'; it has"),
         (("[8, 16]", "[8, -16]"), 10, "hidden = -16 has to be a whole number"),
-        (('"downwash"', '"air"'), 14, "'air' cannot be simulated; choose gantry, downwash, ship"),
+        (('"downwash"', '"air"'), 14, "'air' cannot be simulated; choose ship, downwash, gantry"),
         (("spread", "width"), 16, "downwash has no setting 'width'; it has spread"),
         (("0.1 }", "7 }"), 16, "spread = 7 has to be a number from 0 to 0.75"),
         (("minutes = 1\n", ""), 12, "generate.0.minutes is missing"),

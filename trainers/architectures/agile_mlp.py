@@ -1,14 +1,18 @@
 """Agile MLP: the present observation alone, two hidden layers (the memoryless baseline)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar
 
 from torch import Tensor, nn
 
+from trainers.architecture import Architecture
+from trainers.bounds import LAYERS, Bound
 from trainers.dimensions import WINDOW_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import WakeModel
+from wakedeploy.core import figures
 
 
 @dataclass(frozen=True)
@@ -23,6 +27,7 @@ class AgileMlpHyper:
         Span("hidden", 16, 256, log=True),
         *WINDOW_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {"layers": LAYERS}
 
 
 def mlp(inputs: int, hidden: int, layers: int, outputs: int) -> nn.Sequential:
@@ -47,3 +52,6 @@ class AgileMlp(WakeModel):
         """(B, d) -> (B, o)."""
         force: Tensor = self.net(observation)  # (B, o)
         return force
+
+
+ARCHITECTURE = Architecture(AgileMlp, AgileMlpHyper, training_s=4, colour=figures.LIMIT, marker="s")

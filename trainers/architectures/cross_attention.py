@@ -1,15 +1,19 @@
 """Cross-Attention: the present observation asks, the window answers (Vaswani et al. 2017)."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from trainers.architecture import Architecture
+from trainers.bounds import SECONDS, Bound
 from trainers.dimensions import HISTORY, WINDOW_FIT, Choice, Dimension, Span
 from trainers.memory import Sizes
 from trainers.model import WakeModel
+from wakedeploy.core.errors import UnusableInput
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,16 @@ class CrossAttentionHyper:
         HISTORY,
         *WINDOW_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {"history_s": SECONDS}
+
+    def __post_init__(self) -> None:
+        """Every head has its share of the width; half of the positions are sines, half cosines."""
+        step = math.lcm(2, self.heads)
+        if self.embed % step:
+            raise UnusableInput(
+                f"cross-attention: embed = {self.embed} with heads = {self.heads} has to be a"
+                f" multiple of {step}."
+            )
 
 
 class CrossAttention(WakeModel):
@@ -106,3 +120,8 @@ def sinusoids(length: int, width: int) -> Tensor:
     ages = torch.arange(length - 1, -1, -1.0).unsqueeze(1)  # (K, 1)
     rates = torch.exp(torch.arange(0, width, 2) * (-math.log(10_000.0) / width))  # (E/2,)
     return torch.cat([torch.sin(ages * rates), torch.cos(ages * rates)], 1)
+
+
+ARCHITECTURE = Architecture(
+    CrossAttention, CrossAttentionHyper, training_s=19, colour="#6A3D9A", marker="p"
+)

@@ -6,13 +6,16 @@ Embedding).
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 import torch
 from torch import Tensor, nn
 
+from trainers.architecture import Architecture
 from trainers.architectures.agile_mlp import mlp
+from trainers.bounds import LAYERS, SECONDS, Bound
 from trainers.dimensions import HISTORY, WINDOW_FIT, Dimension, Span
 from trainers.memory import Sizes
 from trainers.model import WakeModel
@@ -46,6 +49,13 @@ class DelayEmbeddingHyper:
         HISTORY,
         *WINDOW_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {
+        "layers": LAYERS,
+        "initial_delay_s": SECONDS,
+        "initial_spread_s": SECONDS,
+        "gap_s": SECONDS,
+        "history_s": SECONDS,
+    }
 
 
 class DelayEmbedding(WakeModel):
@@ -104,3 +114,8 @@ def _start_at_zero(selector: nn.Sequential) -> None:
     assert isinstance(last, nn.Linear)
     nn.init.zeros_(last.weight)
     nn.init.zeros_(last.bias)
+
+
+ARCHITECTURE = Architecture(
+    DelayEmbedding, DelayEmbeddingHyper, training_s=16, colour="#56B4E9", marker="^"
+)

@@ -14,9 +14,11 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.architecture import Architecture
+from trainers.bounds import Bound
 from trainers.dimensions import Dimension, Span
 from trainers.memory import Memory, Sizes
-from trainers.model import State, StateModel
+from trainers.model import SolvedModel, State
 from wakedeploy.core.errors import UnusableInput
 
 _BESIDE = 500  # fixed functions of the present, beside a reservoir that is kept from some inputs
@@ -52,13 +54,23 @@ class EsnHyper:
         {"input_scale": 0.03},
         {"input_scale": 0.001, "leak": 0.3},
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {
+        "neurons": Bound(1, 4000),  # N² recurrent weights: 64 MB, the largest package
+        "spectral_radius": Bound(0, 10),
+        "leak": Bound(0.001, 1),
+        "density": Bound(0.001, 1),
+        "input_scale": Bound(0, 100),
+        "input_offset": Bound(0, 100),
+    }
 
 
-class Esn(StateModel):
+class Esn(SolvedModel):
     """Carries the reservoir's activations h (neurons,); only the readout is trained.
 
     `beside` is there only where the reservoir is kept from some inputs (`keep_from`).
     """
+
+    amplifies_rounding = True  # by a thousand neurons
 
     def __init__(self, sizes: Sizes, hyper: EsnHyper) -> None:
         super().__init__()
@@ -146,3 +158,6 @@ def _recurrent_weights(hyper: EsnHyper) -> Tensor:
             " loop and remember nothing; choose more neurons or a higher density."
         )
     return weights * (hyper.spectral_radius / radius)
+
+
+ARCHITECTURE = Architecture(Esn, EsnHyper, training_s=5, colour="#8C564B", marker="X")

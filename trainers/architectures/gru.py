@@ -1,5 +1,6 @@
 """GRU: a gated recurrent unit between a linear projection and a small head (Cho et al. 2014)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -7,6 +8,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.architecture import Architecture
+from trainers.bounds import DROPOUT, Bound
 from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
@@ -27,6 +30,7 @@ class GruHyper:
         Span("dropout", 0.0, 0.5),
         *SEQUENCE_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {"dropout": DROPOUT}
 
 
 class Gru(StateModel):
@@ -77,3 +81,6 @@ class Gru(StateModel):
         candidate = torch.tanh(new_x + reset * new_h)  # (B, H)
         hidden = candidate + update * (hidden - candidate)  # (B, H)
         return self.head(hidden), {"hidden": hidden}  # (B, o)
+
+
+ARCHITECTURE = Architecture(Gru, GruHyper, training_s=41, colour="#D55E00", marker="D")

@@ -1,11 +1,14 @@
 """History MLP: an evenly spaced window of snapshots, flattened (Bourlard & Kamp 1988)."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from torch import Tensor
 
+from trainers.architecture import Architecture
 from trainers.architectures.agile_mlp import mlp
+from trainers.bounds import LAYERS, SECONDS, Bound
 from trainers.dimensions import HISTORY, WINDOW_FIT, Dimension, Span
 from trainers.memory import Sizes
 from trainers.model import WakeModel
@@ -30,6 +33,11 @@ class HistoryMlpHyper:
         HISTORY,
         *WINDOW_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {
+        "layers": LAYERS,
+        "history_s": SECONDS,
+        "snapshots": Bound(2, 1000, whole=True),
+    }
 
 
 class HistoryMlp(WakeModel):
@@ -45,3 +53,8 @@ class HistoryMlp(WakeModel):
         """(B, K, d), oldest first -> (B, o)."""
         force: Tensor = self.net(window.flatten(1))  # (B, o)
         return force
+
+
+ARCHITECTURE = Architecture(
+    HistoryMlp, HistoryMlpHyper, training_s=11, colour="#E69F00", marker="o"
+)

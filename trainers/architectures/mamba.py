@@ -6,6 +6,7 @@ out = W_out (y ∘ silu z); RMSNorm before and after, residual around the block.
 """
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -13,6 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.architecture import Architecture
+from trainers.bounds import Bound
 from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
@@ -35,6 +38,9 @@ class MambaHyper:
         Span("d_conv", 2, 8),
         *SEQUENCE_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {
+        "d_conv": Bound(2, 64)
+    }  # of one tap nothing is carried
 
     @property
     def d_inner(self) -> int:
@@ -123,3 +129,8 @@ class Mamba(StateModel):
         dt = torch.exp(low + (high - low) * torch.rand(self.w_dt.out_features))
         with torch.no_grad():
             self.w_dt.bias.copy_(dt + torch.log(-torch.expm1(-dt)))  # softplus⁻¹
+
+
+ARCHITECTURE = Architecture(
+    Mamba, MambaHyper, learning_rate=1e-2, training_s=39, colour="#CC79A7", marker="P"
+)

@@ -6,6 +6,7 @@ a single sample the kernel's frames are picked from it and one matrix product is
 convolution.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, cast
 
@@ -13,6 +14,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from trainers.architecture import Architecture
+from trainers.bounds import DROPOUT, Bound
 from trainers.dimensions import SEQUENCE_FIT, Dimension, Span
 from trainers.memory import Memory, Sizes
 from trainers.model import State, StateModel
@@ -33,6 +36,11 @@ class TcnHyper:
         Span("dropout", 0.0, 0.5),
         *SEQUENCE_FIT,
     )
+    bounds: ClassVar[Mapping[str, Bound]] = {
+        "kernel": Bound(2, 64),  # of one tap nothing is carried
+        "blocks": Bound(1, 12),  # the dilation doubles with each
+        "dropout": DROPOUT,
+    }
 
 
 class Tcn(StateModel):
@@ -95,3 +103,6 @@ class Tcn(StateModel):
         rings[name] = context[:, :, -kept:]  # (B, C, R)
         convolved: Tensor = self.dropout(torch.relu(self.convolutions[index](context)))  # (B, C, T)
         return convolved
+
+
+ARCHITECTURE = Architecture(Tcn, TcnHyper, training_s=36, colour="#0072B2", marker="v")

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import torch
 
-from trainers.model import Predictor
+from trainers.model import Predictor, SolvedModel
 from trainers.training.fit import FitSettings
 from wakedeploy.core.errors import UnusableInput
 
@@ -18,7 +18,7 @@ DEVICES = ("auto", "cpu", "cuda")
 # of neurons.
 CUDA_PAYS_FROM = 2e8
 
-_RESERVOIR_LANES = 32  # the reservoir is played step by step, this many episodes side by side
+_SOLVED_LANES = 32  # a solved core is played step by step, this many episodes side by side
 
 
 def choose_device(asked: str, predictor: Predictor, settings: FitSettings) -> str:
@@ -49,8 +49,8 @@ def work_of_update(predictor: Predictor, settings: FitSettings) -> float:
     These are its multiply-adds if each weight is used once per sample; a convolution or attention
     over a window uses some of them more often.
     """
-    if predictor.arch == "esn":
-        samples = _RESERVOIR_LANES
+    if isinstance(predictor.core, SolvedModel):
+        samples = _SOLVED_LANES
     elif predictor.memory.kind == "state":
         samples = settings.lanes * settings.chunk_steps
     else:

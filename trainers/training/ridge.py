@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from trainers.architectures.esn import Esn
-from trainers.model import Predictor, State
+from trainers.model import Predictor, SolvedModel, State
 from trainers.training.loss import WeightedMse
 from trainers.training.predict import play
 from trainers.training.tape import Tape
@@ -97,12 +96,12 @@ def ridge(train: Moments, validation: Moments) -> Solution:
 def solve_readout(
     predictor: Predictor, train: Tape, validation: Tape, loss_weights: Sequence[float]
 ) -> tuple[float, Solution]:
-    """Set the normalisation and the readout of an Esn; its loss on validation, and the solution.
+    """Set normalisation and readout of a solved core; its loss on validation, and the solution.
 
     The errors of the solution are those of normalised forces: 1 is predicting the mean.
     """
     core = predictor.core
-    assert isinstance(core, Esn)
+    assert isinstance(core, SolvedModel)
     predictor.set_normalisation(train.observation, train.force)
     held_out = moments(_echoes(predictor, core, validation))
     found = ridge(moments(_echoes(predictor, core, train)), held_out)
@@ -112,7 +111,7 @@ def solve_readout(
     return float((shares * held_out.error(found.readout, found.bias)).sum()), found
 
 
-def _echoes(predictor: Predictor, core: Esn, tape: Tape) -> Iterator[tuple[Tensor, Tensor]]:
+def _echoes(predictor: Predictor, core: SolvedModel, tape: Tape) -> Iterator[tuple[Tensor, Tensor]]:
     """Activations (M, N) and normalised forces (M, o) of the scored samples, block by block."""
 
     def run(observation: Tensor, state: State) -> tuple[Tensor, State]:

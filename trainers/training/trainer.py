@@ -10,10 +10,9 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from trainers.architectures.esn import Esn
 from trainers.bounds import check_settings
 from trainers.build import ARCHITECTURES, hyper_parameters
-from trainers.model import Predictor
+from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import Fit, FitSettings, Standing
 from trainers.training.ridge import STRENGTHS, Solution, solve_readout
@@ -119,9 +118,9 @@ def settings_for(
 
 def idle_settings(arch: str) -> set[str]:
     """The fit settings that change nothing for an architecture, as its dimensions tell."""
-    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
-    if "learning_rate" not in searched:  # solved, not descended
+    if ARCHITECTURES[arch].solved:
         return {field.name for field in dataclasses.fields(FitSettings)}
+    searched = {dimension.name for dimension in ARCHITECTURES[arch].dimensions}
     return {"batch", "lanes", "chunk_steps"} - searched
 
 
@@ -176,7 +175,7 @@ def train(
         if (folder / METRICS).exists():
             return load_run(folder)
         write_record(folder / CONFIG, config)
-        if isinstance(predictor.core, Esn):
+        if isinstance(predictor.core, SolvedModel):
             ended = _solve(folder, config, data, predictor, device)
             on_epoch(1, 1)
         else:

@@ -157,12 +157,12 @@ def _number(arch: str, dimension: Dimension, part: str, text: str) -> float:
         value = json.loads(part)
     except ValueError as error:
         raise UnusableInput(f"--dimension {text}: '{part}' is not a number.") from error
-    defaults = dataclasses.asdict(ARCHITECTURES[arch].hyper())
+    usual = ARCHITECTURES[arch].hyper()
     try:
         if value is None:
             raise UnusableInput(f"'{part}' is not a number.")
-        if dimension.name in defaults:
-            check_value(arch, dimension.name, value, defaults[dimension.name])
+        if dimension.name in _hyper_names(arch):
+            check_value(arch, usual, dimension.name, value)
         else:
             check_settings(dataclasses.asdict(FitSettings()), {dimension.name: value})
     except UnusableInput as error:

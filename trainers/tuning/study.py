@@ -17,6 +17,7 @@ import optuna
 from optuna.storages import BaseStorage
 from optuna.trial import FrozenTrial, TrialState
 
+from trainers.build import ARCHITECTURES
 from trainers.tuning.plan import COSTS, Plan
 from trainers.tuning.sampler import AGAIN, SeededByTrial
 from trainers.tuning.sound import problem_of
@@ -232,7 +233,7 @@ def pruner_of(study: Study) -> str:
 
 def _pruner(name: str, plan: Plan) -> optuna.pruners.BasePruner:
     """One that ends nothing where there are no epochs, or several objectives."""
-    if name == "none" or plan.cost is not None or plan.arch == "esn":
+    if name == "none" or plan.cost is not None or ARCHITECTURES[plan.arch].solved:
         return optuna.pruners.NopPruner()
     if name == "hyperband":
         return optuna.pruners.HyperbandPruner(min_resource=1, max_resource=plan.epochs)

@@ -12,9 +12,8 @@ import optuna
 import torch
 from numpy.typing import NDArray
 
-from trainers.architectures.esn import Esn
 from trainers.build import trainable_weights
-from trainers.model import Predictor
+from trainers.model import Predictor, SolvedModel
 from trainers.training.device import choose_device
 from trainers.training.fit import FitSettings
 from trainers.training.ridge import solve_readout
@@ -131,7 +130,7 @@ class Objective:
         settings = FitSettings(**config.settings)  # type: ignore[arg-type]
         device = choose_device(self.device, predictor, settings)
         trial.set_user_attr(DEVICE, device)
-        if isinstance(predictor.core, Esn):
+        if isinstance(predictor.core, SolvedModel):
             learned, held_out = (tape.to(device) for tape in (self.learned, self.held_out))
             loss, _ = solve_readout(predictor.to(device), learned, held_out, config.loss_weights)
             return _error(loss, "its only pass")

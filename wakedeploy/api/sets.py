@@ -1,20 +1,16 @@
 """Episode sets by their domain's name: simulated, or imported from recordings."""
 
-import importlib
-import inspect
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from wakedeploy.api.inputs import PathLike, rig_of
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.names import DOMAINS, meant, unknown
+from wakedeploy.core.names import domains, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
-
-_OURS = {"minutes", "seed", "progress", "workers"}  # what every simulation takes
 
 
 def make_set(
@@ -43,8 +39,14 @@ def make_set(
     Raises:
         UnusableInput: The domain cannot be simulated, or has no such setting.
     """
-    name, make = _found(domain, "make_set", "simulated")
-    possible = [p for p in inspect.signature(make).parameters if p not in _OURS]
+    from wakedeploy.domains.domain import Simulated
+    from wakedeploy.domains.domain import domain as domain_of
+
+    name = _meant(domain)
+    known = domain_of(name)
+    if not isinstance(known, Simulated):
+        raise UnusableInput(f"The domain {name} cannot be simulated.")
+    possible = [setting.name for setting in known.settings]
     for setting in settings:
         if setting not in possible:
             has = f"it has {', '.join(possible)}" if possible else "it has none"
@@ -53,8 +55,7 @@ def make_set(
         settings["rig"] = rig_of(settings.get("rig"))
     progress("Simulating", 0, 1)
     steps = _steps(progress, "Simulating")
-    made: EpisodeSet = make(minutes=minutes, seed=seed, progress=steps, **settings)
-    return made
+    return known.make(minutes=minutes, seed=seed, progress=steps, **settings)
 
 
 def import_set(domain: str, path: PathLike, *, progress: Progress = quiet) -> "EpisodeSet":
@@ -71,22 +72,24 @@ def import_set(domain: str, path: PathLike, *, progress: Progress = quiet) -> "E
     Raises:
         UnusableInput: The domain has no recordings, or the folder holds none that can be read.
     """
-    _, read = _found(domain, "import_set", "imported")
+    from wakedeploy.domains.domain import Recorded
+    from wakedeploy.domains.domain import domain as domain_of
+
+    name = _meant(domain)
+    known = domain_of(name)
+    if not isinstance(known, Recorded):
+        raise UnusableInput(f"The domain {name} cannot be imported.")
     progress("Importing", 0, 1)
-    made: EpisodeSet = read(Path(path), _steps(progress, "Importing"))
-    return made
+    return known.read(Path(path), _steps(progress, "Importing"))
 
 
 def _steps(progress: Progress, stage: str) -> Callable[[int, int], None]:
     return lambda done, total: progress(stage, done, total)
 
 
-def _found(domain: str, function: str, how: str) -> tuple[str, Callable[..., Any]]:
-    """The domain that is meant, and this function of its module; UnusableInput without one."""
-    name = meant(domain, DOMAINS)
+def _meant(domain: str) -> str:
+    """The domain that is meant; UnusableInput without one."""
+    name = meant(domain, domains())
     if name is None:
-        raise UnusableInput(f"{unknown(domain, 'domain', DOMAINS)}.")
-    found = getattr(importlib.import_module(f"wakedeploy.domains.{name}"), function, None)
-    if found is None:
-        raise UnusableInput(f"The domain {name} cannot be {how}.")
-    return name, found
+        raise UnusableInput(f"{unknown(domain, 'domain', domains())}.")
+    return name

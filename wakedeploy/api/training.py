@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, overload
 from wakedeploy.api.inputs import PathLike, Warn, episode_set, warn_caller
 from wakedeploy.api.scores import ScoreRow, Scores, score_row
 from wakedeploy.core.errors import CheckFailed, UnusableInput
-from wakedeploy.core.names import ALL, ARCHITECTURES, meant, unknown
+from wakedeploy.core.names import ALL, architectures, meant, unknown
 from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
@@ -131,11 +131,11 @@ def train(
     from trainers.training.trainer import chosen_lead_s
 
     data = episode_set(data)
-    of_preset = ARCHITECTURES if preset in (REFERENCE, TUNED) else None
+    of_preset = architectures() if preset in (REFERENCE, TUNED) else None
     names = _names(arch) or of_preset or (read_preset(Path(preset)).arch,)
     changed = _changed(hyper or {}, names)
     lead_s = chosen_lead_s(data, lead_s)
-    presets = {name: _preset(preset, name, data, lead_s, warn) for name in names}
+    presets = {name: usable_preset(preset, name, data, lead_s, warn) for name in names}
     configs = _configs(data, presets, changed, (seeds, lead_s, epochs, learning_rate))
     opened = _opened(tracker, Path(out), warn)
     manner = _Manner(Path(out), opened, fresh, device, pictures, progress, warn)
@@ -199,12 +199,12 @@ def _names(arch: str | Sequence[str] | None) -> tuple[str, ...]:
         return ()
     asked = [arch] if isinstance(arch, str) else list(arch)
     if ALL in asked:
-        return ARCHITECTURES
+        return architectures()
     found = []
     for name in asked:
-        known = meant(name, ARCHITECTURES)
+        known = meant(name, architectures())
         if known is None:
-            raise UnusableInput(f"{unknown(name, 'architecture', ARCHITECTURES)}.")
+            raise UnusableInput(f"{unknown(name, 'architecture', architectures())}.")
         found.append(known)
     return tuple(dict.fromkeys(found))
 
@@ -245,7 +245,7 @@ def _configs(
     return configs
 
 
-def _preset(
+def usable_preset(
     asked: str, arch: str, data: "EpisodeSet", lead_s: float, warn: Warn
 ) -> "Preset | None":
     """The preset asked for; warns where it was found for another lead or on another set.

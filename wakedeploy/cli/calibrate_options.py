@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from runtime.calibration import Outcome
     from runtime.calibration.session import Site
     from runtime.loop.tally import Tally
-    from wakedeploy.core.rig import Rig
+    from wakedeploy.core.rig import Effect, Rig
     from wakedeploy.core.runlog import RunLog
 
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -44,14 +44,14 @@ _LOGS = (
                  "Default at a port: calibration/DATE-NAME beside the rig file."),
     click.option("--json", "json_path", type=FILE, help="Also write the result as JSON."),
 )  # fmt: skip
-# Effects that replace a constant: while the file lists one, its value holds whatever is calibrated.
-_REPLACED_BY = {
-    "range-bias": "range_sensor.bias_m",
-    "range-scale": "range_sensor.scale",
-    "spool-lag-sufferer": "spool.sufferer.up_s",
-    "thrust-coefficient": "thrust.sufferer.thrust_n",
-    "thrust-exponent": "thrust.sufferer.thrust_n",
-}
+
+
+def _replaced_by(entry: "Effect") -> set[str]:
+    """The places of the rig file whose constants an effect replaces."""
+    from wakedeploy.physics.constants import place_of
+    from wakedeploy.physics.effects.chain import effect_of
+
+    return {place_of(p.constant) for p in effect_of(entry).parameters if p.constant}
 
 
 @dataclass(frozen=True)
@@ -105,9 +105,9 @@ class Request:
         from wakedeploy.rig.file import read_rig
 
         rig = read_rig(self.rig_path)
+        # While the file lists an effect that replaces a constant, its value holds, not this one.
         for entry in rig.effect:
-            name = _REPLACED_BY.get(entry.name)
-            if name in constants:
+            for name in _replaced_by(entry) & set(constants):
                 raise UnusableInput(
                     f"{self.rig_path} lists the effect {entry.name}, which replaces {name}: remove "
                     "the entry, then calibrate."

@@ -98,12 +98,21 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
+def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
+    """The options of a step that may train predictors."""
+    for option in (
+        click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
+                     help="Simulated flight per predictor, with --retrain."),
+        click.option("--retrain", is_flag=True,
+                     help="Train a predictor on each rig; compare on the flights shown."),
+    ):  # fmt: skip
+        function = option(function)
+    return function
+
+
 @command.command("close", cls=_Many)
 @_inputs
-@click.option("--retrain", is_flag=True,
-              help="Train a predictor on each rig; compare on the flights shown.")  # fmt: skip
-@click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
-              help="Simulated flight per predictor, with --retrain.")  # fmt: skip
+@_retraining
 def close_gap(
     rig_path: Path,
     measured: tuple[Path, ...],
@@ -241,10 +250,7 @@ def add_effect(
 
 @command.command("show", cls=_Many)
 @_inputs
-@click.option("--retrain", is_flag=True,
-              help="Train a predictor on each rig; compare on the flights shown.")  # fmt: skip
-@click.option("--minutes", type=click.FloatRange(2, 600), default=10.0, show_default=True,
-              help="Simulated flight per predictor, with --retrain.")  # fmt: skip
+@_retraining
 def show_gap(
     rig_path: Path,
     measured: tuple[Path, ...],

@@ -7,7 +7,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.names import ALL, ARCHITECTURES, DOMAINS, meant, unknown
+from wakedeploy.core.names import ALL, architectures, domains, meant, one_of, unknown
 
 Names = Callable[[], Sequence[str]]
 
@@ -103,9 +103,21 @@ def _effects() -> list[str]:
     return list(LIBRARY)
 
 
-ARCHITECTURE = OneName("architecture", lambda: ARCHITECTURES)
-SOME_ARCHITECTURES = SeveralNames("architecture", lambda: ARCHITECTURES)
-SOME_DOMAINS = SeveralNames("domain", lambda: DOMAINS)
+ARCHITECTURE = OneName("architecture", architectures)
+SOME_ARCHITECTURES = SeveralNames("architecture", architectures)
+SOME_DOMAINS = SeveralNames("domain", domains)
 EFFECT = OneName("effect", _effects)
 PRESET = FileOrName("reference", "tuned")
-EIGHT = f"{', '.join(ARCHITECTURES[:-1])} or {ARCHITECTURES[-1]}"  # for help texts
+
+
+class OptionOfNames(click.Option):
+    """An option whose help lists what there is; it is looked for when the help is shown."""
+
+    def __init__(self, *args: Any, names: Names, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._names = names
+
+    def get_help_record(self, ctx: click.Context) -> tuple[str, str] | None:
+        """The option and its help, `{names}` in it replaced by the names."""
+        shown = super().get_help_record(ctx)
+        return shown and (shown[0], shown[1].replace("{names}", one_of(self._names())))

@@ -1,5 +1,6 @@
 """`wakedeploy study`: the paper's comparisons, each one command."""
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,17 @@ if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
     from wakedeploy.study.closed_loop import Model
     from wakedeploy.study.domains import Line
+
+
+def _flights_option(quick: str) -> Callable[..., Any]:
+    """`--flights` of the 2D simulator; `quick` says what a quick look flies."""
+    return click.option(
+        "--flights",
+        type=click.IntRange(2, 1000),
+        default=16,
+        show_default=True,
+        help=f"Flights of 20 s; {quick} with --quick.",
+    )
 
 
 @click.group(cls=Group)
@@ -84,13 +96,7 @@ def domains(
 
 @command.command("closed-loop")
 @architectures_option()
-@click.option(
-    "--flights",
-    type=click.IntRange(2, 1000),
-    default=16,
-    show_default=True,
-    help="Flights of 20 s; 4 of 5 s with --quick.",
-)
+@_flights_option("4 of 5 s")
 @study_options
 def closed_loop(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     """Fly the 2D simulator with no compensation, with the truth and with each architecture.
@@ -122,13 +128,7 @@ def closed_loop(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
 
 @command.command("shift")
 @architectures_option()
-@click.option(
-    "--flights",
-    type=click.IntRange(2, 1000),
-    default=16,
-    show_default=True,
-    help="Flights of 20 s; 2 of 4 s with --quick.",
-)
+@_flights_option("2 of 4 s")
 @study_options
 def shift(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     """Train where the physics varies by ±10 %, and fly where it varies by ±10, ±50 and ±75 %.

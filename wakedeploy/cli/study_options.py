@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.names import SOME_DOMAINS
+from wakedeploy.cli.names import SOME_DOMAINS, OptionOfNames
 from wakedeploy.cli.output import progress
 from wakedeploy.cli.recordings import VARIABLE, recordings_folder
+from wakedeploy.core import names as known
 from wakedeploy.core.commit import present_commit
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.names import DOMAINS
 
 if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
@@ -41,9 +41,9 @@ class Asked:
         """How long to train, None for as usual."""
         return _QUICK_EPOCHS if self.quick else None
 
-    def results(self, study: str, domains: Sequence[str] = DOMAINS) -> Path:
+    def results(self, study: str, domains: Sequence[str] = ()) -> Path:
         """Where a study's results lie: those of a quick look or of chosen domains apart."""
-        chosen = [] if set(domains) == set(DOMAINS) else domains
+        chosen = [] if set(domains) == set(known.domains()) else domains
         return self.out / "-".join([study, *chosen, *["quick"] * self.quick])
 
     def titled(self, title: str) -> str:
@@ -97,11 +97,13 @@ def recordings_option(*names: str) -> Decorator:
 domains_option: Decorator = click.option(
     "--domains",
     "names",
+    cls=OptionOfNames,
+    names=known.domains,
     type=SOME_DOMAINS,
     metavar="all|NAME[,NAME…]",
     default="all",
     show_default=True,
-    help=f"Of {', '.join(DOMAINS)}.",
+    help="Of {names}.",
 )
 
 

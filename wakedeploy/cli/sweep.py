@@ -20,7 +20,7 @@ from wakedeploy.cli.output import (
 from wakedeploy.cli.training_options import architectures_option, device_option
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.interruption import interruptible
-from wakedeploy.core.names import ARCHITECTURES, meant
+from wakedeploy.core.names import architectures, meant
 
 if TYPE_CHECKING:
     from wakedeploy.sweep.executor import Executor
@@ -165,7 +165,7 @@ def _options(asked: dict[str, Any]) -> dict[str, Any]:
         arch, dot, name = place.partition(".")
         if not (equals and dot and arch and name):
             raise UnusableInput(f"--hyper {entry}: write ARCH.NAME=VALUE[,VALUE…].")
-        arch, values = meant(arch, ARCHITECTURES) or arch, _values(f"--hyper {entry}", text)
+        arch, values = meant(arch, architectures()) or arch, _values(f"--hyper {entry}", text)
         plan.setdefault("hyper", {}).setdefault(arch, {})[name] = values
     return plan
 

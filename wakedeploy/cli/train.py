@@ -19,7 +19,7 @@ from wakedeploy.cli.output import (
 )
 from wakedeploy.cli.training_options import architectures_option, device_option, lead_option
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.names import ARCHITECTURES, meant
+from wakedeploy.core.names import architectures, meant
 
 if TYPE_CHECKING:
     from trainers.training.score import Score
@@ -92,8 +92,8 @@ def command(
 
     Goes on where it was stopped; a run that is finished with the same data and settings is not
     trained again. R² is pooled over the split; the spread over seeds follows ±. Each run's folder
-    holds two pictures: curves.png, its errors over the epochs (of an esn, over the strengths of
-    its ridge), and prediction.png, the liveliest test episode as it was and as predicted.
+    holds two pictures: curves.png, its errors over the epochs (of a solved readout, over the
+    strengths of its ridge), and prediction.png, the liveliest test episode as it was and predicted.
 
     \b
     Example:
@@ -141,7 +141,7 @@ def _archs_of(preset: str) -> tuple[str, ...]:
     """The architecture of a preset's file; all of them where none is given."""
     from trainers.preset import REFERENCE, TUNED, read_preset
 
-    return ARCHITECTURES if preset in (REFERENCE, TUNED) else (read_preset(Path(preset)).arch,)
+    return architectures() if preset in (REFERENCE, TUNED) else (read_preset(Path(preset)).arch,)
 
 
 def _hyper(asked: Iterable[str], names: Sequence[str]) -> dict[str, Any]:

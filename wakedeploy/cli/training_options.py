@@ -5,7 +5,8 @@ from typing import Any
 
 import click
 
-from wakedeploy.cli.names import EIGHT, SOME_ARCHITECTURES
+from wakedeploy.cli.names import SOME_ARCHITECTURES, OptionOfNames
+from wakedeploy.core.names import architectures
 
 lead_option = click.option(
     "--lead",
@@ -30,9 +31,11 @@ def architectures_option(
     told = "" if otherwise is None else f" Default: {otherwise}."
     return click.option(
         "--arch",
+        cls=OptionOfNames,
+        names=architectures,
         type=SOME_ARCHITECTURES,
         metavar="all|NAME[,NAME…]",
         default=default,
         show_default=default is not None,
-        help=f"Of {EIGHT}.{told}",
+        help=f"Of {{names}}.{told}",
     )

@@ -29,26 +29,24 @@ _STOPPED = (
 )
 
 
-_DIMENSIONS = """
-\b
-Dimensions:
-    agile-mlp        layers hidden
-    history-mlp      snapshots hidden
-    delay-embedding  initial_delay_s initial_spread_s selector
-    gru              hidden dropout
-    tcn              blocks kernel dropout
-    mamba            d_model d_state d_conv
-    esn              neurons spectral_radius leak input_scale
-    cross-attention  embed heads
-    all but esn      learning_rate weight_decay
-    gru, tcn, mamba  lanes chunk_steps
-    without a state  batch, and but for agile-mlp history_s
-"""
+def _list_dimensions(ctx: click.Context, param: click.Parameter, asked: bool) -> None:
+    """Print what may be searched of each architecture, and end."""
+    if not asked or ctx.resilient_parsing:
+        return
+    from trainers.build import ARCHITECTURES
+
+    rows = [[arch, "  ".join(map(str, known.dimensions))] for arch, known in ARCHITECTURES.items()]
+    print_table(
+        "what each architecture's search changes; …_s in shares of the set's window",
+        ["architecture", "dimensions"],
+        rows,
+    )
+    ctx.exit()
 
 
-@click.command(epilog=_DIMENSIONS)
+@click.command()
 @click.option("--data", type=click.Path(path_type=Path), required=True, help="An episode set.")
-@click.option("--arch", type=ARCHITECTURE, required=True, help="One architecture, of those below.")
+@click.option("--arch", type=ARCHITECTURE, required=True, help="One architecture.")
 @click.option(
     "--trials",
     type=click.IntRange(1, 1_000_000),
@@ -84,7 +82,15 @@ Dimensions:
     "dimensions",
     multiple=True,
     metavar="NAME=LOW:HIGH|NAME=A,B,…",
-    help="Narrow or fix one of the architecture's dimensions (below); may be repeated.",
+    help="Narrow or fix one of the architecture's dimensions; may be repeated.",
+)
+@click.option(
+    "--list-dimensions",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_list_dimensions,
+    help="Print each architecture's dimensions and their bounds, and end.",
 )
 @click.option(
     "--start",
@@ -190,14 +196,20 @@ def _require_of_use(arch: str, objective: str) -> None:
     """Refuse options that would change nothing."""
     told = click.get_current_context().get_parameter_source
     given = [name for name in ("pruner", "epochs") if told(name) == ParameterSource.COMMANDLINE]
-    if arch == "esn" and given:
+    if given and _is_solved(arch):
         raise UnusableInput(
-            f"--{given[0]}: an esn is solved in one pass, not in epochs; leave it out."
+            f"--{given[0]}: {arch} is solved in one pass, not in epochs; leave it out."
         )
     if "pruner" in given and "," in objective:
         raise UnusableInput(
             "--pruner: with two objectives no trial is ended early; leave it out, or judge by rmse."
         )
+
+
+def _is_solved(arch: str) -> bool:
+    from trainers.build import ARCHITECTURES
+
+    return ARCHITECTURES[arch].solved
 
 
 def _stopped(begun: "list[Work]") -> str:

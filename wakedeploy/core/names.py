@@ -7,18 +7,25 @@ command line completes these names at each press of Tab.
 import difflib
 from collections.abc import Iterable
 
+from wakedeploy.core.discovery import ARCHITECTURE, DOMAIN, offers
+
 ALL = "all"
-ARCHITECTURES = (  # in the order of the paper's Table I; trainers.build has what they are
-    "agile-mlp",
-    "history-mlp",
-    "delay-embedding",
-    "gru",
-    "tcn",
-    "mamba",
-    "esn",
-    "cross-attention",
-)
-DOMAINS = ("quadrotor", "ship", "fish", "downwash", "gantry", "crazyflie")
+
+
+def architectures() -> tuple[str, ...]:
+    """The names of all architectures, the paper's first, in the order of its Table I."""
+    return tuple(offers(ARCHITECTURE))
+
+
+def domains() -> tuple[str, ...]:
+    """The names of all domains."""
+    return tuple(offers(DOMAIN))
+
+
+def one_of(names: Iterable[str]) -> str:
+    """Names as a sentence has them: a, b or c."""
+    *others, last = names
+    return f"{', '.join(others)} or {last}" if others else last
 
 
 def meant(given: str, names: Iterable[str]) -> str | None:

@@ -1,6 +1,6 @@
 """Which FlareDW recordings fly the same course, and how courses are shared out among the splits.
 
-In: flights of `flaredw`. Out: a course and a split for each file.
+In: flights of `quadrotor_files`. Out: a course and a split for each file.
 
 Files are not independent: several fly one plan again with another controller, and their positions
 then differ by centimetres. A split by file would test on what was learned from. So files whose
@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from wakedeploy.domains.flaredw import Flight
+from wakedeploy.domains.quadrotor_files import Flight
 
 _ROUND = ("train", "test", "validation", "train", "train")
 _SAME_M = 1e-3  # by which plans of one course may differ

@@ -21,6 +21,7 @@ from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Recorded
 from wakedeploy.domains.npz import Arrays, Vector, clock, column, read_arrays, refused, require_even
 
 RATE_HZ = 100.0
@@ -185,3 +186,17 @@ def _time(file: Path, arrays: Arrays) -> Vector:
         raise refused(file, "t", f"has {len(time_s)} samples, less than {_SHORTEST}")
     require_even(file, "t", time_s, RATE_HZ)
     return time_s
+
+
+DOMAIN = Recorded(
+    main="force_z_n",
+    told="""Import flights of two Crazyflies that swap places (.npz, 100 Hz, real downwash).
+
+PATH is any folder with swap_ss_*, swap_sl_* or swap_ll_* (small, large; in sl a is the
+large one), a flight each, which becomes two episodes, one for either sufferer. Keys: t [s]; a_
+and b_ each with pos [m], vel [m/s], acc [m/s², gravity included], quat_xyzw, motor_thrust [N],
+pwm [0…1], vbat [V].""",
+    examples=("swaps --out sets/crazyflie",),
+    read=import_set,
+    pattern="swap_*.npz",
+)

@@ -15,6 +15,7 @@ from pydantic import JsonValue
 
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Setting, Simulated
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.physics.body import PlanarBody, thrust_vector_n
 from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
@@ -349,3 +350,22 @@ def _ways(seeds: Sequence[int], world: World, steps: int) -> tuple[FloatArray, F
     for way in (source, sufferer):
         way[..., 5] = np.gradient(way[..., 2], DT_S, axis=0)
     return source, sufferer
+
+
+DOMAIN = Simulated(
+    main="force_z_n",
+    told="Fly two planar multicopters one above the other in the paper's 2D wake field.",
+    examples=("--out sets/downwash --minutes 30 --seed 0",),
+    make=make_set,
+    study_minutes=20.0,
+    settings=(
+        Setting(
+            "spread",
+            "number",
+            "Draw wake speed, diffusivity and separation within this share of the paper's.",
+            default=0.0,
+            low=0.0,
+            high=0.75,
+        ),
+    ),
+)

@@ -17,6 +17,7 @@ from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Recorded
 from wakedeploy.domains.matfile import read_mat
 
 RATE_HZ = 30.0
@@ -201,3 +202,14 @@ class _MatFile:
             reason = f"shares {overlap_s:.3g} s with the camera, less than {_SHORTEST_S:g} s"
             raise self.refused("tLDV", reason)
         return kept, flow_mps[np.searchsorted(ldv_s, time_s[kept], side="right") - 1]
+
+
+DOMAIN = Recorded(
+    main="flag_tip_m",
+    told="""Import recordings of a flag behind a flapping foil (…_Foil, …_Flag2 and …_LDV.mat).
+
+PATH is the repository, its data folder, or any folder with such files.""",
+    examples=("TE-analysis-for-multi-pathway-interaction --out sets/fish",),
+    read=import_set,
+    pattern="*_Foil.mat",
+)

@@ -22,10 +22,11 @@ from runtime.simulated import OracleForecast, PackageForecast, SimulatedGantry
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import Package, read_package
-from wakedeploy.core.processes import processes
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Setting, Simulated
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.physics.gantry import (
     CommandHook,
@@ -147,7 +148,7 @@ class _Job:
 
 
 def make_set(
-    rig: Rig | None,
+    rig: Rig | None = None,
     *,
     minutes: float,
     seed: int,
@@ -164,12 +165,8 @@ def make_set(
     truth = rig if rig is not None else default_rig()
     count = max(3, round(minutes * 60.0 / EPISODE_S))
     jobs = [_job(truth, seed, i, packages) for i in range(count)]
-    episodes: list[Episode] = []
-    with processes(workers) as each:
-        for episode in each(_fly_episode, jobs):
-            episodes.append(episode)
-            if progress is not None:
-                progress(len(episodes), count)
+    steps = progress or (lambda done, total: None)
+    episodes = parallel_map(_fly_episode, jobs, workers=workers, steps=steps)
     return _as_set(truth, seed, minutes, episodes, packages)
 
 
@@ -214,3 +211,21 @@ def _as_set(
             "packages": [read_package(path).manifest.graph_sha256 for path in packages],
         },
     )
+
+
+DOMAIN = Simulated(
+    main="force_z_n",
+    told="""Fly the simulated gantry closed loop: half PID alone, half with feedforward.
+
+The feedforward is the true force, now and at the rig's lead, unless packages are given.""",
+    examples=("--out sets/gantry --minutes 30 --seed 0", "--out sets/second --package gru.onnx"),
+    make=make_set,
+    settings=(
+        Setting("rig", "rig", "Default: the default rig."),
+        Setting(
+            "packages",
+            "packages",
+            "Fly this predictor in the flights with feedforward; may be repeated.",
+        ),
+    ),
+)

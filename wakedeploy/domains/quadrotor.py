@@ -1,8 +1,8 @@
 """Two quadrotors: an episode set from FlareDW recordings in their public layout.
 
-In: a folder with the recordings (see `flaredw`). Out: an episode set at 200 Hz: the authors' 14
-features of source and sufferer predict the authors' force label in world axes. Courses, not samples
-and not files, are split (see `courses`).
+In: a folder with the recordings (see `quadrotor_files`). Out: an episode set at 200 Hz: the
+authors' 14 features of source and sufferer predict the authors' force label in world axes. Courses,
+not samples and not files, are split (see `courses`).
 """
 
 import itertools
@@ -18,7 +18,8 @@ from wakedeploy.core.episodes import OBSERVER, SPLITS, Channel, Episode, Episode
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.courses import courses_of, split_courses
-from wakedeploy.domains.flaredw import (
+from wakedeploy.domains.domain import Recorded
+from wakedeploy.domains.quadrotor_files import (
     LABEL_GRAVITY_MPS2,
     MASS_KG,
     RATE_HZ,
@@ -83,7 +84,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
         split=splits,
         episodes=tuple(episodes),
         provenance={
-            "generator": f"wakedeploy {VERSION} flaredw",
+            "generator": f"wakedeploy {VERSION} quadrotor",
             "files": {str(p.relative_to(path)): sha256_of(p.read_bytes()) for p in files},
             "manoeuvre": manoeuvres,
             "groups": groups,
@@ -174,3 +175,14 @@ def _recordings(courses: Mapping[Path, Path], split: Mapping[Path, str]) -> dict
         }
         for one in SPLITS
     }
+
+
+DOMAIN = Recorded(
+    main="force_z_n",
+    told="""Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
+
+PATH is the repository's folder agile_manuevers, or any folder with such files.""",
+    examples=("CDP-CFD/agile_manuevers --out sets/quadrotor",),
+    read=import_set,
+    pattern="*.npz",
+)

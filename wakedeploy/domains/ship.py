@@ -18,6 +18,7 @@ from wakedeploy.core.episodes import Channel, Episode, EpisodeSet
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.processes import processes
 from wakedeploy.core.version import VERSION
+from wakedeploy.domains.domain import Setting, Simulated
 from wakedeploy.domains.split import split_in_order
 from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.physics.ships.hull import Hull
@@ -255,3 +256,23 @@ class _Slender:
             told.append((own.course * sway[0], yaw[0]))
         both = np.array(told)
         return both[:, 0], both[:, 1]
+
+
+DOMAIN = Simulated(
+    main="sway_n",
+    told="Sail two ships past each other in a shallow channel: encounters and overtaking.",
+    examples=("--out sets/ship --minutes 120 --seed 0",),
+    make=make_set,
+    minutes=120.0,
+    study_minutes=600.0,
+    quick_minutes=20.0,
+    settings=(
+        Setting(
+            "level",
+            "choice",
+            "Slender bodies (no memory, added mass of deep water), or vortices with wakes.",
+            default="vortex",
+            choices=("slender", "vortex"),
+        ),
+    ),
+)

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.processes import pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.folder import read_steps
@@ -114,9 +114,7 @@ def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
 def fly_measured(logs: Sequence[Path], size: Size, workers: int, steps: Steps = uncounted) -> None:
     """Flights of the world under the uncorrected rig file, PID alone, as logs without truth."""
     jobs = [(path, size.seconds, index) for index, path in enumerate(logs)]
-    with pool(workers) as several:
-        for done, _ in enumerate(several.map(_measured, jobs), 1):
-            steps(done, len(jobs))
+    parallel_map(_measured, jobs, workers=workers, steps=steps)
 
 
 def _measured(job: tuple[Path, float, int]) -> None:

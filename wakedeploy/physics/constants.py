@@ -43,6 +43,7 @@ NEUTRAL: Constants = {
     "range.bias_m": 0.0,
     "range.scale": 1.0,
     "range.delay_s": 0.0,
+    "range.hold_s": 0.0,
 }
 _OF_RIG = (
     "spool.source.up_s",
@@ -81,6 +82,13 @@ DEFAULT_SPREAD: Mapping[str, Spread] = {
     "rail.viscous_n_per_mps": Spread(relative=0.3, absolute=0.01),
     "rail.stiction_n": Spread(relative=0.3, absolute=0.01),  # no calibration measures it
 }
+
+
+def place_of(constant: str) -> str:
+    """Where a rig file states this constant; a curve's scale and exponent are in its table."""
+    if constant.startswith("thrust."):
+        return f"{constant.rpartition('.')[0]}.thrust_n"
+    return _SENSOR.get(constant, constant)
 
 
 def constants_of(rig: Rig) -> Constants:

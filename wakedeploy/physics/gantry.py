@@ -82,7 +82,7 @@ class GantryPlant:
             rig.disturbance,
             0.5 * rig.latency.round_trip_s,
             np.random.default_rng(sensing),
-            chain.values.get("sample-and-hold.hold_s", 0.0),
+            constants["range.hold_s"],
         )
         self._seen = _Seen(constants, self.dt_s)
         self._late = _delayed_commands(constants["command.delay_s"], self.dt_s, rig)

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.downwash import Predict, World, fly
 from wakedeploy.study.domains import MEMORYLESS
-from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FEWEST, FloatArray
 
 FIRST_SEED = 900_000_000  # far from every training seed
@@ -122,7 +122,9 @@ def track(
     named: list[tuple[str, Any]] = list(zip(LIMITS, ("nothing", "truth", constant), strict=True))
     named += [(model.name, predictor) for model in models for predictor in model.predictors]
     jobs = [(episodes, seconds, expect, world, settling_s) for _, expect in named]
-    flown = side_by_side(_flown, jobs, workers=workers, on_done=lambda job: on_flight())
+    flown = parallel_map(
+        _flown, jobs, workers=workers, fresh=True, on_done=lambda job, tracked: on_flight()
+    )
     found: dict[str, list[FloatArray]] = {}
     for (name, _), tracking_m in zip(named, flown, strict=True):
         found.setdefault(name, []).append(tracking_m)

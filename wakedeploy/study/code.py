@@ -10,6 +10,7 @@ set, so that what was trained on it is used again. For trained runs, which take 
 import ast
 import functools
 import hashlib
+import importlib.util
 from pathlib import Path
 
 import wakedeploy
@@ -19,16 +20,17 @@ _ROOT = Path(wakedeploy.__file__).parents[1]
 
 @functools.cache
 def code_sha256(module: str) -> str:
-    """Hash over the files of a module of this project and of those that it imports, at any depth.
+    """Hash over the files of a module and of those of this project, and its own, that it imports.
 
-    Imports inside functions count. Raises ValueError for a module that is not there.
+    At any depth; imports inside functions count. Raises ValueError for a module that is not there.
     """
-    if _file(module) is None:
-        raise ValueError(f"{module} is no module of this project")
+    beside = _beside(module)
+    if _file(module, beside) is None:
+        raise ValueError(f"{module} is no module of this project, nor of a package that adds to it")
     files, waiting = dict[str, bytes](), [module]
     while waiting:
         name = waiting.pop()
-        path = _file(name)
+        path = _file(name, beside)
         if path is not None and name not in files:
             files[name] = path.read_bytes()
             waiting += _imported(files[name])
@@ -38,8 +40,19 @@ def code_sha256(module: str) -> str:
     return digest.hexdigest()
 
 
-def _file(module: str) -> Path | None:
-    place = _ROOT.joinpath(*module.split("."))
+def _beside(module: str) -> tuple[str, Path] | None:
+    """The package of a module that another one adds to this project, and where it lies."""
+    package = module.partition(".")[0]
+    spec = importlib.util.find_spec(package)
+    if (_ROOT / package).is_dir() or spec is None or spec.origin is None:
+        return None
+    return package, Path(spec.origin).parents[1 if spec.submodule_search_locations else 0]
+
+
+def _file(module: str, beside: tuple[str, Path] | None) -> Path | None:
+    parts = module.split(".")
+    root = beside[1] if beside is not None and beside[0] == parts[0] else _ROOT
+    place = root.joinpath(*parts)
     return next((p for p in (place.with_suffix(".py"), place / "__init__.py") if p.is_file()), None)
 
 

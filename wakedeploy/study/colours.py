@@ -1,4 +1,4 @@
-"""How the eight architectures look in every study's figures: a colour and a marker each.
+"""How the architectures look in every study's figures: a colour and a marker each.
 
 Black, green and dotted lines are kept for limits: what flies or predicts without having learned.
 """
@@ -6,22 +6,18 @@ Black, green and dotted lines are kept for limits: what flies or predicts withou
 import itertools
 from collections.abc import Sequence
 
-from wakedeploy.core import figures
-
-_LOOKS = {
-    "agile-mlp": (figures.LIMIT, "s"),
-    "history-mlp": ("#E69F00", "o"),
-    "delay-embedding": ("#56B4E9", "^"),
-    "gru": ("#D55E00", "D"),
-    "tcn": ("#0072B2", "v"),
-    "mamba": ("#CC79A7", "P"),
-    "esn": ("#8C564B", "X"),
-    "cross-attention": ("#6A3D9A", "p"),
-}
-_COLOURS, _MARKERS = ("#B8A900", "#17BECF", "#F781BF"), "<>hd8*"  # for a ninth model and more
+_COLOURS, _MARKERS = ("#B8A900", "#17BECF", "#F781BF"), "<>hd8*"  # for whoever states none
 
 
 def looks(names: Sequence[str]) -> dict[str, tuple[str, str]]:
     """The colour and the marker of each, the same in all studies; of others, by their order."""
     others = itertools.cycle((colour, mark) for mark in _MARKERS for colour in _COLOURS)
-    return {name: _LOOKS.get(name) or next(others) for name in names}
+    return {name: _stated(name) or next(others) for name in names}
+
+
+def _stated(name: str) -> tuple[str, str] | None:
+    """What an architecture's own file says of how it is drawn; None where it says nothing."""
+    from trainers.build import ARCHITECTURES
+
+    known = ARCHITECTURES.get(name)
+    return (known.colour, known.marker) if known and known.colour and known.marker else None

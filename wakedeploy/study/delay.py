@@ -16,9 +16,10 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.episodes import EpisodeSet, window_shape
+from wakedeploy.domains.domain import OnStep
 from wakedeploy.study.domains import predicted
 from wakedeploy.study.runs import Wanted, obtained, obtained_run
-from wakedeploy.study.sets import SEED, Domain, OnStep
+from wakedeploy.study.sets import SEED, Domain
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
 ATTENDING, DELAYING = "cross-attention", "delay-embedding"

@@ -23,10 +23,10 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.downwash import RATE_HZ, Flights, World, fly
 from wakedeploy.study.closed_loop import FIRST_SEED
 from wakedeploy.study.runs import Wanted, best_run, candidates, obtained, obtained_run
-from wakedeploy.study.side_by_side import side_by_side
 from wakedeploy.study.uncertainty import FloatArray, r2_of, rmse_interval, sums, units_of
 
 LEADS_S = (0.0, 0.03, 0.06, 0.1, 0.15, 0.25, 0.4)
@@ -139,7 +139,9 @@ def measure(
     flown = [nothing, *(replace(nothing, lead_s=lead_s) for lead_s in leads_s)]
     best = [best_run(data, wanted, runs) for wanted in lines]
     flown += [replace(nothing, data=data, wanted=wanted, runs=runs) for _, wanted in best]
-    tracked = side_by_side(track, flown, workers=workers, on_done=lambda job: on_flown())
+    tracked = parallel_map(
+        track, flown, workers=workers, fresh=True, on_done=lambda job, tracked: on_flown()
+    )
     points = []
     for flight, kept in zip(flown, tracked, strict=True):
         wanted = flight.wanted

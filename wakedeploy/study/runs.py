@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import CheckFailed, UnusableInput
-from wakedeploy.study.side_by_side import side_by_side
+from wakedeploy.core.parallel import parallel_map
 
 if TYPE_CHECKING:
     from trainers.model import Predictor
@@ -22,25 +22,14 @@ def choice(names: Collection[str]) -> str:
     """What was chosen for the models of a figure, with a space before it; "" where nothing was."""
     from trainers.build import ARCHITECTURES
 
-    if "esn" not in names:
+    tried = {n: 1 + len(ARCHITECTURES[n].starts) for n in sorted(names) if n in ARCHITECTURES}
+    chosen = ", ".join(f"{name} (one of {count})" for name, count in tried.items() if count > 1)
+    if not chosen:
         return ""
     return (
-        " Only the reservoir (esn) has its scales chosen for each set, one of "
-        f"{1 + len(ARCHITECTURES['esn'].starts)} on validation; all others are trained as they are."
+        f" Only of {chosen} are hyper-parameters chosen for each set, on validation; all others are"
+        " trained as they are."
     )
-
-
-# Seconds of training on the same half an hour of flights (docs/records/training.json), one thread.
-_SECONDS = {
-    "agile-mlp": 4,
-    "history-mlp": 11,
-    "delay-embedding": 16,
-    "gru": 41,
-    "tcn": 36,
-    "mamba": 39,
-    "esn": 5,
-    "cross-attention": 19,
-}
 
 
 @dataclass(frozen=True)
@@ -151,11 +140,12 @@ def train_all(
 
     `on_run` is called with the `work` of each run that is done.
     """
-    side_by_side(
+    parallel_map(
         _run,
         [(*job, runs) for job in jobs],
         workers=workers,
-        on_done=lambda job: on_run(work(job[0], job[1])),
+        fresh=True,
+        on_done=lambda job, done: on_run(work(job[0], job[1])),
     )
 
 
@@ -164,12 +154,14 @@ def work(data: EpisodeSet, wanted: Wanted) -> int:
 
     Only the shares matter. Where training ends early, or windows are longer, they are off.
     """
+    from trainers.build import ARCHITECTURES
     from trainers.training.fit import FitSettings
 
     samples = sum(len(e) for e in data.part("train"))
     usual = FitSettings().epochs
-    epochs = usual if wanted.epochs is None or wanted.arch == "esn" else wanted.epochs
-    return round(samples * _SECONDS.get(wanted.arch, _SECONDS["gru"]) * epochs / usual)
+    known = ARCHITECTURES[wanted.arch]
+    epochs = usual if wanted.epochs is None or known.solved else wanted.epochs
+    return round(samples * known.training_s * epochs / usual)
 
 
 def _run(job: tuple[EpisodeSet, Wanted, Path]) -> None:

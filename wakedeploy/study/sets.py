@@ -3,20 +3,22 @@
 In: a folder, and where the public recordings lie. Out: one set per domain.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from pydantic import JsonValue
 
 import wakedeploy
+from wakedeploy.core.discovery import DOMAIN, offers
 from wakedeploy.core.episodes import DESCRIPTION, EpisodeSet, read_episode_set
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import sha256_of
+from wakedeploy.core.names import domains
+from wakedeploy.domains.domain import OnStep, Recorded, domain
 from wakedeploy.rig.file import default_rig
 from wakedeploy.study.code import code_sha256
 
-OnStep = Callable[[int, int], None]
 Make = Callable[[float, OnStep], EpisodeSet]
 Import = Callable[[Path, OnStep], EpisodeSet]
 
@@ -44,62 +46,42 @@ class Domain:
     settings: str = ""
 
 
-def _gantry(minutes: float, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.gantry import make_set
+def _studied(name: str) -> Domain:
+    """A domain as its own file tells of it."""
+    known, module = domain(name), offers(DOMAIN)[name].module
+    if isinstance(known, Recorded):
+        return Domain(
+            name,
+            known.main,
+            recordings=name,
+            pattern=known.pattern,
+            read=known.read,
+            module=module,
+        )
+    make = known.make
 
-    return make_set(None, minutes=minutes, seed=SEED, progress=progress)
+    def simulate(minutes: float, progress: OnStep) -> EpisodeSet:
+        return make(minutes=minutes, seed=SEED, progress=progress)
 
-
-def _downwash(minutes: float, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.downwash import make_set
-
-    return make_set(minutes=minutes, seed=SEED, progress=progress)
-
-
-def _ship(minutes: float, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.ship import make_set
-
-    return make_set(minutes=minutes, seed=SEED, progress=progress)
-
-
-def _fish(path: Path, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.fish import import_set
-
-    return import_set(path, progress)
-
-
-def _quadrotor(path: Path, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.quadrotor import import_set
-
-    return import_set(path, progress)
-
-
-def _crazyflie(path: Path, progress: OnStep) -> EpisodeSet:
-    from wakedeploy.domains.crazyflie import import_set
-
-    return import_set(path, progress)
-
-
-def _recorded(name: str, main: str, pattern: str, read: Import) -> Domain:
-    module = f"wakedeploy.domains.{name}"
-    return Domain(name, main, recordings=name, pattern=pattern, read=read, module=module)
-
-
-def _simulated(name: str, main: str, minutes: float, quick_minutes: float, make: Make) -> Domain:
-    return Domain(name, main, minutes, quick_minutes, make, module=f"wakedeploy.domains.{name}")
-
-
-DOMAINS = {
-    domain.name: domain
-    for domain in (
-        _recorded("quadrotor", "force_z_n", "*.npz", _quadrotor),
-        _simulated("ship", "sway_n", 600.0, 20.0, _ship),
-        _recorded("fish", "flag_tip_m", "*_Foil.mat", _fish),
-        _simulated("downwash", "force_z_n", 20.0, 2.0, _downwash),
-        _simulated("gantry", "force_z_n", 30.0, 2.0, _gantry),
-        _recorded("crazyflie", "force_z_n", "swap_*.npz", _crazyflie),
+    return Domain(
+        name, known.main, known.study_minutes, known.quick_minutes, simulate, module=module
     )
-}
+
+
+class _Domains(Mapping[str, Domain]):
+    """All that are found; each is imported when it is asked for."""
+
+    def __getitem__(self, name: str) -> Domain:
+        return _studied(name)
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(domains())
+
+    def __len__(self) -> int:
+        return len(domains())
+
+
+DOMAINS: Mapping[str, Domain] = _Domains()
 
 
 def obtain(

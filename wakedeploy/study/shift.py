@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from wakedeploy.core.episodes import EpisodeSet
+from wakedeploy.domains.domain import OnStep
 from wakedeploy.domains.downwash import make_set, shifted
 from wakedeploy.study.closed_loop import (
     FIRST_SEED,
@@ -25,7 +26,7 @@ from wakedeploy.study.closed_loop import (
     share_text,
     track,
 )
-from wakedeploy.study.sets import DOMAINS, SEED, OnStep, obtain
+from wakedeploy.study.sets import DOMAINS, SEED, obtain
 from wakedeploy.study.uncertainty import FloatArray
 
 TRAINED = 0.10

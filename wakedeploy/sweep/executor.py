@@ -1,6 +1,6 @@
 """Where jobs are carried out: one small interface, and this machine's processes behind it.
 
-Unlike `study.side_by_side`, which takes all its jobs at once, jobs may be added while others finish
+Unlike `core.parallel`, which takes all its jobs at once, jobs may be added while others finish
 (a set that was generated is trained on), one that fails or takes its process along does not end the
 others, and they can be stopped at once.
 """

@@ -1,6 +1,7 @@
-"""The simulations that a sweep can run: which domains, with which settings of their own."""
+"""The simulations that a sweep runs: of which domain, with which settings of its own."""
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,10 +9,8 @@ from typing import Any
 
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.domains.domain import Setting, Simulated, domain, names_of
 from wakedeploy.rig.file import parse_rig, read_rig, read_rig_text
-
-LEVELS = ("slender", "vortex")
-WIDEST_SPREAD = 0.75
 
 
 @dataclass(frozen=True)
@@ -32,25 +31,19 @@ def checked(asked: Generate, base: Path, where: Callable[..., str]) -> Generate:
     Raises UnusableInput, which begins with what `where(field, …)` says, for an unknown domain or
     setting and for an impossible value.
     """
-    if asked.domain not in _MAKE:
+    simulated = names_of(Simulated)
+    if asked.domain not in simulated:
         raise UnusableInput(
-            f"{where('domain')}'{asked.domain}' cannot be simulated; choose {', '.join(_MAKE)}."
+            f"{where('domain')}'{asked.domain}' cannot be simulated; choose {', '.join(simulated)}."
         )
-    known = _SETTING[asked.domain]
+    known = _settings(asked.domain)
     for key, value in asked.settings.items():
-        if key != known:
+        if key not in known:
+            has = f"it has {', '.join(known)}" if known else "it has none"
             raise UnusableInput(
-                f"{where('settings', key)}{asked.domain} has no setting '{key}'; it has {known}."
+                f"{where('settings', key)}{asked.domain} has no setting '{key}'; {has}."
             )
-        if key == "level" and value not in LEVELS:
-            raise UnusableInput(
-                f"{where('settings', key)}level = {value!r} has to be {' or '.join(LEVELS)}."
-            )
-        if key == "spread" and not (isinstance(value, int | float) and 0 <= value <= WIDEST_SPREAD):
-            raise UnusableInput(
-                f"{where('settings', key)}spread = {value!r} has to be a number from 0 to"
-                f" {WIDEST_SPREAD}."
-            )
+        known[key].require(value, where("settings", key))
     if "rig" not in asked.settings:
         return asked
     path = base / str(asked.settings["rig"])
@@ -60,31 +53,21 @@ def checked(asked: Generate, base: Path, where: Callable[..., str]) -> Generate:
 
 def make(asked: Generate) -> EpisodeSet:
     """Simulate the set, in this process alone."""
-    return _MAKE[asked.domain](asked)
+    simulate = _simulated(asked.domain).make
+    settings = dict(asked.settings)
+    if asked.rig is not None:
+        settings["rig"] = parse_rig(asked.rig, str(settings["rig"]))
+    if "workers" in inspect.signature(simulate).parameters:
+        settings["workers"] = 1
+    return simulate(minutes=asked.minutes, seed=asked.seed, **settings)
 
 
-def _gantry(asked: Generate) -> EpisodeSet:
-    from wakedeploy.domains.gantry import make_set
-
-    rig = None if asked.rig is None else parse_rig(asked.rig, str(asked.settings["rig"]))
-    return make_set(rig, minutes=asked.minutes, seed=asked.seed, workers=1)
+def _settings(name: str) -> dict[str, Setting]:
+    """Those that a plan's file can state: packages are flown by hand."""
+    return {one.name: one for one in _simulated(name).settings if one.kind != "packages"}
 
 
-def _downwash(asked: Generate) -> EpisodeSet:
-    from wakedeploy.domains.downwash import make_set
-
-    return make_set(minutes=asked.minutes, seed=asked.seed, **asked.settings)
-
-
-def _ship(asked: Generate) -> EpisodeSet:
-    from wakedeploy.domains.ship import make_set
-
-    return make_set(minutes=asked.minutes, seed=asked.seed, workers=1, **asked.settings)
-
-
-_MAKE: dict[str, Callable[[Generate], EpisodeSet]] = {
-    "gantry": _gantry,
-    "downwash": _downwash,
-    "ship": _ship,
-}
-_SETTING = {"gantry": "rig", "downwash": "spread", "ship": "level"}
+def _simulated(name: str) -> Simulated:
+    found = domain(name)
+    assert isinstance(found, Simulated)
+    return found

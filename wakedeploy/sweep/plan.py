@@ -22,7 +22,7 @@ from trainers.training.fit import FitSettings
 from wakedeploy.core.episodes import DESCRIPTION
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
-from wakedeploy.core.names import ALL, DOMAINS, meant
+from wakedeploy.core.names import ALL, domains, meant
 from wakedeploy.core.validation import first_problem
 from wakedeploy.sweep.generate import Generate, checked
 
@@ -175,7 +175,7 @@ def _spelled(document: dict[str, Any]) -> dict[str, Any]:
         told["hyper"] = {_name(arch, ARCHITECTURES): own for arch, own in told["hyper"].items()}
     for entry in _listed(told.get("generate", ())):
         if isinstance(entry, dict) and "domain" in entry:
-            entry["domain"] = _name(entry["domain"], DOMAINS)
+            entry["domain"] = _name(entry["domain"], domains())
     return told
 
 

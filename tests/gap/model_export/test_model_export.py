@@ -82,7 +82,7 @@ def phases(rig):
     frame_s = constants["disturbance.esc_frame_s"]
     sensor = np.random.default_rng(sensing)
     range_s = sensor.uniform(0.0, rig.range_sensor.period_s)
-    hold_s = Chain.of(rig).values.get("sample-and-hold.hold_s", 0.0)
+    hold_s = constants["range.hold_s"]
     reading_s = -sensor.uniform(0.0, hold_s) if hold_s > 0.0 else 0.0
     return np.random.default_rng(timing).uniform(0.0, frame_s), range_s, reading_s
 

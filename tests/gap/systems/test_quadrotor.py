@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.domains.flaredw import MASS_KG, read_flights, transport_term
+from wakedeploy.domains.quadrotor_files import MASS_KG, read_flights, transport_term
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.systems.closing import settled
 from wakedeploy.gap.systems.label_audit import audit, corrected_label

@@ -107,6 +107,7 @@ def test_a_rigs_effects_on_constants_are_folded_into_what_its_model_believes() -
         "range.bias_m": 0.02,
         "range.scale": 1.0,
         "range.delay_s": 0.0,
+        "range.hold_s": 0.0,
         "command.window_s": 0.004,
     }
     assert model.default_lead_s == rig.default_lead_s == pytest.approx(0.018 + 0.03 + 0.16)

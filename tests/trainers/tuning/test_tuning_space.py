@@ -74,10 +74,10 @@ def test_the_papers_dimensions_and_those_of_the_fit_are_searched(arch: str) -> N
 
 @pytest.mark.parametrize(("arch", "name"), EACH)
 def test_both_ends_of_a_dimension_are_values_that_it_may_have(arch: str, name: str) -> None:
-    usual = dataclasses.asdict(ARCHITECTURES[arch].hyper())
+    usual = ARCHITECTURES[arch].hyper()
     for value in ends(space_of(arch)[name]):
-        if name in usual:
-            check_value(arch, name, value, usual[name])
+        if hasattr(usual, name):
+            check_value(arch, usual, name, value)
         else:
             check_settings(dataclasses.asdict(FitSettings()), {name: value})
 

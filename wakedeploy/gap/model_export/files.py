@@ -130,7 +130,7 @@ def _constants(rig: Rig, chain: Chain) -> dict[str, Constant]:
         "range_bias_m": moved["range.bias_m"],
         "range_scale": moved["range.scale"],
         "range_delay_s": moved["range.delay_s"],
-        "range_hold_s": chain.values.get("sample-and-hold.hold_s", 0.0),
+        "range_hold_s": moved["range.hold_s"],
     }
     acting = {acting_name(one): dict(p) for one, p in chain.parts if is_acting(one)}
     return made | acting

@@ -6,14 +6,14 @@ named, the cheapest sensor that would name it, and what ignoring it costs in mil
 are simulated; what is missing from them is then judged by the likelihood that `name` uses.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.processes import Pool, pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
@@ -209,11 +209,8 @@ def power(
             f"{FEWEST_IN_ALL}."
         )
     chosen = _chosen(rig, names)
-    with pool(workers) as several:
-        flown = _fly(several, rig, flights, seconds, _telling(progress, "flying", flights))
-        costs, plain_mm = _costs(
-            several, rig, chosen, _telling(progress, "tracking", len(chosen) + 1)
-        )
+    flown = _fly(workers, rig, flights, seconds, _telling(progress, "flying", flights))
+    costs, plain_mm = _costs(workers, rig, chosen, _telling(progress, "tracking", len(chosen) + 1))
     simulated = _judged(rig, flown, chosen, _telling(progress, "judging", len(chosen)))
     threshold = null_quantile(simulated.evidence) if threshold_nats is None else threshold_nats
     named_with = _named_with_sensors(
@@ -342,9 +339,9 @@ def _judged(
     return Simulated(model, base, gather(model, base, names, sizes, advance))
 
 
-def _fly(several: Pool, rig: Rig, count: int, seconds: float, advance: Advance) -> list[Flight]:
+def _fly(workers: int, rig: Rig, count: int, seconds: float, advance: Advance) -> list[Flight]:
     jobs = [(rig, seconds, _FLIGHT_SEED + i) for i in range(count)]
-    return _collected(several.map(_one_flight, jobs), advance)
+    return parallel_map(_one_flight, jobs, workers=workers, steps=lambda done, total: advance())
 
 
 def _one_flight(job: tuple[Rig, float, int]) -> Flight:
@@ -355,12 +352,14 @@ def _one_flight(job: tuple[Rig, float, int]) -> Flight:
 
 
 def _costs(
-    several: Pool, rig: Rig, names: Sequence[str], advance: Advance
+    workers: int, rig: Rig, names: Sequence[str], advance: Advance
 ) -> tuple[dict[str, float | None], float]:
     """Millimetres of RMSE that each effect adds, and the RMSE without any."""
     jobs = [(rig, rig)]
     jobs += [(with_effect(rig, name, plausible_size(rig, name)), rig) for name in names]
-    plain, *worse = _collected(several.map(_one_rmse_mm, jobs), advance)
+    plain, *worse = parallel_map(
+        _one_rmse_mm, jobs, workers=workers, steps=lambda done, total: advance()
+    )
     costs = [w - plain if np.isfinite(w) else None for w in worse]
     return dict(zip(names, costs, strict=True)), plain
 
@@ -368,14 +367,6 @@ def _costs(
 def _one_rmse_mm(job: tuple[Rig, Rig]) -> float:
     truth, rig = job
     return 1e3 * tracking_rmse_m(truth, rig, seconds=TRACKING_S, seed=TRACKING_SEED)
-
-
-def _collected(results: Iterable[Item], advance: Advance) -> list[Item]:
-    collected = []
-    for result in results:
-        collected.append(result)
-        advance()
-    return collected
 
 
 def _telling(progress: Callable[[str, int, int], None] | None, stage: str, total: int) -> Advance:

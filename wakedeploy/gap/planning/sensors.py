@@ -16,22 +16,21 @@ from wakedeploy.gap.evidence.separation import Evidence
 from wakedeploy.gap.systems.gantry.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.forces import Forces
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.physics.effects import Motion
+from wakedeploy.physics.effects import LIBRARY, Motion
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 _STRIDE = round(GRID_HZ / LOOP_RATE_HZ)
 _STILL_MPS = 0.005
-_COMMAND = ("command-latency", "esc-frame", "pwm-dead-band", "pwm-quantisation", "command.")
-_RANGE = ("range-", "range.", "sample-and-hold")
+_PLAIN_MOTION = ("accelerometer", "anemometer")  # every effect shows in them
 
 
 @dataclass(frozen=True)
 class Sensor:
     """A sensor read once per tick: noise in its own unit, `gain_sd` how well its gain is known.
 
-    `euros` is about what it costs. `sees` are the beginnings of the names of effects and constants
-    that its reading depends on; empty for all. What it reads is in `_READINGS`.
+    `euros` is about what it costs. `sees` are the beginnings of the names of constants that its
+    reading depends on; effects say in which sensors they show. What it reads is in `_READINGS`.
     """
 
     name: str
@@ -47,17 +46,16 @@ class Sensor:
 # force a measured air speed means is not known from outside, so the anemometer's gain is loose.
 SENSORS = (
     Sensor("battery-voltage", "the sufferer's battery on an analogue input of the UNO",
-           0.005, "1", 0.02, 2.0, ("battery-sag",)),
+           0.005, "1", 0.02, 2.0),
     Sensor("sufferer-speed", "rotor speed of the sufferer, optical or from the ESC",
-           0.005, "1", 0.02, 8.0, (*_COMMAND, "spool-lag-sufferer", "spool.sufferer",
-                                   "battery-sag")),
+           0.005, "1", 0.02, 8.0, ("command.", "spool.sufferer")),
     Sensor("source-speed", "rotor speed of the source, optical or from the ESC",
-           0.005, "1", 0.02, 8.0, (*_COMMAND, "spool-lag-source", "spool.source")),
+           0.005, "1", 0.02, 8.0, ("command.", "spool.source")),
     Sensor("accelerometer", "on the sufferer, along the rail", 0.2, "m/s^2", 0.02, 10.0),
     Sensor("carriage-position", "a linear encoder beside the carriage",
-           0.001, "m", 0.001, 40.0, ("lost-steps", "belt-backlash")),
+           0.001, "m", 0.001, 40.0),
     Sensor("second-range", "a laser triangulation sensor beside the first",
-           0.0045, "m", 0.003, 50.0, _RANGE),
+           0.0045, "m", 0.003, 50.0, ("range.",)),
     Sensor("anemometer", "a pitot tube on the sufferer, in the jet", 0.4, "m/s", 0.3, 60.0),
 )  # fmt: skip
 
@@ -108,7 +106,10 @@ def _sensitivities(
 
 
 def _is_seen(sensor: Sensor, name: str) -> bool:
-    return not sensor.sees or name.startswith(sensor.sees)
+    if sensor.name in _PLAIN_MOTION:
+        return True
+    effect = LIBRARY.get(name.partition(".")[0])
+    return sensor.name in effect.shows_in if effect else name.startswith(sensor.sees)
 
 
 def _reading(model: GantryModel, fitted: Fit, sensor: Sensor, episode: int) -> FloatArray:

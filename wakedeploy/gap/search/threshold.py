@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.core.discovery import EFFECTS, offers
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import (
     append_json_line,
@@ -24,7 +25,7 @@ from wakedeploy.core.files import (
     text_of,
     write_text_whole,
 )
-from wakedeploy.core.processes import pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
@@ -38,7 +39,7 @@ from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
-from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects import LIBRARY, replacing
 from wakedeploy.physics.effects.chain import setting_of
 
 FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of naming together
@@ -108,14 +109,16 @@ def simulate(
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
     left = [seed for seed in seeds if seed not in results]
-    with pool(workers) as several:
-        flown = several.map(_null_set, [(rig.text, seed) for seed in left])
-        for done, (seed, result) in enumerate(zip(left, flown, strict=True), sets - len(left) + 1):
-            results[seed] = result
-            if kept is not None:
-                append_json_line(kept, {"seed": seed, **asdict(result)})
-            if progress is not None:
-                progress(done, sets)
+
+    def keep(job: tuple[str, int], result: NullSet) -> None:
+        results[job[1]] = result
+        if kept is not None:
+            append_json_line(kept, {"seed": job[1], **asdict(result)})
+        if progress is not None:
+            progress(len(results), sets)
+
+    jobs = [(rig.text, seed) for seed in left]
+    parallel_map(_null_set, jobs, workers=workers, on_done=keep)
     return [results[seed] for seed in seeds]
 
 
@@ -167,9 +170,9 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     drawn["rail.stiction_n"] = max(held_n, drawn.get("rail.coulomb_n", 0.0))
     truth = with_constants(rig, drawn)
     hidden = [
-        _entry("range-bias", bias_m=drawn.get("range.bias_m", 0.0)),
-        _entry("range-delay", delay_s=abs(drawn.get("range.delay_s", 0.0))),
-        _entry("command-latency", latency_s=abs(drawn.get("command.delay_s", 0.0))),
+        _replaced("range.bias_m", drawn.get("range.bias_m", 0.0)),
+        _replaced("range.delay_s", abs(drawn.get("range.delay_s", 0.0))),
+        _replaced("command.delay_s", abs(drawn.get("command.delay_s", 0.0))),
     ]
     taken = {entry.name for entry in rig.effect}
     added = tuple(entry for entry in hidden if entry.name not in taken)
@@ -191,12 +194,11 @@ def _drawn(effect: Effect, rng: np.random.Generator) -> Effect:
     return effect.model_copy(update={"parameters": drawn})
 
 
-def _entry(name: str, **values: float) -> Effect:
-    units = {p.name: p.unit for p in LIBRARY[name].parameters}
-    return Effect(
-        name=name,
-        parameters={k: EffectParameter(value=v, unit=units[k]) for k, v in values.items()},
-    )
+def _replaced(constant: str, value: float) -> Effect:
+    """The effect that gives a constant which no section of a rig file has this value."""
+    name, _, parameter = replacing(constant)[0].partition(".")
+    unit = next(p.unit for p in LIBRARY[name].parameters if p.name == parameter)
+    return Effect(name=name, parameters={parameter: EffectParameter(value=value, unit=unit)})
 
 
 def _null_set(job: tuple[str, int]) -> NullSet:
@@ -256,7 +258,7 @@ def _shipped() -> dict[str, dict[str, float]]:
     if not source.is_file():
         return {}
     shipped = json.loads(source.read_text("utf-8"))
-    if shipped["version"] != VERSION:
+    if shipped["version"] != VERSION or _searched_beside():
         return {}
     return {sha: {k: float(v[k]) for k in asdict(LEAST)} for sha, v in shipped["rigs"].items()}
 
@@ -271,4 +273,10 @@ def _cached(rig: Rig) -> dict[str, float] | None:
 
 def _cache_path(rig: Rig) -> Path:
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(home) / "wakedeploy" / f"gap-threshold-{VERSION}-{rig.sha256[:24]}.json"
+    name = "-".join([f"gap-threshold-{VERSION}", *_searched_beside(), rig.sha256[:24]])
+    return Path(home) / "wakedeploy" / f"{name}.json"
+
+
+def _searched_beside() -> list[str]:
+    """The effects of other packages: among more, a search finds more by chance."""
+    return [offer.name for offer in offers(EFFECTS).values() if offer.by != "wakedeploy"]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from wakedeploy.domains.flaredw import (
+from wakedeploy.domains.quadrotor_files import (
     LABEL_GRAVITY_MPS2,
     MASS_KG,
     THRUST_VALID_RADPS,

@@ -1,9 +1,9 @@
 """FlareDW's force label against a plain jet: what the label lacks, and what the jet lacks.
 
-In: flights of `wakedeploy.domains.flaredw`. The baseline is a Gaussian jet whose momentum is the
-source's thrust (Landau and Lifshitz, Fluid Mechanics, §36), pressing on the sufferer; the
-measurement is the authors' label in three axes, which may be wrong itself. Every flight is an
-episode, at 10 Hz: the label's own smoother spans 0.1 s.
+In: flights of `wakedeploy.domains.quadrotor_files`. The baseline is a Gaussian jet whose
+momentum is the source's thrust (Landau and Lifshitz, Fluid Mechanics, §36), pressing on the
+sufferer; the measurement is the authors' label in three axes, which may be wrong itself. Every
+flight is an episode, at 10 Hz: the label's own smoother spans 0.1 s.
 
 Rotor speeds answer to the wake through the controller. Errors of the thrust that the label
 subtracts are therefore only looked for where no wake is, beyond 2 m to the side.
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from wakedeploy.domains.flaredw import (
+from wakedeploy.domains.quadrotor_files import (
     MASS_KG,
     RATE_HZ,
     THRUST_FIT,

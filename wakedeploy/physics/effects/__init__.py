@@ -5,11 +5,11 @@ plant step by step and for the gap workflow over whole flights. Effects act in o
 command, actuator, wake, force, body, sensor.
 """
 
-from collections.abc import Mapping
-from types import MappingProxyType
+import functools
+from collections.abc import Iterator, Mapping
 
+from wakedeploy.core.discovery import EFFECTS, offers
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.physics.effects import actuator, body, command, force, sensor, wake
 from wakedeploy.physics.effects.base import (
     STAGES,
     Effect,
@@ -31,16 +31,55 @@ __all__ = (
     "Values",
     "effect",
     "equation_table",
+    "found_effects",
     "markdown_table",
+    "replacing",
 )
 
-LIBRARY: Mapping[str, Effect] = MappingProxyType(
-    {
-        one.name: one
-        for module in (command, actuator, wake, force, body, sensor)
-        for one in module.EFFECTS
-    }
-)
+
+@functools.cache
+def found_effects() -> Mapping[str, Effect]:
+    """All effects in the order in which they act; those of other packages last in their stage.
+
+    Raises UnusableInput where another package's cannot be used.
+    """
+    found: dict[str, Effect] = {}
+    for offer in offers(EFFECTS).values():
+        for one in offer.load(tuple):
+            if not isinstance(one, Effect) or one.name in found:
+                why = "there is one of this name" if isinstance(one, Effect) else "it is none"
+                raise UnusableInput(
+                    f"The effect {one!r} of {offer.module} cannot be used ({why}); mend the"
+                    f" package {offer.by}, or uninstall it."
+                )
+            found[one.name] = one
+    return dict(sorted(found.items(), key=lambda entry: STAGES.index(entry[1].stage)))
+
+
+class _Library(Mapping[str, Effect]):
+    """The effects that are found, which are looked for when the first of them is asked for."""
+
+    def __getitem__(self, name: str) -> Effect:
+        return found_effects()[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(found_effects())
+
+    def __len__(self) -> int:
+        return len(found_effects())
+
+
+LIBRARY: Mapping[str, Effect] = _Library()
+
+
+def replacing(constant: str) -> tuple[str, ...]:
+    """The parameters that replace this constant of the rig, each as EFFECT.PARAMETER."""
+    return tuple(
+        f"{name}.{p.name}"
+        for name, one in LIBRARY.items()
+        for p in one.parameters
+        if p.constant == constant
+    )
 
 
 def effect(name: str) -> Effect:

@@ -18,6 +18,7 @@ class SpoolLagSufferer(Effect):
     )
     confused_with = ("command-latency", "added-mass")
     split_by = "thrust steps up and down: a dead time shifts the response, a lag bends it"
+    shows_in = ("sufferer-speed",)
 
 
 class SpoolLagSource(Effect):
@@ -33,6 +34,7 @@ class SpoolLagSource(Effect):
     )
     confused_with = ("transport-speed", "transport-speed-exponent")
     split_by = "source steps at two separations: only a transport delay grows with the way"
+    shows_in = ("source-speed",)
 
 
 class ThrustCoefficient(Effect):
@@ -89,6 +91,7 @@ class BatterySag(Effect):
     parameters = (Parameter("sag_per_s", "1/s", scale=0.003, low=0.0, high=0.03),)
     confused_with = ("thrust-coefficient", "range-drift")
     split_by = "the battery's voltage, or two hovers at one height with a long time between them"
+    shows_in = ("battery-voltage", "sufferer-speed")
 
     def sufferer_n(self, p: Values, m: Motion, s: Setting) -> Number:
         """Thrust [N], smaller by `sag_per_s` for each second of hovering so far."""

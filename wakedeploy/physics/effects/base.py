@@ -87,8 +87,9 @@ class Effect:
     Class attributes: `name` as in rig files and results; `physics`, one sentence; `equation`, the
     same in the symbols of docs/effects.md, a prime for what it makes; `stage`;
     `parameters`; `confused_with`, names of effects that look alike; `split_by`, the manoeuvre or
-    sensor that tells them apart. An effect whose parameters all replace constants of the rig needs
-    no method at all.
+    sensor that tells them apart; `shows_in`, what it changes beside the sufferer's motion, by the
+    names of the sensors that one could buy (`wakedeploy.gap.planning.sensors`). An effect whose
+    parameters all replace constants of the rig needs no method at all.
     """
 
     name: ClassVar[str]
@@ -98,6 +99,7 @@ class Effect:
     parameters: ClassVar[tuple[Parameter, ...]]
     confused_with: ClassVar[tuple[str, ...]] = ()
     split_by: ClassVar[str] = ""
+    shows_in: ClassVar[tuple[str, ...]] = ()
 
     @classmethod
     def changes(cls, *quantities: str) -> bool:

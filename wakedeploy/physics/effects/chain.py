@@ -202,7 +202,7 @@ def believed(rig: Rig) -> Rig:
 
 
 def unplaced_constants(rig: Rig) -> Constants:
-    """Command delay, range bias, scale and delay as the rig and its effects state them."""
+    """Command delay, range bias, scale, delay and hold as the rig and its effects state them."""
     return {
         name: value
         for name, value in Chain.of(rig).constants(constants_of(rig)).items()

@@ -27,6 +27,7 @@ class CommandLatency(Effect):
     )
     confused_with = ("spool-lag-sufferer", "esc-frame", "range-delay")
     split_by = "thrust steps up and down: a dead time shifts the response, a lag bends it"
+    shows_in = ("sufferer-speed", "source-speed")
 
 
 class EscFrame(Effect):
@@ -43,6 +44,7 @@ class EscFrame(Effect):
     )
     confused_with = ("command-latency",)
     split_by = "the time at which the UNO applies each pulse"
+    shows_in = ("sufferer-speed", "source-speed")
 
 
 class PwmDeadBand(Effect):
@@ -67,6 +69,7 @@ class PwmDeadBand(Effect):
     )
     confused_with = ("pwm-quantisation", "stiction")
     split_by = "a slow triangle of the sufferer's command"
+    shows_in = ("sufferer-speed", "source-speed")
 
     def pulse_us(
         self, p: Values, pulse_us: float, applied_us: float, motor: str, idle_us: float
@@ -107,6 +110,7 @@ class PwmQuantisation(Effect):
     )
     confused_with = ("pwm-dead-band", "stiction")
     split_by = "a slow triangle of the sufferer's command"
+    shows_in = ("sufferer-speed", "source-speed")
 
     def pulse_us(
         self, p: Values, pulse_us: float, applied_us: float, motor: str, idle_us: float

@@ -15,6 +15,7 @@ class RangeBias(Effect):
     )
     confused_with = ("thrust-coefficient", "range-scale")
     split_by = "three seconds at rest on the stop"
+    shows_in = ("second-range",)
 
 
 class RangeScale(Effect):
@@ -27,6 +28,7 @@ class RangeScale(Effect):
     parameters = (Parameter("scale", "1", scale=0.02, low=0.7, high=1.3, constant="range.scale"),)
     confused_with = ("added-mass", "thrust-coefficient", "range-bias")
     split_by = "a gauge block at one known height"
+    shows_in = ("second-range",)
 
 
 class RangeDrift(Effect):
@@ -39,6 +41,7 @@ class RangeDrift(Effect):
     parameters = (Parameter("drift_mps", "m/s", scale=0.0007, low=-0.02, high=0.02),)
     confused_with = ("battery-sag", "range-bias")
     split_by = "the rest on the stop before and after the flight"
+    shows_in = ("second-range",)
 
     def range_m(self, p: Values, range_m: Number, m: Motion, s: Setting) -> Number:
         """The range [m] plus what has drifted since take-off."""
@@ -57,6 +60,7 @@ class RangeDelay(Effect):
     )
     confused_with = ("command-latency", "sample-and-hold")
     split_by = "fast sines of the height"
+    shows_in = ("second-range",)
 
 
 class SampleAndHold(Effect):
@@ -69,9 +73,20 @@ class SampleAndHold(Effect):
     )
     equation = "r′(t) = r(t_k) from t_k = t_0 + k · hold_s on, for hold_s"
     stage = "sensor"
-    parameters = (Parameter("hold_s", "s", scale=0.03, low=0.0, high=0.3, starts=(1.0, 2.0, 3.0)),)
+    parameters = (
+        Parameter(
+            "hold_s",
+            "s",
+            scale=0.03,
+            low=0.0,
+            high=0.3,
+            constant="range.hold_s",
+            starts=(1.0, 2.0, 3.0),
+        ),
+    )
     confused_with = ("range-delay",)
     split_by = "fast sines of the height, and readings that are equal to the last digit"
+    shows_in = ("second-range",)
 
 
 class LostSteps(Effect):
@@ -87,6 +102,7 @@ class LostSteps(Effect):
     parameters = (Parameter("lost_per_m", "1", scale=0.01, low=-0.2, high=0.2),)
     confused_with = ("crosswind-offset",)
     split_by = "homing the carriage after the flight, or passes early and late"
+    shows_in = ("carriage-position",)
 
     def wake_offset_m(self, p: Values, m: Motion, s: Setting) -> Number:
         """An offset [m] that grows with the carriage's way."""
@@ -105,6 +121,7 @@ class BeltBacklash(Effect):
     parameters = (Parameter("backlash_m", "m", scale=0.01, low=0.0, high=0.2),)
     confused_with = ("wake-deflection",)
     split_by = "carriage passes in both directions at two speeds"
+    shows_in = ("carriage-position",)
 
     def carriage_m(self, p: Values, drive_m: float, before_m: float) -> float:
         """The place [m] of before, moved no farther than either end of the play asks."""

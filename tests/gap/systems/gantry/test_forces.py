@@ -195,7 +195,7 @@ def test_a_held_reading_is_as_old_as_its_repeats_say(flown) -> None:
     truth_s = sample_s + 0.013 - hold_s * made
     reading_m = np.random.default_rng(3).normal(0.5, 0.2, 200)[made.astype(int)]
     held = dataclasses.replace(flight, sample_s=sample_s, reading_m=reading_m)
-    found = Physics(QUIET, held).forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
+    found = Physics(QUIET, held).forces({**CONSTANTS, "range.hold_s": hold_s}, ())
     told_s = sample_s - found.taken_s
     inner = slice(10, -10)
     assert np.abs(told_s - truth_s)[inner].max() < 0.008
@@ -246,7 +246,7 @@ def test_added_mass_makes_everything_slower(flown) -> None:
 @given(hold_s=st.floats(0.005, 0.3))
 def test_readings_are_in_order_whatever_the_hold(flown, hold_s: float) -> None:
     flight, physics, *_ = flown
-    found = physics.forces(CONSTANTS, active("sample-and-hold", hold_s=hold_s))
+    found = physics.forces({**CONSTANTS, "range.hold_s": hold_s}, ())
     assert (np.diff(found.taken_s) >= 0.0).all()
     assert (found.taken_s <= flight.sample_s + 1e-9).all()
     assert (found.held.age_variance_s2 >= 0.0).all()

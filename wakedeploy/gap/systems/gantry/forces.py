@@ -318,7 +318,7 @@ class Physics:
         self, constants: Constants, effects: Active, motion: Motion
     ) -> tuple[FloatArray, FloatArray, Held]:
         flight = self._flight
-        hold_s = next((v["hold_s"] for e, v in effects if e.name == "sample-and-hold"), 0.0)
+        hold_s = constants["range.hold_s"]
         pattern = self._remembered(
             "held", hold_s, lambda: held(flight.sample_s, flight.repeated, hold_s, self._chance)
         )

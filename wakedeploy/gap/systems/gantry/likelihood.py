@@ -23,7 +23,7 @@ from wakedeploy.gap.systems.gantry.parameters import HOLD, Layout, own_effects
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, likely_periods_s
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.physics.constants import Constants
-from wakedeploy.physics.effects import LIBRARY, Effect
+from wakedeploy.physics.effects import LIBRARY, Effect, replacing
 from wakedeploy.physics.series import filtered, smoothed
 
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
@@ -153,7 +153,7 @@ class GantryModel:
     def _layout(self, hypothesis: Hypothesis) -> "Layout":
         if hypothesis not in self._layouts:
             named = [self.effect(name) for name in hypothesis]
-            is_held = HOLD.partition(".")[0] in hypothesis
+            is_held = any(name.partition(".")[0] in hypothesis for name in replacing(HOLD))
             held_s = self._likely_holds_s() if is_held else ()
             frames_s = self._reported_frames_s()
             self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s, frames_s)

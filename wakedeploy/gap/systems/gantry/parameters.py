@@ -16,7 +16,7 @@ from wakedeploy.gap.evidence.inference import Free
 from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
-from wakedeploy.physics.effects import LIBRARY, Effect, Parameter
+from wakedeploy.physics.effects import LIBRARY, Effect, Parameter, replacing
 from wakedeploy.physics.effects.chain import effect_of
 from wakedeploy.physics.effects.symbolic import ExpressionForce
 
@@ -35,7 +35,12 @@ _WIDEST_SD = 5.0
 # An effect's delay comes on top of what is uncertain about the delay that was calibrated.
 _ADDED = {"command.delay_s", "range.delay_s"}
 # Servo frames make the likelihood jagged in time; a difference has to reach across a few of them.
-_STEPS_S = {"command.delay_s": 0.002, "command.window_s": 0.001, "range.delay_s": 0.002}
+_STEPS_S = {
+    "command.delay_s": 0.002,
+    "command.window_s": 0.001,
+    "range.delay_s": 0.002,
+    "range.hold_s": 0.0015,
+}
 _STEP = 0.05  # of a prior scale
 # Flights know a thrust scale a hundred times as well as calibration does, and a term may be far
 # beyond its typical size: with a longer step samples become outliers on the way, and derivatives
@@ -43,8 +48,7 @@ _STEP = 0.05  # of a prior scale
 _SHORT_STEP = 0.005
 _NEAR_S = 0.0015  # what repeats alone may leave open of a hold
 _JAGGED_S = 1e-4  # on this scale the likelihood of a hold is jagged
-HOLD = "sample-and-hold.hold_s"
-FRAME = "esc-frame.frame_s"
+HOLD, FRAME = "range.hold_s", "disturbance.esc_frame_s"
 
 
 class Layout:
@@ -163,9 +167,9 @@ def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
 
 def _begun(f: Free, held_s: Sequence[float], frames_s: Sequence[float]) -> Free:
     """A parameter whose fits begin where the logs themselves say so: a hold, a servo frame."""
-    if f.name == FRAME and frames_s:
+    if frames_s and f.name in replacing(FRAME):
         return replace(f, starts=tuple(frames_s), scanned=tuple(frames_s))
-    if f.name != HOLD or not held_s:  # the rig's own hold is known
+    if not held_s or f.name not in replacing(HOLD):  # the rig's own hold is known
         return f
     return replace(
         f,

@@ -20,7 +20,7 @@ from runtime.replay import rolled_out
 from wakedeploy.core.episodes import Episode
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import Package, read_package
-from wakedeploy.core.processes import one_thread, pool
+from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
@@ -128,11 +128,7 @@ def fly_both(
     """
     pilots = [Pilot(before.rig), Pilot(after.rig), before, after]
     jobs = [(world, pilot, seed, seconds) for pilot in pilots for seed in seeds]
-    with pool(workers) as several:
-        errors = []
-        for error in several.map(_tracking_mm, jobs):
-            errors.append(error)
-            steps(len(errors), len(jobs))
+    errors = parallel_map(_tracking_mm, jobs, workers=workers, steps=steps)
     rows = [_tracking(errors[i * len(seeds) : (i + 1) * len(seeds)]) for i in range(len(pilots))]
     return {
         "unit": "mm",
@@ -161,12 +157,8 @@ def _in_processes(jobs: Sequence[_Job], workers: int, steps: Steps) -> dict[str,
 
     The number of threads is read when torch is imported, which a forked process may have behind it.
     """
-    with pool(min(max(workers, 1), len(jobs)), fresh=True, begin=one_thread) as several:
-        packages = {}
-        for job, package in zip(jobs, several.map(_trained, jobs), strict=True):
-            packages[job.name] = package
-            steps(len(packages), len(jobs))
-        return packages
+    packages = parallel_map(_trained, jobs, workers=max(workers, 1), fresh=True, steps=steps)
+    return {job.name: package for job, package in zip(jobs, packages, strict=True)}
 
 
 def _trained(job: _Job) -> Path:

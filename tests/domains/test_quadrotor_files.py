@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.domains.flaredw import read_flights
+from wakedeploy.domains.quadrotor_files import read_flights
 
 N = 600
 TIME_S = 5.0 + np.arange(N) / 200.0

@@ -9,43 +9,56 @@ import time
 
 import pytest
 
-from wakedeploy.study.side_by_side import side_by_side
+from wakedeploy.core.parallel import parallel_map
 
 SCRIPT = """
 import os
 import time
-from wakedeploy.study.side_by_side import side_by_side
+from wakedeploy.core.parallel import parallel_map
 
 def work(job):
     os.write(1, b"%d\\n" % os.getpid())  # whole, whoever else writes
     time.sleep(60.0)
 
 if __name__ == "__main__":
-    side_by_side(work, [0, 1], workers=2)
+    parallel_map(work, [0, 1], workers=2, fresh=True)
 """
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_are_in_the_jobs_order_and_each_is_told(workers: int) -> None:
-    done: list[float] = []
-    told = side_by_side(math.sqrt, [9.0, 1.0, 4.0], workers=workers, on_done=done.append)
+    done: list[tuple[float, float]] = []
+    told = parallel_map(
+        math.sqrt, [9.0, 1.0, 4.0], workers=workers, on_done=lambda *both: done.append(both)
+    )
     assert told == [3.0, 1.0, 2.0]
-    assert sorted(done) == [1.0, 4.0, 9.0]
+    assert sorted(done) == [(1.0, 1.0), (4.0, 2.0), (9.0, 3.0)]
 
 
 def _process(_: int) -> int:
     return os.getpid()
 
 
-def test_unless_they_say_otherwise_the_studies_tests_start_no_process() -> None:
-    assert side_by_side(_process, [0, 1]) == [os.getpid()] * 2
-    assert os.getpid() not in side_by_side(_process, [0, 1], workers=2)
+def test_one_worker_is_this_process_and_several_are_others() -> None:
+    assert parallel_map(_process, [0, 1], workers=1) == [os.getpid()] * 2
+    assert os.getpid() not in parallel_map(_process, [0, 1], workers=2)
+    assert parallel_map(_process, [], workers=2) == []
+
+
+def test_steps_count_and_fresh_processes_have_one_thread() -> None:
+    counted: list[tuple[int, int]] = []
+    told = parallel_map(
+        os.getenv, ["OMP_NUM_THREADS"] * 2, workers=2, fresh=True,
+        steps=lambda *both: counted.append(both),
+    )  # fmt: skip
+    assert told == ["1", "1"]
+    assert counted == [(1, 2), (2, 2)]
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_a_failure_is_raised(workers: int) -> None:
     with pytest.raises(ValueError, match="math domain error"):
-        side_by_side(math.sqrt, [1.0, -1.0], workers=workers)
+        parallel_map(math.sqrt, [1.0, -1.0], workers=workers)
 
 
 def test_workers_end_with_a_parent_that_is_killed(tmp_path) -> None:
