@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.units import unit_of
 
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
@@ -188,6 +189,43 @@ class System:
         """The constants, some of them replaced."""
         own = {c.name: c.value for c in self.constants}
         return Point("constant", own | dict(constants or {}))
+
+    def unit_of_constant(self, name: str) -> str:
+        """As stated, or the one that the constant's name ends in."""
+        return self.constant(name).unit or unit_of(name) or _unit_of_end(name)
+
+    def kinematic(self) -> dict[str, str]:
+        """States that are the derivative of another, by that other: {"position": "speed"}."""
+        if self.has_step:
+            return {}
+        tried, told = self._probed()
+        return {
+            name: other
+            for name in self.states
+            for other in self.states
+            if name != other and np.array_equal(told[name], tried[other])
+        }
+
+    def drivers(self, state: str) -> set[str]:
+        """The inputs and states on which a state's derivative depends."""
+        tried, told = self._probed()
+        return {
+            name
+            for name in tried
+            if not np.array_equal(self._probed(name)[1][state], told[state])
+        }
+
+    def _probed(self, moved: str = "") -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Random states and inputs, and the derivatives there; one of them moved away."""
+        rng = np.random.default_rng(1)
+        names = (*self.states, *(i.name for i in self.inputs))
+        tried = {n: rng.uniform(0.1, 1.0, 20) for n in names}
+        if moved:
+            tried[moved] = tried[moved] + 0.5
+        state = Point("state", {n: tried[n] for n in self.states})
+        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
+        told = self.rates(state, inputs, self.values())
+        return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in told.items()}
 
     def rates(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
         """What `derivative` or `step` returns, with what fails in it said by name."""
@@ -370,6 +408,12 @@ def _complete(
         if name not in told:
             raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
     return {name: told[name] for name in wanted}
+
+
+def _unit_of_end(name: str) -> str:
+    """Of names that `core.units` does not know: moments of inertia, and none."""
+    ends = {"_kgm2": "kg m²", "_kg_m2": "kg m²"}
+    return next((u for end, u in ends.items() if name.endswith(end)), "1")
 
 
 def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:
