@@ -3,8 +3,7 @@
 A lane is one piece of a log under one set of parameters. Arrays have the lanes last. The user's
 functions are evaluated outside, at a point and at points beside it, from which Jacobians follow;
 the state is then stepped by local linearisation (Ozaki, Statistica Sinica 2, 1992), which is exact
-for linear systems and stable for stiff ones. The last states are forces that wander about zero
-(Ornstein–Uhlenbeck): what the model leaves out, as far as it has no name.
+for linear systems and stable for stiff ones.
 """
 
 import math
@@ -33,7 +32,7 @@ def corrected(
     """Take in a sample: changes states `x` (n, L) and covariances `p` (n, n, L) in place.
 
     `shown` (m, k + 1, L) are the readings at the state and beside it, by `aside` (k, L), in each of
-    the first k states; `measured` (m, L), NaN where nothing was measured; `noise` (m, L) variances.
+    the k states; `measured` (m, L), NaN where nothing was measured; `noise` (m, L) variances.
     `told` (4, m, L) becomes innovation, variance, log density and inlier probability. Channels come
     one after another, which is exact for independent noise.
     """
@@ -90,55 +89,39 @@ def stepped(
     aside: FloatArray,
     driven: IntArray,
     sd: FloatArray,
-    time_s: FloatArray,
     dt_s: float,
     discrete: bool,
 ) -> None:
     """One sample later: changes `x` (n, L) and `p` (n, n, L) in place.
 
-    `rates` (k, k + 1, L) are derivatives at the state and beside it (or the next states, if
-    `discrete`). The n − k forces act on the states `driven`, with standard deviations `sd` (n − k,
-    L) and correlation times `time_s` (n − k, L).
+    `rates` (n, n + 1, L) are derivatives at the state and beside it (or the next states, if
+    `discrete`). White noise acts on the derivatives of the states `driven`; `sd` (d, L) is that of
+    its mean over a sample.
     """
     n, lanes = x.shape
-    k = rates.shape[0]
     a, f, phi, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
     work, power, cov = np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    rate, moved = np.empty(n), np.empty(n)
+    moved = np.empty(n)
     for lane in range(lanes):
         for i in range(n):
             for j in range(n):
-                a[i, j] = 0.0
-        for i in range(k):
-            rate[i] = rates[i, 0, lane]
-            for j in range(k):
                 a[i, j] = (rates[i, j + 1, lane] - rates[i, 0, lane]) / aside[j, lane]
-        for d in range(n - k):
-            a[driven[d], k + d] = 1.0
-            rate[driven[d]] += x[k + d, lane]
-            a[k + d, k + d] = -1.0 / time_s[d, lane]
-            rate[k + d] = -x[k + d, lane] / time_s[d, lane]
         if discrete:
-            for d in range(n - k):
-                keep = math.exp(-dt_s / time_s[d, lane])
-                a[k + d, k + d] = keep
-                rate[k + d] = keep * x[k + d, lane]
             for i in range(n):
-                moved[i] = rate[i]
+                moved[i] = rates[i, 0, lane]
             _sandwich(a, p, lane, work, cov)
-            for d in range(n - k):
-                keep = a[k + d, k + d]
-                cov[k + d, k + d] += sd[d, lane] ** 2 * (1.0 - keep * keep)
+            for d in range(len(driven)):
+                cov[driven[d], driven[d]] += (sd[d, lane] * dt_s) ** 2
         else:
             _exponential(a, dt_s, f, phi, half, work, power)
             for i in range(n):
                 moved[i] = x[i, lane]
                 for j in range(n):
-                    moved[i] += phi[i, j] * rate[j] * dt_s
+                    moved[i] += phi[i, j] * rates[j, 0, lane] * dt_s
             _sandwich(f, p, lane, work, cov)
-            for d in range(n - k):
-                c = k + d
-                density = 2.0 * sd[d, lane] ** 2 / time_s[d, lane] * dt_s / 6.0
+            for d in range(len(driven)):
+                c = driven[d]
+                density = (sd[d, lane] * dt_s) ** 2 / 6.0
                 for i in range(n):
                     for j in range(n):
                         cov[i, j] += density * (4.0 * half[i, c] * half[j, c] + f[i, c] * f[j, c])

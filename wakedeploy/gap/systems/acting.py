@@ -22,6 +22,7 @@ BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes 
 _BUMP_WIDTH = 0.75
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
+FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
 
 
 class Acting:

@@ -18,7 +18,7 @@ from wakedeploy.gap.systems.acting import Acting
 from wakedeploy.gap.systems.pieces import Block, Log, Pieces, pieces_of
 from wakedeploy.physics.kalman import corrected, stepped
 
-OUTLIERS, OUTLIER_SPREAD = 0.02, 6.0  # share of samples, and their sd over that of the others
+OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _LOST = 1e12  # usual sizes: a state that far away has left the model
 
@@ -49,7 +49,7 @@ class Filter:
         blocks: Sequence[Block],
         starts: Sequence[Start],
         driven: Sequence[str],
-        outliers: float = OUTLIERS,
+        outliers: float = 0.0,
     ) -> None:
         self.logs, self.blocks, self.starts = logs, blocks, starts
         self.driven, self.outliers = tuple(driven), outliers
@@ -77,8 +77,7 @@ class Filter:
         x, p = self._begin(acting, at[0], count)
         k, nd, m = len(acting.states), len(self.driven), len(logged)
         driven = np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
-        sd = np.array([np.exp(spread[f"force.{n}.size"][0]) for n in self.driven]).reshape(nd, lanes)
-        tau = np.array([np.exp(spread[f"force.{n}.time"][0]) for n in self.driven]).reshape(nd, lanes)
+        sd = np.array([np.exp(spread[f"force.{n}"][0]) for n in self.driven]).reshape(nd, lanes)
         noise = np.array([np.exp(2 * spread[f"noise.{o.name}"][0]) for o in acting.system.outputs])
         aside = self._aside(acting, lanes)
         told = np.empty((len(at), 4, m, lanes))
@@ -93,12 +92,12 @@ class Filter:
             y = np.tile(np.where(pieces.valid[t], logged[:, here], np.nan), (1, count))
             if not timeless:
                 c = acting.constants(spread, time_s)
-            around = _around(x[:k], aside)
+            around = _around(x, aside)
             shown = acting.readings(around, u, c, spread, time_s)
             corrected(x, p, shown, aside, y, noise, self.outliers, OUTLIER_SPREAD, told[t])
-            states[t] = x[:k]
-            rates = acting.rates(_around(x[:k], aside), u, c, spread, time_s)
-            stepped(x, p, rates, aside, driven, sd, tau, dt_s, acting.system.has_step)
+            states[t] = x
+            rates = acting.rates(_around(x, aside), u, c, spread, time_s)
+            stepped(x, p, rates, aside, driven, sd, dt_s, acting.system.has_step)
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
@@ -116,8 +115,7 @@ class Filter:
     ) -> list[FloatArray]:
         """Measured less forecast (m, n) of each block, NaN where nothing is forecast.
 
-        From every `horizon`-th sample the model alone goes on, without what the measurement would
-        correct, and without the unnamed forces.
+        From every `horizon`-th sample the model goes on alone, uncorrected by measurements.
         """
         run = self.run(acting, values, episodes)
         every = [(t, s) for s in range(run.pieces.sample.shape[1])
@@ -147,7 +145,7 @@ class Filter:
             u = {n: columns[i][:, here] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
             rates = acting.rates(_around(x, aside), u, c, spread, time_s)
-            stepped(x, p, rates, aside, none, nothing, nothing, dt_s, acting.system.has_step)
+            stepped(x, p, rates, aside, none, nothing, dt_s, acting.system.has_step)
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
@@ -160,6 +158,26 @@ class Filter:
                 at = sample[lane] - self.blocks[episodes[block]].start
                 result[block][:, at] = self._outputs[:, here[lane]] - shown[:, lane]
         return result
+
+    def free_run(
+        self, acting: Acting, values: Mapping[str, FloatArray]
+    ) -> tuple[FloatArray, FloatArray]:
+        """States (k, n) and readings (m, n) of the first log, from its first sample on."""
+        columns = self._columns(acting, values)
+        spread = {n: v[None, :] for n, v in values.items()}
+        x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1)
+        aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
+        none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
+        states, shown = [], []
+        for t in range(self.logs[0].outputs.shape[1]):
+            time_s = np.full((1, 1), t * dt_s)
+            u = {i.name: columns[j][:, t : t + 1] for j, i in enumerate(acting.system.inputs)}
+            c = acting.constants(spread, time_s)
+            states.append(x[:, 0].copy())
+            shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
+            rates = acting.rates(_around(x, aside), u, c, spread, time_s)
+            stepped(x, p, rates, aside, none, nothing, dt_s, acting.system.has_step)
+        return np.array(states).T, np.array(shown).T
 
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Every input as it reaches the system, (K, N)."""
@@ -194,10 +212,7 @@ class Filter:
                     value, width = np.nan_to_num(value), effect.scales.sizes["output"]
                 own = np.vstack([own, value[None]])
                 sd = np.vstack([sd, np.full((1, sd.shape[1]), width)])
-        nd = len(self.driven)
-        forces = np.array([acting.sizes[f"d {n}"] for n in self.driven])
-        x = np.vstack([own, np.zeros((nd, own.shape[1]))])
-        sd = np.vstack([sd, np.tile(0.3 * forces[:, None], (1, own.shape[1]))])
+        x = own
         x, sd = np.tile(x, (1, count)), np.tile(sd, (1, count))
         p = np.zeros((len(x), *x.shape))
         for i in range(len(x)):

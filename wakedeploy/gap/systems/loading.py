@@ -5,7 +5,10 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
+import numpy as np
+
 from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.system import System, checked
 
 
@@ -25,6 +28,33 @@ def read_system(place: str | Path) -> System:
     if not wanted and len(found) > 1:
         raise UnusableInput(f"{file} has the systems {', '.join(found)}; give {file}:NAME.")
     return checked(found[wanted or next(iter(found))]())
+
+
+def read_plain(path: Path, system: System) -> Recording:
+    """A CSV file whose columns have the system's names, and a `time_s` that rises evenly.
+
+    Raises UnusableInput for a file that is not so; a `columns.toml` then says what it holds.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = [n.strip().strip('"') for n in file.readline().split(",")]
+            table = np.genfromtxt(file, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path}: {one_line(error)}; give a CSV file with a header.") from error
+    if "time_s" not in names or table.shape[1:] != (len(names),):
+        raise UnusableInput(
+            f"{path}: no CSV with a time_s among {len(names)} columns; say by --columns what it "
+            "holds."
+        )
+    columns = dict(zip(names, table.T, strict=True))
+    time_s = columns.pop("time_s")
+    steps = np.diff(time_s)
+    if len(steps) < 1 or not np.all(np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)):
+        raise UnusableInput(
+            f"{path}: time_s does not rise evenly; say by --columns how to resample it."
+        )
+    even = time_s[0] + np.median(steps) * np.arange(len(time_s))
+    return Recording(path.stem, even, columns)
 
 
 def _module(file: Path) -> ModuleType:

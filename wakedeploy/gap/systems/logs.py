@@ -1,14 +1,12 @@
 """Logs of any system as a `Model`: what is free in every hypothesis, and how likely blocks are.
 
 In: a `System` and recordings. Out: scores of blocks under hypotheses, many parameter sets at once.
-Free in every hypothesis, the base included: noise of sensors, unnamed forces that wander about
-zero, clocks within a sample, the constants within their spreads, and a small smooth error of each
+Free in every hypothesis, the base included: noise of sensors and of rates, clocks within a sample, the constants within their spreads, and a small smooth error of each
 rate's form (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
 """
 
 import functools
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -16,9 +14,9 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
-from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, Acting
-from wakedeploy.gap.systems.filtering import OUTLIERS, Filter, Run, Start
-from wakedeploy.gap.systems.kinds.library import Effect, offered
+from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.filtering import Filter, Run, Start
+from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.pieces import Block, Log, blocks_of, logs_of
 from wakedeploy.gap.systems.response import Record
 from wakedeploy.gap.systems.system import Point, System
@@ -37,7 +35,7 @@ class LogModel:
     """
 
     def __init__(
-        self, system: System, recordings: Sequence[Recording], outliers: float = OUTLIERS
+        self, system: System, recordings: Sequence[Recording], outliers: float | None = None
     ) -> None:
         self.system, self.name = system, system.name
         self.logs = logs_of(system, recordings)
@@ -50,10 +48,11 @@ class LogModel:
         self.driven = self._driven()
         spread = self._start_spread()
         self._starts = [Start(g, spread) for g in guessed]
-        longest = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
-        self.library = offered(system, self.sizes, (self.dt_s, longest))
+        self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
+        self.library = offered(system, self.sizes, (self.dt_s, self.span_s))
         self.effects = {name: effect.free for name, effect in self.library.items()}
-        self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, outliers)
+        share = system.outlier_share if outliers is None else outliers
+        self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
         self.records = [self._record(b) for b in self.blocks]
 
     @property
@@ -75,7 +74,7 @@ class LogModel:
         return tuple(range(self.episodes - count, self.episodes))
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
-        """Noise, unnamed forces, clocks, constants, form, and the effects' parameters."""
+        """Noise, clocks, constants, form, and the effects' parameters."""
         own = tuple(f for effect in hypothesis for f in self.effects[effect])
         return (*self._nuisances, *own)
 
@@ -114,18 +113,23 @@ class LogModel:
         effects = [self.library[name] for name in hypothesis]
         return Acting(self.system, effects, self.sizes, self.driven)
 
-    def disagreement(self, fitted: Fit, episode: int) -> FloatArray:
-        """Measured less forecast (m, n) of a block, NaN where nothing is forecast."""
-        return self.disagreements(fitted, (episode,))[0]
+    def disagreement(self, values: Mapping[str, float], episode: int) -> FloatArray:
+        """Measured less forecast (m, n) of a block, 0 where nothing is forecast."""
+        acting = {n.rsplit(".", 1)[0] for n in values}
+        hypothesis = tuple(n for n in self.library if n in acting)
+        return np.nan_to_num(self._forecast(hypothesis, values, (episode,))[0])
 
     def disagreements(self, fitted: Fit, episodes: Sequence[int]) -> list[FloatArray]:
-        """Measured less forecast (m, n) of blocks, over the horizon, from the filtered state."""
+        """Measured less forecast (m, n) of blocks, NaN where nothing is forecast."""
         values = self.values(fitted.hypothesis, fitted.theta)
+        return self._forecast(fitted.hypothesis, values, episodes)
+
+    def _forecast(
+        self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
+    ) -> list[FloatArray]:
         sets = {n: np.array([v]) for n, v in values.items()}
         with np.errstate(all="ignore"):
-            return self.filter.forecasts(
-                self.acting(fitted.hypothesis), sets, episodes, self.horizon
-            )
+            return self.filter.forecasts(self.acting(hypothesis), sets, episodes, self.horizon)
 
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
         """Where a sample lies: time, inputs, and the states that outputs show."""
@@ -143,9 +147,8 @@ class LogModel:
         return told
 
     def noise_time_s(self, fitted: Fit, channel: int) -> float:
-        """How long what is left stays the same sign: the longest of the unnamed forces' times."""
-        times = [fitted.value(f"force.{n}.time") for n in self.driven]
-        return float(np.exp(max(times, default=np.log(self.dt_s))))
+        """How long what is left may keep its sign: a forecast's length."""
+        return self.horizon * self.dt_s
 
     def _scored(self, run: Run, k: int, place: int, episode: int) -> Score:
         """One block's part of a run, channel after channel, each with all samples of the block."""
@@ -165,7 +168,7 @@ class LogModel:
         return (*self._noise(), *self._clocks(), *self._constants(), *self._form())
 
     def _noise(self) -> list[Free]:
-        """Logarithms of sensors' noise, and of the unnamed forces' size and time."""
+        """Logarithms of the noise of sensors and of driven states' rates."""
         told = []
         for output in self.system.outputs:
             size = self.sizes[f"y {output.name}"]
@@ -177,10 +180,7 @@ class LogModel:
             guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
             unit = f"{self.system.states[name]}/s"
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
-            told.append(Free(f"force.{name}.size", unit, guess, _LN_SD, *bounds, 0.01))
-            guess = float(np.log(10.0 * self.dt_s))
-            bounds = float(np.log(1.5 * self.dt_s)), guess + 4.0
-            told.append(Free(f"force.{name}.time", "s", guess, 1.0, *bounds, 0.01))
+            told.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
         return told
 
     def _clocks(self) -> list[Free]:
@@ -213,7 +213,7 @@ class LogModel:
             low, high = at.min() - 0.4, at.max() + 0.4
             for k, centre in enumerate(BUMPS):
                 if low <= centre <= high:
-                    told.append(Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -0.5, 0.5, 0.002))
+                    told.append(Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002))
         return told
 
     def _guessed(self, log: Log) -> FloatArray:
@@ -271,7 +271,7 @@ class LogModel:
         return (rates - states) / self.dt_s if self.system.has_step else rates
 
     def _driven(self) -> tuple[str, ...]:
-        """States that unnamed forces act on: all but pure integrals, and those said to be exact."""
+        """States whose rates are noisy: all but pure integrals, or said to be exact."""
         exact = {n for n, size in self.system.process_noise.items() if size == 0.0}
         return tuple(
             n for n in self.system.states if n not in self._kinematic and n not in exact
@@ -305,5 +305,3 @@ def _usual(values: FloatArray) -> float:
     size = float(np.nanquantile(np.abs(values), _USUAL))
     return size if size > 0.0 else float(np.nanmax(np.abs(values))) or 1.0
 
-
-__all__ = ["Effect", "LogModel"]

@@ -8,13 +8,20 @@ batches, so they use numpy alone. `loading` reads such a class from a file.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
 from wakedeploy.core.units import unit_of
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.correction import Correction
+
+_System = TypeVar("_System", bound="System")
 
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
@@ -150,7 +157,9 @@ class System:
     `step(state, inputs, c)` the states one sample later. `measure(state, inputs, c)` is needed for
     outputs that are not states; `start(measured)` for states that the first samples do not give:
     it is called with the first measured values and returns states by name.
-    `process_noise` and `start_spread` override the library's guesses for states, by name.
+    `process_noise` and `start_spread` override the library's guesses for states, by name; a
+    process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
+    `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
     """
 
     rate_hz: ClassVar[float]
@@ -161,7 +170,31 @@ class System:
     ports: ClassVar[Sequence[Port]] = ()
     process_noise: ClassVar[Mapping[str, float]] = {}
     start_spread: ClassVar[Mapping[str, float]] = {}
+    outlier_share: ClassVar[float] = 0.0
     forecast_s: ClassVar[float | None] = None
+
+    correction: "Correction | None" = None
+
+    @classmethod
+    def corrected(cls, path: str | Path) -> Self:
+        """The system with what `gap add` has written, which `simulate` then applies.
+
+        Raises UnusableInput for a file that cannot be read or corrects another system.
+        """
+        from wakedeploy.gap.systems.correction import read_correction
+
+        system = checked(cls())
+        system.correction = read_correction(Path(path), system.name)
+        return system
+
+    def simulate(self, recording: Recording) -> dict[str, FloatArray]:
+        """Every state and output along a recording's inputs, each (n,) at the system's rate.
+
+        It starts where the recording does and sees no measurement afterwards.
+        """
+        from wakedeploy.gap.systems.simulation import simulated
+
+        return simulated(self, recording)
 
     def start(self, measured: Point) -> Mapping[str, Any]:
         """States at the first sample that the outputs do not show; none unless overridden."""
@@ -215,6 +248,10 @@ class System:
             if not np.array_equal(self._probed(name)[1][state], told[state])
         }
 
+    def probed(self) -> dict[str, FloatArray]:
+        """Derivatives at some points: a fingerprint of what the functions compute."""
+        return self._probed()[1]
+
     def _probed(self, moved: str = "") -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
         """Random states and inputs, and the derivatives there; one of them moved away."""
         rng = np.random.default_rng(1)
@@ -243,7 +280,7 @@ class System:
         return _complete(shown | told, names, f"{self.name}.measure", "output")
 
 
-def checked(system: System) -> System:
+def checked(system: _System) -> _System:
     """The same system, if what it states fits together and its functions can be evaluated.
 
     Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
