@@ -109,9 +109,7 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
             if source is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
         name = str(click.get_current_context().info_name)
-        run_steps(
-            name, system_path, given["measured"], columns, given["out"], given["json_path"]
-        )
+        run_steps(name, system_path, given["measured"], columns, given["out"], given["json_path"])
 
     return step
 

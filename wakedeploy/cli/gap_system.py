@@ -1,4 +1,4 @@
-"""`wakedeploy gap init`, `check` and `simulate`, and the steps where they are given a `--system`."""
+"""`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
 import importlib
 from pathlib import Path
@@ -19,7 +19,7 @@ _FILE = click.Path(path_type=Path, dir_okay=False)
 SYSTEM = click.option("--system", "system_path", type=click.Path(path_type=Path),
                       help="A Python file with your own system.")  # fmt: skip
 COLUMNS = click.option("--columns", type=_FILE,
-                       help="What the logs' columns mean; CSV with a time_s needs none.")  # fmt: skip
+                       help="What the logs' columns mean; a plain CSV needs none.")  # fmt: skip
 MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=True,
                         required=True, help="Logs, one or more.")  # fmt: skip
 
@@ -71,7 +71,9 @@ def check(
         progress("fitting the noise")
         base = checked_base(model)
         progress("moving constants and effects")
-        told = rows(model, base, lambda done, of: progress("moving constants and effects", done, of))
+        told = rows(
+            model, base, lambda done, of: progress("moving constants and effects", done, of)
+        )
     print_table(
         "What they move, in standard deviations of the prediction errors",
         ["constant or effect", "moves", "others held free", "looks like"],
@@ -122,9 +124,7 @@ def simulate(
         write_json(json_path, told)
 
 
-def open_model(
-    system_path: Path, measured: tuple[Path, ...], columns: Path | None
-) -> "LogModel":
+def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
     """A system and its logs."""
     from wakedeploy.gap.systems.loading import read_system
     from wakedeploy.gap.systems.logs import LogModel
@@ -143,7 +143,7 @@ def recordings(
         return [read_plain(path, system) for path in measured]
     reading = importlib.import_module("wakedeploy.domains.tables.reading")
     stated = importlib.import_module("wakedeploy.domains.tables.columns").read_columns(columns)
-    units = {each.name: each.unit for each in (*system.inputs, *system.outputs)}
+    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     return list(reading.read_recordings(list(measured), stated, units).recordings)
 
 
@@ -157,18 +157,25 @@ def run_steps(
 ) -> None:
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
     from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.report.system_page import write_page
     from wakedeploy.gap.systems.own_folder import Folder
 
+    page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
     with at_work(out), stages() as progress:
         progress("reading the logs")
         folder = Folder(open_model(system_path, measured, columns), out, progress)
         try:
             told = folder.run(step)
+            if step in ("show", "close"):
+                progress("drawing the report")
+                page = write_page(told, out)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
     _print(step, told)
+    if page is not None:
+        click.echo(f"Report: {page}")
     if json_path:
         write_json(json_path, told)
 
@@ -178,6 +185,3 @@ def _print(step: str, told: dict[str, Any]) -> None:
 
     for sentence in sentences(step, told):
         click.echo(sentence)
-
-
-

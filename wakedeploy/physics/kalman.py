@@ -133,9 +133,7 @@ def stepped(
 
 
 @compiled
-def _sandwich(
-    f: FloatArray, p: FloatArray, lane: int, work: FloatArray, cov: FloatArray
-) -> None:
+def _sandwich(f: FloatArray, p: FloatArray, lane: int, work: FloatArray, cov: FloatArray) -> None:
     """`cov` becomes f p fᵀ, for one lane."""
     n = f.shape[0]
     for i in range(n):

@@ -150,7 +150,9 @@ class Acting:
         assert isinstance(kind, ForceKind)
         speed = named[port.name]
         inertia = getattr(c, port.inertia) if port.inertia else 1.0
-        force = self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else speed
+        force = (
+            self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else speed
+        )
         other = {**named, **inputs}[effect.other] if effect.other else speed
         at = At(
             speed=speed,

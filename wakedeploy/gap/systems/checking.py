@@ -49,9 +49,8 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
             others = [j for j in range(len(base.free)) if j != i]
             left[free.name] = _left(moved[free.name], known[:, others], prior[others])
     for done, (name, effect) in enumerate(model.library.items(), 1):
-        columns = look(model, base, name).columns[0]
-        size = np.array([p.starts[0] * p.size(effect.scales) for p in effect.kind.parameters])
-        moved[name] = columns[:, 0] * size[0]
+        first = effect.free[0]
+        moved[name] = look(model, base, name).columns[0][:, 0] * (first.starts[0] or first.step)
         left[name] = _left(moved[name], known, prior)
         steps(done, len(model.library))
     names = list(moved)

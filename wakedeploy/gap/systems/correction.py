@@ -79,9 +79,7 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
         constants=_below(values, "constant."),
         form=_below(values, "form."),
         sizes=dict(model.sizes),
-        effect=tuple(
-            Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis
-        ),
+        effect=tuple(Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis),
     )
     return Correction(document)
 
@@ -99,7 +97,11 @@ def write_correction(correction: Correction, path: Path) -> None:
     for effect in told.effect:
         lines += ["", "[[effect]]", f'name = "{effect.name}"']
         lines += ["[effect.parameters]", *_lines(effect.parameters)]
-    for title, values in (("constants", told.constants), ("form", told.form), ("sizes", told.sizes)):
+    for title, values in (
+        ("constants", told.constants),
+        ("form", told.form),
+        ("sizes", told.sizes),
+    ):
         lines += ["", f"[{title}]", *_lines(values)]
     write_text_whole(path, "\n".join(lines) + "\n")
 

@@ -208,7 +208,9 @@ class Filter:
             for _ in effect.own_states:
                 value, width = np.zeros(own.shape[1]), 0.5
                 if effect.port.role == "output":
-                    value = self._outputs[[o.name for o in acting.system.outputs].index(effect.port.name)][at]
+                    value = self._outputs[
+                        [o.name for o in acting.system.outputs].index(effect.port.name)
+                    ][at]
                     value, width = np.nan_to_num(value), effect.scales.sizes["output"]
                 own = np.vstack([own, value[None]])
                 sd = np.vstack([sd, np.full((1, sd.shape[1]), width)])

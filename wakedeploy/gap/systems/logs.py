@@ -1,8 +1,9 @@
 """Logs of any system as a `Model`: what is free in every hypothesis, and how likely blocks are.
 
 In: a `System` and recordings. Out: scores of blocks under hypotheses, many parameter sets at once.
-Free in every hypothesis, the base included: noise of sensors and of rates, clocks within a sample, the constants within their spreads, and a small smooth error of each
-rate's form (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
+Free in every hypothesis, the base included: noise of sensors and of rates,
+clocks within a sample, constants within their spreads, and a small smooth error of each rate's form
+(Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
 """
 
 import functools
@@ -135,9 +136,7 @@ class LogModel:
         """Where a sample lies: time, inputs, and the states that outputs show."""
         block = self.blocks[episode]
         cut = slice(block.start, block.stop)
-        told: dict[str, tuple[str, FloatArray]] = {
-            "time": ("s", self.dt_s * np.arange(block.start, block.stop))
-        }
+        told: dict[str, tuple[str, FloatArray]] = {"time": ("s", self._time_s(block))}
         for i, stated in enumerate(self.system.inputs):
             told[stated.name] = (stated.unit, self.logs[block.log].inputs[i, cut])
         states = self._starts[block.log].states
@@ -199,9 +198,7 @@ class LogModel:
                 if np.isfinite(c.spread):
                     step = 0.02 * c.spread
                 name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
-                told.append(
-                    Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name)
-                )
+                told.append(Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name))
         return told
 
     def _form(self) -> list[Free]:
@@ -213,7 +210,9 @@ class LogModel:
             low, high = at.min() - 0.4, at.max() + 0.4
             for k, centre in enumerate(BUMPS):
                 if low <= centre <= high:
-                    told.append(Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002))
+                    told.append(
+                        Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002)
+                    )
         return told
 
     def _guessed(self, log: Log) -> FloatArray:
@@ -273,18 +272,18 @@ class LogModel:
     def _driven(self) -> tuple[str, ...]:
         """States whose rates are noisy: all but pure integrals, or said to be exact."""
         exact = {n for n, size in self.system.process_noise.items() if size == 0.0}
-        return tuple(
-            n for n in self.system.states if n not in self._kinematic and n not in exact
-        )
+        return tuple(n for n in self.system.states if n not in self._kinematic and n not in exact)
 
     def _start_spread(self) -> FloatArray:
         own = self.system.start_spread
         return np.array([own.get(n, self.sizes[n]) for n in self.system.states], dtype=float)
 
+    def _time_s(self, block: Block) -> FloatArray:
+        return np.asarray(self.dt_s * np.arange(block.start, block.stop), dtype=np.float64)
+
     def _record(self, block: Block) -> Record:
         cut = slice(block.start, block.stop)
-        time_s = self.dt_s * np.arange(block.start, block.stop)
-        return Record(block.name, time_s, self.logs[block.log].outputs[:, cut])
+        return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
 
 
 def _filled(values: FloatArray) -> FloatArray:
@@ -304,4 +303,3 @@ def _usual(values: FloatArray) -> float:
     """The size that is seldom exceeded; 1 for what is always 0."""
     size = float(np.nanquantile(np.abs(values), _USUAL))
     return size if size > 0.0 else float(np.nanmax(np.abs(values))) or 1.0
-

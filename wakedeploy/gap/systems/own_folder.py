@@ -1,7 +1,7 @@
 """The steps of a user's system in a folder: what each leaves, and what the next one reads.
 
-In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml, domain.json, report.html
-and figures. A step that has run for the same system and logs is read, not repeated.
+In: a `LogModel` and a folder. Out: find.json, name.json, correction.toml and domain.json, which
+`gap.report.system_page` draws. What has run for the same system and logs is not repeated.
 """
 
 import hashlib
@@ -73,13 +73,9 @@ class Folder:
         write_correction(correction_of(self.model, self._found().found), self.out / CORRECTION)
 
     def _show(self, told: dict[str, Any]) -> dict[str, Any]:
-        from wakedeploy.gap.report.system_page import write_page
-
         self.progress("forecasting the sealed blocks")
         document = told | shown_document(self.model, self._found())
         self._write("domain.json", document)
-        self.progress("drawing the report")
-        write_page(document, self.out)
         return document
 
     def _base(self) -> Fit:
@@ -112,7 +108,9 @@ class Folder:
         try:
             document = json_of(text_of(path))
         except (OSError, ValueError) as error:
-            raise UnusableInput(f"{path} cannot be read; delete it to run the step anew.") from error
+            raise UnusableInput(
+                f"{path} cannot be read; delete it to run the step anew."
+            ) from error
         same = isinstance(document, dict) and document.get("key") == self.key
         return document if same else None
 
@@ -136,6 +134,3 @@ def _key(model: LogModel) -> str:
     for values in system.probed().values():
         digest.update(np.ascontiguousarray(values).tobytes())
     return digest.hexdigest()
-
-
-

@@ -5,6 +5,7 @@ what it is scored on, so that its filter has settled; at the beginning of a log 
 first samples are not scored.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -79,11 +80,15 @@ def _log(system: System, recording: Recording) -> Log:
             f"multiple of {system.name}.rate_hz = {system.rate_hz:.6g}; change one of them."
         )
     n = len(recording.time_s) // every
-    inputs = [_input(recording, i.name)[: n * every].reshape(n, every).mean(1) for i in system.inputs]
+    inputs = [
+        _input(recording, i.name)[: n * every].reshape(n, every).mean(1) for i in system.inputs
+    ]
     outputs = [_column(recording, o.name)[: n * every : every] for o in system.outputs]
     for output, values in zip(system.outputs, outputs, strict=True):
         if np.isfinite(values).sum() < 2:
-            raise UnusableInput(f"{recording.name}: output {output.name!r} has no measured samples.")
+            raise UnusableInput(
+                f"{recording.name}: output {output.name!r} has no measured samples."
+            )
     return Log(recording.name, np.array(inputs).reshape(len(inputs), n), np.array(outputs))
 
 
@@ -100,8 +105,8 @@ def _input(recording: Recording, name: str) -> FloatArray:
     missing = ~np.isfinite(column)
     if missing.mean() > _MOST_MISSING or missing[0]:
         raise UnusableInput(
-            f"{recording.name}: {missing.mean():.0%} of input {name!r} is not measured; cut the log "
-            "where its inputs are known."
+            f"{recording.name}: {missing.mean():.0%} of input {name!r} is not measured; cut the "
+            "log where its inputs are known."
         )
     last = np.maximum.accumulate(np.where(missing, 0, np.arange(len(column))))
     return np.asarray(column[last])
@@ -133,7 +138,7 @@ def pieces_of(blocks: Sequence[Block], unsettled: int) -> Pieces:
     for k, block in enumerate(blocks):
         n = block.stop - block.start
         ends = np.linspace(block.start, block.stop, math.ceil(n / most) + 1).astype(int)
-        for low, high in zip(ends[:-1], ends[1:], strict=True):
+        for low, high in itertools.pairwise(ends):
             starts.append(max(int(low) - _WARM, 0))
             firsts.append(max(int(low), unsettled))
             stops.append(int(high))

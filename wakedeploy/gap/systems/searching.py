@@ -63,7 +63,7 @@ class Weight:
     @property
     def matters(self) -> bool:
         """Whether the forecast gets better by it."""
-        return self.share >= LEAST_SHARE
+        return self.share >= LEAST_SHARE and self.low > 0.0
 
 
 def ranked(
@@ -76,12 +76,12 @@ def ranked(
         steps(i + 1, len(names) + CLIMBED)
     order = sorted(looks, key=lambda one: -one.fit.objective)
     found = []
-    for i, look in enumerate(order):
-        fitted = look.fit
+    for i, seen in enumerate(order):
+        fitted = seen.fit
         if i < CLIMBED and fitted.objective > base.objective + LEAST_NATS:
             fitted = fit(model, fitted.hypothesis, base.episodes, fitted.theta)
             steps(len(names) + i + 1, len(names) + CLIMBED)
-        found.append(candidate(base, look.name, fitted))
+        found.append(candidate(base, seen.name, fitted))
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     return best_first, chance_nats(base, looks)
 
@@ -100,8 +100,8 @@ def chance_nats(base: Fit, looks: Sequence[Look], seed: int = 0) -> float:
     padded = np.vstack([draws, np.zeros((len(prior), draws.shape[1]))])
     rest = padded - q @ (q.T @ padded)
     best = np.zeros(draws.shape[1])
-    for look in looks:
-        for own in look.columns:
+    for seen in looks:
+        for own in seen.columns:
             gains = _projected(own, len(prior), q, rest)
             best = np.maximum(best, gains - own.shape[1])
     half = draws.shape[1] // 2
@@ -222,7 +222,7 @@ def _newton(
     scaled = curvature * scale[:, None] * scale[None, :] + 1e-6 * np.eye(len(scale))
     step = scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
     low, high = np.array([f.low for f in free]), np.array([f.high for f in free])
-    return np.clip(start + part * np.nan_to_num(step), low, high)
+    return np.asarray(np.clip(start + part * np.nan_to_num(step), low, high))
 
 
 def _fit(
@@ -247,7 +247,9 @@ def _noise(base: Fit, known: FloatArray, rng: np.random.Generator) -> FloatArray
     noise = rng.standard_normal((len(told), DRAWS)) * told[:, None]
     formal = [i for i, f in enumerate(base.free) if f.name.startswith("form.")]
     sd = np.array([base.free[i].prior_sd for i in formal])
-    return np.asarray(noise + known[:, formal] @ (sd[:, None] * rng.standard_normal((len(sd), DRAWS))))
+    return np.asarray(
+        noise + known[:, formal] @ (sd[:, None] * rng.standard_normal((len(sd), DRAWS)))
+    )
 
 
 def _turned(base: Fit, rng: np.random.Generator) -> FloatArray:
@@ -275,16 +277,21 @@ def _projected(own: FloatArray, padding: int, q: FloatArray, rest: FloatArray) -
     return np.asarray(0.5 * ((basis.T @ rest) ** 2).sum(0))
 
 
+def elaborates(name: str, other: str) -> bool:
+    """Whether an effect is the same as another with more to it, at the same port."""
+    kind, _, port = name.partition("@")
+    plainer, _, there = other.partition("@")
+    return port == there and plainer in _SIMPLER_KINDS.get(kind, ())
+
+
 def simpler(model: LogModel, base: Fit, best: Candidate) -> Candidate:
-    """A simpler kind at the same port, fitted from the best one's point, if it gains nearly as much."""
+    """A simpler kind at the same port, from the best one's point, if it gains nearly as much."""
     of = model.library[best.name]
     for kind in _SIMPLER_KINDS.get(of.kind.name, ()):
         name = f"{kind}@{of.port.name}"
         if name not in model.library or name in base.hypothesis:
             continue
-        values = {
-            n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names
-        }
+        values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
         one = candidate(base, name, fit(model, hypothesis, base.episodes, start))

@@ -24,7 +24,7 @@ from wakedeploy.gap.systems.before_after import shown
 from wakedeploy.gap.systems.closing import parameters
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.places import find_places, whiteness
-from wakedeploy.gap.systems.searching import Weight, ranked, simpler, weighed
+from wakedeploy.gap.systems.searching import Weight, elaborates, ranked, simpler, weighed
 
 MOST_EFFECTS = 4
 _TRIED = 6  # candidates of a round that are looked at on the sealed blocks
@@ -97,8 +97,9 @@ def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, boo
         entry["judged"], weight = _judged(model, found, one, chance)
         if weight is not None:
             entry["forecast"] = asdict(weight)
-        accept = entry["judged"] == "accepted" and weight is not None
-        if accept and (not accepted or _rivals_with(accepted[0][0], one)):
+        if entry["judged"] != "accepted" or weight is None:
+            continue
+        if not accepted or _rivals_with(accepted[0][0], one):
             accepted.append((one, weight))
     if not accepted:
         return told, False
@@ -109,7 +110,9 @@ def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, boo
         if other.matters:
             chosen, weight = plainer, other
             accepted[0] = (plainer, other)
-            accepted = [one for k, one in enumerate(accepted) if not k or one[0].name != plainer.name]
+            accepted = [
+                one for k, one in enumerate(accepted) if not k or one[0].name != plainer.name
+            ]
     searched["chosen"] = chosen.name
     searched["class"] = [one.name for one, _ in accepted]
     better, still = settled(model, chosen.fit)
@@ -134,7 +137,7 @@ def _judged(
     if weight.share < 0.0:
         return "forecasts of sealed blocks get worse", weight
     if not weight.matters:
-        return "evident, but forecasts hardly change", weight
+        return "evident, but forecasts of sealed blocks hardly change", weight
     return "accepted", weight
 
 
@@ -145,19 +148,18 @@ def _rivals_with(best: Candidate, other: Candidate) -> bool:
     if count < 2:
         return float(apart.sum()) < CLASS_NATS
     reach = float(student_t.ppf(0.95, count - 1)) * float(apart.std(ddof=1)) * count**0.5
-    return float(apart.sum()) - reach < CLASS_NATS
+    return bool(float(apart.sum()) - reach < CLASS_NATS)
 
 
 def _entry(one: Candidate, base: Fit) -> dict[str, Any]:
     low, high = one.gain_interval()
-    told = {
+    return {
         "name": one.name,
         "gain_nats": one.gain_nats,
         "interval": [low, high],
         "parameters": parameters(one.fit, (one.name,)),
         "note": _note(one, base),
     }
-    return told
 
 
 def _note(one: Candidate, base: Fit) -> str:
@@ -183,12 +185,21 @@ def _still_needed(model: LogModel, told: Named) -> Named:
         if held_out(without, found).sum() <= chance or again.gain_interval()[0] <= 0.0:
             found = without
     kept = {n: w for n, w in told.weights.items() if n in found.hypothesis}
-    rivals = told.rivals if any(n in found.hypothesis for n in told.rivals) else ()
+    rivals = _still_open(found, told.rivals)
     return Named(told.base, found, told.rounds, rivals, kept, told.unsettled)
 
 
+def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
+    """A class without its members' elaborations; () where more than one of it was found."""
+    if sum(n in found.hypothesis for n in rivals) != 1:
+        return ()
+    own = next(n for n in rivals if n in found.hypothesis)
+    left = tuple(n for n in rivals if n == own or not elaborates(n, own))
+    return left if len(left) > 1 else ()
+
+
 def verdict_of(told: Named) -> str:
-    """"named", "class", "none" or "unknown"."""
+    """The answer in a word: named, class, none or unknown."""
     if told.rivals:
         return "class" if len(told.rivals) <= MOST_IN_CLASS else "unknown"
     if told.found.hypothesis:

@@ -212,7 +212,11 @@ class System:
 
     def constant(self, name: str) -> Constant:
         """A constant by name; UnusableInput for one that is not stated."""
-        return _named(self.constants, name, f"{self.name}.constants")
+        for one in self.constants:
+            if one.name == name:
+                return one
+        known = ", ".join(c.name for c in self.constants) or "none"
+        raise UnusableInput(f"{self.name}: no constant {name!r}; there are: {known}.")
 
     def point(self, what: str, values: Mapping[str, Any]) -> Point:
         """Values as a user's function gets them."""
@@ -243,9 +247,7 @@ class System:
         """The inputs and states on which a state's derivative depends."""
         tried, told = self._probed()
         return {
-            name
-            for name in tried
-            if not np.array_equal(self._probed(name)[1][state], told[state])
+            name for name in tried if not np.array_equal(self._probed(name)[1][state], told[state])
         }
 
     def probed(self) -> dict[str, FloatArray]:
@@ -455,10 +457,3 @@ def _unit_of_end(name: str) -> str:
 
 def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:
     return tuple(each.name for each in stated)
-
-
-def _named(stated: Sequence[Any], name: str, where: str) -> Any:
-    for each in stated:
-        if each.name == name:
-            return each
-    raise UnusableInput(f"{where} has no {name!r}; there are: {', '.join(_names(stated))}.")

@@ -1,6 +1,6 @@
 """The file that `gap init` writes: a system that runs as it is, for a person to make their own."""
 
-TEMPLATE = '''"""NAME: a system for `wakedeploy gap`. Change what is marked; the rest comes from the library."""
+TEMPLATE = '''"""NAME: a system for `wakedeploy gap`; the library does the rest."""
 
 import numpy as np
 

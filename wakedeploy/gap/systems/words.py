@@ -75,7 +75,7 @@ def _rejected(told: Mapping[str, Any]) -> list[str]:
 
 def _gap(told: Mapping[str, Any]) -> list[str]:
     return [
-        f"  {name}: forecasts over {told['forecast_s']:.3g} s were off by {g['before']:.4g}, now by "
-        f"{g['after']:.4g} {g['unit']} (rms, sealed blocks)"
+        f"  {name}: forecasts over {told['forecast_s']:.3g} s were off by {g['before']:.4g}, now "
+        f"by {g['after']:.4g} {g['unit']} (rms, sealed blocks)"
         for name, g in told["gap"].items()
     ]

@@ -22,17 +22,13 @@ _BY_ROLE: dict[str, tuple[Kind, ...]] = {
 }
 
 
-class Custom(Kind):
+def custom_kind(port: Port) -> Kind:
     """A kind of the user's own, from `Port.custom`."""
-
-    source = "the system's file"
-    equation = "as the system's file has it"
-
-    def __init__(self, port: Port) -> None:
-        self.name = port.name
-        self.parameters = tuple(
-            Parameter(name, {f"own {name}": 1}) for name in port.parameters
-        )  # type: ignore[misc]
+    parameters = tuple(Parameter(name, {f"own {name}": 1}) for name in port.parameters)
+    stated = {"name": port.name, "parameters": parameters, "source": "the system's file"}
+    stated["equation"] = "as the system's file has it"
+    kind: Kind = type("Custom", (Kind,), stated)()
+    return kind
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +87,7 @@ def offered(
 
 def _kinds(system: System, port: Port) -> tuple[Kind, ...]:
     if port.role == "custom":
-        return (Custom(port),)
+        return (custom_kind(port),)
     for name in port.kinds:
         kind_named(port.role, name)
     return tuple(
@@ -151,9 +147,7 @@ def _beside(scales: Scales, system: System, sizes: Mapping[str, float], other: s
     if not other:
         return scales
     units = {i.name: i.unit for i in system.inputs} | dict(system.states)
-    return Scales(
-        {**scales.sizes, "other": sizes[other]}, {**scales.units, "other": units[other]}
-    )
+    return Scales({**scales.sizes, "other": sizes[other]}, {**scales.units, "other": units[other]})
 
 
 def force_unit(system: System, port: Port) -> str:
