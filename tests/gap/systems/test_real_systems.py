@@ -16,10 +16,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 
 @pytest.mark.slow
 def test_the_positioning_system_lacks_coulomb_and_viscous_friction(recordings):
-    path = recordings / "emps" / "DATA_EMPS.mat"
-    if not path.exists():
-        pytest.skip(f"no {path}")
-    raw = loadmat(path)
+    raw = loadmat(recordings("emps") / "DATA_EMPS.mat")
     time_s = np.arange(raw["t"].size) * 1e-3
     columns = {"voltage_v": raw["vir"].ravel(), "position_m": raw["qm"].ravel()}
     system = read_system(EXAMPLES / "emps.py")
