@@ -3,6 +3,7 @@
 In: a rig file and run logs. Out: a folder with one artefact per step, figures and a report.
 """
 
+import functools
 import importlib
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +13,7 @@ import click
 
 from wakedeploy.cli.groups import Group
 from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
@@ -19,6 +21,9 @@ if TYPE_CHECKING:
     from wakedeploy.gap.workflow import Case
 
 _OTHERS = {
+    "init": "gap_system",
+    "check": "gap_system",
+    "simulate": "gap_system",
     "plan": "gap_plan",
     "power": "gap_plan",
     "demo": "gap_demo",
@@ -62,26 +67,6 @@ def command() -> None:
     """
 
 
-class _Many(click.Command):
-    """Lets `--measured` be followed by several files, as a shell's wildcard gives them."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Repeat `--measured` before each of the files that follow it."""
-        spread: list[str] = []
-        inside = False
-        for arg in args:
-            if arg.startswith("-") and arg != "-":
-                inside = arg == "--measured"
-                if inside:
-                    continue
-                spread.append(arg)
-            elif inside:
-                spread += ["--measured", arg]
-            else:
-                spread.append(arg)
-        return super().parse_args(ctx, spread)
-
-
 def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options that every step takes."""
     for option in (
@@ -91,11 +76,15 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,
                      help="Run logs, four or more; the last is only shown (from six on, two)."),
-        click.option("--rig", "rig_path", type=_FILE, required=True,
+        click.option("--columns", type=_FILE,
+                     help="With --system: what the logs' columns mean."),
+        click.option("--system", "system_path", type=click.Path(path_type=Path),
+                     help="Instead of --rig: a Python file with your own system."),
+        click.option("--rig", "rig_path", type=_FILE,
                      help="The rig file that the flights were flown with."),
     ):  # fmt: skip
         function = option(function)
-    return function
+    return _of_rig_or_system(function)
 
 
 def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -110,7 +99,34 @@ def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-@command.command("close", cls=_Many)
+def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
+    """A step of a rig, or with --system the same step of a user's system."""
+
+    @functools.wraps(of_rig)
+    def step(
+        *, system_path: Path | None, columns: Path | None, rig_path: Path | None, **given: Any
+    ) -> None:
+        if (system_path is None) == (rig_path is None):
+            raise click.UsageError("Give one of '--rig' and '--system'.")
+        if system_path is None:
+            if columns is not None:
+                raise click.UsageError("'--columns' goes with '--system'.")
+            of_rig(rig_path=rig_path, **given)
+            return
+        from wakedeploy.cli.gap_system import run_steps
+
+        own = {"rig_path", "measured", "out", "workers", "json_path"}
+        for name in given.keys() - own:
+            source = click.get_current_context().get_parameter_source(name)
+            if source is not click.core.ParameterSource.DEFAULT:
+                raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
+        name = str(click.get_current_context().info_name)
+        run_steps(name, system_path, given["measured"], columns, given["out"], given["json_path"])
+
+    return step
+
+
+@command.command("close", cls=Many)
 @_inputs
 @_retraining
 def close_gap(
@@ -148,7 +164,7 @@ def close_gap(
         write_json(json_path, told.result)
 
 
-@command.command("find", cls=_Many)
+@command.command("find", cls=Many)
 @_inputs
 def find_gap(
     rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int, json_path: Path | None
@@ -170,7 +186,7 @@ def find_gap(
     _finish(case, out, json_path)
 
 
-@command.command("name", cls=_Many)
+@command.command("name", cls=Many)
 @_inputs
 def name_gap(
     rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int, json_path: Path | None
@@ -207,7 +223,7 @@ def _gain_of(told: dict[str, Any], searched: dict[str, Any]) -> str:
     return f"Gain on held-out flights{given}{passing}"
 
 
-@command.command("add", cls=_Many)
+@command.command("add", cls=Many)
 @_inputs
 @click.option(
     "--effect",
@@ -248,7 +264,7 @@ def add_effect(
     _finish(case, out, json_path)
 
 
-@command.command("show", cls=_Many)
+@command.command("show", cls=Many)
 @_inputs
 @_retraining
 def show_gap(

@@ -93,6 +93,27 @@ class Model(Protocol):
         ...
 
 
+class BatchedModel(Model, Protocol):
+    """A model that scores many parameter sets in about the time of one."""
+
+    def scores(
+        self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
+    ) -> list[tuple[Score, ...]]:
+        """Episodes under parameter sets (K, p): for each set a score of each episode."""
+        ...
+
+
+def scores_of(
+    model: Model, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
+) -> list[tuple[Score, ...]]:
+    """Episodes under parameter sets (K, p), at once where the model can."""
+    together = getattr(model, "scores", None)
+    if together is not None:
+        found: list[tuple[Score, ...]] = together(hypothesis, thetas, episodes)
+        return found
+    return [tuple(model.score(hypothesis, theta, e) for e in episodes) for theta in thetas]
+
+
 @dataclass(frozen=True, eq=False)
 class Slopes:
     """Scores of several episodes and their derivatives by every parameter."""
@@ -403,7 +424,11 @@ class _Ascent:
         return sum(float(s.log_density.sum()) for s in scores) + log_prior(self._free, theta)
 
     def _scores(self, theta: FloatArray) -> tuple[Score, ...]:
-        return tuple(self._model.score(self._hypothesis, theta, e) for e in self._episodes)
+        return self._many(theta[None])[0]
+
+    def _many(self, thetas: FloatArray) -> list[tuple[Score, ...]]:
+        """All episodes under several parameter sets, at once where the model can."""
+        return scores_of(self._model, self._hypothesis, thetas, self._episodes)
 
     def slopes(
         self,
@@ -416,9 +441,10 @@ class _Ascent:
         columns = range(len(theta)) if known is None else known[1]
         innovation = _columns(here, len(theta), None if known is None else known[0].innovation)
         variance = _columns(here, len(theta), None if known is None else known[0].variance)
-        for column in columns:
-            moved, size = _moved(theta, column, self._free[column])
-            for i, (s, there) in enumerate(zip(here, self._scores(moved), strict=True)):
+        moved = [_moved(theta, column, self._free[column]) for column in columns]
+        beside = self._many(np.array([m for m, _ in moved])) if moved else []
+        for column, (_, size), aside in zip(columns, moved, beside, strict=True):
+            for i, (s, there) in enumerate(zip(here, aside, strict=True)):
                 innovation[i][:, column] = (there.innovation - s.innovation) / size
                 variance[i][:, column] = (there.variance - s.variance) / size
         return Slopes(here, tuple(innovation), tuple(variance))

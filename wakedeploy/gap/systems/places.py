@@ -112,7 +112,7 @@ def _joined(model: ResponseModel, fitted: Fit) -> dict[str, tuple[str, FloatArra
 
 def _blocks(model: ResponseModel, fitted: Fit, channel: int) -> FloatArray:
     """The number of each sample's block: several correlation times long, within one episode."""
-    length_s = _CORRELATIONS * float(np.exp(fitted.value(f"noise.{channel}.time")))
+    length_s = _CORRELATIONS * model.noise_time_s(fitted, channel)
     numbers, first = [], 0.0
     for episode in fitted.episodes:
         time_s = model.records[episode].time_s

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from wakedeploy.gap.evidence.inference import FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
 
 Values = Mapping[str, float]
 
@@ -121,6 +121,10 @@ class ResponseModel(abc.ABC):
         twin = copy.copy(self)
         twin.noise_is_white = True
         return twin
+
+    def noise_time_s(self, fitted: Fit, channel: int) -> float:
+        """How long a channel's noise stays the same [s]."""
+        return float(np.exp(fitted.value(f"noise.{channel}.time")))
 
     def _factor(
         self, values: Values, episode: int, channel: int, levels: FloatArray | None

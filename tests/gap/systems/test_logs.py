@@ -1,0 +1,118 @@
+"""The engine: likelihoods of an independent Kalman filter, and effects whose truth is known."""
+
+import numpy as np
+import pytest
+from filterpy.kalman import KalmanFilter
+from scipy.linalg import expm
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import neutral
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.steps import fitted_base, named, verdict_of
+
+RATE = 100.0
+
+
+class Mass(System):
+    rate_hz = RATE
+    inputs = [Input("force_n", "N")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-3)]
+    constants = [
+        Constant("mass_kg", 2.0, spread=0.05),
+        Constant("spring_n_per_m", 30.0, spread=1.0),
+        Constant("damping_n_per_mps", 3.0, spread=0.1),
+    ]
+    ports = [
+        Port.input("force_n", kinds=["dead-time", "lag", "dead-band", "gain", "bias"]),
+        Port.force(
+            "speed_mps",
+            inertia="mass_kg",
+            position="position_m",
+            kinds=["coulomb-friction", "quadratic-drag", "cubic-stiffness", "offset"],
+        ),
+        Port.output("position_m", kinds=["sensor-bias", "sensor-lag"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        force = (
+            inputs.force_n
+            - c.spring_n_per_m * state.position_m
+            - c.damping_n_per_mps * state.speed_mps
+        )
+        return {"position_m": state.speed_mps, "speed_mps": force / c.mass_kg}
+
+
+def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
+    """The mass, integrated here in fine steps, with force noise and a noisy sensor."""
+    rng = np.random.default_rng(seed)
+    n, fine = int(seconds * RATE), 10
+    held = np.repeat(rng.standard_normal(n // 25 + 1) * 15.0, 25)[:n]
+    late = np.repeat(held, fine)
+    shift = round(delay_s * RATE * fine)
+    late = np.concatenate([np.full(shift, late[0]), late[: len(late) - shift]])
+    x, v, shown = 0.0, 0.0, np.empty(n)
+    dt = 1.0 / RATE / fine
+    for k in range(n * fine):
+        if k % fine == 0:
+            shown[k // fine] = x
+            push = rng.standard_normal() * 0.3
+        a = (late[k] + push - 30.0 * x - 3.0 * v - friction_n * np.tanh(v / 0.005)) / 2.0
+        v += a * dt
+        x += v * dt
+    shown = shown + 1e-3 * rng.standard_normal(n)
+    return Recording(f"made {seed}", np.arange(n) / RATE, {"force_n": held, "position_m": shown})
+
+
+def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
+    recording = recorded(0, seconds=3.0)
+    model = LogModel(Mass(), [recording])
+    theta = neutral(model.free(()))
+    values = model.values((), theta)
+    run = model.run((), theta[None], range(model.episodes))
+    a = np.array([[0.0, 1.0], [-15.0, -1.5]])
+    big = np.zeros((3, 3))
+    big[:2] = np.column_stack([a, [0.0, 0.5]])
+    step = expm(big / RATE)
+    lain = np.zeros((4, 4))
+    lain[:2, :2], lain[2:, 2:] = -a, a.T
+    lain[1, 3] = np.exp(2 * values["force.speed_mps"]) / RATE
+    whole = expm(lain / RATE)
+    f = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
+    f.F, f.B, f.H = step[:2, :2], step[:2, 2:], np.array([[1.0, 0.0]])
+    f.Q, f.R = whole[2:, 2:].T @ whole[:2, 2:], np.array([[np.exp(2 * values["noise.position_m"])]])
+    f.x = model._starts[0].states[:, :1].copy()
+    f.P = np.diag(model._starts[0].spread ** 2)
+    first = run.told[:, :, 0, 0, 0]
+    for k in range(model.blocks[0].stop):
+        f.update(recording.columns["position_m"][k])
+        assert first[0, k] == pytest.approx(f.y[0, 0], abs=1e-9, rel=1e-6)
+        assert first[1, k] == pytest.approx(f.S[0, 0], rel=1e-6)
+        assert first[2, k] == pytest.approx(f.log_likelihood, rel=1e-6, abs=1e-6)
+        f.predict(recording.columns["force_n"][k])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("hidden", "name", "parameter", "truth"),
+    [
+        ({"delay_s": 0.02}, "dead-time@force_n", "delay_s", 0.02),
+        ({"friction_n": 2.0}, "coulomb-friction@speed_mps", "force", 2.0),
+    ],
+)
+def test_a_hidden_effect_is_named_with_its_size(hidden, name, parameter, truth):
+    model = LogModel(Mass(), [recorded(1, **hidden)])
+    told = named(model, fitted_base(model))
+    assert told.found.hypothesis == (name,)
+    low, high = told.found.interval(f"{name}.{parameter}")
+    clock = model.dt_s / 2 if parameter == "delay_s" else 0.0
+    assert low - clock <= truth <= high + clock
+    assert told.weights[name].low > 0.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(10))
+def test_where_nothing_is_hidden_nothing_is_named(seed):
+    model = LogModel(Mass(), [recorded(seed, seconds=20.0)])
+    assert verdict_of(named(model, fitted_base(model))) == "none"

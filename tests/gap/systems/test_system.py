@@ -1,0 +1,95 @@
+"""A user's system: what does not fit together is said by name, in one sentence."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.systems.system import checked
+
+EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
+
+
+class Axis(System):
+    rate_hz = 100.0
+    inputs = [Input("force_n", "N")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m")]
+    constants = [Constant("mass_kg", 2.0, spread=0.1)]
+    ports = [Port.input("force_n"), Port.force("speed_mps", inertia="mass_kg")]
+
+    def derivative(self, state, inputs, c):
+        return {"position_m": state.speed_mps, "speed_mps": inputs.force_n / c.mass_kg}
+
+
+def _with(**changes):
+    return type("Axis", (Axis,), changes)()
+
+
+@pytest.mark.parametrize("path", sorted(EXAMPLES.glob("*.py")), ids=lambda p: p.stem)
+def test_examples_load(path):
+    assert read_system(path).outputs
+
+
+def test_a_sound_system_passes():
+    assert checked(Axis()).constant("mass_kg").value == 2.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"derivative": lambda s, state, u, c: {"position_m": state.speed_mps}}, "'speed_mps'"),
+        ({"derivative": lambda s, state, u, c: state.speed}, "state 'speed' is not there"),
+        ({"derivative": lambda s, state, u, c: 3.0}, "return a dict"),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
+                    "position_m": np.sqrt(state.position_m - 9.0),
+                    "speed_mps": 0.0,
+                }
+            },
+            "gives nan for 'position_m' at",
+        ),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
+                    "position_m": np.zeros(7),
+                    "speed_mps": 0.0,
+                }
+            },
+            r"the shape \(7,\)",
+        ),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
+                    "position_m": np.sum(state.speed_mps),
+                    "speed_mps": 0.0,
+                }
+            },
+            "another 'position_m' for one point",
+        ),
+        ({"outputs": [Output("force_v", "V")]}, "nothing for the output 'force_v'"),
+        ({"ports": [Port.force("speed")]}, "the state 'speed', which is not there"),
+        ({"constants": [Constant("mass_kg", 2.0, spread=-1.0)]}, "spread"),
+        ({"rate_hz": 0.0}, "rate_hz"),
+        ({"step": lambda s, state, u, c: {}}, "both of `derivative` and `step`"),
+        ({"inputs": [Input("speed_mps", "m/s")]}, "an input and a state"),
+    ],
+)
+def test_what_does_not_fit_is_said_by_name(changes, said):
+    with pytest.raises(UnusableInput, match=said):
+        checked(_with(**changes))
+
+
+def test_a_file_is_read_and_its_errors_are_told(tmp_path):
+    with pytest.raises(UnusableInput, match="no such file"):
+        read_system(tmp_path / "absent.py")
+    (tmp_path / "bad.py").write_text("def f(:\n")
+    with pytest.raises(UnusableInput, match="line 1"):
+        read_system(tmp_path / "bad.py")
+    (tmp_path / "none.py").write_text("x = 1\n")
+    with pytest.raises(UnusableInput, match="no class derived from System"):
+        read_system(tmp_path / "none.py")

@@ -1,0 +1,187 @@
+"""`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
+
+import importlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.many_files import Many
+from wakedeploy.cli.output import json_option, print_table, write_json
+
+if TYPE_CHECKING:
+    from wakedeploy.core.recording import Recording
+    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.gap.systems.system import System
+
+_FILE = click.Path(path_type=Path, dir_okay=False)
+SYSTEM = click.option("--system", "system_path", type=click.Path(path_type=Path),
+                      help="A Python file with your own system.")  # fmt: skip
+COLUMNS = click.option("--columns", type=_FILE,
+                       help="What the logs' columns mean; a plain CSV needs none.")  # fmt: skip
+MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=True,
+                        required=True, help="Logs, one or more.")  # fmt: skip
+
+
+@click.command("init")
+@click.argument("path", type=_FILE)
+def init(path: Path) -> None:
+    """Write a first system, which runs as it is, to PATH.
+
+    \b
+    Example:
+        wakedeploy gap init my_robot.py
+    """
+    from wakedeploy.core.errors import UnusableInput
+    from wakedeploy.core.files import write_text_whole
+    from wakedeploy.gap.systems.template import template
+
+    if path.exists():
+        raise UnusableInput(f"{path} is there already; give another name.")
+    write_text_whole(path, template(path.stem))
+    click.echo(f"Wrote {path}. Next: wakedeploy gap check {path} --measured LOG")
+
+
+@click.command("check", cls=Many)
+@click.argument("system_path", type=click.Path(path_type=Path))
+@MEASURED
+@COLUMNS
+@json_option
+def check(
+    system_path: Path, measured: tuple[Path, ...], columns: Path | None, json_path: Path | None
+) -> None:
+    """Look at a system and its logs before any fit: what moves the outputs, and what looks alike.
+
+    \b
+    Example:
+        wakedeploy gap check my_robot.py --measured log.csv
+    """
+    from wakedeploy.gap.systems.checking import checked_base, column_notes, rows
+
+    model = open_model(system_path, measured, columns)
+    click.echo(
+        f"{model.name}: {len(model.logs)} logs, {sum(log.outputs.shape[1] for log in model.logs)} "
+        f"samples at {model.system.rate_hz:g} Hz, {model.episodes} blocks, "
+        f"{len(model.library)} effects"
+    )
+    for note in column_notes(model):
+        click.echo(f"  {note}")
+    with stages() as progress:
+        progress("fitting the noise")
+        base = checked_base(model)
+        progress("moving constants and effects")
+        told = rows(
+            model, base, lambda done, of: progress("moving constants and effects", done, of)
+        )
+    print_table(
+        "What they move, in standard deviations of the prediction errors",
+        ["constant or effect", "moves", "others held free", "looks like"],
+        [[r.name, f"{r.moved:.3g}", f"{r.left:.3g}", ", ".join(r.like)] for r in told],
+    )
+    if json_path:
+        write_json(json_path, {"rows": [vars(r) for r in told], "notes": column_notes(model)})
+
+
+@click.command("simulate", cls=Many)
+@SYSTEM
+@MEASURED
+@COLUMNS
+@click.option("--correction", type=_FILE, help="What `gap add` wrote; replayed with and without.")
+@json_option
+def simulate(
+    system_path: Path | None,
+    measured: tuple[Path, ...],
+    columns: Path | None,
+    correction: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Replay logs from their first sample and their inputs alone; print how far off each output is.
+
+    \b
+    Example:
+        wakedeploy gap simulate --system my_robot.py --measured log.csv
+        wakedeploy gap simulate --system my_robot.py --measured log.csv --correction correction.toml
+    """
+    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.simulation import replay_error
+
+    if system_path is None:
+        raise click.UsageError("Missing option '--system'.")
+    system = read_system(system_path)
+    better = None if correction is None else type(system).corrected(correction)
+    rows, told = [], {}
+    for recording in recordings(measured, columns, system):
+        plain = replay_error(system, recording)
+        after = {} if better is None else replay_error(better, recording)
+        told[recording.name] = {"without": plain, "with": after}
+        for output in system.outputs:
+            value = f"{after[output.name]:.4g}" if after else ""
+            row = [recording.name, output.name, f"{plain[output.name]:.4g}", value, output.unit]
+            rows.append(row)
+    print_table("rms error of the replay", ["log", "output", "without", "with", "unit"], rows)
+    if json_path:
+        write_json(json_path, told)
+
+
+def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
+    """A system and its logs."""
+    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.logs import LogModel
+
+    system = read_system(system_path)
+    return LogModel(system, recordings(measured, columns, system))
+
+
+def recordings(
+    measured: tuple[Path, ...], columns: Path | None, system: "System"
+) -> "list[Recording]":
+    """The logs, by `columns.toml`, or as CSV whose columns have the system's names."""
+    if columns is None:
+        from wakedeploy.gap.systems.loading import read_plain
+
+        return [read_plain(path, system) for path in measured]
+    reading = importlib.import_module("wakedeploy.domains.tables.reading")
+    stated = importlib.import_module("wakedeploy.domains.tables.columns").read_columns(columns)
+    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
+    return list(reading.read_recordings(list(measured), stated, units).recordings)
+
+
+def run_steps(
+    step: str,
+    system_path: Path,
+    measured: tuple[Path, ...],
+    columns: Path | None,
+    out: Path,
+    json_path: Path | None,
+) -> None:
+    """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
+    from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.report.system_page import write_page
+    from wakedeploy.gap.systems.own_folder import Folder
+
+    page: Path | None = None
+    out.mkdir(parents=True, exist_ok=True)
+    with at_work(out), stages() as progress:
+        progress("reading the logs")
+        folder = Folder(open_model(system_path, measured, columns), out, progress)
+        try:
+            told = folder.run(step)
+            if step in ("show", "close"):
+                progress("drawing the report")
+                page = write_page(told, out)
+        except KeyboardInterrupt:
+            click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
+            raise
+    _print(step, told)
+    if page is not None:
+        click.echo(f"Report: {page}")
+    if json_path:
+        write_json(json_path, told)
+
+
+def _print(step: str, told: dict[str, Any]) -> None:
+    from wakedeploy.gap.systems.words import sentences
+
+    for sentence in sentences(step, told):
+        click.echo(sentence)

@@ -1,0 +1,132 @@
+"""What was found, as a small TOML file that a system loads: `MyRobot.corrected("correction.toml")`.
+
+In: a fit and its model. Out: constants as they were fitted, effects with their parameters, and the
+usual sizes from the log, by which smooth signs and shapes are told.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import pydantic
+
+from wakedeploy.core.errors import UnusableInput, why
+from wakedeploy.core.files import text_of, toml_of, write_text_whole
+from wakedeploy.core.validation import first_problem
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.evidence.inference import Fit
+    from wakedeploy.gap.systems.logs import LogModel
+
+VERSION = 1
+_Finite = Annotated[float, pydantic.Field(allow_inf_nan=False)]
+
+
+class _Table(pydantic.BaseModel):
+    model_config = pydantic.ConfigDict(extra="forbid", frozen=True)
+
+
+class Named(_Table):
+    """An effect and its parameters by name."""
+
+    name: str
+    parameters: dict[str, _Finite]
+
+
+class Document(_Table):
+    """The file."""
+
+    version: int
+    system: str
+    sample_s: Annotated[float, pydantic.Field(gt=0)]
+    span_s: Annotated[float, pydantic.Field(gt=0)]
+    constants: dict[str, _Finite] = {}
+    form: dict[str, _Finite] = {}
+    sizes: dict[str, Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)]]
+    effect: tuple[Named, ...] = ()
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A correction of a system: values by the names that a fit has for them."""
+
+    document: Document
+
+    @property
+    def effects(self) -> tuple[str, ...]:
+        """The effects that act."""
+        return tuple(e.name for e in self.document.effect)
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Constants, the form term and the effects' parameters."""
+        told = {f"constant.{n}": v for n, v in self.document.constants.items()}
+        told |= {f"form.{n}": v for n, v in self.document.form.items()}
+        for effect in self.document.effect:
+            told |= {f"{effect.name}.{n}": v for n, v in effect.parameters.items()}
+        return told
+
+
+def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
+    """What a fit says, without its noise."""
+    values = model.values(fitted.hypothesis, fitted.theta)
+    document = Document(
+        version=VERSION,
+        system=model.system.name,
+        sample_s=model.dt_s,
+        span_s=model.span_s,
+        constants=_below(values, "constant."),
+        form=_below(values, "form."),
+        sizes=dict(model.sizes),
+        effect=tuple(Named(name=n, parameters=_below(values, f"{n}.")) for n in fitted.hypothesis),
+    )
+    return Correction(document)
+
+
+def write_correction(correction: Correction, path: Path) -> None:
+    """As TOML, for a person to read and a system to load."""
+    told = correction.document
+    lines = [
+        "# What the logs say about the system; `System.corrected` loads it.",
+        f"version = {told.version}",
+        f'system = "{told.system}"',
+        f"sample_s = {told.sample_s!r}",
+        f"span_s = {told.span_s!r}",
+    ]
+    for effect in told.effect:
+        lines += ["", "[[effect]]", f'name = "{effect.name}"']
+        lines += ["[effect.parameters]", *_lines(effect.parameters)]
+    for title, values in (
+        ("constants", told.constants),
+        ("form", told.form),
+        ("sizes", told.sizes),
+    ):
+        lines += ["", f"[{title}]", *_lines(values)]
+    write_text_whole(path, "\n".join(lines) + "\n")
+
+
+def read_correction(path: Path, system: str) -> Correction:
+    """A correction for the system of this name.
+
+    Raises UnusableInput for a file that is absent, damaged, or of another system.
+    """
+    try:
+        document = Document.model_validate(toml_of(text_of(path)))
+    except pydantic.ValidationError as error:
+        raise UnusableInput(f"{path}: {first_problem(error)}.") from error
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path}: {why(error)}; `gap add` writes a correction.") from error
+    if document.version != VERSION:
+        raise UnusableInput(f"{path}: version {document.version}; this program reads {VERSION}.")
+    if document.system != system:
+        raise UnusableInput(f"{path} corrects {document.system!r}, not {system!r}; give its own.")
+    return Correction(document)
+
+
+def _below(values: Mapping[str, float], prefix: str) -> dict[str, float]:
+    return {n.removeprefix(prefix): float(v) for n, v in values.items() if n.startswith(prefix)}
+
+
+def _lines(values: Mapping[str, float]) -> list[str]:
+    return [f'"{name}" = {value!r}' for name, value in values.items()]

@@ -1,0 +1,336 @@
+"""Kinds that act as a force on a state: friction, springs, drag, hysteresis and what couples.
+
+Each is written for one point and called with arrays; `at` is where the system is, `p` the
+parameters. Signs are smoothed over a hundredth of the usual speed, so that a filter can follow.
+"""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
+
+_STILL = 0.02  # share of the usual speed over which a sign turns
+_FORCE = {"force": 1}
+_ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
+_MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
+
+
+@dataclass(frozen=True)
+class At:
+    """Where a force acts: values of states by their part at the port, and the usual sizes."""
+
+    speed: FloatArray
+    position: FloatArray
+    height: FloatArray
+    force: FloatArray  # what the system itself computes there, without effects
+    other: FloatArray  # what a coupling comes from
+    own: tuple[FloatArray, ...]
+    sizes: Any
+
+    @property
+    def sign(self) -> FloatArray:
+        """Of the speed, smoothed."""
+        return np.asarray(np.tanh(self.speed / (_STILL * self.sizes["speed"])))
+
+
+class ForceKind(Kind):
+    """Acts as a force; positive along the speed."""
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """What acts beside the system's own forces."""
+        raise NotImplementedError
+
+    def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
+        """Derivatives of the kind's own states."""
+        return ()
+
+
+class Offset(ForceKind):
+    """A constant force."""
+
+    name = "offset"
+    equation = "F"
+    source = _MECHANICS
+    parameters = (Parameter("force", _FORCE, starts=(0.1, -0.1)),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """The same everywhere."""
+        return np.asarray(p["force"] + 0.0 * at.speed)
+
+
+class Viscous(ForceKind):
+    """Friction in proportion to speed."""
+
+    name = "viscous-friction"
+    equation = "−b v"
+    source = _ARMSTRONG
+    parameters = (Parameter("coefficient", {"force": 1, "speed": -1}),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Against the motion."""
+        return np.asarray(-p["coefficient"] * at.speed)
+
+
+class Coulomb(ForceKind):
+    """Friction that depends on the sign of speed alone."""
+
+    name = "coulomb-friction"
+    equation = "−F sign(v)"
+    source = _ARMSTRONG
+    parameters = (Parameter("force", _FORCE, low=0.0),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Against the motion."""
+        return np.asarray(-p["force"] * at.sign)
+
+
+class Stribeck(ForceKind):
+    """Dry friction that falls as motion begins."""
+
+    name = "stribeck-friction"
+    equation = "−F exp(−(v/speed)²) sign(v)"
+    source = _ARMSTRONG
+    parameters = (
+        Parameter("force", _FORCE, low=0.0),
+        Parameter("speed", {"speed": 1}, neutral=0.3, low=0.05, high=2.0, starts=(0.3,), prior=0.5),
+    )
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Against the motion, at small speeds only."""
+        return np.asarray(-p["force"] * np.exp(-((at.speed / p["speed"]) ** 2)) * at.sign)
+
+
+class Presliding(ForceKind):
+    """Dry friction that gives elastically before it slides."""
+
+    name = "pre-sliding-friction"
+    equation = "−F z, length z' = v − |v| z"
+    source = "Dahl, AIAA Journal 14, 1976"
+    own_states = 1
+    parameters = (
+        Parameter("force", _FORCE, low=0.0),
+        Parameter("length", {"position": 1}, neutral=0.03, low=0.002, high=2.0, starts=(0.03,),
+                  prior=0.1),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """What the bent bristles bear."""
+        return np.asarray(-p["force"] * at.own[0])
+
+    def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
+        """Of the bristles' bending, between −1 and 1."""
+        return ((at.speed - np.abs(at.speed) * at.own[0]) / p["length"],)
+
+
+class QuadraticDrag(ForceKind):
+    """Drag of a fluid."""
+
+    name = "quadratic-drag"
+    equation = "−k v |v|"
+    source = "Batchelor, An Introduction to Fluid Dynamics, 1967"
+    parameters = (Parameter("coefficient", {"force": 1, "speed": -2}),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Against the motion."""
+        return np.asarray(-p["coefficient"] * at.speed * np.abs(at.speed))
+
+
+class Stiffness(ForceKind):
+    """A spring."""
+
+    name = "stiffness"
+    equation = "−k x"
+    source = _MECHANICS
+    needs = ("position",)
+    parameters = (Parameter("stiffness", {"force": 1, "position": -1}),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Towards position 0."""
+        return np.asarray(-p["stiffness"] * at.position)
+
+
+class CubicStiffness(ForceKind):
+    """A spring that hardens or softens."""
+
+    name = "cubic-stiffness"
+    equation = "−k x³"
+    source = "Duffing, Erzwungene Schwingungen, 1918"
+    needs = ("position",)
+    parameters = (Parameter("coefficient", {"force": 1, "position": -3}, starts=(0.01, 0.1, 1.0)),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Towards position 0, much more from afar."""
+        return np.asarray(-p["coefficient"] * at.position**3)
+
+
+class SquareStiffness(ForceKind):
+    """A spring that differs to both sides."""
+
+    name = "square-stiffness"
+    equation = "−k x²"
+    source = "Nayfeh and Mook, Nonlinear Oscillations, 1979"
+    needs = ("position",)
+    parameters = (Parameter("coefficient", {"force": 1, "position": -2}, starts=(0.1, -0.1)),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """To one side, from both."""
+        return np.asarray(-p["coefficient"] * at.position**2)
+
+
+class Gravity(ForceKind):
+    """Weight at a turning axis."""
+
+    name = "gravity"
+    equation = "−s sin(angle) − c cos(angle)"
+    source = _MECHANICS
+    needs = ("position", "angle")
+    parameters = (
+        Parameter("sine", _FORCE, starts=(0.1, 1.0)),
+        Parameter("cosine", _FORCE, starts=(0.0, 0.0)),
+    )
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Towards where the weight hangs."""
+        return np.asarray(-p["sine"] * np.sin(at.position) - p["cosine"] * np.cos(at.position))
+
+
+class Periodic(ForceKind):
+    """A force that repeats along the way, as cogging."""
+
+    name = "periodic-force"
+    equation = "s sin(2π x/length) + c cos(2π x/length)"
+    source = "Hanselman, Brushless Motors, 2012"
+    needs = ("position",)
+    parameters = (
+        Parameter("sine", _FORCE, starts=(0.1,) * 6),
+        Parameter("cosine", _FORCE, starts=(0.1,) * 6),
+        Parameter("length", {"position": 1}, neutral=0.2, low=0.01, high=1.0, prior=0.3,
+                  starts=(0.03, 0.06, 0.1, 0.2, 0.35, 0.6)),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """A wave along the way."""
+        phase = 2.0 * np.pi * at.position / p["length"]
+        return np.asarray(p["sine"] * np.sin(phase) + p["cosine"] * np.cos(phase))
+
+
+class Hysteresis(ForceKind):
+    """A restoring force that remembers where the motion turned."""
+
+    name = "hysteresis"
+    equation = "−F z, length z' = v − |v| z − shape v |z|"
+    source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"
+    own_states = 1
+    parameters = (
+        Parameter("force", _FORCE, low=0.0, starts=(0.1, 1.0, 1.0)),
+        Parameter("length", {"position": 1}, neutral=0.3, low=0.02, high=5.0,
+                  starts=(0.3, 0.3, 1.0), prior=0.5),
+        Parameter("shape", {}, low=-2.0, high=2.0, starts=(0.3, -0.9, -0.9), prior=1.0),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """What the memory bears."""
+        return np.asarray(-p["force"] * at.own[0])
+
+    def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
+        """Of the memory."""
+        z, v = at.own[0], at.speed
+        return ((v - np.abs(v) * z - p["shape"] * v * np.abs(z)) / p["length"],)
+
+
+class AddedInertia(ForceKind):
+    """More mass moves than the model says."""
+
+    name = "added-inertia"
+    equation = "(1 + ratio) m a = F"
+    source = "Brennen, A Review of Added Mass, 1982"
+    needs = ("inertia",)
+    parameters = (Parameter("ratio", {}, low=-0.9, high=5.0, starts=(0.1, -0.1), prior=0.5),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """The part of the system's own force that no longer accelerates it."""
+        return np.asarray(-at.force * p["ratio"] / (1.0 + p["ratio"]))
+
+
+class GroundEffect(ForceKind):
+    """Lift near the ground."""
+
+    name = "ground-effect"
+    equation = "F exp(−height/reach)"
+    source = "Cheeseman and Bennett, ARC R&M 3021, 1957"
+    needs = ("height",)
+    parameters = (
+        Parameter("force", _FORCE, starts=(0.1, 1.0)),
+        Parameter("reach", {"height": 1}, neutral=0.3, low=0.02, high=3.0, starts=(0.3,),
+                  prior=0.5),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Upwards, and gone some way up."""
+        return np.asarray(p["force"] * np.exp(-np.maximum(at.height, 0.0) / p["reach"]))
+
+
+class UpperStop(ForceKind):
+    """An end stop, a rim, an overflow: beyond a limit a strong force acts back."""
+
+    name = "upper-stop"
+    equation = "−k max(x − limit, 0)"
+    source = "Hunt and Crossley, Journal of Applied Mechanics 42, 1975"
+    needs = ("position",)
+    parameters = (
+        Parameter("stiffness", {"force": 1, "position": -1}, low=0.0, high=1000.0,
+                  starts=(1.0, 1.0, 10.0, 10.0), prior=20.0),
+        Parameter("limit", {"position": 1}, neutral=0.8, low=-3.0, high=3.0,
+                  starts=(0.5, 0.8, 0.8, 0.95), prior=0.5),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Back from beyond the limit."""
+        return np.asarray(-p["stiffness"] * _softened(at.position - p["limit"], at))
+
+
+class LowerStop(ForceKind):
+    """The same, at the other end."""
+
+    name = "lower-stop"
+    equation = "k max(limit − x, 0)"
+    source = UpperStop.source
+    needs = ("position",)
+    parameters = (
+        UpperStop.parameters[0],
+        Parameter("limit", {"position": 1}, neutral=-0.8, low=-3.0, high=3.0,
+                  starts=(-0.5, 0.0, -0.8, -0.95), prior=0.5),
+    )  # fmt: skip
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """Back from beyond the limit."""
+        return np.asarray(p["stiffness"] * _softened(p["limit"] - at.position, at))
+
+
+class Coupling(ForceKind):
+    """A force in proportion to another input, or to another axis's motion."""
+
+    name = "coupling"
+    equation = "k (other)"
+    source = _MECHANICS
+    needs = ("other",)
+    parameters = (Parameter("coefficient", {"force": 1, "other": -1}, starts=(0.1, -0.1)),)
+
+    def force(self, at: At, p: Parameters) -> FloatArray:
+        """In proportion."""
+        return np.asarray(p["coefficient"] * at.other)
+
+
+def _softened(beyond: FloatArray, at: At) -> FloatArray:
+    """What exceeds 0, its corner rounded over a hundredth of the usual way."""
+    round_ = 0.01 * at.sizes["position"]
+    return np.asarray(0.5 * (beyond + np.sqrt(beyond**2 + round_**2)))
+
+
+KINDS = (
+    Offset(), Viscous(), Coulomb(), Stribeck(), Presliding(), QuadraticDrag(), Stiffness(),
+    CubicStiffness(), SquareStiffness(), Gravity(), Periodic(), Hysteresis(), AddedInertia(),
+    GroundEffect(), UpperStop(), LowerStop(), Coupling(),
+)  # fmt: skip

@@ -1,0 +1,244 @@
+"""Kinds that act on a logged input before it reaches the system.
+
+Each maps a whole column (n,) to another; the log's sample time is `dt_s`. They need no state in
+the filter, because what they act on was measured.
+"""
+
+import numpy as np
+from scipy.signal import lfilter
+
+from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
+from wakedeploy.physics.kalman import limited_rate, slack
+
+_LJUNG = "Ljung, System Identification, 1999"
+_OF_INPUT = {"input": 1}
+
+
+class InputKind(Kind):
+    """Acts on a column of the log."""
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """What reaches the system, (n,), of what was logged, (n,)."""
+        raise NotImplementedError
+
+
+class DeadTime(InputKind):
+    """The input acts later."""
+
+    name = "dead-time"
+    equation = "u(t − delay)"
+    source = _LJUNG
+    parameters = (
+        Parameter("delay_s", {"time": 1}, low=0.0, high=200.0, starts=(1.0, 3.0, 10.0, 30.0),
+                  step=0.02, prior=30.0),
+    )  # fmt: skip
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """The column, later by a time that need not be whole samples."""
+        return shifted(column, p["delay_s"] / dt_s)
+
+
+class Lag(InputKind):
+    """The input follows its command with one time constant."""
+
+    name = "lag"
+    equation = "tau u' + u = command"
+    source = _LJUNG
+    parameters = (
+        Parameter("tau_s", {"time": 1}, low=0.0, high=1000.0, starts=(1.0, 3.0, 10.0, 40.0),
+                  step=0.02, prior=50.0),
+    )  # fmt: skip
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Means over each sample of a first-order response to a held input."""
+        return lagged(column, p["tau_s"] / dt_s)
+
+
+class SecondOrderLag(InputKind):
+    """The input follows its command with two equal time constants."""
+
+    name = "second-order-lag"
+    equation = "tau² u'' + 2 tau u' + u = command"
+    source = _LJUNG
+    parameters = (
+        Parameter("tau_s", {"time": 1}, low=0.0, high=500.0, starts=(0.5, 2.0, 6.0, 20.0),
+                  step=0.02, prior=30.0),
+    )  # fmt: skip
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Two lags in series."""
+        return lagged(lagged(column, p["tau_s"] / dt_s), p["tau_s"] / dt_s)
+
+
+class RateLimit(InputKind):
+    """The input changes no faster than a limit."""
+
+    name = "rate-limit"
+    equation = "|u'| ≤ 1/slowness"
+    source = "Khalil, Nonlinear Systems, 2002"
+    parameters = (
+        Parameter("slowness", {"time": 1, "input": -1}, low=0.0, high=300.0,
+                  starts=(1.0, 4.0, 15.0), step=0.02, prior=30.0),
+    )  # fmt: skip
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Each sample as near as the limit lets it come."""
+        return np.asarray(limited_rate(column, dt_s / max(float(p["slowness"]), 1e-12)))
+
+
+class Hold(InputKind):
+    """The input is renewed once a period only."""
+
+    name = "sample-and-hold"
+    equation = "u(t) = command(period ⌊t/period⌋)"
+    source = "Åström and Wittenmark, Computer-Controlled Systems, 1997"
+    parameters = (
+        Parameter("period_s", {"time": 1}, low=0.0, high=200.0, scanned=(2, 3, 4, 5, 8, 10, 16, 20),
+                  starts=(), step=1.0, prior=20.0),
+    )  # fmt: skip
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """The newest of the renewed samples; between two whole periods a blend of both."""
+        period = max(float(p["period_s"]) / dt_s, 1.0)
+        at = np.arange(len(column))
+        whole, part = int(period), period - int(period)
+        held = column[(at // whole) * whole]
+        return np.asarray((1.0 - part) * held + part * column[(at // (whole + 1)) * (whole + 1)])
+
+
+class Quantisation(InputKind):
+    """The input has steps."""
+
+    name = "quantisation"
+    equation = "u = step · round(command/step)"
+    source = "Widrow and Kollár, Quantization Noise, 2008"
+    parameters = (
+        Parameter("step", _OF_INPUT, low=0.0, high=4.0, starts=(0.2, 0.5, 1.0), step=0.02),
+    )
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Rounded to whole steps."""
+        step = float(p["step"])
+        return column if step < 1e-12 else np.asarray(step * np.round(column / step))
+
+
+class DeadBand(InputKind):
+    """Small inputs do nothing, larger ones act less."""
+
+    name = "dead-band"
+    equation = "sign(u) max(|u| − half_width, 0)"
+    source = "Khalil, Nonlinear Systems, 2002"
+    parameters = (
+        Parameter("half_width", _OF_INPUT, low=0.0, high=2.0, starts=(0.05, 0.3), prior=0.5),
+    )
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """What exceeds the band."""
+        return np.asarray(np.sign(column) * np.maximum(np.abs(column) - p["half_width"], 0.0))
+
+
+class Backlash(InputKind):
+    """The input has to take up a play when it turns."""
+
+    name = "backlash"
+    equation = "u follows its command at ± width/2"
+    source = "Nordin and Gutman, Automatica 38, 2002"
+    parameters = (Parameter("width", _OF_INPUT, low=0.0, high=4.0, starts=(0.05, 0.3), prior=0.5),)
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Pushed along by the edges of the play."""
+        return np.asarray(slack(column, 0.5 * max(float(p["width"]), 0.0)))
+
+
+class Saturation(InputKind):
+    """Large inputs are cut."""
+
+    name = "saturation"
+    equation = "clip(u) at the largest logged |u| less cut"
+    source = "Khalil, Nonlinear Systems, 2002"
+    parameters = (Parameter("cut", _OF_INPUT, low=0.0, high=4.0, starts=(0.1, 0.5), prior=1.0),)
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Clipped on both sides."""
+        limit = max(float(np.max(np.abs(column))) - float(p["cut"]), 0.0)
+        return np.clip(column, -limit, limit)
+
+
+class Gain(InputKind):
+    """The input acts more, or less, than it says."""
+
+    name = "gain"
+    equation = "(1 + error) u"
+    source = _LJUNG
+    parameters = (Parameter("error", {}, low=-1.0, high=3.0, starts=(0.1, -0.1), prior=0.5),)
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Scaled."""
+        return np.asarray((1.0 + p["error"]) * column)
+
+
+class Bias(InputKind):
+    """The input is off by a constant."""
+
+    name = "bias"
+    equation = "u + bias"
+    source = _LJUNG
+    parameters = (Parameter("bias", _OF_INPUT, starts=(0.1, -0.1), prior=1.0),)
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Moved."""
+        return np.asarray(column + p["bias"])
+
+
+class Drift(InputKind):
+    """The input's gain changes with time, as with a battery."""
+
+    name = "drift"
+    equation = "(1 + rate t) u"
+    source = _LJUNG
+    parameters = (
+        Parameter("rate", {"span": -1}, low=-1.0, high=3.0, starts=(0.1, -0.1), prior=0.5),
+    )
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Scaled by a line over time, 1 at the beginning of the log."""
+        return np.asarray((1.0 + p["rate"] * dt_s * np.arange(len(column))) * column)
+
+
+class Asymmetry(InputKind):
+    """Inputs of one sign act more than those of the other."""
+
+    name = "asymmetry"
+    equation = "u + error |u|"
+    source = "Nordin and Gutman, Automatica 38, 2002"
+    parameters = (Parameter("error", {}, low=-1.0, high=1.0, starts=(0.1, -0.1), prior=0.3),)
+
+    def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """The part that changes with the sign added."""
+        return np.asarray(column + p["error"] * np.abs(column))
+
+
+def shifted(column: FloatArray, samples: float) -> FloatArray:
+    """A held column (n,), later by a number of samples: its mean over each sample, exactly."""
+    whole = int(np.floor(samples))
+    part = float(samples) - whole
+    at = np.arange(len(column)) - whole
+    newer = column[np.clip(at, 0, len(column) - 1)]
+    return np.asarray((1.0 - part) * newer + part * column[np.clip(at - 1, 0, len(column) - 1)])
+
+
+def lagged(column: FloatArray, samples: float) -> FloatArray:
+    """The mean over each sample of a first-order response to a held column (n,)."""
+    if samples < 1e-3:
+        return column
+    keep = float(np.exp(-1.0 / samples))
+    share = samples * (1.0 - keep)  # of where a sample begins, in its mean
+    ends, _ = lfilter([1.0 - keep], [1.0, -keep], column, zi=[keep * column[0]])
+    begins = np.concatenate([column[:1], ends[:-1]])
+    return np.asarray(column + share * (begins - column))
+
+
+KINDS = (
+    DeadTime(), Lag(), SecondOrderLag(), RateLimit(), Hold(), Quantisation(), DeadBand(),
+    Backlash(), Saturation(), Gain(), Bias(), Drift(), Asymmetry(),
+)  # fmt: skip

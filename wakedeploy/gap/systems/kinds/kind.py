@@ -1,0 +1,84 @@
+"""What every kind of effect has: a name, an equation, parameters with sizes, and a source."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.gap.evidence.inference import Free
+
+FloatArray = npt.NDArray[np.float64]
+Parameters = Mapping[str, Any]  # by name, arrays that broadcast against the states
+
+
+@dataclass(frozen=True)
+class Scales:
+    """How large things are at a port, from the log: sizes, units, and the time between samples.
+
+    `sizes` and `units` are by what a parameter is made of: "input", "output", "constant", "force",
+    "speed", "position", "height", "other", "time", "span" (of an uninterrupted log).
+    """
+
+    sizes: Mapping[str, float]
+    units: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A parameter of a kind: `neutral`, bounds and starts in multiples of its usual size.
+
+    The usual size is `share` times a product of the port's scales, as `of` says: a viscous
+    coefficient is {"force": 1, "speed": -1}. A size whose neutral value is not 0 is a shape.
+    """
+
+    name: str
+    of: Mapping[str, int]
+    share: float = 1.0
+    neutral: float = 0.0
+    low: float = -30.0
+    high: float = 30.0
+    starts: tuple[float, ...] = (0.1, 1.0)
+    scanned: tuple[float, ...] = ()
+    step: float = 1e-3
+    prior: float = 2.0
+
+    def size(self, scales: Scales) -> float:
+        """The usual size, in the parameter's unit."""
+        return self.share * math.prod(scales.sizes[k] ** p for k, p in self.of.items())
+
+    def unit(self, scales: Scales) -> str:
+        """The unit, put together from those of the port."""
+        over = [scales.units[k] + _power(p) for k, p in self.of.items() if p > 0]
+        under = [scales.units[k] + _power(-p) for k, p in self.of.items() if p < 0]
+        over, under = [u for u in over if u != "1"], [u for u in under if u != "1"]
+        top = " ".join(over) or "1"
+        if not under:
+            return top
+        return f"{top}/{under[0]}" if len(under) == 1 else f"{top}/({' '.join(under)})"
+
+    def free(self, effect: str, scales: Scales) -> Free:
+        """As a fit sees it."""
+        size = self.size(scales)
+        starts = tuple(s * size for s in (*self.starts, *self.scanned))
+        ends = self.low * size, self.high * size
+        name, unit = f"{effect}.{self.name}", self.unit(scales)
+        neutral = self.neutral * size
+        return Free(name, unit, neutral, self.prior * size, *ends, self.step * size, starts)
+
+
+class Kind:
+    """A kind of effect. `equation` is for a person, `source` says where it is from."""
+
+    name: ClassVar[str]
+    equation: ClassVar[str]
+    source: ClassVar[str]
+    parameters: ClassVar[tuple[Parameter, ...]]
+    own_states: ClassVar[int] = 0
+    needs: ClassVar[tuple[str, ...]] = ()  # of a port: "position", "height", "inertia", "angle"
+
+
+def _power(exponent: int) -> str:
+    return {1: "", 2: "²", 3: "³"}.get(exponent, f"^{exponent}")

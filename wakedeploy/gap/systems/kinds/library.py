@@ -1,0 +1,162 @@
+"""The effects that a system may lack: every kind at every port where it makes sense.
+
+An effect's name is `kind@port`, as `coulomb-friction@speed_mps`; a coupling says what it comes
+from: `coupling-from-voltage_v@speed_mps`.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.systems.kinds import forces, inputs, sensors
+from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
+from wakedeploy.gap.systems.system import Port, System
+
+_ANGLES = ("rad",)
+_BY_ROLE: dict[str, tuple[Kind, ...]] = {
+    "input": inputs.KINDS,
+    "force": forces.KINDS,
+    "output": sensors.OUTPUT_KINDS,
+    "constant": sensors.CONSTANT_KINDS,
+}
+
+
+def custom_kind(port: Port) -> Kind:
+    """A kind of the user's own, from `Port.custom`."""
+    parameters = tuple(Parameter(name, {f"own {name}": 1}) for name in port.parameters)
+    stated = {"name": port.name, "parameters": parameters, "source": "the system's file"}
+    stated["equation"] = "as the system's file has it"
+    kind: Kind = type("Custom", (Kind,), stated)()
+    return kind
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """A kind at a port of a system; `other` is the input or state that a coupling comes from."""
+
+    name: str
+    kind: Kind
+    port: Port
+    scales: Scales
+    other: str = ""
+
+    @property
+    def free(self) -> tuple[Free, ...]:
+        """Its parameters as a fit sees them."""
+        return tuple(p.free(self.name, self.scales) for p in self.kind.parameters)
+
+    @property
+    def own_states(self) -> tuple[str, ...]:
+        """Names of the states that it adds."""
+        return tuple(f"{self.name}.state{i}" for i in range(self.kind.own_states))
+
+    def parameters(self, values: Mapping[str, object]) -> dict[str, object]:
+        """Its own out of all values, by the names that its kind has for them."""
+        return {p.name: values[f"{self.name}.{p.name}"] for p in self.kind.parameters}
+
+
+def kind_named(role: str, name: str) -> Kind:
+    """A kind by its name; UnusableInput for one that the role does not have."""
+    for kind in _BY_ROLE[role]:
+        if kind.name == name:
+            return kind
+    known = ", ".join(k.name for k in _BY_ROLE[role])
+    raise UnusableInput(f"no kind {name!r} for an {role} port; there are: {known}.")
+
+
+def offered(
+    system: System, sizes: Mapping[str, float], times: tuple[float, float]
+) -> dict[str, Effect]:
+    """Every effect by name. `sizes` are usual sizes of inputs, states, outputs and rates (`d x`).
+
+    `times` are the time between samples and the length of a log [s].
+    """
+    found: dict[str, Effect] = {}
+    for port in system.ports:
+        scales = _scales(system, port, sizes, times)
+        for kind in _kinds(system, port):
+            for other in _others(system, port, kind):
+                suffix = f"-from-{other}" if other else ""
+                name = f"{kind.name}{suffix}@{port.name}"
+                if port.role == "custom":
+                    name = port.name
+                found[name] = Effect(name, kind, port, _beside(scales, system, sizes, other), other)
+    return found
+
+
+def _kinds(system: System, port: Port) -> tuple[Kind, ...]:
+    if port.role == "custom":
+        return (custom_kind(port),)
+    for name in port.kinds:
+        kind_named(port.role, name)
+    return tuple(
+        kind
+        for kind in _BY_ROLE[port.role]
+        if (not port.kinds or kind.name in port.kinds) and _makes_sense(system, port, kind)
+    )
+
+
+def _makes_sense(system: System, port: Port, kind: Kind) -> bool:
+    angle = bool(port.position) and system.states[port.position] in _ANGLES
+    there = {"position": bool(port.position), "height": bool(port.height), "angle": angle}
+    there |= {"inertia": bool(port.inertia), "other": True}
+    if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
+        return system.constant(port.name).spread != float("inf")
+    return all(there[need] for need in kind.needs)
+
+
+def _others(system: System, port: Port, kind: Kind) -> tuple[str, ...]:
+    """What a coupling may come from: inputs and other axes that do not drive this state yet."""
+    if "other" not in kind.needs:
+        return ("",)
+    axes = [p for p in system.ports if p.role == "force" and p.name != port.name]
+    states = [n for p in axes for n in (p.position, p.name) if n]
+    names = [*(i.name for i in system.inputs), *states]
+    return tuple(n for n in dict.fromkeys(names) if n not in system.drivers(port.name))
+
+
+def _scales(
+    system: System, port: Port, sizes: Mapping[str, float], times: tuple[float, float]
+) -> Scales:
+    dt_s, span_s = times
+    there = {"time": dt_s, "span": span_s}
+    units = {"time": "s", "span": "s"}
+    if port.role == "input":
+        there["input"] = sizes[port.name]
+        units["input"] = next(i.unit for i in system.inputs if i.name == port.name)
+    elif port.role == "output":
+        there["output"] = sizes[f"y {port.name}"]
+        units["output"] = next(o.unit for o in system.outputs if o.name == port.name)
+    elif port.role == "force":
+        inertia = abs(system.constant(port.inertia).value) if port.inertia else 1.0
+        there |= {"force": inertia * sizes[f"d {port.name}"], "speed": sizes[port.name]}
+        units |= {"force": force_unit(system, port), "speed": system.states[port.name]}
+        for part, name in (("position", port.position), ("height", port.height)):
+            if name:
+                there[part], units[part] = sizes[name], system.states[name]
+        if "position" not in there:
+            there["position"] = there["speed"] * 10.0 * dt_s
+            units["position"] = f"{units['speed']} s"
+    for name, (unit, size) in port.parameters.items():
+        there[f"own {name}"], units[f"own {name}"] = size, unit
+    return Scales(there, units)
+
+
+def _beside(scales: Scales, system: System, sizes: Mapping[str, float], other: str) -> Scales:
+    if not other:
+        return scales
+    units = {i.name: i.unit for i in system.inputs} | dict(system.states)
+    return Scales({**scales.sizes, "other": sizes[other]}, {**scales.units, "other": units[other]})
+
+
+def force_unit(system: System, port: Port) -> str:
+    """The unit of a force at the port, from those of its inertia and its speed."""
+    if port.unit:
+        return port.unit
+    rate = f"{system.states[port.name]}/s"
+    if not port.inertia:
+        return {"m/s/s": "m/s²", "rad/s/s": "rad/s²"}.get(rate, rate)
+    inertia = system.unit_of_constant(port.inertia)
+    known = {("kg", "m/s/s"): "N", ("kg m²", "rad/s/s"): "N m", ("kg m^2", "rad/s/s"): "N m"}
+    return known.get((inertia, rate), f"{inertia} {rate}")

@@ -1,0 +1,87 @@
+"""A user's system, from a Python file: `my_robot.py`, or `my_robot.py:Robot` for one of several."""
+
+import importlib.util
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput, one_line
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.system import System, checked
+
+
+def read_system(place: str | Path) -> System:
+    """The system that a file defines, checked.
+
+    Raises UnusableInput for a file that is absent, does not run, or defines no system or several
+    (then `FILE:CLASS` says which).
+    """
+    path, _, wanted = str(place).partition(".py:")
+    file = Path(f"{path}.py" if wanted else path)
+    found = _systems(_module(file))
+    if wanted and wanted not in found:
+        raise UnusableInput(f"{file}: no system {wanted!r}; there are: {', '.join(found)}.")
+    if not found:
+        raise UnusableInput(f"{file}: no class derived from System; write one, see `gap init`.")
+    if not wanted and len(found) > 1:
+        raise UnusableInput(f"{file} has the systems {', '.join(found)}; give {file}:NAME.")
+    return checked(found[wanted or next(iter(found))]())
+
+
+def read_plain(path: Path, system: System) -> Recording:
+    """A CSV file whose columns have the system's names, and a `time_s` that rises evenly.
+
+    Raises UnusableInput for a file that is not so; a `columns.toml` then says what it holds.
+    """
+    try:
+        with path.open(encoding="utf-8") as file:
+            names = [n.strip().strip('"') for n in file.readline().split(",")]
+            table = np.genfromtxt(file, delimiter=",", ndmin=2)
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path}: {one_line(error)}; give a CSV file with a header.") from error
+    if "time_s" not in names or table.shape[1:] != (len(names),):
+        raise UnusableInput(
+            f"{path}: no CSV with a time_s among {len(names)} columns; say by --columns what it "
+            "holds."
+        )
+    columns = dict(zip(names, table.T, strict=True))
+    time_s = columns.pop("time_s")
+    steps = np.diff(time_s)
+    if len(steps) < 1 or not np.all(np.abs(steps - np.median(steps)) < 0.5 * np.median(steps)):
+        raise UnusableInput(
+            f"{path}: time_s does not rise evenly; say by --columns how to resample it."
+        )
+    even = time_s[0] + np.median(steps) * np.arange(len(time_s))
+    return Recording(path.stem, even, columns)
+
+
+def _module(file: Path) -> ModuleType:
+    if not file.is_file():
+        raise UnusableInput(
+            f"{file}: no such file; `wakedeploy gap init {file}` writes a first one."
+        )
+    spec = importlib.util.spec_from_file_location(f"system_{file.stem}", file)
+    if spec is None or spec.loader is None:
+        raise UnusableInput(f"{file} is no Python file; give one that ends in .py.")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module.__name__] = module
+    try:
+        spec.loader.exec_module(module)
+    except SyntaxError as error:
+        raise UnusableInput(f"{file}, line {error.lineno}: {error.msg}.") from error
+    except Exception as error:  # whatever the user's file raises
+        raise UnusableInput(f"{file}: {type(error).__name__}: {one_line(error)}.") from error
+    return module
+
+
+def _systems(module: ModuleType) -> dict[str, type[System]]:
+    """Classes that the file itself defines, in its order."""
+    return {
+        name: value
+        for name, value in vars(module).items()
+        if isinstance(value, type)
+        and issubclass(value, System)
+        and value.__module__ == module.__name__
+    }

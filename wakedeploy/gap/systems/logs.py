@@ -1,0 +1,305 @@
+"""Logs of any system as a `Model`: what is free in every hypothesis, and how likely blocks are.
+
+In: a `System` and recordings. Out: scores of blocks under hypotheses, many parameter sets at once.
+Free in every hypothesis, the base included: noise of sensors and of rates,
+clocks within a sample, constants within their spreads, and a small smooth error of each rate's form
+(Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
+"""
+
+import functools
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from scipy.signal import savgol_filter
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.filtering import Filter, Run, Start
+from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.pieces import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.response import Record
+from wakedeploy.gap.systems.system import Point, System
+
+SEALED_SHARE = 0.25
+_USUAL = 0.98  # quantile of what is usual
+_SMOOTHED = 11  # samples, for a first guess of speeds
+_FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
+_LN_SD = 2.0
+
+
+class LogModel:
+    """A system, its logs, and the effects that it may lack.
+
+    `channels` are the outputs with their units; an episode is a block of a log.
+    """
+
+    def __init__(
+        self, system: System, recordings: Sequence[Recording], outliers: float | None = None
+    ) -> None:
+        self.system, self.name = system, system.name
+        self.logs = logs_of(system, recordings)
+        self.blocks = blocks_of(self.logs)
+        self.dt_s = 1.0 / system.rate_hz
+        self.channels = tuple((o.name, o.unit) for o in system.outputs)
+        self._kinematic = system.kinematic()
+        guessed = [self._guessed(log) for log in self.logs]
+        self.sizes = self._sizes(guessed)
+        self.driven = self._driven()
+        spread = self._start_spread()
+        self._starts = [Start(g, spread) for g in guessed]
+        self.span_s = max(log.outputs.shape[1] for log in self.logs) * self.dt_s
+        self.library = offered(system, self.sizes, (self.dt_s, self.span_s))
+        self.effects = {name: effect.free for name, effect in self.library.items()}
+        share = system.outlier_share if outliers is None else outliers
+        self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
+        self.records = [self._record(b) for b in self.blocks]
+
+    @property
+    def episodes(self) -> int:
+        """How many blocks there are."""
+        return len(self.blocks)
+
+    @property
+    def horizon(self) -> int:
+        """Samples over which a forecast goes."""
+        if self.system.forecast_s is not None:
+            return max(round(self.system.forecast_s / self.dt_s), 1)
+        shortest = min(b.stop - b.start for b in self.blocks)
+        return int(np.clip(shortest // 4, _FORECAST, _LONGEST_FORECAST))
+
+    def sealed(self) -> tuple[int, ...]:
+        """The last quarter of the blocks, one after another: excitations may repeat."""
+        count = max(round(SEALED_SHARE * self.episodes), 1)
+        return tuple(range(self.episodes - count, self.episodes))
+
+    def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
+        """Noise, clocks, constants, form, and the effects' parameters."""
+        own = tuple(f for effect in hypothesis for f in self.effects[effect])
+        return (*self._nuisances, *own)
+
+    def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
+        """Parameters by name."""
+        names = (f.name for f in self.free(hypothesis))
+        return dict(zip(names, map(float, theta), strict=True))
+
+    def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
+        """One block under one parameter set."""
+        return self.scores(hypothesis, np.asarray(theta)[None], (episode,))[0][0]
+
+    def scores(
+        self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
+    ) -> list[tuple[Score, ...]]:
+        """Blocks under parameter sets (K, p): for each set a score of each block."""
+        run = self.run(hypothesis, thetas, episodes)
+        return [
+            tuple(self._scored(run, k, i, episode) for i, episode in enumerate(episodes))
+            for k in range(len(thetas))
+        ]
+
+    def run(self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]) -> Run:
+        """The filter over some blocks."""
+        names = [f.name for f in self.free(hypothesis)]
+        values = dict(zip(names, np.asarray(thetas, dtype=float).T, strict=True))
+        with np.errstate(all="ignore"):
+            return self.filter.run(self.acting(hypothesis), values, episodes)
+
+    def acting(self, hypothesis: Hypothesis) -> Acting:
+        """The system with a hypothesis's effects."""
+        for name in hypothesis:
+            if name not in self.library:
+                known = ", ".join(self.library) or "none"
+                raise UnusableInput(f"{self.name}: no effect {name!r}; there are: {known}.")
+        effects = [self.library[name] for name in hypothesis]
+        return Acting(self.system, effects, self.sizes, self.driven)
+
+    def disagreement(self, values: Mapping[str, float], episode: int) -> FloatArray:
+        """Measured less forecast (m, n) of a block, 0 where nothing is forecast."""
+        acting = {n.rsplit(".", 1)[0] for n in values}
+        hypothesis = tuple(n for n in self.library if n in acting)
+        return np.nan_to_num(self._forecast(hypothesis, values, (episode,))[0])
+
+    def disagreements(self, fitted: Fit, episodes: Sequence[int]) -> list[FloatArray]:
+        """Measured less forecast (m, n) of blocks, NaN where nothing is forecast."""
+        values = self.values(fitted.hypothesis, fitted.theta)
+        return self._forecast(fitted.hypothesis, values, episodes)
+
+    def _forecast(
+        self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
+    ) -> list[FloatArray]:
+        sets = {n: np.array([v]) for n, v in values.items()}
+        with np.errstate(all="ignore"):
+            return self.filter.forecasts(self.acting(hypothesis), sets, episodes, self.horizon)
+
+    def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
+        """Where a sample lies: time, inputs, and the states that outputs show."""
+        block = self.blocks[episode]
+        cut = slice(block.start, block.stop)
+        told: dict[str, tuple[str, FloatArray]] = {"time": ("s", self._time_s(block))}
+        for i, stated in enumerate(self.system.inputs):
+            told[stated.name] = (stated.unit, self.logs[block.log].inputs[i, cut])
+        states = self._starts[block.log].states
+        for i, (name, unit) in enumerate(self.system.states.items()):
+            if np.ptp(states[i]) > 0.0:
+                told[name] = (unit, states[i, cut])
+        return told
+
+    def noise_time_s(self, fitted: Fit, channel: int) -> float:
+        """How long what is left may keep its sign: a forecast's length."""
+        return self.horizon * self.dt_s
+
+    def _scored(self, run: Run, k: int, place: int, episode: int) -> Score:
+        """One block's part of a run, channel after channel, each with all samples of the block."""
+        block = self.blocks[episode]
+        n, m = block.stop - block.start, len(self.channels)
+        told = np.zeros((4, m, n))
+        told[1] = 1.0
+        for s in np.flatnonzero(run.pieces.block == place):
+            inside = run.pieces.scored[:, s]
+            at = run.pieces.sample[inside, s] - block.start
+            told[:, :, at] = np.moveaxis(run.told[:, :, :, k, s][:, inside], 1, 2)
+        innovation, variance, density, weight = told.reshape(4, m * n)
+        return Score(density, innovation, variance, weight)
+
+    @functools.cached_property
+    def _nuisances(self) -> tuple[Free, ...]:
+        return (*self._noise(), *self._clocks(), *self._constants(), *self._form())
+
+    def _noise(self) -> list[Free]:
+        """Logarithms of the noise of sensors and of driven states' rates."""
+        told = []
+        for output in self.system.outputs:
+            size = self.sizes[f"y {output.name}"]
+            guess = float(np.log(output.noise or 0.01 * size))
+            name, bounds = f"noise.{output.name}", (guess - 12.0, float(np.log(10.0 * size)))
+            told.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
+        for name in self.driven:
+            rate = self.sizes[f"d {name}"]
+            guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
+            unit = f"{self.system.states[name]}/s"
+            bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
+            told.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
+        return told
+
+    def _clocks(self) -> list[Free]:
+        """An input may act up to half a sample sooner or later than its row says."""
+        half = 0.5 * self.dt_s
+        return [
+            Free(f"clock.{i.name}", "s", 0.0, half / 3.0**0.5, -half, half, 0.02 * self.dt_s)
+            for i in self.system.inputs
+        ]
+
+    def _constants(self) -> list[Free]:
+        told = []
+        for c in self.system.constants:
+            if c.spread > 0.0:
+                step = 1e-3 * (abs(c.value) or 1.0)
+                if np.isfinite(c.spread):
+                    step = 0.02 * c.spread
+                name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
+                told.append(Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name))
+        return told
+
+    def _form(self) -> list[Free]:
+        """Bumps of the model-form term, where the log has been."""
+        told = []
+        for name in self.driven:
+            i = list(self.system.states).index(name)
+            at = np.concatenate([s.states[i] for s in self._starts]) / self.sizes[name]
+            low, high = at.min() - 0.4, at.max() + 0.4
+            for k, centre in enumerate(BUMPS):
+                if low <= centre <= high:
+                    told.append(
+                        Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002)
+                    )
+        return told
+
+    def _guessed(self, log: Log) -> FloatArray:
+        """States (n, N) as far as outputs, their slopes and the user's `start` tell."""
+        smooth = {
+            o.name: _smoothed(_filled(values))
+            for o, values in zip(self.system.outputs, log.outputs, strict=True)
+        }
+        shown = {n: v for n, v in smooth.items() if n in self.system.states}
+        known: dict[str, FloatArray] = dict(shown)
+        for _ in self.system.states:
+            for name, other in self._kinematic.items():
+                if name in known and other not in known:
+                    known[other] = _smoothed(np.gradient(known[name], self.dt_s))
+        told = self.system.start(Point("output", smooth))
+        for name, value in told.items():
+            if name not in self.system.states:
+                raise UnusableInput(
+                    f"{self.name}.start returns {name!r}, which is no state; there are: "
+                    f"{', '.join(self.system.states)}."
+                )
+            known[name] = np.broadcast_to(np.asarray(value, dtype=float), log.outputs.shape[1:])
+        zero = np.zeros(log.outputs.shape[1])
+        return np.array([known.get(n, zero) for n in self.system.states])
+
+    def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
+        """Usual sizes of inputs, states, outputs (`y …`) and rates (`d …`)."""
+        states = np.concatenate(guessed, axis=1)
+        inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
+        outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
+        sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
+        sizes |= {
+            f"y {o.name}": _usual(row - np.nanmean(row))
+            for o, row in zip(self.system.outputs, outputs, strict=True)
+        }
+        first = max(sizes[f"y {o.name}"] for o in self.system.outputs)
+        for name, row in zip(self.system.states, states, strict=True):
+            unknown = self.system.start_spread.get(name, first)
+            sizes[name] = _usual(row) if np.ptp(row) > 0.0 else float(unknown)
+        rates = self._rates(states, inputs)
+        for i, name in enumerate(self.system.states):
+            moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
+            size = float(np.sqrt(np.mean(rates[i] ** 2)))
+            sizes[f"d {name}"] = size if size > 0.0 and np.isfinite(size) else _usual(moved)
+        return sizes
+
+    def _rates(self, states: FloatArray, inputs: FloatArray) -> FloatArray:
+        """What the model says about the rates along the log, (n, N)."""
+        state = Point("state", dict(zip(self.system.states, states, strict=True)))
+        names = [i.name for i in self.system.inputs]
+        driven = Point("input", dict(zip(names, inputs, strict=True)))
+        with np.errstate(all="ignore"):
+            told = self.system.rates(state, driven, self.system.values())
+        rates = np.array([np.broadcast_to(v, states.shape[1:]) for v in told.values()])
+        return (rates - states) / self.dt_s if self.system.has_step else rates
+
+    def _driven(self) -> tuple[str, ...]:
+        """States whose rates are noisy: all but pure integrals, or said to be exact."""
+        exact = {n for n, size in self.system.process_noise.items() if size == 0.0}
+        return tuple(n for n in self.system.states if n not in self._kinematic and n not in exact)
+
+    def _start_spread(self) -> FloatArray:
+        own = self.system.start_spread
+        return np.array([own.get(n, self.sizes[n]) for n in self.system.states], dtype=float)
+
+    def _time_s(self, block: Block) -> FloatArray:
+        return np.asarray(self.dt_s * np.arange(block.start, block.stop), dtype=np.float64)
+
+    def _record(self, block: Block) -> Record:
+        cut = slice(block.start, block.stop)
+        return Record(block.name, self._time_s(block), self.logs[block.log].outputs[:, cut])
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """Gaps bridged by straight lines."""
+    known = np.isfinite(values)
+    at = np.arange(len(values))
+    return np.asarray(np.interp(at, at[known], values[known]))
+
+
+def _smoothed(values: FloatArray) -> FloatArray:
+    if len(values) < _SMOOTHED:
+        return values
+    return np.asarray(savgol_filter(values, _SMOOTHED, 2))
+
+
+def _usual(values: FloatArray) -> float:
+    """The size that is seldom exceeded; 1 for what is always 0."""
+    size = float(np.nanquantile(np.abs(values), _USUAL))
+    return size if size > 0.0 else float(np.nanmax(np.abs(values))) or 1.0

@@ -1,0 +1,40 @@
+"""A system replayed along a recording, with what a correction says where it has one."""
+
+import numpy as np
+
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.systems.acting import Acting
+from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.system import System
+
+
+def simulated(system: System, recording: Recording) -> dict[str, FloatArray]:
+    """States and outputs by name, (n,) each, from the recording's first sample and its inputs."""
+    model = LogModel(system, [recording])
+    acting, values = _acting(model)
+    states, shown = model.filter.free_run(acting, {n: np.array([v]) for n, v in values.items()})
+    told = dict(zip(acting.system.states, states, strict=False))
+    return told | {o.name: shown[i] for i, o in enumerate(system.outputs)}
+
+
+def replay_error(system: System, recording: Recording) -> dict[str, float]:
+    """Root mean square of measured less simulated, by output."""
+    told = simulated(system, recording)
+    logged = LogModel(system, [recording]).logs[0].outputs
+    return {
+        o.name: float(np.sqrt(np.nanmean((logged[i] - told[o.name]) ** 2)))
+        for i, o in enumerate(system.outputs)
+    }
+
+
+def _acting(model: LogModel) -> tuple[Acting, dict[str, float]]:
+    correction = model.system.correction
+    if correction is None:
+        return Acting(model.system, (), model.sizes), {"nothing": 0.0}
+    told = correction.document
+    library = offered(model.system, told.sizes, (told.sample_s, told.span_s))
+    effects = [library[name] for name in correction.effects]
+    form = sorted({name.rsplit(".", 1)[0] for name in told.form})
+    return Acting(model.system, effects, told.sizes, form), correction.values

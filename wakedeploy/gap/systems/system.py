@@ -1,0 +1,459 @@
+"""A system as its user writes it: inputs, states, outputs, constants, ports and one function.
+
+In: a class of about twenty lines, derived from `System`. Out: the same, checked by name and tried
+once. Its functions are written for one point; they are called with arrays whose leading axes are
+batches, so they use numpy alone. `loading` reads such a class from a file.
+"""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeVar
+
+import numpy as np
+import numpy.typing as npt
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.core.units import unit_of
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.correction import Correction
+
+_System = TypeVar("_System", bound="System")
+
+FloatArray = npt.NDArray[np.float64]
+Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
+
+ROLES = ("input", "force", "output", "constant", "custom")
+_HOLDS = ("step", "linear")
+_FARTHEST = 1e3  # how many times its value a constant without bounds may become
+
+
+@dataclass(frozen=True)
+class Input:
+    """A logged column that drives the system.
+
+    `hold` says what the input does between two samples: "step" keeps the older one, as a digital
+    controller does; "linear" goes straight to the next, as a sampled signal does.
+    """
+
+    name: str
+    unit: str
+    hold: str = "step"
+
+
+@dataclass(frozen=True)
+class Output:
+    """A logged column that the system predicts; `noise` is the sensor's sd, a first guess."""
+
+    name: str
+    unit: str
+    noise: float | None = None
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A number of the model: `value`, known to a standard deviation of `spread`.
+
+    A spread of 0 is a constant that is known; it is not fitted. An infinite one is a constant that
+    nobody has measured. Without `low` and `high` a constant keeps its sign.
+    """
+
+    name: str
+    value: float
+    spread: float = 0.0
+    unit: str = ""
+    low: float | None = None
+    high: float | None = None
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """The lowest and the highest value that a fit may give it."""
+        ends = sorted((self.value / _FARTHEST, self.value * _FARTHEST))
+        if self.value == 0.0:
+            reach = _FARTHEST * (self.spread if 0.0 < self.spread < math.inf else 1e3)
+            ends = [-reach, reach]
+        low = ends[0] if self.low is None else self.low
+        return low, ends[1] if self.high is None else self.high
+
+
+@dataclass(frozen=True)
+class Port:
+    """A place where an effect may act. Made by `Port.input`, `.force`, `.output`, `.constant`."""
+
+    role: str
+    name: str
+    inertia: str = ""
+    position: str = ""
+    height: str = ""
+    unit: str = ""
+    kinds: tuple[str, ...] = ()
+    function: Increments | None = field(default=None, compare=False)
+    parameters: Mapping[str, tuple[str, float]] = field(default_factory=dict, compare=False)
+
+    @classmethod
+    def input(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
+        """At a logged input, before it reaches the system; `kinds` are all if none is given."""
+        return cls("input", name, kinds=tuple(kinds))
+
+    @classmethod
+    def force(
+        cls,
+        speed: str,
+        inertia: str = "",
+        position: str = "",
+        height: str = "",
+        unit: str = "",
+        kinds: Sequence[str] = (),
+    ) -> "Port":
+        """At the derivative of the state `speed`: a force over the constant `inertia`.
+
+        Without an inertia an effect is an acceleration. `position` is the state whose derivative
+        the speed is; `height` one that is the height above ground.
+        """
+        return cls("force", speed, inertia, position, height, unit, tuple(kinds))
+
+    @classmethod
+    def output(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
+        """At a sensor, between what the system does and what is logged."""
+        return cls("output", name, kinds=tuple(kinds))
+
+    @classmethod
+    def constant(cls, name: str, kinds: Sequence[str] = ()) -> "Port":
+        """At a constant, which may then be another or change with time."""
+        return cls("constant", name, kinds=tuple(kinds))
+
+    @classmethod
+    def custom(
+        cls, name: str, function: Increments, parameters: Mapping[str, tuple[str, float]]
+    ) -> "Port":
+        """An effect of the user's own.
+
+        `function(t, state, inputs, parameters)` returns what is added to the derivatives (or to
+        the next states, where the system has a `step`). `parameters` gives each its unit and a
+        usual size; at 0 the effect has to vanish.
+        """
+        return cls("custom", name, function=function, parameters=dict(parameters))
+
+
+class Point:
+    """Values by name, as attributes: `state.speed_mps`. An unknown name is an error by name."""
+
+    def __init__(self, what: str, values: Mapping[str, Any]) -> None:
+        self.__dict__.update(values)
+        self.__dict__["_what"] = what
+
+    def __getattr__(self, name: str) -> Any:
+        known = ", ".join(n for n in self.__dict__ if n != "_what") or "none"
+        raise AttributeError(f"{self.__dict__['_what']} {name!r} is not there; there are: {known}")
+
+
+class System:
+    """Derive from it, and state what the class attributes ask for.
+
+    `derivative(state, inputs, c)` returns the derivative of every state by name, or
+    `step(state, inputs, c)` the states one sample later. `measure(state, inputs, c)` is needed for
+    outputs that are not states; `start(measured)` for states that the first samples do not give:
+    it is called with the first measured values and returns states by name.
+    `process_noise` and `start_spread` override the library's guesses for states, by name; a
+    process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
+    `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
+    """
+
+    rate_hz: ClassVar[float]
+    inputs: ClassVar[Sequence[Input]]
+    states: ClassVar[Mapping[str, str]]
+    outputs: ClassVar[Sequence[Output]]
+    constants: ClassVar[Sequence[Constant]] = ()
+    ports: ClassVar[Sequence[Port]] = ()
+    process_noise: ClassVar[Mapping[str, float]] = {}
+    start_spread: ClassVar[Mapping[str, float]] = {}
+    outlier_share: ClassVar[float] = 0.0
+    forecast_s: ClassVar[float | None] = None
+
+    correction: "Correction | None" = None
+
+    @classmethod
+    def corrected(cls, path: str | Path) -> Self:
+        """The system with what `gap add` has written, which `simulate` then applies.
+
+        Raises UnusableInput for a file that cannot be read or corrects another system.
+        """
+        from wakedeploy.gap.systems.correction import read_correction
+
+        system = checked(cls())
+        system.correction = read_correction(Path(path), system.name)
+        return system
+
+    def simulate(self, recording: Recording) -> dict[str, FloatArray]:
+        """Every state and output along a recording's inputs, each (n,) at the system's rate.
+
+        It starts where the recording does and sees no measurement afterwards.
+        """
+        from wakedeploy.gap.systems.simulation import simulated
+
+        return simulated(self, recording)
+
+    def start(self, measured: Point) -> Mapping[str, Any]:
+        """States at the first sample that the outputs do not show; none unless overridden."""
+        return {}
+
+    @property
+    def has_step(self) -> bool:
+        """Whether the model is discrete."""
+        return hasattr(self, "step")
+
+    @property
+    def name(self) -> str:
+        """What the user called the class."""
+        return type(self).__name__
+
+    def constant(self, name: str) -> Constant:
+        """A constant by name; UnusableInput for one that is not stated."""
+        for one in self.constants:
+            if one.name == name:
+                return one
+        known = ", ".join(c.name for c in self.constants) or "none"
+        raise UnusableInput(f"{self.name}: no constant {name!r}; there are: {known}.")
+
+    def point(self, what: str, values: Mapping[str, Any]) -> Point:
+        """Values as a user's function gets them."""
+        return Point(what, values)
+
+    def values(self, constants: Mapping[str, Any] | None = None) -> Point:
+        """The constants, some of them replaced."""
+        own = {c.name: c.value for c in self.constants}
+        return Point("constant", own | dict(constants or {}))
+
+    def unit_of_constant(self, name: str) -> str:
+        """As stated, or the one that the constant's name ends in."""
+        return self.constant(name).unit or unit_of(name) or _unit_of_end(name)
+
+    def kinematic(self) -> dict[str, str]:
+        """States that are the derivative of another, by that other: {"position": "speed"}."""
+        if self.has_step:
+            return {}
+        tried, told = self._probed()
+        return {
+            name: other
+            for name in self.states
+            for other in self.states
+            if name != other and np.array_equal(told[name], tried[other])
+        }
+
+    def drivers(self, state: str) -> set[str]:
+        """The inputs and states on which a state's derivative depends."""
+        tried, told = self._probed()
+        return {
+            name for name in tried if not np.array_equal(self._probed(name)[1][state], told[state])
+        }
+
+    def probed(self) -> dict[str, FloatArray]:
+        """Derivatives at some points: a fingerprint of what the functions compute."""
+        return self._probed()[1]
+
+    def _probed(self, moved: str = "") -> tuple[dict[str, FloatArray], dict[str, FloatArray]]:
+        """Random states and inputs, and the derivatives there; one of them moved away."""
+        rng = np.random.default_rng(1)
+        names = (*self.states, *(i.name for i in self.inputs))
+        tried = {n: rng.uniform(0.1, 1.0, 20) for n in names}
+        if moved:
+            tried[moved] = tried[moved] + 0.5
+        state = Point("state", {n: tried[n] for n in self.states})
+        inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
+        told = self.rates(state, inputs, self.values())
+        return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in told.items()}
+
+    def rates(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
+        """What `derivative` or `step` returns, with what fails in it said by name."""
+        method = "step" if self.has_step else "derivative"
+        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c)
+        return _complete(told, self.states, f"{self.name}.{method}", "state")
+
+    def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
+        """What the sensors would show: `measure`, and states for outputs that it leaves out."""
+        told: dict[str, Any] = {}
+        if hasattr(self, "measure"):
+            told = dict(_called(f"{self.name}.measure", self.measure, state, inputs, c))
+        shown = {o.name: getattr(state, o.name) for o in self.outputs if o.name in self.states}
+        names = {o.name: o.unit for o in self.outputs}
+        return _complete(shown | told, names, f"{self.name}.measure", "output")
+
+
+def checked(system: _System) -> _System:
+    """The same system, if what it states fits together and its functions can be evaluated.
+
+    Raises UnusableInput by name and in one sentence for what is missing, unknown, of the wrong
+    shape or not finite.
+    """
+    _check_statements(system)
+    _check_ports(system)
+    _check_functions(system)
+    return system
+
+
+def _check_statements(system: System) -> None:
+    for attribute in ("rate_hz", "inputs", "states", "outputs"):
+        if not hasattr(system, attribute):
+            raise UnusableInput(f"{system.name}: no `{attribute}`; state it in the class.")
+    if not (isinstance(system.rate_hz, (int, float)) and 0.0 < system.rate_hz < math.inf):
+        raise UnusableInput(f"{system.name}.rate_hz is {system.rate_hz!r}; give samples a second.")
+    for attribute, kind in (("inputs", Input), ("outputs", Output), ("constants", Constant)):
+        for each in getattr(system, attribute):
+            if not isinstance(each, kind):
+                raise UnusableInput(
+                    f"{system.name}.{attribute} has {each!r}; write {kind.__name__}(name, …)."
+                )
+    if not system.states or not system.outputs:
+        raise UnusableInput(f"{system.name}: at least one state and one output are needed.")
+    if system.has_step == hasattr(system, "derivative"):
+        which = "both" if system.has_step else "neither"
+        raise UnusableInput(
+            f"{system.name} has {which} of `derivative` and `step`; write one of them."
+        )
+    _check_names(system)
+
+
+def _check_names(system: System) -> None:
+    groups = (system.inputs, system.outputs, system.constants)
+    for group in groups:
+        names = [each.name for each in group]
+        for name in names:
+            if not name.isidentifier():
+                raise UnusableInput(f"{system.name}: {name!r} is no name; use letters and _.")
+            if names.count(name) > 1:
+                raise UnusableInput(f"{system.name}: {name!r} is stated twice; drop one.")
+    for name in {i.name for i in system.inputs} & {*system.states, *_names(system.outputs)}:
+        raise UnusableInput(f"{system.name}: {name!r} is an input and a state; rename one.")
+    for i in system.inputs:
+        if i.hold not in _HOLDS:
+            raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {_HOLDS}.")
+    for c in system.constants:
+        low, high = c.bounds
+        if not (math.isfinite(c.value) and c.spread >= 0.0 and low <= c.value <= high):
+            raise UnusableInput(
+                f"{system.name}: constant {c.name!r} is {c.value} with spread {c.spread} in "
+                f"[{low}, {high}]; give a finite value within its bounds, and a spread from 0."
+            )
+    for name in (*system.process_noise, *system.start_spread):
+        if name not in system.states:
+            raise UnusableInput(
+                f"{system.name}: process_noise or start_spread names {name!r}, which is no state."
+            )
+
+
+def _check_ports(system: System) -> None:
+    known = {
+        "input": _names(system.inputs),
+        "force": tuple(system.states),
+        "output": _names(system.outputs),
+        "constant": _names(system.constants),
+    }
+    for port in system.ports:
+        if not isinstance(port, Port):
+            raise UnusableInput(f"{system.name}.ports has {port!r}; write Port.input(name), ….")
+        wanted = [(port.role, port.name)] if port.role in known else []
+        wanted += [("constant", port.inertia)] if port.inertia else []
+        wanted += [("force", n) for n in (port.position, port.height) if n]
+        for role, name in wanted:
+            if name not in known[role]:
+                thing = "state" if role == "force" else role
+                raise UnusableInput(
+                    f"{system.name}: a port names the {thing} {name!r}, which is not there; "
+                    f"there are: {', '.join(known[role]) or 'none'}."
+                )
+
+
+def _check_functions(system: System) -> None:
+    """One point, then a batch of the same points: both have to give the same numbers."""
+    rng = np.random.default_rng(0)
+    shape = (3, 5)
+    names = (*system.states, *(i.name for i in system.inputs))
+    tried = {n: rng.standard_normal(shape) * 0.5 for n in names}
+    tried = {n: np.where(np.arange(15).reshape(shape) == 0, 0.0, v) for n, v in tried.items()}
+    for method in (system.rates, system.readings):
+        many = _evaluated(system, method, tried, shape)
+        for index in ((0, 0), (1, 2), (2, 4)):
+            single = {n: np.asarray(v[index]) for n, v in tried.items()}
+            one = _evaluated(system, method, single, ())
+            for name, value in one.items():
+                if not np.allclose(value, many[name][index], rtol=1e-9, atol=1e-12):
+                    raise UnusableInput(
+                        f"{_method(system, method)} gives another {name!r} for one point than for "
+                        "the same point in an array; use numpy (np.where, not if) throughout."
+                    )
+
+
+def _evaluated(
+    system: System,
+    method: Callable[[Point, Point, Point], dict[str, Any]],
+    tried: Mapping[str, FloatArray],
+    shape: tuple[int, ...],
+) -> dict[str, FloatArray]:
+    state = Point("state", {n: tried[n] for n in system.states})
+    inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
+    with np.errstate(all="ignore"):
+        told = method(state, inputs, system.values())
+    result = {}
+    for name, value in told.items():
+        given = np.shape(value)
+        if given not in ((), shape):
+            raise UnusableInput(
+                f"{_method(system, method)} gives {name!r} the shape {given} for states of shape "
+                f"{shape}; return one number a point."
+            )
+        result[name] = np.broadcast_to(np.asarray(value, dtype=float), shape)
+        if not np.all(np.isfinite(result[name])):
+            at = tuple(np.argwhere(~np.isfinite(result[name]))[0])
+            where = ", ".join(f"{n} = {tried[n][at]:.3g}" for n in tried)
+            raise UnusableInput(
+                f"{_method(system, method)} gives {result[name][at]} for {name!r} at {where}; a "
+                "filter tries such points, so bound what goes into it (np.maximum, np.clip)."
+            )
+    return result
+
+
+def _method(system: System, method: Callable[..., Any]) -> str:
+    own = "step" if system.has_step else "derivative"
+    return f"{system.name}.{'measure' if method == system.readings else own}"
+
+
+def _called(where: str, method: Callable[..., Any], *points: Point) -> Mapping[str, Any]:
+    try:
+        told = method(*points)
+    except UnusableInput:
+        raise
+    except Exception as error:  # whatever a user's function raises is told by its name
+        raise UnusableInput(f"{where}: {type(error).__name__}: {error}.") from error
+    if not isinstance(told, Mapping):
+        raise UnusableInput(
+            f"{where} returns {type(told).__name__}; return a dict with a value by name."
+        )
+    return told
+
+
+def _complete(
+    told: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
+) -> dict[str, Any]:
+    """What was told, in the order of what is wanted: nothing missing, nothing unknown."""
+    for name in told:
+        if name not in wanted:
+            raise UnusableInput(
+                f"{where} returns {name!r}, which is no {what}; there are: {', '.join(wanted)}."
+            )
+    for name in wanted:
+        if name not in told:
+            raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
+    return {name: told[name] for name in wanted}
+
+
+def _unit_of_end(name: str) -> str:
+    """Of names that `core.units` does not know: moments of inertia, and none."""
+    ends = {"_kgm2": "kg m²", "_kg_m2": "kg m²"}
+    return next((u for end, u in ends.items() if name.endswith(end)), "1")
+
+
+def _names(stated: Sequence[Input] | Sequence[Output] | Sequence[Constant]) -> tuple[str, ...]:
+    return tuple(each.name for each in stated)

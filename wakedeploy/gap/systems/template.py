@@ -1,0 +1,39 @@
+"""The file that `gap init` writes: a system that runs as it is, for a person to make their own."""
+
+TEMPLATE = '''"""NAME: a system for `wakedeploy gap`; the library does the rest."""
+
+import numpy as np
+
+from wakedeploy import Constant, Input, Output, Port, System
+
+
+class CLASS(System):
+    """A mass that a motor pushes: m a = k u."""
+
+    rate_hz = 100.0  # samples a second at which it is compared; divides that of the logs
+    inputs = [Input("voltage_v", "V")]  # logged; hold="linear" for a sampled signal
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-4)]  # logged; a sensor's sd, roughly
+    constants = [
+        Constant("mass_kg", 2.0, spread=0.1),  # as measured, and how well; 0 is exact
+        Constant("gain_n_per_v", 1.5, spread=0.1),  # float("inf"): nobody has measured it
+    ]
+    ports = [  # where effects may act
+        Port.input("voltage_v"),
+        Port.force("speed_mps", inertia="mass_kg", position="position_m"),
+        Port.output("position_m"),
+    ]
+
+    def derivative(self, state, inputs, c):
+        """Written for one point, called with arrays: numpy alone, np.where instead of if."""
+        force = c.gain_n_per_v * np.asarray(inputs.voltage_v)
+        return {"position_m": state.speed_mps, "speed_mps": force / c.mass_kg}
+'''
+
+
+def template(stem: str) -> str:
+    """The file's text; `stem` is its name without the ending."""
+    words = [w for w in stem.replace("-", "_").split("_") if w]
+    name = "".join(w[:1].upper() + w[1:] for w in words) or "Robot"
+    name = name if name.isidentifier() else f"System{name}"
+    return TEMPLATE.replace("NAME", stem).replace("CLASS", name)
