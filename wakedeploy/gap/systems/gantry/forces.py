@@ -303,8 +303,10 @@ class Physics:
             faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
             slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
             slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
-            everywhere = [self._held(values) for values in (middle[0], *slopes, *middle[1:])]
-            return _Sum(np.stack(everywhere[:3]), *everywhere[3:], (source_n, sufferer_n, wake))
+            linear = np.stack([self._held(values) for values in (middle[0], *slopes)])
+            thrust_n, air_mps, wake_n, inertia_kg = (self._held(values) for values in middle[1:])
+            made_of = (source_n, sufferer_n, wake)
+            return _Sum(linear, thrust_n, air_mps, wake_n, inertia_kg, made_of)
 
         found = self._remembered("sum", (*key, _key(acting)), compute)
         return Forces(
