@@ -1,7 +1,7 @@
 """What one to four flights may say: words, advice and verdict agree, none concludes too early.
 
 The flights are recorded in simulated time: of a rig that lacks nothing, and of one whose wake
-stands 10 cm to one side.
+stands 5 cm to one side.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from fabricated_artefacts import fabricate
-from recorded import RIG, with_effects
+from recorded import RIG, SECONDS, with_effects
 
 from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan import power
@@ -34,7 +34,6 @@ from wakedeploy.gap.workflow import add, close, open_case, write_result
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
-FLOWN_S = 9.0  # long enough for what is hidden to stand out
 LIMITS = Thresholds(6.0, 8.0, 8.0, 60.0, 0.02, 0.02, 0.003)
 HIDDEN = "crosswind-offset"
 SEARCHED = (HIDDEN, "coulomb-friction", "range-bias")
@@ -48,11 +47,11 @@ def flights(tmp_path_factory) -> dict[str, list[Path]]:
     folder = tmp_path_factory.mktemp("flights")
     RIG.write(folder / "rig.toml")
     logs: dict[str, list[Path]] = {"rig": [folder / "rig.toml"]}
-    hidden = with_effects(crosswind_offset={"offset_m": (0.1, "m")})
+    hidden = with_effects(crosswind_offset={"offset_m": (0.05, "m")})
     for kind, truth, count in (("nothing", RIG, 1), (HIDDEN, hidden, 3)):
         logs[kind] = [folder / f"{kind}{i}.mcap" for i in range(count)]
         for i, path in enumerate(logs[kind]):
-            log = record(truth, seconds=FLOWN_S, seed=60 + i, model_rig=RIG)
+            log = record(truth, seconds=SECONDS, seed=60 + i, model_rig=RIG)
             log.without_truth().write_mcap(path)
     return logs
 
