@@ -12,8 +12,9 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-# Two tests at a time, each with one thread.
-TESTS := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
+# Two tests at a time, each with one thread. Byte code is kept, also where the shell says not to: tests
+# start a hundred processes, and each would compile the project anew.
+TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
 .PHONY: help venv lock demo test test-wallclock explore check format lint bench results firmware \
 	mutants clean

@@ -77,21 +77,20 @@ def running_rig(folder: Path) -> Iterator[Rig]:
 
 
 # Absent, not None in sys.modules: scipy takes what is in there for a library.
-_WITHOUT_TORCH = """
+WITHOUT_TORCH = """
 import sys
 class Absent:
     def find_spec(name, path=None, target=None):
         if name.partition(".")[0] in ("torch", "onnx"):
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent)
-from wakedeploy.cli import main
-main()
 """
+_MAIN = "from wakedeploy.cli import main; main()"
 
 
 def _wakedeploy(path: Path) -> Path:
     """This project's command, as it would be installed there; torch is not."""
-    line = shlex.join([sys.executable, "-c", _WITHOUT_TORCH])
+    line = shlex.join([sys.executable, "-c", WITHOUT_TORCH + _MAIN])
     path.write_text(f'#!/bin/sh\nPYTHONPATH={shlex.quote(str(ROOT))} exec {line} "$@"\n')
     path.chmod(0o755)
     return path

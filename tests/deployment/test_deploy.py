@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 from made_packages import gantry_package, sound
-from rig_over_ssh import ROOT, needs_sshd, running_rig
+from rig_over_ssh import ROOT, WITHOUT_TORCH, needs_sshd, running_rig
+from warm_command import warm_command
 
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
@@ -26,9 +27,23 @@ CLI = [sys.executable, "-c", "from wakedeploy.cli import main; main()", "deploy"
 
 
 @pytest.fixture
-def rig(tmp_path):
+def installed(tmp_path):
+    """A rig whose `wakedeploy` begins as a program does."""
     with running_rig(tmp_path) as running:
         yield running
+
+
+@pytest.fixture(scope="module")
+def begun(tmp_path_factory):
+    """The text of a `wakedeploy` that need not import for seconds what it runs."""
+    with warm_command(tmp_path_factory.mktemp("warm") / "command", WITHOUT_TORCH) as text:
+        yield text
+
+
+@pytest.fixture
+def rig(installed, begun):
+    installed.command.write_text(begun)
+    return installed
 
 
 @pytest.fixture
@@ -80,7 +95,8 @@ def leftovers(rig):
     ]
 
 
-def test_deployed_twice_rolled_back_and_forth_again(rig, packages):
+def test_deployed_twice_rolled_back_and_forth_again(installed, packages):
+    rig = installed
     first, second = packages("first.onnx"), packages("second.onnx")
     done = deploy(rig, first)
     assert done.exit_code == 0, done.stderr
@@ -239,12 +255,15 @@ def test_without_an_earlier_package_there_is_no_way_back(rig, packages):
     assert rig.links() == before
 
 
-def test_of_several_at_once_each_ends_right(rig, packages):
+def test_of_several_at_once_each_ends_right(rig, packages, begun, tmp_path):
     """Each makes its links under names of its own; the last one to exchange them stays."""
     rig.command.write_text(PASSES)
+    (tmp_path / "here").write_text(begun)
+    (tmp_path / "here").chmod(0o755)
     several = [packages(f"{name}.onnx") for name in "abcd"]
     assert deploy(rig, several[0]).exit_code == 0
-    running = [started(rig, package) for package in several[1:] * 2]
+    here = [tmp_path / "here", "deploy"]
+    running = [started(rig, package, command=here) for package in several[1:] * 2]
     for run in running:
         _, err = run.communicate(timeout=120)
         assert run.returncode == 0, err
@@ -297,8 +316,8 @@ def test_ctrl_c_during_the_check_removes_the_copy(rig, packages, tmp_path):
     assert_unchanged(rig, {})
 
 
-def started(rig, *more, config=None):
-    line = [*CLI, *map(str, arguments(rig, *more, config=config))]
+def started(rig, *more, config=None, command=CLI):
+    line = [*command, *map(str, arguments(rig, *more, config=config))]
     return subprocess.Popen(
         line, cwd=ROOT, stdout=-1, stderr=-1, text=True, start_new_session=True
     )  # fmt: skip

@@ -141,17 +141,22 @@ def workshop(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for line in lines(page):
             obey(line)
         obey(Line("", 0, "wakedeploy rig init rig.toml"))
-        Path("flights").mkdir()
-        Path("plant.toml").write_text(default_rig_text() + MISSING, "utf-8")
-        for seed in range(4):
-            fly = f"run-gantry --baseline --virtual --plant-rig plant.toml --seed {seed}"
-            obey(Line("", 0, f"wakedeploy {fly} --log flights/flight{seed}.mcap"))
         shutil.copyfile("gru.mcap", "flight.mcap")
         Path("wakedeploy").mkdir()
         shutil.copyfile("gru.onnx", "wakedeploy/current.onnx")  # as `deploy` leaves it
     finally:
         os.chdir(before)
     return folder
+
+
+@pytest.fixture(scope="module")
+def flights(workshop: Path) -> None:
+    """Flights in the workshop, of a plant that has what its rig file lacks."""
+    (workshop / "flights").mkdir()
+    (workshop / "plant.toml").write_text(default_rig_text() + MISSING, "utf-8")
+    for seed in range(4):
+        fly = f"run-gantry --baseline --virtual --plant-rig {workshop}/plant.toml --seed {seed}"
+        obey(Line("", 0, f"wakedeploy {fly} --log {workshop}/flights/flight{seed}.mcap"))
 
 
 def rehearse(page: Path, folder: Path, wanted: list[Line]) -> None:
@@ -173,17 +178,20 @@ def chosen(slow: bool) -> list[Path]:
 def test_the_commands_of_the_pages_work_in_their_order(
     workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    (first,) = [page for page in PAGES if str(page).endswith(IN_ORDER)]
+    done = {line.small() for line in lines(first)}  # stands on several pages, and was run
     for page in chosen(slow=False):
         folder = tmp_path / page.stem
         shutil.copytree(workshop, folder)
         monkeypatch.chdir(folder)
-        rehearse(page, folder, [x for x in lines(page) if x in RUN and not x.is_slow])
+        wanted = [x for x in lines(page) if x in RUN and not x.is_slow and x.small() not in done]
+        rehearse(page, folder, wanted)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", chosen(slow=True), ids=lambda page: page.name)
 def test_the_slow_commands_of_a_page_work_in_their_order(
-    page: Path, workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    page: Path, workshop: Path, flights: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = tmp_path / "here"
     shutil.copytree(workshop, folder)

@@ -1,6 +1,7 @@
 """One package of each architecture, exported once for everything that looks at it."""
 
 import functools
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from wakedeploy.core.episodes import Episode
-from wakedeploy.core.package import Package
+from wakedeploy.core.locks import one_at_a_time
+from wakedeploy.core.package import Package, read_package
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,8 +62,12 @@ def episodes() -> tuple[Episode, ...]:
 def exported_arch(
     episodes: tuple[Episode, ...], tmp_path_factory: pytest.TempPathFactory
 ) -> Callable[[str], Exported]:
-    """A function of the architecture's name. The predictor must not be changed."""
-    folder = tmp_path_factory.mktemp("exported")
+    """A function of the architecture's name. The predictor must not be changed.
+
+    An export takes seconds: what one worker has exported, the others read.
+    """
+    own = tmp_path_factory.getbasetemp()
+    folder = (own.parent if "PYTEST_XDIST_WORKER" in os.environ else own) / "exported"
 
     @functools.cache
     def export(arch: str) -> Exported:
@@ -70,7 +76,11 @@ def exported_arch(
 
         predictor, config = predictor_of(arch), reference_config(arch)
         force, path = seen_by(predictor, config, episodes), folder / f"{arch}.onnx"
-        package = export_predictor(predictor, config, force, episodes, path)
+        with one_at_a_time(folder, arch):
+            if path.exists():
+                package = read_package(path)
+            else:
+                package = export_predictor(predictor, config, force, episodes, path)
         return Exported(predictor, config, package, path)
 
     return export

@@ -42,8 +42,9 @@ def test_the_older_exporter_gives_the_same_force(arch: str, exported_arch, tmp_p
     predictor = copy.deepcopy(exported_arch(arch).predictor)
     shape = (1, predictor.memory.k, 8) if predictor.memory.kind == "window" else (1, 8)
     state = predictor.initial_state(1)
-    held = {name: torch.randn_like(value) for name, value in state.items()}
-    source = torch.randn(shape)
+    torch.manual_seed(0)  # quiet enough to stay within the force limits, which only a package has
+    held = {name: 0.3 * torch.randn_like(value) for name, value in state.items()}
+    source = 0.3 * torch.randn(shape)
 
     class Step(torch.nn.Module):
         def __init__(self) -> None:

@@ -239,8 +239,8 @@ def test_an_unknown_effect_is_a_key_error() -> None:
 
 def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
     truth = with_effects(pwm_quantisation={"step_us": (25.3, "us")})
-    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])
-    base = fit(model, (), range(3), model.start(()))
+    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS[:2]])
+    base = fit(model, (), range(2), model.start(()))
     (found,) = rank(model, base, ("pwm-quantisation",))
     assert found.gain_nats > 8.0
     assert found.fit.value("pwm-quantisation.step_us") == pytest.approx(25.3, abs=0.05)

@@ -39,6 +39,7 @@ _DZ_M = 0.005  # how far slopes are looked at; smaller than anything that varies
 _DV_MPS = 0.01  # how far slopes by speed are looked at
 _SLIDING_MPS = 0.003  # how far a smoothed speed errs about zero; more bends a steep friction
 _RESTING_MPS = 0.006  # slower than this, smoothed, the sufferer stands as often as not
+_PASSED_S = 3.0  # a puff is gone by then, however slow the wake
 _KEPT = 3
 _PULSES_AVERAGED = 5
 
@@ -70,10 +71,9 @@ class Physics:
         self._rig, self._flight = rig, flight
         self._setting = setting_of(rig)
         self._weight_n = self._setting.weight_n
-        margin = round(1.0 / DT_S)  # a puff needs less than that to pass
-        first = max(int(flight.start.min(initial=0)) - margin, 0) // 2 * 2
-        last = int(flight.stop.max(initial=len(flight.grid_s)))
-        self._air = slice(first, last)
+        first, last = _in_the_air(flight)
+        self._flown = slice(first, last)
+        self._air = slice(max(first - round(_PASSED_S / DT_S), 0) // 2 * 2, last)
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
         self._bends: dict[tuple[float, float], FloatArray] = {}
         travelled = np.cumsum(np.abs(flight.vx_mps)) * DT_S
@@ -295,13 +295,18 @@ class Physics:
         key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form)
 
         def compute() -> _Sum:
-            at = _Motions(self._rig, self._setting, motion, wake, self._bends)
+            # Half of a log is before take-off and after touch-down: nobody asks for its forces.
+            flown, air = _part(motion, self._flown), (wake[0][self._flown], wake[1][self._flown])
+            at = _Motions(self._rig, self._setting, flown, air, self._bends)
             middle = at.acceleration(constants, acting, 0.0, 0.0)
             higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
             faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
             slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
             slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
-            return _Sum(np.stack([middle[0], *slopes]), *middle[1:], (source_n, sufferer_n, wake))
+            linear = np.stack([self._held(values) for values in (middle[0], *slopes)])
+            thrust_n, air_mps, wake_n, inertia_kg = (self._held(values) for values in middle[1:])
+            made_of = (source_n, sufferer_n, wake)
+            return _Sum(linear, thrust_n, air_mps, wake_n, inertia_kg, made_of)
 
         found = self._remembered("sum", (*key, _key(acting)), compute)
         return Forces(
@@ -313,6 +318,13 @@ class Physics:
             found.acceleration,
             *self._reading(constants, effects, motion),
         )
+
+    def _held(self, flown: FloatArray) -> FloatArray:
+        """What is known in the air, (n,), on the whole grid (N,): outside as at its ends."""
+        whole = np.empty(len(self._flight.grid_s))
+        first, last = self._flown.start, self._flown.stop
+        whole[:first], whole[first:last], whole[last:] = flown[0], flown, flown[-1]
+        return whole
 
     def _reading(
         self, constants: Constants, effects: Active, motion: Motion
@@ -418,6 +430,18 @@ class _Motions:
             self.bends[dz_m, dv_mps] = friction_basis(np.asarray(m.vz_mps), heights)
         total = total - friction_n(self.rig, constants, self.bends[dz_m, dv_mps])
         return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
+
+
+def _in_the_air(flight: Flight) -> tuple[int, int]:
+    """The grid's first and last steps whose forces matter; all where it never flew."""
+    if not len(flight.start):
+        return 0, len(flight.grid_s)
+    return max(int(flight.start.min()) - 1, 0), min(int(flight.stop.max()) + 1, len(flight.grid_s))
+
+
+def _part(motion: Motion, steps: slice) -> Motion:
+    """The same motion over some of its steps."""
+    return Motion(**{n: v[steps] if np.ndim(v) else v for n, v in vars(motion).items()})
 
 
 def _direction(vx_mps: FloatArray) -> FloatArray:
