@@ -75,10 +75,12 @@ def _write(
     for path in _written(folder):
         if path.name not in names:
             path.unlink()
-    body: list[Markup] = [element("h1", title)]
+    body: list[Markup] = [element("h1", title), _opening(parts)]
     for part in parts:
-        body.append(element("p", part.sentence))
-        if part.figure is not None:
+        body.append(element("h2", part.name.replace("-", " "), id=part.name))
+        if part.figure is None:
+            body.append(element("p", part.sentence))
+        else:
             for kind in ("png", "pdf"):
                 figures.save(part.figure, folder / f"{part.name}.{kind}")
             body.append(picture(folder / f"{part.name}.png", part.sentence))
@@ -97,6 +99,17 @@ def _write(
     path = folder / _PAGE
     write_text_whole(path, page(title, *body))
     return path
+
+
+def _opening(parts: Sequence[Part]) -> Markup:
+    """What each part says, in its one sentence, and the way to its figure."""
+    said = (
+        element(
+            "p", f"{part.sentence} ", element("a", "Figure and table", href=f"#{part.name}"), "."
+        )
+        for part in parts
+    )
+    return element("div", *said, class_="account")
 
 
 def _written(folder: Path) -> list[Path]:
