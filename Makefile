@@ -16,7 +16,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 # start a hundred processes, and each would compile the project anew.
 TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
 
-.PHONY: help venv lock demo test test-wallclock explore check format lint bench results firmware \
+.PHONY: help venv lock demo test test-wallclock explore check format lint bench results docs firmware \
 	mutants clean
 
 help:
@@ -24,11 +24,12 @@ help:
 	@echo "make test    the tests"
 	@echo "make test-wallclock  the tests that need real time, and so a quiet machine; up to three tries each"
 	@echo "make explore the property tests on new random examples; elsewhere they are always the same"
-	@echo "make check   what CI runs: format, lint, types, import rules, tests, base install"
+	@echo "make check   what CI runs: format, lint, types, import rules, manual, tests, base install"
 	@echo "make lint    the part of it that takes seconds"
 	@echo "make format  put the code into its format"
 	@echo "make bench   latency of the eight architectures, paced at 32 Hz"
 	@echo "make results  the pages of results, from the records in docs/records, and the tables of effects"
+	@echo "make docs    the manual as a site with search, in build/docs/html"
 	@echo "make firmware  the UNO's sketch without the Arduino IDE, and how much of the chip it takes"
 	@echo "make mutants   whether the tests notice each small change of the firmware's decisions"
 	@echo "make venv    only the environment, in .venv"
@@ -67,7 +68,7 @@ test-wallclock: $(INSTALLED)
 explore: $(INSTALLED)
 	$(TESTS) -m 'hypothesis and not slow and not wallclock' --hypothesis-profile explore
 
-check: lint
+check: lint docs
 	$(TESTS) -m '(not slow and not wallclock) or install'
 
 format: $(INSTALLED)
@@ -85,6 +86,10 @@ bench: $(INSTALLED)
 
 results: $(INSTALLED)
 	$(BIN)/python -m benchmarks.results
+
+# Warnings are errors; no network.
+docs: $(INSTALLED)
+	$(BIN)/python -m sphinx -W --keep-going -q -c docs/site -d build/docs/doctrees docs build/docs/html
 
 firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build

@@ -12,7 +12,7 @@ from runtime.io.protocol import Frame, FrameDecoder, Status, encode_frame
 class Cable:
     """`port` is the run's end; the board's stays open when the cable is pulled.
 
-    The board goes on, for it has a supply of its own; docs/rig.md asks for one.
+    The board goes on, for it has a supply of its own; docs/how-to/rig.md asks for one.
 
     `tamper` makes what the run hears of what the board says.
     """

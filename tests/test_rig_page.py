@@ -1,4 +1,4 @@
-"""docs/rig.md against what it speaks of: pins, picture, what the Pi gets, names of endings."""
+"""docs/how-to/rig.md against its subject: pins, picture, what the Pi gets, names of endings."""
 
 import importlib.util
 import itertools
@@ -16,12 +16,11 @@ import pytest
 from runtime.loop.loop import Loop
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
-from wakedeploy.core.failsafes import HINTS
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig
 
 ROOT = Path(__file__).parents[1]
-PAGE = (ROOT / "docs" / "rig.md").read_text("utf-8")
+PAGE = (ROOT / "docs" / "how-to" / "rig.md").read_text("utf-8")
 COMMANDS = [
     line.strip()
     for block in re.findall(r"```sh\n(.*?)```", PAGE, re.DOTALL)
@@ -258,7 +257,5 @@ def test_the_pi_installs_this_project_with_an_extra_that_it_has() -> None:
 
 
 def test_every_ending_is_explained() -> None:
-    page = (ROOT / "docs" / "endings.md").read_text("utf-8")
-    table = "".join(line for line in page.splitlines() if line.startswith("|"))
-    assert set(re.findall(r"`([a-z]+_[a-z]+)`", table)) - {"steps_per_m"} >= set(HINTS)
-    assert len(COMMANDS) > 15
+    page = (ROOT / "docs" / "reference" / "endings.md").read_text("utf-8")
+    assert "```{made} faults\n" in page  # of HINTS: tests/docs/test_site.py

@@ -1,4 +1,4 @@
-"""What docs/effects.md takes from the library: the tables of effects and of their equations."""
+"""What docs/reference/effects.md takes from the library: its effects and their equations."""
 
 from wakedeploy.physics.effects import equation_table, markdown_table
 
@@ -13,6 +13,8 @@ def filled(text: str) -> str:
         before, begun, rest = text.partition(begins)
         _, ended, after = rest.partition(_ENDS)
         if not (begun and ended):
-            raise ValueError(f"docs/effects.md: the marks around {made.__name__}() are missing")
+            raise ValueError(
+                f"docs/reference/effects.md: the marks around {made.__name__}() are missing"
+            )
         text = before + begins + made() + _ENDS + after
     return text

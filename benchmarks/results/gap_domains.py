@@ -38,7 +38,7 @@ def page(records: Records) -> str:
     return paragraphs(
         "# The gap workflow on other domains",
         "Held-out gains are in nats. Brackets are 90 % intervals. Residuals are those of sealed "
-        "episodes. [Other domains](../gap-domains.md) says how to make the tables again.",
+        "episodes. [Other domains](../how-to/gap-domains.md) says how to make the tables again.",
         *(_domain(result) for result in _results(records)),
     )
 
@@ -160,7 +160,8 @@ def _label(label: Row) -> str:
     ]
     return paragraphs(
         "### The force label",
-        "[What the workflow found in FlareDW's force label](../gap-quadrotor.md) explains these.",
+        "[What the workflow found in FlareDW's force label](../explanation/gap-quadrotor.md) "
+        "explains these.",
         table(["", "measured"], rows),
     )
 

@@ -21,6 +21,7 @@ from benchmarks.results import (
     readme,
     simulators,
     studies,
+    tutorials,
 )
 from benchmarks.results.section import Records, Section, paragraphs
 
@@ -111,8 +112,14 @@ class Pages:
         self.texts["README.md"] = readme.filled(
             (records.ROOT / "README.md").read_text("utf-8"), self._read()
         )
-        manual = "docs/effects.md"
+        manual = "docs/reference/effects.md"
         self.texts[manual] = effects.filled((records.ROOT / manual).read_text("utf-8"))
+        for name in tutorials.PAGES:
+            lesson = f"docs/tutorials/{name}.md"
+            read = self._read()
+            text = (records.ROOT / lesson).read_text("utf-8")
+            self.texts[lesson] = tutorials.filled(name, text, read)
+            self.used |= set(read.read)
 
     def _results(self) -> str:
         parts = [

@@ -185,7 +185,9 @@ def test_a_rig_file_with_another_expression_is_refused(old, new, told):
 
 
 def test_the_docs_name_every_variable_and_their_example_is_read():
-    page = (Path(__file__).parents[2] / "docs" / "expressions.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "expressions.md").read_text(
+        encoding="utf-8"
+    )
     assert all(f"`{name}`" in page for name in (*VARIABLES, *FUNCTIONS))
     example = page.split("```toml")[1].split("```")[0]
     assert parse_rig(default_rig_text() + example).effect[0].name == "symbolic-force"

@@ -109,7 +109,7 @@ def test_a_constant_that_rig_files_once_did_not_have_changes_no_hash_at_its_defa
 
 
 def test_the_page_of_the_rig_file_has_the_times_of_a_descent() -> None:
-    page = (Path(__file__).parents[2] / "docs" / "rig-file.md").read_text("utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "rig-file.md").read_text("utf-8")
     names = ("source_descent_s", "brake_s", "sink_s", "sink_rate_us_per_s", "sufferer_descent_s")
     for name in names:
         field = Limits.model_fields[name]

@@ -11,7 +11,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
+STANDS_FOR = "stands here on the site."  # of a page that is a file elsewhere
+PAGES = (
+    ROOT / "README.md",
+    *(
+        page
+        for page in sorted((ROOT / "docs").rglob("*.md"))
+        if STANDS_FOR not in page.read_text("utf-8")
+    ),
+)
 FENCE = re.compile(
     r"(?:<!-- file: (?P<file>\S+) -->\n+)?^ *```(?P<word>\S*)\n(?P<body>.*?)^ *```$",
     re.MULTILINE | re.DOTALL,
@@ -25,6 +33,7 @@ SMALLER = (
     (r"--trials \d+", "--trials 2 --epochs 1"),
     (r"--flights \d+ --seconds 20", "--flights 4 --seconds 8"),
     (r"--virtual --flights \d+", "--virtual --flights 2 --seconds 8"),
+    (r"--epochs \d+", "--epochs 1"),
     (r"^wakedeploy train ", "wakedeploy train --epochs 1 "),
     (r"^wakedeploy demo", "wakedeploy demo --minutes 4 --seconds 10"),
     (r"^wakedeploy gap demo", "wakedeploy gap demo --quick"),
@@ -35,10 +44,12 @@ SMALLER = (
 
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.
 NOT_RUN = {
+    r"^docs/tutorials/at-the-rig": "takes minutes; test_tutorials.py obeys it as it stands",
     r"^docs/results": "makes a record: takes minutes to hours",
     r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
+    r" --from-symbolic": "needs a gap that no effect explains; tests/gap/search add one",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
     r" (--live|live \S|log browse)": "serves a page until it is stopped; tests/live do it",
     r" --firmware": "needs the AVR compiler; tests/firmware fly the sketch on a simulated chip",
@@ -65,7 +76,7 @@ OTHERS = {
     "python": "measures for hours or changes the checkout: its options are read",
 }
 # What takes longer than a second or two even when it is small: the slow tests run it.
-SLOW = r"^docs/rig.md| (demo|tune|sweep|calibrate|bench lead)\b"
+SLOW = r"^docs/how-to/rig.md| (demo|tune|sweep|calibrate|bench lead)\b"
 SLOW += r"| gap (close|find|name|add|show|power|plan|demo) | data make (downwash|ship) "
 SLOW += r"| --preset tuned/| --reference fly.csv"
 

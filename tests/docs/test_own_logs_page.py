@@ -1,4 +1,4 @@
-"""The examples of docs/own-logs.md, on a log with the columns that its `columns.toml` names."""
+"""The examples of docs/how-to/own-logs.md, on a log with the columns that its file names."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from shell_lines import ROOT, fences
 from wakedeploy.cli import main
 from wakedeploy.domains.tables.columns import parse_columns
 
-PAGE = ROOT / "docs" / "own-logs.md"
+PAGE = ROOT / "docs" / "how-to" / "own-logs.md"
 
 
 def test_the_page_runs_on_a_log_of_its_columns(

@@ -1,4 +1,4 @@
-"""The examples of docs/python.md run in their order, small; each block in the names of the last."""
+"""The Python of two how-tos runs in its order, small; each block in the names of the last."""
 
 import re
 from pathlib import Path
@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from shell_lines import ROOT
 
-PAGE = ROOT / "docs" / "python.md"
+HOW_TO = ROOT / "docs" / "how-to"
 BLOCK = re.compile(
     r"(?P<slow><!-- slow -->\n)?^```python\n(?P<body>.*?)^```$", re.MULTILINE | re.DOTALL
 )
@@ -25,15 +25,15 @@ def small(body: str) -> str:
     return body
 
 
-def executed(folder: Path, *, slow: bool) -> dict[str, object]:
-    """The names that the page's blocks leave; the slow ones run where they are asked for."""
+def executed(page: Path, *, slow: bool) -> dict[str, object]:
+    """The names that a page's blocks leave; the slow ones run where they are asked for."""
     names: dict[str, object] = {}
-    text = PAGE.read_text("utf-8")
+    text = page.read_text("utf-8")
     for block in BLOCK.finditer(text):
         if block["slow"] and not slow:
             continue
         line = text[: block.start("body")].count("\n")
-        code = compile("\n" * line + small(block["body"]), str(PAGE), "exec")
+        code = compile("\n" * line + small(block["body"]), str(page), "exec")
         exec(code, names)
     return names
 
@@ -47,15 +47,22 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_the_examples_run_in_their_order(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pandas", reason="the extra notebook is not installed")
-    names = executed(here, slow=False)
+    names = executed(HOW_TO / "python.md", slow=False)
     assert names["forces"].shape == (len(names["episode"]), 1)
     assert names["frame"].index.name == "t_s"
     assert "no-such.onnx" in capsys.readouterr().out
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning")
+def test_arrays_of_ones_own_become_a_set_that_trains(here: Path) -> None:
+    names = executed(HOW_TO / "own-data.md", slow=False)
+    assert names["own"].domain == "bench"
+    assert (here / "sets" / "own" / "dataset.json").is_file()
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning")
 def test_the_slow_examples_run_after_the_others(here: Path) -> None:
     pytest.importorskip("pandas", reason="the extra notebook is not installed")
-    gap = executed(here, slow=True)["gap"]
+    gap = executed(HOW_TO / "python.md", slow=True)["gap"]
     assert gap.verdict in ("named", "class", "unknown", "none")

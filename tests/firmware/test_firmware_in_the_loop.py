@@ -148,7 +148,7 @@ def landing_speed(rig):
 
 @needs.simulator
 def test_how_hard_a_pulled_cable_lets_the_sufferer_land():
-    """From 0.7 m, as docs/rig.md has it: a board on USB power, one with a supply of its own."""
+    """From 0.7 m, as docs/how-to/rig.md has it: a board on USB power, one with its own supply."""
     switched_off = Rig().flying()
     switched_off.hover(0.7, 4.0)
     the_uno().switch_off()

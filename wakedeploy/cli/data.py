@@ -135,7 +135,7 @@ def import_table(
     """Import logs of any system: CSV, Parquet, npz, HDF5, MATLAB, MCAP, rosbag2 or ULog.
 
     FILES are logs, or folders of files that belong together. The file of --columns says which
-    column is which observation or force, its unit, and how time is kept (docs/own-logs.md).
+    column is which observation or force, its unit, and how time is kept (docs/how-to/own-logs.md).
 
     \b
     Example:

@@ -2,7 +2,7 @@
 
 A package may come from anyone. Whatever a manifest asks for is therefore limited before anything is
 made of it: numbers by their bounds here, names and texts by length and letters, states and windows
-by the memory that they take. docs/package.md lists the bounds.
+by the memory that they take. docs/reference/package.md lists the bounds.
 """
 
 import math

@@ -115,7 +115,7 @@ def read_package(path: Path | str) -> Package:
 
     Raises UnusableInput where the file is absent, foreign, truncated, altered, or made by another
     release; where manifest, example and graph do not belong together; and where any of them asks
-    for what no package may: see docs/package.md.
+    for what no package may: see docs/reference/package.md.
     """
     path = Path(path)
     try:

@@ -1,7 +1,7 @@
 """`columns.toml`: what the columns of a log mean. Read and checked here and nowhere else.
 
 In: a TOML file. Out: `Columns`. What each entry does is said at its field below, and for people in
-docs/own-logs.md.
+docs/how-to/own-logs.md.
 """
 
 import re

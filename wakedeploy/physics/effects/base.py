@@ -85,7 +85,7 @@ class Effect:
     """Base of all effects: acts nowhere. A subclass overrides the methods of its stage.
 
     Class attributes: `name` as in rig files and results; `physics`, one sentence; `equation`, the
-    same in the symbols of docs/effects.md, a prime for what it makes; `stage`;
+    same in the symbols of docs/reference/effects.md, a prime for what it makes; `stage`;
     `parameters`; `confused_with`, names of effects that look alike; `split_by`, the manoeuvre or
     sensor that tells them apart; `shows_in`, what it changes beside the sufferer's motion, by the
     names of the sensors that one could buy (`wakedeploy.gap.planning.sensors`). An effect whose

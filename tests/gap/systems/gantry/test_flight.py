@@ -210,7 +210,9 @@ def test_csv_and_mcap_are_the_same_flight(log, tmp_path) -> None:
 def test_a_log_with_the_columns_of_the_documentation_alone_is_the_same_flight(
     log, tmp_path
 ) -> None:
-    page = (Path(__file__).parents[4] / "docs" / "run-log.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[4] / "docs" / "reference" / "run-log.md").read_text(
+        encoding="utf-8"
+    )
     table = page.partition("## Logs of another loop")[2]
     rows = re.findall(r"^\| (`.*?) \|", table, re.MULTILINE)
     named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}

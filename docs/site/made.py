@@ -1,0 +1,30 @@
+"""The directive `made`: a part of a page that is made of the code whenever the site is built.
+
+    ```{made} commands
+    ```
+
+The argument names a module of `parts`, whose `markdown()` returns the part's text.
+"""
+
+import importlib
+
+from docutils import nodes
+from sphinx.application import Sphinx
+from sphinx.util.docutils import SphinxDirective
+
+
+class Made(SphinxDirective):
+    """Puts the Markdown of `parts.NAME.markdown()` in its place."""
+
+    required_arguments = 1
+
+    def run(self) -> list[nodes.Node]:
+        """The nodes of the part, headings included."""
+        text = importlib.import_module(f"parts.{self.arguments[0]}").markdown()
+        return self.parse_text_to_nodes(text, allow_section_headings=True)
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """As Sphinx asks for an extension."""
+    app.add_directive("made", Made)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

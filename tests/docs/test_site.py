@@ -1,0 +1,98 @@
+"""The built site: it asks no network, its search knows the words, its reference is whole."""
+
+import importlib.util
+import json
+import re
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import click
+import pytest
+from shell_lines import ROOT
+
+import wakedeploy
+from wakedeploy.cli import main
+from wakedeploy.core.failsafes import HINTS
+from wakedeploy.core.runlog_columns import COLUMNS
+from wakedeploy.core.runlog_meanings import MEANINGS
+
+SITE = ROOT / "build" / "docs" / "html"
+built = pytest.mark.skipif(not (SITE / "index.html").exists(), reason="make docs builds the site")
+
+
+class Loaded(HTMLParser):
+    """Addresses that a browser fetches by itself when it shows a page."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        told = dict(attrs)
+        relation = (told.get("rel") or "").split()
+        if tag in ("script", "img", "iframe", "source", "video", "audio"):
+            self.found.append(told.get("src") or "")
+        if tag == "link" and {"stylesheet", "icon", "preload", "preconnect"} & {*relation}:
+            self.found.append(told.get("href") or "")
+
+
+@built
+def test_no_page_loads_anything_from_elsewhere() -> None:
+    for page in SITE.rglob("*.html"):
+        loaded = Loaded()
+        loaded.feed(page.read_text("utf-8"))
+        assert not [url for url in loaded.found if re.match(r"(\w+:)?//", url)], page
+    for sheet in SITE.rglob("*.css"):
+        fetched = re.findall(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//", sheet.read_text("utf-8"))
+        assert not fetched, sheet
+
+
+@built
+def test_the_search_knows_the_words_of_the_pages_offline() -> None:
+    text = (SITE / "searchindex.js").read_text("utf-8")
+    index = json.loads(text.removeprefix("Search.setIndex(").removesuffix(")"))
+    for word, page in {"deadman": "reference/endings", "placebo": "how-to/gap-report"}.items():
+        found = index["terms"][word]
+        numbers = [found] if isinstance(found, int) else found
+        assert page in {index["docnames"][number] for number in numbers}, word
+
+
+@built
+def test_the_reference_has_every_command_name_fault_and_column() -> None:
+    def text(page: str) -> str:
+        return re.sub(r"<[^>]+>", "", (SITE / "reference" / page).read_text("utf-8"))
+
+    context = click.Context(main, info_name="wakedeploy")
+    commands = text("commands.html")
+    for name in main.list_commands(context):
+        command = main.get_command(context, name)
+        options = [o.opts[0] for o in command.params if isinstance(o, click.Option)]
+        assert all(option in commands for option in options), name
+    python = (SITE / "reference" / "python.html").read_text("utf-8")
+    public = {*wakedeploy.__all__} - {"__version__"}
+    assert {name for name in public if f'id="wakedeploy.{name}"' not in python} == set()
+    assert set(HINTS) <= {*re.findall(r"\w+", text("endings.html"))}
+    assert {one.name for one in COLUMNS} <= {*re.findall(r"\w+", text("run-log.html"))}
+
+
+def test_every_column_of_a_log_has_a_meaning() -> None:
+    assert [*MEANINGS] == [one.name for one in COLUMNS]
+
+
+def test_every_field_of_a_package_has_a_meaning(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "path", [str(ROOT / "docs" / "site"), *sys.path])
+    manifest = importlib.import_module("parts.manifest")
+    assert {*manifest.Manifest.model_json_schema()["properties"]} == {*manifest.MEANINGS}
+
+
+def test_a_link_out_of_the_manual_leads_to_the_page_that_stands_for_it(tmp_path: Path) -> None:
+    path = ROOT / "docs" / "site" / "neighbours.py"
+    spec = importlib.util.spec_from_file_location("neighbours", path)
+    neighbours = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(neighbours)
+    page = ROOT / "docs" / "development" / "architecture.md"
+    known = {ROOT / "CONTRIBUTING.md": page.with_name("contributing.md")}
+    text = "[steps](CONTRIBUTING.md#checks), [licence](LICENSE), [records](docs/records/)"
+    told = neighbours.relinked(text, ROOT / "ARCHITECTURE.md", page, known)
+    assert told == "[steps](contributing.md#checks), licence, records"
