@@ -98,7 +98,7 @@ def gantry_package(lead_s: float, *, gain: float = 0.0, **changes: object) -> Pa
     )
     model = parsed(body, {"axes": np.array([1]), "gain": np.float32(gain)})
     channels = [{"name": n, "unit": u, "min": -9.0, "max": 9.0} for n, u in OBSERVATION]
-    force = [{"name": "force_z_n", "unit": "N", "min": -2.0, "max": 0.1}]
+    force = [{"name": "force_z_n", "unit": "N", "min": -2.0, "max": 1.0}]
     fields = {"lead_s": lead_s, "observation": channels, "force": force}
     manifest = tiny_manifest("none", **(fields | changes))
     return sound(package_of(model.SerializeToString(), manifest))

@@ -43,6 +43,7 @@ _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
 # A sensor with so much noise, or so many strays, is none. One stray in five is not many.
 _STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
 _TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
+_SWING = 2.0  # a stray is off by half as much from the sample before as from the filter, at least
 _FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
 _STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
@@ -279,7 +280,10 @@ class Estimator:
         is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
         is_same = now.rejected > 0 and measured.alike > 0  # the same again is no news
         is_stray = is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered))
-        is_out = innovation**2 > _GATE_SD**2 * (variance - noise_var + self._range_var)
+        out_var = _GATE_SD**2 * (variance - noise_var + self._range_var)
+        # To and fro: a model that is wrong about the motion is off, too, but by nearly the same.
+        swing_m = innovation - before_m if math.isfinite(before_m := now.last_innovation_m) else 0.0
+        is_out = min(innovation**2, (_SWING * swing_m) ** 2) > out_var
         share = now.stray_share + (float(is_out) - now.stray_share) / _STRAY_TICKS
         seen = replace(seen, stray_share=share)
         if is_stray:

@@ -112,9 +112,9 @@ def test_a_force_beyond_what_is_possible_is_limited(arch):
     manifest = manifest_of(predictor, config, narrow, None)
     example = example_rollout(predictor, config, narrow)
     runner = PackagePredictor(make_package(graph_bytes(predictor, narrow), manifest, example))
-    assert runner.step(np.zeros(8)).tolist() == [UNIT.high, 1.0] == [3.0, 1.0]
-    assert not UNIT.is_possible(3.0)
-    assert np.array_equal(example.force, np.tile(np.float32([3.0, 1.0]), (512, 1)))
+    assert runner.step(np.zeros(8)).tolist() == [UNIT.high, 0.0] == [2.25, 0.0]
+    assert not UNIT.is_possible(2.25)
+    assert np.array_equal(example.force, np.tile(np.float32([2.25, 0.0]), (512, 1)))
 
 
 def test_a_force_that_is_none_stays_none(exported_arch):

@@ -29,7 +29,7 @@ def test_a_force_that_its_graph_limits_counts_as_limited():
         "{ wide = Mul (observation, gain) over = Greater (wide, top) a = Where (over, top, wide)"
         " under = Greater (low, a) force = Where (under, low, a) }"
     )
-    limits = {"top": np.float32(9.0), "low": np.float32(-9.0)}  # of a range from -3 to 3
+    limits = {"top": np.float32(6.0), "low": np.float32(-6.0)}  # of a range from -3 to 3
     package = made(body, PLAIN, gain=np.float32(30.0), **limits)
     assert 0.5 < require_bounded(package) < 1.0
 
@@ -51,7 +51,7 @@ def test_a_force_beyond_its_limits_off_the_example_is_noticed(body, constants, t
     with pytest.raises(CheckFailed, match="Driven over its observed ranges") as failed:
         replay(made(body, PLAIN, turn=SIDE, **constants))
     assert told in str(failed.value)
-    assert "where -9 to 9 is possible" in str(failed.value)
+    assert "where -6 to 6 is possible" in str(failed.value)
 
 
 def test_a_force_that_leaves_its_limits_after_six_hundred_steps_is_noticed():
@@ -64,7 +64,7 @@ def test_a_force_that_leaves_its_limits_after_six_hundred_steps_is_noticed():
         " blow = Relu (late) big = Mul (blow, much) force = Add (observation, big) }"
     )
     late = {"one": np.float32(1), "fuse": np.float32(600), "much": np.float32(50)}
-    with pytest.raises(CheckFailed, match=r"at step 60\d, where -9 to 9 is possible"):
+    with pytest.raises(CheckFailed, match=r"at step 60\d, where -6 to 6 is possible"):
         replay(made(body, STATES, head, **late))
 
 

@@ -36,7 +36,9 @@ class Input:
     """A logged column that drives the system.
 
     `hold` says what the input does between two samples: "step" keeps the older one, as a digital
-    controller does; "linear" goes straight to the next, as a sampled signal does.
+    controller does; "linear" goes straight to the next, as a sampled signal does. `unit` is one of
+    the project's, "" for none; a log's column (T,) is converted to it. A name or a unit that is not
+    known raises UnusableInput when the system is loaded.
     """
 
     name: str
@@ -46,7 +48,11 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """A logged column that the system predicts; `noise` is the sensor's sd, a first guess."""
+    """A logged column (T,) that the system predicts, in `unit`.
+
+    `noise` is the sensor's standard deviation in that unit, a first guess. A negative one raises
+    UnusableInput when the system is loaded.
+    """
 
     name: str
     unit: str
@@ -58,7 +64,9 @@ class Constant:
     """A number of the model: `value`, known to a standard deviation of `spread`.
 
     A spread of 0 is a constant that is known; it is not fitted. An infinite one is a constant that
-    nobody has measured. Without `low` and `high` a constant keeps its sign.
+    nobody has measured. Without `low` and `high` a constant keeps its sign. All are in `unit`, and
+    single numbers; a fit that tries N of them at once gives the system's functions arrays (N,).
+    Bounds that do not hold the value raise UnusableInput when the system is loaded.
     """
 
     name: str
@@ -81,7 +89,11 @@ class Constant:
 
 @dataclass(frozen=True)
 class Port:
-    """A place where an effect may act. Made by `Port.input`, `.force`, `.output`, `.constant`."""
+    """A place where an effect may act. Made by `Port.input`, `.force`, `.output`, `.constant`.
+
+    `unit` is that of what the effect adds there; signals are (T,) along a log. A name that the
+    system does not state raises UnusableInput when it is loaded.
+    """
 
     role: str
     name: str
@@ -160,6 +172,9 @@ class System:
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
     process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
     `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
+
+    Values are in the units that the class states; each is a number, or (N,) where N points are
+    tried at once. What does not fit raises UnusableInput by the name of method, state and point.
     """
 
     rate_hz: ClassVar[float]
@@ -186,6 +201,11 @@ class System:
         system = checked(cls())
         system.correction = read_correction(Path(path), system.name)
         return system
+
+    def __repr__(self) -> str:
+        """Its name and what goes in and out."""
+        given, told = (", ".join(x.name for x in some) for some in (self.inputs, self.outputs))
+        return f"{self.name}({given} -> {told}; {len(self.states)} states)"
 
     def simulate(self, recording: Recording) -> dict[str, FloatArray]:
         """Every state and output along a recording's inputs, each (n,) at the system's rate.
@@ -330,6 +350,11 @@ def _check_names(system: System) -> None:
     for i in system.inputs:
         if i.hold not in _HOLDS:
             raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {_HOLDS}.")
+    for o in system.outputs:
+        if o.noise is not None and not 0.0 <= o.noise < math.inf:
+            raise UnusableInput(
+                f"{system.name}: output {o.name!r} has the noise {o.noise}; give one from 0."
+            )
     for c in system.constants:
         low, high = c.bounds
         if not (math.isfinite(c.value) and c.spread >= 0.0 and low <= c.value <= high):
