@@ -179,3 +179,9 @@ def test_help_cuts_no_summary(path: tuple[str, ...]) -> None:
             summary = command.get_short_help_str(10_000)
             assert summary in " ".join(listed.split()), below
             assert summary.endswith("."), below
+
+
+def test_recordings_are_called_by_their_authors_name_too() -> None:
+    ended = CliRunner().invoke(main, ["data", "import", "FlareDW", "--help"])
+    assert ended.exit_code == 0
+    assert "data import quadrotor [OPTIONS] PATH" in ended.output

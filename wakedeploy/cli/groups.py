@@ -101,6 +101,10 @@ MEANT_COMMANDS: Mapping[str, str] = {
 }
 
 
+# Recordings by the name that their authors gave them, which is no kind of thing.
+PROPER_NAMES: Mapping[str, str] = {"flaredw": "quadrotor"}
+
+
 class Group(click.Group):
     """Commands in any case, with `_` or `-`; each has its whole first sentence in the list."""
 
@@ -110,7 +114,8 @@ class Group(click.Group):
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """The command that is meant."""
-        name = meant(args[0], self.list_commands(ctx)) or args[0]
+        given = PROPER_NAMES.get(args[0].lower(), args[0])
+        name = meant(given, self.list_commands(ctx)) or args[0]
         return super().resolve_command(ctx, [name, *args[1:]])
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
