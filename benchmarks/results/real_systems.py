@@ -42,7 +42,8 @@ _BUILT_IN = (
     "*Judged*: right, where an expected effect is named and nothing that the literature does not "
     "know there; partly, where something else is named beside it; class, where it is among rivals. "
     "*Built in*: the answer once the textbook system has the effect; right is that nothing "
-    "matters, next is another effect that the literature knows. *Halves*: what the two halves of "
+    "matters, next is another effect that the literature knows. A dash is what was not asked. "
+    "*Halves*: what the two halves of "
     "the recording name. What was expected stands in `benchmarks/real_systems/cases.py`, with "
     "its sources. *Constants fitted* is the system as it is, its constants and noise fitted."
 )
@@ -52,13 +53,15 @@ def _counts(rows: Sequence[Row]) -> str:
     """How often each judgement fell, in a sentence."""
     out = [row["left_out"] for row in rows]
     told = ", ".join(f"{out.count(j)} {j}" for j in _JUDGED if j in out)
-    built_in = [row["left_in"] for row in rows if "left_in" in row]
-    good = sum(one in ("right", "next") for one in built_in)
+    built_in = [row for row in rows if "left_in" in row]
+    good = [row for row in built_in if row["left_in"] in ("right", "next")]
+    both = sum(row["left_out"] in ("right", "class") for row in good)
     halves = [row["halves"] for row in rows if "halves" in row]
     return (
-        f"With the effect left out: {told}. With it built in, {good} of {len(built_in)} answers "
-        f"are right or name what else is known. The halves of {halves.count('same')} of "
-        f"{len(halves)} recordings name the same."
+        f"With the effect left out: {told}. With it built in, {len(good)} of {len(built_in)} "
+        "answers are right or name what else is known; that says something only where the effect "
+        f"had been named when it was left out, in {both} of them. The halves of "
+        f"{halves.count('same')} of {len(halves)} recordings give the same answer."
     )
 
 
