@@ -58,9 +58,9 @@ def _counts(rows: Sequence[Row]) -> str:
     both = sum(row["left_out"] in ("right", "class") for row in good)
     halves = [row["halves"] for row in rows if "halves" in row]
     return (
-        f"With the effect left out: {told}. With it built in, {len(good)} of {len(built_in)} "
+        f"With the effect left out: {told}.\n\nWith it built in, {len(good)} of {len(built_in)} "
         "answers are right or name what else is known; that says something only where the effect "
-        f"had been named when it was left out, in {both} of them. The halves of "
+        f"had been named when it was left out, in {both} of them.\n\nThe halves of "
         f"{halves.count('same')} of {len(halves)} recordings give the same answer."
     )
 
