@@ -1,6 +1,5 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
-import importlib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -141,10 +140,11 @@ def recordings(
         from wakedeploy.gap.systems.loading import read_plain
 
         return [read_plain(path, system) for path in measured]
-    reading = importlib.import_module("wakedeploy.domains.tables.reading")
-    stated = importlib.import_module("wakedeploy.domains.tables.columns").read_columns(columns)
+    from wakedeploy.domains.tables.columns import read_columns
+    from wakedeploy.domains.tables.reading import read_recordings
+
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
-    return list(reading.read_recordings(list(measured), stated, units).recordings)
+    return list(read_recordings(list(measured), read_columns(columns), units).recordings)
 
 
 def run_steps(

@@ -1,0 +1,109 @@
+"""One part of a case: its recordings read, its system asked, and what the answer is worth.
+
+In: a `Case` and a part: the effect left "out" or "in", or left out in the "first" or "second" half
+of every recording. Out: a row of plain numbers.
+"""
+
+import os
+import time
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.real_systems.cases import Added, Case
+from benchmarks.records import ROOT
+from wakedeploy.core.recording import Recording
+from wakedeploy.domains.tables.columns import read_columns
+from wakedeploy.domains.tables.reading import read_recordings
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.steps import errors, fitted_base, named, named_document
+from wakedeploy.gap.systems.system import System, checked
+
+EXAMPLES = ROOT / "examples" / "systems"
+PARTS = ("out", "in", "first", "second")
+
+
+def answer(case: Case, part: str) -> dict[str, Any]:
+    """The workflow's answer; UnusableInput where it refuses the recordings."""
+    began_s = time.process_time()
+    model = LogModel(system_of(case, part), recordings_of(case, part))
+    base = fitted_base(model)
+    told = named(model, base)
+    document = named_document(model, told)
+    kept = {key: document[key] for key in ("verdict", "class", "effects", "unsettled")}
+    return kept | {
+        "errors": _errors(model, base, told.found),
+        "samples": sum(log.outputs.shape[1] for log in model.logs),
+        "rate_hz": model.system.rate_hz,
+        "forecast_s": model.horizon * model.dt_s,
+        "seconds": time.process_time() - began_s,
+    }
+
+
+def system_of(case: Case, part: str) -> System:
+    """The example's system; with what is missing built in, where that is the part."""
+    system = read_system(EXAMPLES / case.system)
+    cls = type(system)
+    if case.rate_hz is not None:
+        cls = type(cls.__name__, (cls,), {"rate_hz": case.rate_hz})
+    if part == "in" and case.added is not None:
+        cls = fuller(cls, case.added)
+    return checked(cls())
+
+
+def fuller(cls: type[System], added: Added) -> type[System]:
+    """The same system with further constants, states and terms of its rates."""
+
+    def derivative(self: System, state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+        rates = dict(cls.derivative(self, state, inputs, c))  # type: ignore[attr-defined]
+        for name, term in added.terms(state, inputs, c).items():
+            rates[name] = rates.get(name, 0.0) + term
+        return rates
+
+    stated = {
+        "constants": [*cls.constants, *added.constants],
+        "states": {**cls.states, **dict(added.states)},
+        "derivative": derivative,
+    }
+    return type(cls.__name__, (cls,), stated)
+
+
+def recordings_of(case: Case, part: str) -> list[Recording]:
+    """The recordings of a part."""
+    system = read_system(EXAMPLES / case.system)
+    units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
+    columns = read_columns(EXAMPLES / case.columns)
+    read = read_recordings([_folder() / name for name in case.files], columns, units)
+    return [_cut(case, one, part) for one in read.recordings]
+
+
+def _cut(case: Case, one: Recording, part: str) -> Recording:
+    low, high = case.samples or (0, len(one.time_s))
+    high = min(high, len(one.time_s))
+    middle = (low + high) // 2
+    low, high = {"first": (low, middle), "second": (middle, high)}.get(part, (low, high))
+    columns = {name: values[low:high] for name, values in one.columns.items()}
+    return Recording(one.name, one.time_s[: high - low], columns)
+
+
+def _folder() -> Path:
+    """Where recordings lie."""
+    return Path(os.environ.get("WAKEDEPLOY_DATA") or ROOT.parent / "shared" / "data")
+
+
+def _errors(model: LogModel, base: Fit, found: Fit) -> dict[str, dict[str, Any]]:
+    """Forecast errors on sealed blocks: constants as stated, fitted, and with what was found."""
+    sealed: Sequence[int] = model.sealed()
+    constant = np.array([f.name.startswith("constant.") for f in base.free])
+    neutral = np.array([f.neutral for f in base.free])
+    stated = replace(base, theta=np.where(constant, neutral, base.theta))
+    each = [errors(model, one, sealed) for one in (stated, base, found)]
+    return {
+        name: {"stated": each[0][k], "fitted": each[1][k], "found": each[2][k], "unit": unit}
+        for k, (name, unit) in enumerate(model.channels)
+    }

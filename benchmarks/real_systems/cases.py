@@ -1,0 +1,231 @@
+"""The cases: a recording, its textbook system, and what is expected, each with its source.
+
+What is expected was written down before the first run and is not changed afterwards.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from wakedeploy import Constant
+
+INF = float("inf")
+Terms = Callable[[Any, Any, Any], Mapping[str, Any]]
+
+
+@dataclass(frozen=True)
+class Added:
+    """What the literature names, built in: `terms(state, inputs, c)` are added to the rates."""
+
+    constants: tuple[Constant, ...]
+    terms: Terms
+    states: Mapping[str, str] = ()  # type: ignore[assignment]  # an empty one may be shared
+
+
+@dataclass(frozen=True)
+class Case:
+    """One system. `expected` are the effects of which one has to be named first or beside others.
+
+    `further` are other effects that the literature knows there: they may be named besides, and
+    once `added` is built in. `files` lie in the folder of recordings; `system` and `columns` are
+    files of `examples/systems`. `rate_hz` replaces the system's, `samples` cuts recordings.
+    """
+
+    name: str
+    system: str
+    columns: str
+    files: tuple[str, ...]
+    expected: tuple[str, ...]
+    source: str
+    further: tuple[str, ...] = ()
+    added: Added | None = None
+    rate_hz: float | None = None
+    samples: tuple[int, int] | None = None
+
+
+def _friction(port: str) -> tuple[str, ...]:
+    """Coulomb's and viscous friction at a port."""
+    return f"coulomb-friction@{port}", f"viscous-friction@{port}"
+
+
+def _finer_friction(port: str) -> tuple[str, ...]:
+    """What friction does besides."""
+    return f"stribeck-friction@{port}", f"pre-sliding-friction@{port}", f"offset@{port}"
+
+
+def _rubbing(speed: str, inertia: str, still: float, torque: tuple[float, str]) -> Added:
+    """Coulomb's and viscous friction; signs turn over a speed of `still`."""
+    size, unit = torque
+    constants = (
+        Constant("coulomb", size, spread=INF, unit=unit),
+        Constant("viscous", size, spread=INF, unit=f"{unit} s"),
+    )
+
+    def terms(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+        v = getattr(state, speed)
+        force = -c.coulomb * np.tanh(v / still) - c.viscous * v
+        return {speed: force / getattr(c, inertia)}
+
+    return Added(constants, terms)
+
+
+def _overflowing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    over = c.rim_per_s * np.maximum(state.upper_v - c.rim_v, 0.0)
+    return {"upper_v": -over, "level_v": c.caught * over}
+
+
+def _hardening(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    return {"slope_v_per_s": -c.cubic * state.output_v**3}
+
+
+def _remembering(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    z, v = state.hysteretic_n, state.speed_mps
+    bent = c.alpha * v - c.beta * (c.gamma * np.abs(v) * z + c.delta * v * np.abs(z))
+    return {"speed_mps": -z / c.mass_kg, "hysteretic_n": bent}
+
+
+def _lagging(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    drive = c.gain * c.stiffness * (state.motor_v - inputs.drive_v)
+    return {"slope_v_per_s": drive, "motor_v": (inputs.drive_v - state.motor_v) / c.lag_s}
+
+
+def _dragged(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    return {"speed_rpm": -c.drag * state.speed_rpm * np.abs(state.speed_rpm)}
+
+
+def _stopped(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    contact = -c.contact_per_s2 * np.maximum(state.height - c.surface, 0.0)
+    return {"speed_per_s": contact - c.dry_per_s2 * np.tanh(state.speed_per_s / 0.5)}
+
+
+def _both_rubbing(state: Any, inputs: Any, c: Any) -> dict[str, Any]:
+    """Friction torques of both joints, through the arm's mass matrix."""
+    cosine = np.cos(state.angle_2_rad)
+    m22 = c.inertia_2_kgm2
+    m12 = m22 + c.between_kgm2 * cosine
+    m11 = c.inertia_1_kgm2 + m22 + 2.0 * c.between_kgm2 * cosine
+    first = -c.coulomb_1 * np.tanh(state.speed_1_radps / 0.1) - c.viscous_1 * state.speed_1_radps
+    second = -c.coulomb_2 * np.tanh(state.speed_2_radps / 0.1) - c.viscous_2 * state.speed_2_radps
+    share = m11 * m22 - m12**2
+    return {
+        "speed_1_radps": (m22 * first - m12 * second) / share,
+        "speed_2_radps": (m11 * second - m12 * first) / share,
+    }
+
+
+_SO101 = "Feetech STS3215 servos behind a serial bus (SAGE, isaac-sim2real/sage)"
+_SO101_FINER = (
+    "sensor-dead-time@angle_rad", "lag@command_rad", "second-order-lag@command_rad",
+    "rate-limit@command_rad", "dead-band@command_rad", *_friction("speed_radps"),
+    *_finer_friction("speed_radps"), "bias@command_rad", "sensor-bias@angle_rad",
+)  # fmt: skip
+
+CASES = (
+    Case(
+        "positioning system", "emps.py", "emps.toml", ("emps/DATA_EMPS.mat",),
+        _friction("speed_mps"), "Janot, Gautier and Brunot (2019)",
+        (*_finer_friction("speed_mps"), "bias@voltage_v", "asymmetry@voltage_v"),
+        _rubbing("speed_mps", "mass_kg", 2e-3, (20.0, "N")), rate_hz=125.0,
+    ),
+    Case(
+        "cascaded tanks", "cascaded_tanks.py", "cascaded_tanks.toml",
+        ("cascaded-tanks/dataBenchmark_est.csv",), ("upper-stop@upper_v",),
+        "Schoukens, Mattsson, Wigren and Noël (2016): the upper tank overflows",
+        ("sensor-saturation@level_v", "upper-stop@level_v", "coupling-from-pump_v@level_v"),
+        Added(
+            (Constant("rim_v", 9.0, 1.5), Constant("rim_per_s", 0.5, 0.5),
+             Constant("caught", 0.5, 0.3)),
+            _overflowing,
+        ),
+    ),
+    Case(
+        "Silverbox", "silverbox.py", "silverbox.toml", ("silverbox/SNLS80mV_first_half.csv.gz",),
+        ("cubic-stiffness@slope_v_per_s",), "Wigren and Schoukens (2013): a cubic spring",
+        ("square-stiffness@slope_v_per_s", "bias@input_v", "offset@slope_v_per_s"),
+        Added((Constant("cubic", 5e5, INF),), _hardening), samples=(28000, 36000),
+    ),
+    Case(
+        "pendulum, position control", "pendulum.py", "pendulum.toml",
+        ("pendulum/pd_system_identification.csv.gz",), _friction("speed_radps"),
+        "torque_limited_simple_pendulum (DFKI), parameter files",
+        (*_finer_friction("speed_radps"), "dead-time@torque_nm", "lag@torque_nm",
+         "sensor-dead-time@angle_rad"),
+        _rubbing("speed_radps", "inertia_kgm2", 0.1, (0.1, "N m")),
+    ),
+    Case(
+        "pendulum, energy shaping", "pendulum.py", "pendulum.toml",
+        ("pendulum/energy_shaping.csv.gz",), _friction("speed_radps"),
+        "torque_limited_simple_pendulum (DFKI), parameter files",
+        (*_finer_friction("speed_radps"), "dead-time@torque_nm", "lag@torque_nm",
+         "sensor-dead-time@angle_rad"),
+        _rubbing("speed_radps", "inertia_kgm2", 0.1, (0.1, "N m")),
+    ),
+    Case(
+        "Bouc–Wen oscillator (simulated)", "bouc_wen.py", "bouc_wen.toml",
+        ("bouc-wen/train_multisine.npz",), ("hysteresis@speed_mps",), "Noël and Schoukens (2016)",
+        ("pre-sliding-friction@speed_mps",),
+        Added(
+            (Constant("alpha", 5e4, INF), Constant("beta", 1e3), Constant("gamma", 0.8, 0.3),
+             Constant("delta", -1.1, 0.3)),
+            _remembering, {"hysteretic_n": "N"},
+        ),
+        samples=(8192, 14192),
+    ),
+    Case(
+        "coupled drives", "coupled_drives.py", "coupled_drives.toml",
+        ("coupled-drives/drive_record1.mat",), ("lag@drive_v", "second-order-lag@drive_v"),
+        "Wigren and Schoukens (2017): a lag and a resonance", ("dead-time@drive_v",),
+        Added((Constant("lag_s", 0.2, INF),), _lagging, {"motor_v": "V"}),
+    ),
+    Case(
+        "pick-and-place machine", "pick_and_place.py", "pick_and_place.toml",
+        ("pick-and-place/headdata_1v6_part1.mat",),
+        ("upper-stop@speed_per_s", "lower-stop@speed_per_s", *_friction("speed_per_s")),
+        "Juloski, Heemels and Ferrari-Trecate (2004): an impact mode and dry friction",
+        _finer_friction("speed_per_s"),
+        Added(
+            (Constant("contact_per_s2", 1e4, INF), Constant("surface", 15.0, 5.0),
+             Constant("dry_per_s2", 100.0, INF)),
+            _stopped,
+        ),
+        rate_hz=200.0,
+    ),
+    Case(
+        "SO-101, rotation", "so101.py", "so101_rotation.toml",
+        ("so101/single_joint_rotation.npz", "so101/oscillation_low_freq.npz"),
+        ("dead-time@command_rad", "backlash@command_rad"), _SO101, _SO101_FINER, samples=(0, 2500),
+    ),
+    Case(
+        "SO-101, elbow", "so101.py", "so101_elbow.toml",
+        ("so101/oscillation_low_freq.npz", "so101/random_waypoints.npz"),
+        ("dead-time@command_rad", "backlash@command_rad"), f"{_SO101}; a joint that bears weight",
+        ("gravity@speed_radps", *_SO101_FINER), samples=(0, 2500),
+    ),
+    Case(
+        "SO-101, wrist pitch", "so101.py", "so101_wrist_pitch.toml",
+        ("so101/single_joint_wrist_pitch.npz", "so101/oscillation_low_freq.npz"),
+        ("dead-time@command_rad", "backlash@command_rad"), _SO101, _SO101_FINER, samples=(0, 2500),
+    ),
+    Case(
+        "double pendulum", "double_pendulum.py", "double_pendulum.toml",
+        ("double-pendulum/A0_sys_id_055032.csv.gz", "double-pendulum/A0_sys_id_060143.csv.gz"),
+        (*_friction("speed_1_radps"), *_friction("speed_2_radps")),
+        "double_pendulum (DFKI), identified_parameters: damping and Coulomb friction of both",
+        (*_finer_friction("speed_1_radps"), *_finer_friction("speed_2_radps"),
+         "dead-time@torque_1_nm", "dead-time@torque_2_nm", "lag@torque_1_nm", "lag@torque_2_nm"),
+        Added(
+            tuple(Constant(f"{kind}_{i}", 0.05, INF) for kind in ("coulomb", "viscous")
+                  for i in (1, 2)),
+            _both_rubbing,
+        ),
+    ),
+    Case(
+        "motor on a stand", "esc_motor.py", "esc_motor.toml", ("motor/esc32v3_f60-1.csv.gz",),
+        ("quadratic-drag@speed_rpm",), "Batchelor (1967): a propeller's torque is quadratic",
+        ("lag@duty_percent", "dead-time@duty_percent", "sensor-lag@speed_rpm",
+         "sensor-dead-time@speed_rpm", "coulomb-friction@speed_rpm"),
+        Added((Constant("drag", 1e-3, INF),), _dragged),
+    ),
+)  # fmt: skip

@@ -1,0 +1,52 @@
+"""Whether an answer is right, by what was expected; and whether two halves agree."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from benchmarks.real_systems.cases import Case
+
+Answer = Mapping[str, Any]
+
+
+def judged_left_out(case: Case, answer: Answer) -> str:
+    """The answer where the effect is missing.
+
+    "right" has an expected effect and nothing that the literature does not know; "partly" has one
+    beside others; "class" leaves an expected one among rivals; "wrong" has none; "nothing" is said.
+    """
+    names = answers(answer)
+    if not names:
+        return "nothing"
+    if not names & set(case.expected):
+        return "wrong"
+    if answer["class"]:
+        return "class"
+    return "right" if names <= {*case.expected, *case.further} else "partly"
+
+
+def judged_left_in(case: Case, answer: Answer) -> str:
+    """The answer where the effect is built in.
+
+    "right" is "none that matters"; "next" names what else the literature knows; "unsure" is an
+    unknown that is named by nothing; "wrong" names anything else, or what is built in once more.
+    """
+    names = answers(answer)
+    if not names:
+        return "right" if answer["verdict"] == "none" else "unsure"
+    known = set(case.further)
+    if answer["class"]:
+        return "next" if names & known else "wrong"
+    return "next" if names <= known else "wrong"
+
+
+def answers(answer: Answer) -> set[str]:
+    """Every effect that an answer names, or leaves among rivals."""
+    return {*answer["class"], *(e["name"] for e in answer["effects"])}
+
+
+def agreement(first: Answer, second: Answer) -> str:
+    """Of two halves: "same" names, some names in common, or "differ"."""
+    one, other = answers(first), answers(second)
+    if one == other:
+        return "same"
+    return "in part" if one & other else "differ"
