@@ -50,7 +50,8 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
             left[free.name] = _left(moved[free.name], known[:, others], prior[others])
     for done, (name, effect) in enumerate(model.library.items(), 1):
         first = effect.free[0]
-        moved[name] = look(model, base, name).columns[0][:, 0] * (first.starts[0] or first.step)
+        far = (first.starts[0] - first.neutral) or first.step
+        moved[name] = look(model, base, name).columns[0][:, 0] * far
         left[name] = _left(moved[name], known, prior)
         steps(done, len(model.library))
     names = list(moved)

@@ -21,6 +21,7 @@ from wakedeploy.physics.kalman import corrected, stepped
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _LOST = 1e12  # usual sizes: a state that far away has left the model
+LOST_NATS = -1e6  # log density of a sample where that has happened
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +102,7 @@ class Filter:
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
-                told[t][:, :, lost] = np.array([0.0, 1.0, -1e6, 1.0])[:, None, None]
+                told[t][:, :, lost] = np.array([0.0, 1.0, LOST_NATS, 1.0])[:, None, None]
         shape = (len(at), 4, m, count, parts)
         states = states.reshape(len(at), k, count, parts)
         return Run(np.moveaxis(told.reshape(shape), 1, 0), states, pieces)

@@ -239,13 +239,20 @@ class LogModel:
         return np.array([known.get(n, zero) for n in self.system.states])
 
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
-        """Usual sizes of inputs, states, outputs (`y …`) and rates (`d …`)."""
+        """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
+
+        `y …` is about an output's mean, `top …` the largest reading.
+        """
         states = np.concatenate(guessed, axis=1)
         inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
         outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
         sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
         sizes |= {
             f"y {o.name}": _usual(row - np.nanmean(row))
+            for o, row in zip(self.system.outputs, outputs, strict=True)
+        }
+        sizes |= {
+            f"top {o.name}": float(np.nanmax(np.abs(row))) or 1.0
             for o, row in zip(self.system.outputs, outputs, strict=True)
         }
         first = max(sizes[f"y {o.name}"] for o in self.system.outputs)

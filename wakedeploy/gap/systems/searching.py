@@ -25,6 +25,7 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.filtering import LOST_NATS
 from wakedeploy.gap.systems.logs import LogModel
 
 CLIMBED = 5  # candidates that are fitted to the end
@@ -203,8 +204,9 @@ def _slopes(
                 de[:, i] = base.slopes.innovation[e][:, place[f.name]]
                 dv[:, i] = base.slopes.variance[e][:, place[f.name]]
         for i, (there, size) in zip(own, beside, strict=True):
-            de[:, i] = (there[e].innovation - score.innovation) / size
-            dv[:, i] = (there[e].variance - score.variance) / size
+            seen = (there[e].log_density > LOST_NATS) & (score.log_density > LOST_NATS)
+            de[:, i] = np.where(seen, there[e].innovation - score.innovation, 0.0) / size
+            dv[:, i] = np.where(seen, there[e].variance - score.variance, 0.0) / size
         innovation.append(de)
         variance.append(dv)
     return Slopes(here, tuple(innovation), tuple(variance))

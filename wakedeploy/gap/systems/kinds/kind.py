@@ -18,8 +18,9 @@ Parameters = Mapping[str, Any]  # by name, arrays that broadcast against the sta
 class Scales:
     """How large things are at a port, from the log: sizes, units, and the time between samples.
 
-    `sizes` and `units` are by what a parameter is made of: "input", "output", "constant", "force",
-    "speed", "position", "height", "other", "time", "span" (of an uninterrupted log).
+    `sizes` and `units` are by what a parameter is made of: "input", "output" (about its mean),
+    "top" (its largest reading), "constant", "force", "speed", "position", "height", "other",
+    "time", "span" (of an uninterrupted log).
     """
 
     sizes: Mapping[str, float]

@@ -68,7 +68,7 @@ def kind_named(role: str, name: str) -> Kind:
 def offered(
     system: System, sizes: Mapping[str, float], times: tuple[float, float]
 ) -> dict[str, Effect]:
-    """Every effect by name. `sizes` are usual sizes of inputs, states, outputs and rates (`d x`).
+    """Every effect by name. `sizes` are usual sizes of inputs, states, rates (`d x`) and outputs.
 
     `times` are the time between samples and the length of a log [s].
     """
@@ -127,7 +127,9 @@ def _scales(
         units["input"] = next(i.unit for i in system.inputs if i.name == port.name)
     elif port.role == "output":
         there["output"] = sizes[f"y {port.name}"]
+        there["top"] = sizes.get(f"top {port.name}", sizes[f"y {port.name}"])
         units["output"] = next(o.unit for o in system.outputs if o.name == port.name)
+        units["top"] = units["output"]
     elif port.role == "force":
         inertia = abs(system.constant(port.inertia).value) if port.inertia else 1.0
         there |= {"force": inertia * sizes[f"d {port.name}"], "speed": sizes[port.name]}

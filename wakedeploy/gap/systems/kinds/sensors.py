@@ -76,8 +76,8 @@ class SensorSaturation(OutputKind):
     equation = "min(y, limit)"
     source = _SENSORS
     parameters = (
-        Parameter("limit", _OF_OUTPUT, neutral=3.0, low=-3.0, high=3.0, starts=(1.0, 0.9),
-                  prior=2.0),
+        Parameter("limit", {"top": 1}, neutral=1.5, low=-1.5, high=1.5, starts=(0.98, 0.9),
+                  prior=1.0),
     )  # fmt: skip
 
     def reading(
