@@ -19,6 +19,7 @@ from benchmarks.results import (
     learning,
     live,
     readme,
+    real_systems,
     simulators,
     studies,
     tutorials,
@@ -56,6 +57,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
         gap.power,
         gap_domains.domains,
+        *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
         simulators.downwash_speed,

@@ -6,6 +6,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.systems.checking import checked_base, rows
+from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
 from wakedeploy.gap.systems.logs import LogModel
 
 
@@ -41,3 +42,21 @@ def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
     """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
     told = {row.name: row for row in rows(model, checked_base(model))}
     assert told["sensor-saturation@position_m"].moved < 1e9
+
+
+@pytest.mark.parametrize(
+    ("of", "unit"),
+    [
+        ({"force": 1}, "N"),
+        ({"force": 1, "speed": -1}, "N/(m/s)"),
+        ({"force": 1, "speed": -2}, "N/(m/s)²"),
+        ({"force": 1, "position": -3}, "N/m³"),
+        ({"force": 1, "speed": -2, "position": -1}, "N/((m/s)² m)"),
+        ({"time": 1, "input": -1}, "s/V"),
+        ({"span": -1}, "1/s"),
+        ({}, "1"),
+    ],
+)
+def test_a_unit_says_what_is_divided_by_what(of, unit):
+    units = {"force": "N", "speed": "m/s", "position": "m", "time": "s", "span": "s", "input": "V"}
+    assert Parameter("one", of).unit(Scales({}, units)) == unit

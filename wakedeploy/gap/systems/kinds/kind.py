@@ -52,13 +52,14 @@ class Parameter:
 
     def unit(self, scales: Scales) -> str:
         """The unit, put together from those of the port."""
-        over = [scales.units[k] + _power(p) for k, p in self.of.items() if p > 0]
-        under = [scales.units[k] + _power(-p) for k, p in self.of.items() if p < 0]
+        over = [_power(scales.units[k], p) for k, p in self.of.items() if p > 0]
+        under = [_power(scales.units[k], -p) for k, p in self.of.items() if p < 0]
         over, under = [u for u in over if u != "1"], [u for u in under if u != "1"]
-        top = " ".join(over) or "1"
+        top, below = " ".join(over) or "1", " ".join(under)
         if not under:
             return top
-        return f"{top}/{under[0]}" if len(under) == 1 else f"{top}/({' '.join(under)})"
+        is_one = len(under) == 1 and (below[0] == "(" or not set(below) & set(" /"))
+        return f"{top}/{below}" if is_one else f"{top}/({below})"
 
     def free(self, effect: str, scales: Scales) -> Free:
         """As a fit sees it."""
@@ -81,5 +82,9 @@ class Kind:
     needs: ClassVar[tuple[str, ...]] = ()  # of a port: "position", "height", "inertia", "angle"
 
 
-def _power(exponent: int) -> str:
-    return {1: "", 2: "²", 3: "³"}.get(exponent, f"^{exponent}")
+def _power(unit: str, exponent: int) -> str:
+    """A unit to a power; (m/s)² and not m/s², which is another."""
+    if exponent == 1 or unit == "1":
+        return unit
+    raised = {2: "²", 3: "³"}.get(exponent, f"^{exponent}")
+    return f"({unit}){raised}" if set(unit) & set(" /") else f"{unit}{raised}"

@@ -1,0 +1,108 @@
+"""Results of the gap workflow on systems that others built and recorded."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from benchmarks.results.section import Records, Section, paragraphs, table
+
+RECORD = "real-systems.json"
+Row = Mapping[str, Any]
+_JUDGED = ("right", "partly", "class", "wrong", "nothing", "refused")
+
+
+def named(records: Records) -> Section:
+    """What was named on each recording, how large it is, and what it changes."""
+    rows: Sequence[Row] = records.json(RECORD)["rows"]
+    head = ["recording", "expected", "named", "size", "judged", "built in", "halves", "seconds"]
+    return Section(
+        "Systems that others built and recorded",
+        f"The gap workflow on {len(rows)} public recordings, each with a textbook system that "
+        "lacks what the literature names.",
+        paragraphs(
+            _counts(rows),
+            table(head, [_line(row) for row in rows]),
+            _BUILT_IN,
+            "Root mean square of measured less forecast on sealed blocks:",
+            table(
+                ["recording", "output", "forecast over", "as stated", "constants fitted",
+                 "with what was named"],
+                [line for row in rows for line in _errors(row)],
+            ),
+        ),
+        ("python -m benchmarks.real_systems --json docs/records/real-systems.json",),
+    )  # fmt: skip
+
+
+_BUILT_IN = (
+    "*Judged*: right, where an expected effect is named and nothing that the literature does not "
+    "know there; partly, where something else is named beside it; class, where it is among rivals. "
+    "*Built in*: the answer once the textbook system has the effect; right is that nothing "
+    "matters, next is another effect that the literature knows. *Halves*: what the two halves of "
+    "the recording name. What was expected stands in `benchmarks/real_systems/cases.py`, with "
+    "its sources. *Constants fitted* is the system as it is, its constants and noise fitted."
+)
+
+
+def _counts(rows: Sequence[Row]) -> str:
+    """How often each judgement fell, in a sentence."""
+    out = [row["left_out"] for row in rows]
+    told = ", ".join(f"{out.count(j)} {j}" for j in _JUDGED if j in out)
+    built_in = [row["left_in"] for row in rows if "left_in" in row]
+    good = sum(one in ("right", "next") for one in built_in)
+    halves = [row["halves"] for row in rows if "halves" in row]
+    return (
+        f"With the effect left out: {told}. With it built in, {good} of {len(built_in)} answers "
+        f"are right or name what else is known. The halves of {halves.count('same')} of "
+        f"{len(halves)} recordings name the same."
+    )
+
+
+def _line(row: Row) -> list[str]:
+    out = row["answers"]["out"]
+    built_in = row["answers"].get("in")
+    return [
+        row["case"],
+        ", ".join(row["expected"]),
+        _names(out),
+        _sizes(out),
+        row["left_out"],
+        f"{row['left_in']}: {_names(built_in)}" if built_in else "–",
+        _halves(row),
+        f"{out['seconds']:.0f}" if "seconds" in out else "–",
+    ]
+
+
+def _names(answer: Row) -> str:
+    """What an answer names, or why it names nothing."""
+    if "refused" in answer:
+        return "refused"
+    found = [one["name"] for one in answer["effects"]]
+    rivals = [name for name in answer["class"] if name not in found]
+    told = ", ".join(found) + f" (or {', '.join(rivals)})" * bool(rivals)
+    return told or {"none": "none that matters"}.get(answer["verdict"], answer["verdict"])
+
+
+def _sizes(answer: Row) -> str:
+    return "; ".join(
+        f"{name} {one['value']:.3g} [{one['low']:.3g}, {one['high']:.3g}] {one['unit']}"
+        for effect in answer.get("effects", ())
+        for name, one in effect["parameters"].items()
+    )
+
+
+def _halves(row: Row) -> str:
+    told = [row["answers"][p] for p in ("first", "second") if p in row["answers"]]
+    if len(told) < 2:
+        return "–"
+    if row.get("halves") == "same":
+        return f"same: {_names(told[0])}"
+    return f"{row.get('halves', 'refused')}: {_names(told[0])} / {_names(told[1])}"
+
+
+def _errors(row: Row) -> list[list[str]]:
+    out = row["answers"]["out"]
+    return [
+        [row["case"], name, f"{out['forecast_s']:.3g} s",
+         *(f"{one[k]:.3g} {one['unit']}" for k in ("stated", "fitted", "found"))]
+        for name, one in out.get("errors", {}).items()
+    ]  # fmt: skip
