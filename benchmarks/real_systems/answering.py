@@ -6,7 +6,7 @@ of every recording. Out: a row of plain numbers.
 
 import os
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,7 @@ from wakedeploy.gap.systems.system import System, checked
 
 EXAMPLES = ROOT / "examples" / "systems"
 PARTS = ("out", "in", "first", "second")
+LEADING = 5  # effects of the first round that are kept, named or not
 
 
 def answer(case: Case, part: str) -> dict[str, Any]:
@@ -37,12 +38,20 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     document = named_document(model, told)
     kept = {key: document[key] for key in ("verdict", "class", "effects", "unsettled")}
     return kept | {
+        "threshold_nats": document["threshold_nats"],
+        "leading": [_leading(one) for one in document["rounds"][0]["ranking"][:LEADING]],
         "errors": _errors(model, base, told.found),
         "samples": sum(log.outputs.shape[1] for log in model.logs),
         "rate_hz": model.system.rate_hz,
         "forecast_s": model.horizon * model.dt_s,
         "seconds": time.process_time() - began_s,
     }
+
+
+def _leading(entry: Mapping[str, Any]) -> dict[str, Any]:
+    """What an effect gains alone, and why it is not named."""
+    kept = {key: entry[key] for key in ("name", "gain_nats", "interval", "note")}
+    return kept | {key: entry.get(key) for key in ("judged", "forecast")}
 
 
 def system_of(case: Case, part: str) -> System:

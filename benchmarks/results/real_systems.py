@@ -22,6 +22,11 @@ def named(records: Records) -> Section:
             _counts(rows),
             table(head, [_line(row) for row in rows]),
             _BUILT_IN,
+            "Where nothing right was named, the effect that gains most alone, with its interval:",
+            table(
+                ["recording", "chance brings up to", "gain", "why it is not named"],
+                [_leader(row) for row in rows if row["left_out"] in ("nothing", "wrong")],
+            ),
             "Root mean square of measured less forecast on sealed blocks:",
             table(
                 ["recording", "output", "forecast over", "as stated", "constants fitted",
@@ -70,6 +75,16 @@ def _line(row: Row) -> list[str]:
         _halves(row),
         f"{out['seconds']:.0f}" if "seconds" in out else "–",
     ]
+
+
+def _leader(row: Row) -> list[str]:
+    """The strongest candidate of a case that nothing right was named in."""
+    out = row["answers"]["out"]
+    first = out["leading"][0]
+    low, high = first["interval"]
+    gain = f"{first['name']} {first['gain_nats']:.0f} [{low:.0f}, {high:.0f}] nats"
+    why = first["judged"] if first["judged"] != "accepted" else "it is"
+    return [row["case"], f"{out['threshold_nats']:.0f} nats", gain, why]
 
 
 def _names(answer: Row) -> str:
