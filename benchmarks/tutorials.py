@@ -1,9 +1,10 @@
 """The tutorials, obeyed line by line in an empty folder, and what each line printed.
 
-    python -m benchmarks.tutorials first-predictor at-the-rig
+    python -m benchmarks.tutorials first-predictor own-system at-the-rig
 
-Writes docs/records/tutorial-NAME.json and the pictures that the tutorials show. `make results` puts
-the outputs into the pages.
+A block after a comment `<!-- file: NAME -->` is written to that file when its turn comes. Writes
+docs/records/tutorial-NAME.json and the pictures that the tutorials show. `make results` puts the
+outputs into the pages.
 """
 
 import argparse
@@ -22,12 +23,15 @@ from benchmarks import records
 
 FOLDER = records.ROOT / "docs" / "tutorials"
 BLOCK = re.compile(
-    r"^```sh\n(?P<body>.*?)^```$(?P<shown>\n\n<!-- output -->)?", re.MULTILINE | re.DOTALL
+    r"^(?:<!-- file: (?P<file>\S+) -->\n```\w+|```sh)\n(?P<body>.*?)^```$"
+    r"(?P<shown>\n\n<!-- output -->)?",
+    re.MULTILINE | re.DOTALL,
 )
 WIDTH = "110"  # of the terminal that a page shows
 PICTURES = {  # of a tutorial's folder, by the name that pages know
     ("first-predictor", "runs/gantry/gru/s0/prediction.png"): "tutorial-prediction.png",
     ("first-predictor", "gru.png"): "tutorial-flight.png",
+    ("own-system", "gap/figures/trace.png"): "tutorial-own-system.png",
 }
 
 
@@ -49,17 +53,26 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def blocks(page: Path) -> list[tuple[str, bool]]:
-    """The shell blocks of a page in their order, and whether the page shows what each prints."""
-    text = page.read_text("utf-8")
-    return [(found["body"], found["shown"] is not None) for found in BLOCK.finditer(text)]
+def blocks(page: Path) -> list[tuple[str | None, str, bool]]:
+    """A page's blocks in their order: each one's file, its text, and whether its output is shown.
+
+    A block without a file is of the shell.
+    """
+    found = BLOCK.finditer(page.read_text("utf-8"))
+    return [(one["file"], one["body"], one["shown"] is not None) for one in found]
 
 
 def obeyed(page: Path, folder: Path) -> Iterator[dict[str, Any]]:
-    """What each block printed where the page shows it; RuntimeError at the first that fails."""
+    """What each block of the shell printed where the page shows it, files made in between.
+
+    Raises RuntimeError at the first block that fails.
+    """
     path = f"{Path(sys.executable).parent}:{os.environ['PATH']}"
     environment = os.environ | {"PATH": path, "COLUMNS": WIDTH, "NO_COLOR": "1"}
-    for block, is_shown in blocks(page):
+    for file, block, is_shown in blocks(page):
+        if file is not None:
+            (folder / file).write_text(block, "utf-8")
+            continue
         began = time.monotonic()
         done = subprocess.run(
             ["bash", "-e"], input=block, cwd=folder, env=environment, capture_output=True, text=True

@@ -3,12 +3,14 @@
 `notebook(path)` makes one without outputs. Building the site puts one beside each of `TUTORIALS`.
 """
 
+import re
 from pathlib import Path
 from typing import Any
 
 from sphinx.application import Sphinx
 
-TUTORIALS = ("first-predictor",)
+TUTORIALS = ("first-predictor", "own-system")
+_FILE = re.compile(r"^<!-- file: (\S+) -->\n```\w+\n", re.MULTILINE)
 # Without it the language of most blocks would be the notebook's own.
 _KERNEL = """---
 jupyter:
@@ -22,10 +24,11 @@ jupyter:
 
 
 def notebook(page: Path) -> str:
-    """The notebook of a page as JSON: `sh` and `python` blocks are its cells."""
+    """The notebook of a page as JSON: its cells are the `sh` and `python` blocks, and the files."""
     import jupytext
 
-    book = jupytext.reads(_KERNEL + page.read_text("utf-8"), fmt="md")
+    text = _FILE.sub(r"```python\n%%writefile \1\n", page.read_text("utf-8"))
+    book = jupytext.reads(_KERNEL + text, fmt="md")
     return str(jupytext.writes(book, fmt="ipynb"))
 
 

@@ -1,13 +1,17 @@
 """A user's system at the command line: a first file that runs, a log, a correction, bad input."""
 
+import json
+
 import numpy as np
 import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli.gap import command
+from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
 from wakedeploy.gap.systems.loading import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.words import sentences
 
 
 @pytest.fixture(scope="module")
@@ -101,3 +105,82 @@ def test_an_uneven_log_is_refused_with_the_way_out(folder, tmp_path):
         command, ["check", str(folder / "my_robot.py"), "--measured", str(tmp_path / "log.csv")]
     )
     assert "--columns" in str(told.exception)
+
+
+COLUMNS = """version = 1
+[time]
+column = "stamp_ms"
+unit = "ms"
+[columns.{name}]
+column = "motor_mV"
+role = "input"
+unit = "mV"
+[columns.position_m]
+column = "encoder_mm"
+role = "output"
+unit = "mm"
+"""
+
+
+@pytest.fixture(scope="module")
+def foreign(folder):
+    """The same log as another logger writes it: other names, milliseconds, millivolts, mm."""
+    rows = np.loadtxt(folder / "log.csv", delimiter=",", skiprows=1) * 1000.0
+    header = "stamp_ms,motor_mV,encoder_mm"
+    np.savetxt(folder / "foreign.csv", rows, delimiter=",", header=header, comments="")
+    return folder / "foreign.csv"
+
+
+def _simulated(folder, *words):
+    given = ["simulate", "--system", str(folder / "my_robot.py"), *map(str, words)]
+    return CliRunner().invoke(command, given)
+
+
+def test_a_log_in_other_names_and_units_is_the_same_log(folder, foreign, tmp_path):
+    (tmp_path / "c.toml").write_text(COLUMNS.format(name="voltage_v"))
+    plain = _simulated(folder, "--measured", folder / "log.csv", "--json", tmp_path / "plain.json")
+    other = _simulated(
+        folder, "--measured", foreign, "--columns", tmp_path / "c.toml",
+        "--json", tmp_path / "other.json",
+    )  # fmt: skip
+    assert (plain.exit_code, other.exit_code) == (0, 0)
+    (own,) = json.loads((tmp_path / "plain.json").read_text()).values()
+    (converted,) = json.loads((tmp_path / "other.json").read_text()).values()
+    assert converted["without"]["position_m"] == pytest.approx(own["without"]["position_m"])
+
+
+def test_a_log_that_needs_a_columns_file_says_how_to_begin_one(folder, foreign):
+    told = str(_simulated(folder, "--measured", foreign).exception)
+    assert f"data import table {foreign} --guess --columns columns.toml" in told
+
+
+def test_a_column_without_the_systems_name_says_where_to_name_it(folder, foreign, tmp_path):
+    (tmp_path / "c.toml").write_text(COLUMNS.format(name="motor_mv"))
+    told = _simulated(folder, "--measured", foreign, "--columns", tmp_path / "c.toml")
+    assert "among motor_mv, position_m; call it so, in a columns.toml by [columns.voltage_v]" in (
+        str(told.exception)
+    )
+
+
+def test_a_unit_that_does_not_fit_is_refused_by_the_name_of_its_file(folder, foreign, tmp_path):
+    text = COLUMNS.format(name="voltage_v").replace('"mV"', '"mA"')
+    (tmp_path / "other.toml").write_text(text)
+    told = str(
+        _simulated(folder, "--measured", foreign, "--columns", tmp_path / "other.toml").exception
+    )
+    assert told.startswith(f"{tmp_path / 'other.toml'}: columns.voltage_v.unit: 'mA'")
+
+
+def test_the_first_columns_file_knows_millivolts_by_their_name(foreign):
+    text = guess_columns(foreign)
+    assert 'column = "motor_mV"\nrole = "unused"\nunit = "mV"' in text
+    assert 'to = "mV"' in text
+
+
+def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
+    size = {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "N"}
+    forecast = {"share": 0.9996, "low": 0.994, "high": 0.9999}
+    effect = {"name": "friction", "parameters": {"force": size}, "forecast": forecast}
+    told = sentences("name", {"verdict": "named", "effects": [effect], "rounds": []})
+    assert "removes over 99% of" in told[1]
+    assert "100%" not in told[1]

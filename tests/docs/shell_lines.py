@@ -44,7 +44,7 @@ SMALLER = (
 
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.
 NOT_RUN = {
-    r"^docs/tutorials/at-the-rig": "takes minutes; test_tutorials.py obeys it as it stands",
+    r"^docs/tutorials/(at|own)-": "takes minutes; test_tutorials.py obeys it as it stands",
     r"^docs/results": "makes a record: takes minutes to hours",
     r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
@@ -72,6 +72,8 @@ OTHERS = {
     ".": "enters the environment",
     "eval": "is for an interactive shell; test_commands.py gives it to one",
     "pytest": "is the test suite itself",
+    "cat": "shows a file that the line before it wrote",
+    "head": "shows a file that the line before it wrote",
     "make": "installs, measures or takes minutes: `make --dry-run` reads it",
     "python": "measures for hours or changes the checkout: its options are read",
 }

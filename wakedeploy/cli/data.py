@@ -171,4 +171,7 @@ def _guess(log: Path, columns_path: Path) -> None:
         raise UnusableInput(
             f"{columns_path}: is there already; delete it, or choose another --columns."
         ) from error
-    click.echo(f"Wrote {columns_path}: give the columns that you need a role, then import.")
+    click.echo(
+        f"Wrote {columns_path}. Give the columns that you need a role; for `gap`, also the names "
+        "of your system, in [columns.NAME]."
+    )

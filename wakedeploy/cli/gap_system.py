@@ -39,7 +39,11 @@ def init(path: Path) -> None:
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
     write_text_whole(path, template(path.stem))
-    click.echo(f"Wrote {path}. Next: wakedeploy gap check {path} --measured LOG")
+    click.echo(
+        f"Wrote {path}. Make it yours, then: wakedeploy gap check {path} --measured LOG\n"
+        "A log with other names or units also needs --columns; a first one: wakedeploy data import "
+        "table LOG --guess --columns columns.toml"
+    )
 
 
 @click.command("check", cls=Many)
@@ -57,12 +61,13 @@ def check(
         wakedeploy gap check my_robot.py --measured log.csv
     """
     from wakedeploy.gap.systems.checking import checked_base, column_notes, rows
+    from wakedeploy.gap.wording import counted
 
     model = open_model(system_path, measured, columns)
+    samples = sum(log.outputs.shape[1] for log in model.logs)
     click.echo(
-        f"{model.name}: {len(model.logs)} logs, {sum(log.outputs.shape[1] for log in model.logs)} "
-        f"samples at {model.system.rate_hz:g} Hz, {model.episodes} blocks, "
-        f"{len(model.library)} effects"
+        f"{model.name}: {counted(len(model.logs), 'log')}, {samples} samples at "
+        f"{model.system.rate_hz:g} Hz, {model.episodes} blocks, {len(model.library)} effects"
     )
     for note in column_notes(model):
         click.echo(f"  {note}")
@@ -158,7 +163,7 @@ def run_steps(
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.systems.own_folder import Folder
+    from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
@@ -174,6 +179,8 @@ def run_steps(
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
     _print(step, told)
+    if step not in ("find", "name"):
+        click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:

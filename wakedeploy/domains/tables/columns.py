@@ -168,6 +168,12 @@ class Columns(_Table):
     csv: Delimited = Delimited()
     training: Training = Training()
     columns: Mapping[Name, Column] = Field(min_length=1)
+    _file: str = pydantic.PrivateAttr("columns.toml")
+
+    @property
+    def file(self) -> str:
+        """What it was read from, as error messages name it."""
+        return self._file
 
     @property
     def used(self) -> dict[str, Column]:
@@ -207,6 +213,7 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
         read = Columns.model_validate(raw)
     except pydantic.ValidationError as error:
         raise UnusableInput(f"{name}: {_clause(first_problem(error))}.") from error
+    read._file = name
     if not read.used:
         roles = "input, output, observation or force"
         raise UnusableInput(f"{name}: no column has a role yet; give some the role {roles}.")

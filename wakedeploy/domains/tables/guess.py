@@ -42,7 +42,8 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"_m_s2?(\[\d\])?$", "m/s^2"), (r"_mps2$", "m/s^2"), (r"_mps$", "m/s"),
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
-    (r"_m$", "m"), (r"_mm$", "mm"), (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
+    (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
+    (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
@@ -318,7 +319,7 @@ def _entry(file: str, field: Field, values: Values, taken: set[str]) -> Iterator
         yield f"file = {_toml(file)}"
     yield 'role = "unused"'
     yield f"unit = {_toml(unit)}{remark}"
-    if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit}"):
+    if unit != si_unit(unit) and field.name.lower().endswith(f"_{unit.lower()}"):
         yield f"to = {_toml(unit)}  # as its name says"
     if len(there) < len(numbers):
         yield 'missing = "hold"  # ? some samples have no number'

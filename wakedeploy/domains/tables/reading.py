@@ -94,7 +94,10 @@ def read_recordings(
     """
     if not paths:
         raise UnusableInput("No log was given; name at least one file.")
-    wanted = {name: _Wanted(name, c, (units or {}).get(name)) for name, c in columns.used.items()}
+    wanted = {
+        name: _Wanted(name, c, (units or {}).get(name), columns.file)
+        for name, c in columns.used.items()
+    }
     pieces: dict[Path, tuple[Recording, ...]] = {}
     notes: list[str] = []
     names = _distinct([Path(path) for path in paths])
@@ -108,7 +111,7 @@ def read_recordings(
 class _Wanted:
     """A column and the unit that its numbers shall be in."""
 
-    def __init__(self, name: str, column: Column, unit: str | None) -> None:
+    def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
         self.name, self.column = name, column
         try:
             self.unit = unit or column.to or si_unit(column.unit)
@@ -119,7 +122,7 @@ class _Wanted:
                     " round; give both as rad/s, or both as Hz"
                 )
         except ValueError as error:
-            raise UnusableInput(f"columns.toml: columns.{name}.unit: {error}.") from None
+            raise UnusableInput(f"{file}: columns.{name}.unit: {error}.") from None
 
     def converted(self, values: Vector) -> Vector:
         """Numbers of the log in that unit."""

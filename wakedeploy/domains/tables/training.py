@@ -68,13 +68,13 @@ def _require_roles(columns: Columns) -> None:
     for role in needed:
         if not columns.with_role(role):
             raise UnusableInput(
-                f"columns.toml: no column has the role {role!r}; a set for training needs"
+                f"{columns.file}: no column has the role {role!r}; a set for training needs"
                 " observations and forces."
             )
     for name, column in columns.with_role("observation", "force").items():
         if column.missing == "nan":
             raise UnusableInput(
-                f'columns.toml: columns.{name}.missing = "nan" is nothing to learn from; give'
+                f'{columns.file}: columns.{name}.missing = "nan" is nothing to learn from; give'
                 ' "hold" or "split".'
             )
 
@@ -164,7 +164,7 @@ def _loss_weights(columns: Columns) -> tuple[float, ...]:
     forces = columns.with_role("force")
     for name in columns.training.loss_weights:
         if name not in forces:
-            raise UnusableInput(f"columns.toml: training.loss_weights.{name} is no force.")
+            raise UnusableInput(f"{columns.file}: training.loss_weights.{name} is no force.")
     return tuple(columns.training.loss_weights.get(name, 1.0) for name in forces)
 
 

@@ -314,7 +314,7 @@ def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> N
 
 def _round_title(round_: Artefact, shown: int) -> str:
     given = [_plain(name) for name in texts(round_.get("given"))]
-    title = f"On top of {', '.join(given)}" if given else "On top of the rig as it is"
+    title = f"On top of {', '.join(given)}" if given else "On top of the model as it is"
     total = len(entries(round_.get("ranking")))
     return title if shown == total else f"{title} (best {shown} of {total})"
 

@@ -44,7 +44,8 @@ def read_plain(path: Path, system: System) -> Recording:
     if "time_s" not in names or table.shape[1:] != (len(names),):
         raise UnusableInput(
             f"{path}: no CSV with a time_s among {len(names)} columns; say by --columns what it "
-            "holds."
+            f"holds, and begin it with: wakedeploy data import table {path} --guess --columns "
+            "columns.toml"
         )
     columns = dict(zip(names, table.T, strict=True))
     time_s = columns.pop("time_s")

@@ -95,7 +95,10 @@ def _log(system: System, recording: Recording) -> Log:
 def _column(recording: Recording, name: str) -> FloatArray:
     if name not in recording.columns:
         known = ", ".join(recording.columns)
-        raise UnusableInput(f"{recording.name}: no column {name!r}; there are: {known}.")
+        raise UnusableInput(
+            f"{recording.name}: no column {name!r} among {known}; call it so, in a columns.toml by "
+            f"[columns.{name}]."
+        )
     return np.asarray(recording.columns[name], dtype=float)
 
 

@@ -13,8 +13,6 @@ def sentences(step: str, told: Mapping[str, Any]) -> list[str]:
     if step == "find":
         return _found(told)
     lines = [_verdict(told), *_effects(told), *_rejected(told)]
-    if step in ("add", "close", "show"):
-        lines.append("Wrote correction.toml, which System.corrected() loads.")
     if "gap" in told:
         lines += _gap(told)
     return lines
@@ -53,12 +51,17 @@ def _effects(told: Mapping[str, Any]) -> list[str]:
         )
         share = effect["forecast"]
         lines.append(
-            f"  {effect['name']}: {sizes}; removes {share['share']:.0%} of the squared forecast "
-            f"error of sealed blocks [{share['low']:.0%}, {share['high']:.0%}]"
+            f"  {effect['name']}: {sizes}; removes {_percent(share['share'])} of the squared "
+            f"forecast error of sealed blocks [{_percent(share['low'])}, {_percent(share['high'])}]"
         )
     for name in told.get("unsettled", ()):
         lines.append(f"  The fit with {name} had not settled: its size is a lower guess.")
     return lines
+
+
+def _percent(share: float) -> str:
+    """A share in whole percent; what is not all of it never reads as all of it."""
+    return "over 99%" if 0.99 < share < 1.0 else f"{share:.0%}"
 
 
 def _rejected(told: Mapping[str, Any]) -> list[str]:
