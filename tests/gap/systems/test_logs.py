@@ -7,9 +7,9 @@ from scipy.linalg import expm
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.evidence.inference import neutral
+from wakedeploy.gap.evidence.inference import extended, fit, neutral
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, named, verdict_of
+from wakedeploy.gap.systems.steps import fitted_base, is_nothing, named, verdict_of
 
 RATE = 100.0
 
@@ -116,3 +116,14 @@ def test_a_hidden_effect_is_named_with_its_size(hidden, name, parameter, truth):
 def test_where_nothing_is_hidden_nothing_is_named(seed):
     model = LogModel(Mass(), [recorded(seed, seconds=20.0)])
     assert verdict_of(named(model, fitted_base(model))) == "none"
+
+
+@pytest.mark.parametrize(("friction_n", "nothing"), [(0.0, True), (2.0, False)])
+def test_a_size_that_may_be_zero_is_no_effect(friction_n, nothing):
+    model, name = (
+        LogModel(Mass(), [recorded(3, friction_n=friction_n)]),
+        "coulomb-friction@speed_mps",
+    )
+    base = fitted_base(model)
+    start = extended(base, model.free((name,)))
+    assert is_nothing(fit(model, (name,), base.episodes, start), name) == nothing

@@ -7,7 +7,7 @@ import pytest
 
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.systems.loading import read_plain, read_system
 from wakedeploy.gap.systems.system import checked
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
@@ -93,3 +93,14 @@ def test_a_file_is_read_and_its_errors_are_told(tmp_path):
     (tmp_path / "none.py").write_text("x = 1\n")
     with pytest.raises(UnusableInput, match="no class derived from System"):
         read_system(tmp_path / "none.py")
+
+
+def test_a_log_that_is_no_csv_file_is_answered_with_the_way_in(tmp_path):
+    path = tmp_path / "flight.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + bytes(range(256)))
+    with pytest.raises(
+        UnusableInput, match=r"is no CSV file of numbers; say by --columns .*--guess"
+    ):
+        read_plain(path, Axis())
+    with pytest.raises(UnusableInput, match="give a log that can be read"):
+        read_plain(tmp_path / "absent.csv", Axis())

@@ -39,13 +39,13 @@ def read_plain(path: Path, system: System) -> Recording:
         with path.open(encoding="utf-8") as file:
             names = [n.strip().strip('"') for n in file.readline().split(",")]
             table = np.genfromtxt(file, delimiter=",", ndmin=2)
-    except (OSError, ValueError) as error:
-        raise UnusableInput(f"{path}: {one_line(error)}; give a CSV file with a header.") from error
+    except OSError as error:
+        raise UnusableInput(f"{path}: {one_line(error)}; give a log that can be read.") from error
+    except ValueError as error:  # UnicodeDecodeError is one
+        raise UnusableInput(f"{path} is no CSV file of numbers; {_by_columns(path)}") from error
     if "time_s" not in names or table.shape[1:] != (len(names),):
         raise UnusableInput(
-            f"{path}: no CSV with a time_s among {len(names)} columns; say by --columns what it "
-            f"holds, and begin it with: wakedeploy data import table {path} --guess --columns "
-            "columns.toml"
+            f"{path}: no CSV with a time_s among {len(names)} columns; {_by_columns(path)}"
         )
     columns = dict(zip(names, table.T, strict=True))
     time_s = columns.pop("time_s")
@@ -86,3 +86,10 @@ def _systems(module: ModuleType) -> dict[str, type[System]]:
         and issubclass(value, System)
         and value.__module__ == module.__name__
     }
+
+
+def _by_columns(path: Path) -> str:
+    return (
+        f"say by --columns what it holds, and begin it with: wakedeploy data import table {path} "
+        "--guess --columns columns.toml"
+    )

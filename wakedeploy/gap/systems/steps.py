@@ -29,6 +29,7 @@ from wakedeploy.gap.systems.searching import Weight, elaborates, ranked, simpler
 MOST_EFFECTS = 4
 _TRIED = 6  # candidates of a round that are looked at on the sealed blocks
 _SETTLED_NATS, _MOST_REFITS = 0.1, 4
+NO_SIZE = "its size's interval holds no effect"
 _UNEXPLAINED = 0.1  # share of the error that a rejected effect removed: something is missing
 
 
@@ -113,9 +114,18 @@ def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, boo
             accepted = [
                 one for k, one in enumerate(accepted) if not k or one[0].name != plainer.name
             ]
+    better, still = settled(model, chosen.fit)
+    while is_nothing(better, chosen.name):  # once all else has followed
+        for entry in searched["ranking"]:
+            if entry["name"] == chosen.name:
+                entry["judged"] = NO_SIZE
+        accepted = [one for one in accepted if one[0].name != chosen.name]
+        if not accepted:
+            return told, False
+        chosen, weight = accepted[0]
+        better, still = settled(model, chosen.fit)
     searched["chosen"] = chosen.name
     searched["class"] = [one.name for one, _ in accepted]
-    better, still = settled(model, chosen.fit)
     rivals = told.rivals
     if len(accepted) > 1 and not rivals:
         rivals = tuple(searched["class"])
@@ -131,6 +141,8 @@ def _judged(
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
         return "no more than chance", None
+    if is_nothing(one.fit, one.name):
+        return NO_SIZE, None
     if one.gain_interval()[0] <= 0.0:
         return "its gain's interval reaches zero", weighed(model, found, one.fit, model.sealed())
     weight = weighed(model, found, one.fit, model.sealed())
@@ -139,6 +151,13 @@ def _judged(
     if not weight.matters:
         return "evident, but forecasts of sealed blocks hardly change", weight
     return "accepted", weight
+
+
+def is_nothing(fitted: Fit, name: str) -> bool:
+    """Whether the intervals of all parameters of an effect hold the value without effect."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    ends = [fitted.interval(f.name) for f in own]
+    return all(low <= f.neutral <= high for f, (low, high) in zip(own, ends, strict=True))
 
 
 def _rivals_with(best: Candidate, other: Candidate) -> bool:
