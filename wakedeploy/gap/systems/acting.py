@@ -15,11 +15,13 @@ from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
 from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]
 
 BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes of the state
 _BUMP_WIDTH = 0.75
+_FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -128,11 +130,13 @@ class Acting:
     def _form(self, name: str, named: Arrays, told: Arrays, values: Arrays) -> Any:
         """A small smooth share of the rate, over the state itself."""
         at = named[name] / self.sizes[name]
-        share = 0.0
-        for k, centre in enumerate(BUMPS):
-            size = values.get(f"form.{name}.{k}")
-            if size is not None:
-                share = share + size * np.exp(-0.5 * ((at - centre) / _BUMP_WIDTH) ** 2)
+        none = np.zeros((1, at.shape[-1]))
+        sizes = [values.get(f"form.{name}.{k}", none)[0] for k in range(len(BUMPS))]
+        share = bumped(
+            at.reshape(-1, at.shape[-1]),
+            np.array([np.broadcast_to(size, at.shape[-1]) for size in sizes]),
+            np.array(BUMPS), _BUMP_WIDTH, _FARTHEST_BUMP,
+        ).reshape(at.shape)  # fmt: skip
         return self._dt_s * share * self._base(name, named, told)
 
     def _force(

@@ -27,6 +27,7 @@ _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
+_USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
 
 class LogModel:
@@ -180,7 +181,18 @@ class LogModel:
             unit = f"{self.system.states[name]}/s"
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
             told.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
+            told += self._lasting(name, unit, rate)
         return told
+
+    def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
+        """Logarithms of sd and time of a push that lasts."""
+        guess, bounds = float(np.log(0.1 * rate)), np.log([1e-6 * rate, 30.0 * rate])
+        shortest, longest = np.log([_SHORTEST_PUSH * self.dt_s, _LONGEST_PUSH * self.dt_s])
+        usual = float(np.log(_USUAL_PUSH * self.dt_s))
+        return [
+            Free(f"push.{name}", unit, guess, _LN_SD, float(bounds[0]), float(bounds[1]), 0.01),
+            Free(f"lasting.{name}", "s", usual, 1.0, float(shortest), float(longest), 0.02),
+        ]
 
     def _clocks(self) -> list[Free]:
         """An input may act up to half a sample sooner or later than its row says."""
