@@ -21,6 +21,7 @@ Arrays = Mapping[str, Any]
 
 BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes of the state
 _BUMP_WIDTH = 0.75
+_CENTRES = np.array(BUMPS)
 _FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
@@ -66,6 +67,17 @@ class Acting:
         acting = (e for e in self._of["input"] if e.port.name == name)
         own = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
         return (f"clock.{name}", *own)
+
+    def formed(self, values: Arrays) -> dict[str, FloatArray]:
+        """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
+        lanes = next(iter(values.values())).shape[1]
+        none = np.zeros((1, lanes))
+        return {
+            f"form.{name}": np.vstack(
+                [values.get(f"form.{name}.{k}", none) for k in range(len(BUMPS))]
+            )
+            for name in self.form
+        }
 
     def constants(self, values: Arrays, time_s: FloatArray) -> Point:
         """Values of the constants, with what acts on them."""
@@ -128,15 +140,13 @@ class Acting:
         return told[name]
 
     def _form(self, name: str, named: Arrays, told: Arrays, values: Arrays) -> Any:
-        """A small smooth share of the rate, over the state itself."""
+        """A small smooth share of the rate, over the state itself; `formed` has its sizes."""
         at = named[name] / self.sizes[name]
-        none = np.zeros((1, at.shape[-1]))
-        sizes = [values.get(f"form.{name}.{k}", none)[0] for k in range(len(BUMPS))]
-        share = bumped(
-            at.reshape(-1, at.shape[-1]),
-            np.array([np.broadcast_to(size, at.shape[-1]) for size in sizes]),
-            np.array(BUMPS), _BUMP_WIDTH, _FARTHEST_BUMP,
-        ).reshape(at.shape)  # fmt: skip
+        sizes = values.get(f"form.{name}")
+        if sizes is None:
+            return 0.0
+        flat = at.reshape(-1, at.shape[-1])
+        share = bumped(flat, sizes, _CENTRES, _BUMP_WIDTH, _FARTHEST_BUMP).reshape(at.shape)
         return self._dt_s * share * self._base(name, named, told)
 
     def _force(

@@ -22,6 +22,7 @@ from wakedeploy.physics.series import IntArray
 
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
+_OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
 _LOST = 1e12  # usual sizes: a state that far away has left the model
 LOST_NATS = -1e6  # log density of a sample where that has happened
 
@@ -106,12 +107,13 @@ class Filter:
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
-        pieces = pieces_of(blocks, 2 * len(acting.states) + 2)
+        pieces = pieces_of(blocks, 2 * len(acting.system.states) + _OWN_STATES)
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
         columns = self._columns(acting, values)
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
         dt_s = 1.0 / acting.system.rate_hz
         noise = Noise.of(acting.system, self.driven, spread, dt_s)
@@ -154,10 +156,12 @@ class Filter:
         values: Mapping[str, FloatArray],
         episodes: Sequence[int],
         horizon: int,
+        chosen: Sequence[int] | None = None,
     ) -> list[FloatArray]:
         """Measured less forecast (m, n) of each block, NaN where nothing is forecast.
 
         From every `horizon`-th sample the model goes on alone, uncorrected by measurements.
+        `chosen` says which parameter set is each block's; the first if it is not given.
         """
         run = self.run(acting, values, episodes)
         every = [(t, s) for s in range(run.pieces.sample.shape[1])
@@ -169,9 +173,12 @@ class Filter:
             return result
         t0, s0 = (np.array(column) for column in zip(*every, strict=True))
         lanes = len(t0)
-        spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
+        owner = run.pieces.block[s0]
+        set_of = np.zeros(lanes, dtype=int) if chosen is None else np.array(chosen)[owner]
+        spread = {n: v[set_of][None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
         columns = self._columns(acting, values)
-        x = np.ascontiguousarray(run.states[t0, : len(acting.states), 0, s0].T)
+        x = np.ascontiguousarray(run.states[t0, : len(acting.states), set_of, s0].T)
         p = np.zeros((len(x), len(x), lanes))
         aside, points = self._aside(acting, lanes), np.empty((len(x), len(x) + 1, lanes))
         nothing = np.zeros((0, lanes))
@@ -179,14 +186,13 @@ class Filter:
         names = [i.name for i in acting.system.inputs]
         none = np.zeros(0, dtype=np.int64)
         last = len(run.states) - 1
-        owner = run.pieces.block[s0]
         first = np.array([self.blocks[e].start for e in episodes])[owner]
         for step in range(horizon):
             t = np.minimum(t0 + step, last)
             sample = run.pieces.sample[t, s0]
             here = sample + self._offset[run.pieces.log[s0]]
             time_s = (sample * dt_s)[None, :]
-            u = {n: columns[i][:, here] for i, n in enumerate(names)}
+            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
             rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
             stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
@@ -196,7 +202,7 @@ class Filter:
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
             sample = run.pieces.sample[np.minimum(t, last), s0]
             here = sample + self._offset[run.pieces.log[s0]]
-            u = {n: columns[i][:, here] for i, n in enumerate(names)}
+            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
             error = self._outputs[:, here] - shown
             for block in range(len(episodes)):
@@ -210,6 +216,7 @@ class Filter:
         """States (k, n) and readings (m, n) of the first log, from its first sample on."""
         columns = self._columns(acting, values)
         spread = {n: v[None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
         x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
         aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))

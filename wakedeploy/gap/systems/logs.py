@@ -126,6 +126,15 @@ class LogModel:
         values = self.values(fitted.hypothesis, fitted.theta)
         return self._forecast(fitted.hypothesis, values, episodes)
 
+    def crossed_disagreements(
+        self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
+    ) -> list[FloatArray]:
+        """The same of a fit's own blocks, each with one of several parameter sets (K, p)."""
+        sets = dict(zip(fitted.names, np.asarray(thetas, dtype=float).T, strict=True))
+        acting = self.acting(fitted.hypothesis)
+        with np.errstate(all="ignore"):
+            return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
+
     def _forecast(
         self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
     ) -> list[FloatArray]:

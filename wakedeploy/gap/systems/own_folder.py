@@ -16,7 +16,7 @@ from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.searching import Weight
+from wakedeploy.gap.systems.weighing import Weight
 from wakedeploy.gap.systems.steps import (
     Named,
     fitted_base,
