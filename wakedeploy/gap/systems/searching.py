@@ -8,9 +8,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit
+from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.climbing import begun, climbed, raced
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.looking import Ground, Look, looks, white_rest
 
@@ -20,7 +21,6 @@ CHANCE = 0.95  # of which this quantile has to be passed
 LEAST_NATS = 3.0
 SIMPLER = 0.8  # of a gain that a simpler kind has to reach to be named first
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
-_LOUD = ("noise.", "force.", "push.", "lasting.")  # parameters of noise
 _TURNED = 50  # samples of a block whose sign chance turns, at least
 _SIMPLER_KINDS = {
     "pre-sliding-friction": ("coulomb-friction",),
@@ -39,25 +39,14 @@ def ranked(
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
     order = sorted(seen_all, key=lambda one: -one.prospect(base))
     least = max(LEAST_NATS, WORTH * order[0].prospect(base)) if order else LEAST_NATS
-    found = []
-    for i, seen in enumerate(order):
-        fitted = seen.fit
-        if i < CLIMBED and seen.prospect(base) > least:
-            fitted = _climbed(model, seen)
-            steps(len(names) + i + 1, total)
-        found.append(candidate(base, seen.name, fitted))
+    chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
+    fits = raced(model, base, [seen.fit for seen in chosen])
+    steps(total, total)
+    fitted = {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
+    found = [candidate(base, seen.name, fitted.get(seen.name, seen.fit)) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
     return best_first, chance_nats(ground, seen_all, leader)
-
-
-def _climbed(model: LogModel, seen: Look) -> Fit:
-    """A candidate fitted; of the slopes only its own and those of noise are renewed on the way."""
-    start = seen.fit
-    moving = [
-        i for i, f in enumerate(start.free) if f.name.startswith((f"{seen.name}.", *_LOUD))
-    ]
-    return fit(model, start.hypothesis, start.episodes, start.theta, start.slopes, moving)
 
 
 def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0) -> float:
@@ -134,7 +123,7 @@ def simpler(model: LogModel, base: Fit, best: Candidate) -> Candidate:
         values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
-        one = candidate(base, name, fit(model, hypothesis, base.episodes, start))
+        one = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
         if one.gain_nats >= SIMPLER * best.gain_nats:
             return one
     return best

@@ -1,0 +1,110 @@
+"""Candidates fitted beside each other: those that fall far behind are not fitted to the end.
+
+In: a `LogModel` and points with slopes. Out: fits. A step is tried with several dampings in one
+run over the logs, as a run costs little more with several parameter sets than with one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import (
+    Fit,
+    FloatArray,
+    Score,
+    Slopes,
+    log_prior,
+    neutral,
+    prior_precision,
+    scores_of,
+)
+from wakedeploy.gap.systems.logs import LogModel
+
+_DAMPED = (1e-3, 0.1, 1.0, 10.0)
+_MOST = 10  # steps of a climb
+_ENOUGH_NATS = 0.3  # a step that gains less ends a climb
+_RACED = 2  # steps after which those that fall behind stop
+_BEHIND = 0.5  # share of what the best has gained that another must have
+_NEAR_NATS = 15.0  # as near as that none has fallen behind
+
+
+def raced(model: LogModel, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
+    """Fits from all starts; those that soon gain much less than the best one are left there."""
+    fits, rising = list(starts), [True] * len(starts)
+    for step in range(_MOST):
+        best = max((f.objective for f in fits), default=0.0) - base.objective
+        for i, fitted in enumerate(fits):
+            gained = fitted.objective - base.objective
+            behind = step >= _RACED and gained < min(_BEHIND * best, best - _NEAR_NATS)
+            if rising[i] and not behind:
+                fits[i], rise = advanced(model, fitted)
+                rising[i] = rise > _ENOUGH_NATS
+    return fits
+
+
+def climbed(model: LogModel, start: Fit) -> Fit:
+    """A fit from a point with slopes."""
+    return raced(model, start, [start])[0]
+
+
+def begun(model: LogModel, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
+    """A point of a hypothesis with its slopes, on the blocks of another fit."""
+    free = model.free(hypothesis)
+    empty = Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
+    return _fresh(model, empty, theta)
+
+
+def advanced(model: LogModel, fitted: Fit) -> tuple[Fit, float]:
+    """One step on, with fresh slopes, and the nats that it gained."""
+    points = np.array([_stepped(fitted, damping) for damping in _DAMPED])
+    scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
+    reached = [_objective(fitted, p, s) for p, s in zip(points, scores, strict=True)]
+    best = int(np.nanargmax(np.nan_to_num(reached, nan=-np.inf)))
+    rise = reached[best] - fitted.objective
+    if not rise > 0.0:
+        return fitted, 0.0
+    return _fresh(model, fitted, points[best]), float(rise)
+
+
+def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float:
+    return sum(float(s.log_density.sum()) for s in scores) + log_prior(fitted.free, theta)
+
+
+def _stepped(fitted: Fit, damping: float) -> FloatArray:
+    """A step of Levenberg and Marquardt, within the bounds."""
+    free, theta = fitted.free, fitted.theta
+    precision = prior_precision(free)
+    low, high = (np.array([getattr(f, end) for f in free]) for end in ("low", "high"))
+    gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
+    curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
+    stuck = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
+    gradient = np.where(stuck, 0.0, gradient)
+    curvature[stuck, :] = curvature[:, stuck] = 0.0
+    curvature[stuck, stuck] = 1.0
+    curvature += damping * np.diag(np.diag(curvature))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    scaled = curvature * scale[:, None] * scale[None, :]
+    step = scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
+    return np.asarray(np.clip(theta + np.nan_to_num(step), low, high))
+
+
+def _fresh(model: LogModel, fitted: Fit, theta: FloatArray) -> Fit:
+    """The fit at another point, its scores and slopes from one run."""
+    points, sizes = [theta], []
+    for i, free in enumerate(fitted.free):
+        size = free.step if theta[i] + free.step <= free.high else -free.step
+        moved = theta.copy()
+        moved[i] += size
+        points.append(moved)
+        sizes.append(size)
+    here, *beside = scores_of(model, fitted.hypothesis, np.array(points), fitted.episodes)
+    innovation, variance = [], []
+    for e, score in enumerate(here):
+        de = [(b[e].innovation - score.innovation) / s for b, s in zip(beside, sizes, strict=True)]
+        dv = [(b[e].variance - score.variance) / s for b, s in zip(beside, sizes, strict=True)]
+        innovation.append(np.stack(de, axis=1))
+        variance.append(np.stack(dv, axis=1))
+    density = np.array([s.log_density.sum() for s in here])
+    slopes = Slopes(here, tuple(innovation), tuple(variance))
+    return replace(fitted, theta=theta, slopes=slopes, per_episode=density)
