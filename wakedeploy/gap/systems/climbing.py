@@ -1,6 +1,6 @@
 """Candidates fitted beside each other: those that fall far behind are not fitted to the end.
 
-In: a `LogModel` and points with slopes. Out: fits. A step is tried with several dampings in one
+In: a `LogModel` and points. Out: fits. A step is tried with several dampings in one
 run over the logs, as a run costs little more with several parameter sets than with one.
 """
 
@@ -31,7 +31,7 @@ _NEAR_NATS = 15.0  # as near as that none has fallen behind
 
 def raced(model: LogModel, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
     """Fits from all starts; those that soon gain much less than the best one are left there."""
-    fits, rising = list(starts), [True] * len(starts)
+    fits, rising = [_fresh(model, one, one.theta) for one in starts], [True] * len(starts)
     for step in range(_MOST):
         best = max((f.objective for f in fits), default=0.0) - base.objective
         for i, fitted in enumerate(fits):
@@ -44,15 +44,14 @@ def raced(model: LogModel, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
 
 
 def climbed(model: LogModel, start: Fit) -> Fit:
-    """A fit from a point with slopes."""
-    return raced(model, start, [start])[0]
+    """A fit from a point."""
+    return raced(model, start, [start])[0]  # alone, it is behind none
 
 
 def begun(model: LogModel, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
-    """A point of a hypothesis with its slopes, on the blocks of another fit."""
+    """A point of a hypothesis, on the blocks of another fit; it has no slopes yet."""
     free = model.free(hypothesis)
-    empty = Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
-    return _fresh(model, empty, theta)
+    return Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
 
 
 def advanced(model: LogModel, fitted: Fit) -> tuple[Fit, float]:
