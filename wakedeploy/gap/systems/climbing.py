@@ -22,6 +22,7 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.systems.logs import LogModel
 
 _DAMPED = (1e-3, 0.1, 1.0, 10.0)
+_NEARLY_LINEAR = ("form.", "clock.")
 _MOST = 10  # steps of a climb
 _ENOUGH_NATS = 0.3  # a step that gains less ends a climb
 _RACED = 2  # steps after which those that fall behind stop
@@ -89,9 +90,17 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
 
 
 def _fresh(model: LogModel, fitted: Fit, theta: FloatArray) -> Fit:
-    """The fit at another point, its scores and slopes from one run."""
+    """The fit at another point, its scores and slopes from one run.
+
+    Slopes of what is nearly linear, form and clocks, are kept where they are known.
+    """
+    known = fitted.slopes.innovation
+    renewed = [
+        i for i, f in enumerate(fitted.free) if not (known and f.name.startswith(_NEARLY_LINEAR))
+    ]
     points, sizes = [theta], []
-    for i, free in enumerate(fitted.free):
+    for i in renewed:
+        free = fitted.free[i]
         size = free.step if theta[i] + free.step <= free.high else -free.step
         moved = theta.copy()
         moved[i] += size
@@ -100,10 +109,14 @@ def _fresh(model: LogModel, fitted: Fit, theta: FloatArray) -> Fit:
     here, *beside = scores_of(model, fitted.hypothesis, np.array(points), fitted.episodes)
     innovation, variance = [], []
     for e, score in enumerate(here):
-        de = [(b[e].innovation - score.innovation) / s for b, s in zip(beside, sizes, strict=True)]
-        dv = [(b[e].variance - score.variance) / s for b, s in zip(beside, sizes, strict=True)]
-        innovation.append(np.stack(de, axis=1))
-        variance.append(np.stack(dv, axis=1))
+        shape = (len(score.innovation), len(fitted.free))
+        de = known[e].copy() if known else np.zeros(shape)
+        dv = fitted.slopes.variance[e].copy() if known else np.zeros(shape)
+        for i, there, size in zip(renewed, beside, sizes, strict=True):
+            de[:, i] = (there[e].innovation - score.innovation) / size
+            dv[:, i] = (there[e].variance - score.variance) / size
+        innovation.append(de)
+        variance.append(dv)
     density = np.array([s.log_density.sum() for s in here])
     slopes = Slopes(here, tuple(innovation), tuple(variance))
     return replace(fitted, theta=theta, slopes=slopes, per_episode=density)

@@ -17,6 +17,7 @@ from wakedeploy.gap.systems.looking import Ground, Look, looks, white_rest
 
 CLIMBED = 6  # candidates that are fitted to the end
 DRAWS = 200  # of what chance would bring
+_AT_ONCE = 25
 CHANCE = 0.95  # of which this quantile has to be passed
 LEAST_NATS = 3.0
 SIMPLER = 0.8  # of a gain that a simpler kind has to reach to be named first
@@ -57,16 +58,13 @@ def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: i
     of the best candidate, as what it explains is no noise where it is the truth.
     """
     rng = np.random.default_rng(seed)
-    draws = np.hstack([_noise(ground, rng), _turned(leader, rng)])
-    rest = ground.left(draws)
-    best = np.zeros(draws.shape[1])
-    for seen in candidates:
-        for own in seen.columns:
-            gains = _projected(own, ground, rest)
-            best = np.maximum(best, gains - own.shape[1])
-    half = draws.shape[1] // 2
-    each = [float(np.quantile(part, CHANCE)) for part in (best[:half], best[half:])]
-    return max(*each, LEAST_NATS)
+    bases = [_basis(own, ground) for seen in candidates for own in seen.columns]
+    best = np.zeros((2, DRAWS))
+    for first in range(0, DRAWS, _AT_ONCE):
+        for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng))):
+            gains = [0.5 * ((own.T @ draws) ** 2).sum(0) - own.shape[1] for own in bases]
+            best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
+    return max(*(float(np.quantile(row, CHANCE)) for row in best), LEAST_NATS)
 
 
 def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
@@ -75,35 +73,35 @@ def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
     told = np.concatenate([
         np.concatenate([np.sqrt(s.weight) * (s.log_density != 0.0)] * 2) for s in base.slopes.scores
     ])  # fmt: skip
-    noise = rng.standard_normal((len(told), DRAWS)) * told[:, None]
+    noise = rng.standard_normal((len(told), _AT_ONCE)) * told[:, None]
     formal = [i for i, f in enumerate(base.free) if f.name.startswith("form.")]
     sd = np.array([base.free[i].prior_sd for i in formal])
     known = (ground.q @ ground.r[:, formal])[: len(told)]
-    return np.asarray(noise + known @ (sd[:, None] * rng.standard_normal((len(sd), DRAWS))))
+    return np.asarray(noise + known @ (sd[:, None] * rng.standard_normal((len(sd), _AT_ONCE))))
 
 
 def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
-    """A fit's own whitened innovations, blocks of them with signs turned, (2n, DRAWS)."""
+    """A fit's own whitened innovations, blocks of them with signs turned, (2n, draws)."""
     parts = []
     for score in leader.slopes.scores:
         rest = white_rest(score)
         n = len(rest) // 2
         count = max(n // _TURNED, 4)
-        signs = rng.choice((-1.0, 1.0), (count, DRAWS))
+        signs = rng.choice((-1.0, 1.0), (count, _AT_ONCE))
         of = np.minimum(np.arange(n) * count // n, count - 1)
         parts += [rest[:n, None] * signs[of], rest[n:, None] * signs[of]]
     return np.concatenate(parts)
 
 
-def _projected(own: FloatArray, ground: Ground, rest: FloatArray) -> FloatArray:
-    """Half the square of what directions explain of draws, known directions removed, (draws,)."""
+def _basis(own: FloatArray, ground: Ground) -> FloatArray:
+    """Orthonormal directions (2n, k) of what known ones leave of a candidate's columns."""
     left = ground.left(own)
     norm = np.linalg.norm(left, axis=0)
     there = norm > 1e-8 * np.maximum(np.linalg.norm(own, axis=0), 1e-300)
     if not there.any():
-        return np.zeros(rest.shape[1])
+        return np.zeros((len(own), 0))
     basis, _ = np.linalg.qr(left[:, there] / norm[there])
-    return np.asarray(0.5 * ((basis.T @ rest) ** 2).sum(0))
+    return np.asarray(basis[: len(own)])
 
 
 def elaborates(name: str, other: str) -> bool:
