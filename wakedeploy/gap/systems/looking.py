@@ -33,7 +33,6 @@ _PARTS = (1.0, 0.3)  # of a step, as far as the likelihood rises
 _SEEDS = 2  # shapes from which a step is tried
 _PROMISING = 1.5  # nats, below which no step is tried
 _TOGETHER = 15000  # samples times candidates that are looked at in one run
-_LEAPING = ("input", "output", "constant")  # ports whose effects may have no slope where they begin
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,8 +113,7 @@ class _Plan:
         starts = _starts(origin, free, own)
         seeds = _seeds(starts, origin, amplitudes)
         moved = [(i, *_aside(seed, free, i)) for seed in seeds for i in amplitudes]
-        leaping = model.library[name].port.role in _LEAPING
-        return cls(name, free, amplitudes, seeds, moved, starts if leaping else [])
+        return cls(name, free, amplitudes, seeds, moved, starts)
 
     @property
     def thetas(self) -> list[FloatArray]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from wakedeploy.gap.systems.kinds.kind import FloatArray, Kind, Parameter, Parameters
 
-_STILL = 0.02  # share of the usual speed over which a sign turns
+_STILL = 0.005  # share of the usual speed over which a sign turns: what is stuck creeps no faster
 _FORCE = {"force": 1}
 _ARMSTRONG = "Armstrong-Hélouvry, Dupont and Canudas de Wit, Automatica 30, 1994"
 _MECHANICS = "Landau and Lifshitz, Mechanics, 1976"
