@@ -1,6 +1,7 @@
 """Ask the workflow about the known plants and count its answers.
 
-`python -m benchmarks.known_plants --json docs/records/known-plants.json` takes a few minutes.
+`python -m benchmarks.known_plants --json docs/records/known-plants.json` takes five minutes of a
+processor; it keeps each answer in the folder `--out` and goes on where it was stopped.
 """
 
 import json
@@ -15,7 +16,8 @@ import click
 from benchmarks.known_plants.cases import CASES, Case
 from benchmarks.known_plants.plants import PLANTS
 from benchmarks.known_plants.recording import recorded
-from benchmarks.records import write
+from benchmarks.records import COMMIT, write
+from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.steps import fitted_base, named, named_document, shown_document
 from wakedeploy.gap.systems.system import checked
@@ -62,29 +64,40 @@ def judged(case: Case, answer: Mapping[str, Any]) -> str:
     return "right" if names <= {*case.expected, *case.further} else "partly"
 
 
-def counted(rows: Sequence[Row], cases: Sequence[Case]) -> dict[str, dict[str, int]]:
+def counted(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
     """How often each judgement fell, with an effect hidden and without."""
-    hidden = [row["judged"] for row, c in zip(rows, cases, strict=True) if c.hidden]
-    empty = [row["judged"] for row, c in zip(rows, cases, strict=True) if not c.hidden]
-    return {"hidden": dict(Counter(hidden)), "nothing hidden": dict(Counter(empty))}
+    hidden = {case.name for case in CASES if case.hidden}
+    return {
+        "hidden": dict(Counter(row["judged"] for row in rows if row["case"] in hidden)),
+        "nothing hidden": dict(Counter(row["judged"] for row in rows if row["case"] not in hidden)),
+    }
 
 
 @click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs/known-plants"))
 @click.option("--part", nargs=2, type=int, default=(0, 1), help="K N: every N-th case from K on")
 @click.option("--json", "record", type=click.Path(path_type=Path), help="write the record here")
-def main(part: tuple[int, int], record: Path | None) -> None:
-    """Print each answer, and the counts."""
-    cases = CASES[part[0] :: part[1]]
-    rows = []
-    for case in cases:
-        rows.append(answered(case))
-        row = rows[-1]
-        said = ", ".join(row["named"]) + (f" of {row['class']}" if row["class"] else "")
-        click.echo(f"{row['judged']:8} {row['case']:45} {said} ({row['seconds']:.1f} s)")
-    told = counted(rows, cases)
-    click.echo(json.dumps({**told, "seconds": sum(row["seconds"] for row in rows)}))
+def main(out: Path, part: tuple[int, int], record: Path | None) -> None:
+    """Print each answer, and the counts of all that the folder has."""
+    out.mkdir(parents=True, exist_ok=True)
+    kept = out / "answers.jsonl"
+    known = {one["case"]: one for one in read_json_lines(kept) if one["commit"] == COMMIT}
+    for case in CASES[part[0] :: part[1]]:
+        if case.name not in known:
+            known[case.name] = {"commit": COMMIT, **answered(case)}
+            append_json_line(kept, known[case.name])
+            click.echo(_line(known[case.name]))
+    rows = [known[case.name] for case in CASES if case.name in known]
+    told = counted(rows)
+    click.echo(json.dumps(told))
     if record is not None:
-        write(record, {"counts": told, "rows": rows})
+        kept_rows = [{k: v for k, v in row.items() if k != "commit"} for row in rows]
+        write(record, {"counts": told, "rows": kept_rows})
+
+
+def _line(row: Row) -> str:
+    said = ", ".join(row["named"]) + (f" of {row['class']}" if row["class"] else "")
+    return f"{row['judged']:8} {row['case']:45} {said} ({row['seconds']:.1f} s)"
 
 
 if __name__ == "__main__":

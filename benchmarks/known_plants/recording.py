@@ -93,17 +93,16 @@ def _stepped(
     plant: Plant, x: list[float], u: float, hidden: Hidden, push: FloatArray, step_s: float
 ) -> list[float]:
     """A fine step by the midpoint rule."""
+    at = x
     for share in (0.5, 1.0):
-        rates = plant.rates(x if share == 0.5 else middle, u, hidden)
+        rates = plant.rates(at, u, hidden)
         for i, p in zip(plant.pushed_at, push, strict=True):
             rates[i] += float(p)
-        middle = [v + share * step_s * r for v, r in zip(x, rates, strict=True)]
-    return middle
+        at = [v + share * step_s * r for v, r in zip(x, rates, strict=True)]
+    return at
 
 
-def _wanted(
-    plant: Plant, drive: str, time_s: FloatArray, rng: np.random.Generator
-) -> FloatArray:
+def _wanted(plant: Plant, drive: str, time_s: FloatArray, rng: np.random.Generator) -> FloatArray:
     """What is commanded: held random steps, a few waves, a sweep, or a way for a controller."""
     size = plant.reach if drive == "closed" else plant.drive
     held = plant.held * (2.0 if drive == "closed" else 1.0)

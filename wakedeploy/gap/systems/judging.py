@@ -102,9 +102,7 @@ def _round(model: LogModel, told: Named, progress: Progress) -> Named | None:
     return _pair(model, told, evident[0], progress)
 
 
-def _judged_round(
-    model: LogModel, told: Named, found: Fit, progress: Progress
-) -> list[_Verdict]:
+def _judged_round(model: LogModel, told: Named, found: Fit, progress: Progress) -> list[_Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
     left = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
@@ -152,9 +150,7 @@ def _accepted(model: LogModel, found: Fit, verdicts: Sequence[_Verdict]) -> list
     """The best one that is accepted, or what is simpler and as good, and those that rival it."""
     accepted: list[_Verdict] = []
     for verdict in verdicts:
-        if verdict.why == ACCEPTED and (
-            not accepted or _rivals_with(accepted[0].one, verdict.one)
-        ):
+        if verdict.why == ACCEPTED and (not accepted or _rivals_with(accepted[0].one, verdict.one)):
             accepted.append(verdict)
     if not accepted:
         return []
@@ -185,9 +181,7 @@ def _with(model: LogModel, told: Named, accepted: Sequence[_Verdict]) -> Named |
             rivals = tuple(searched["class"])
         unsettled = told.unsettled if still else (*told.unsettled, one.name)
         weights = {**told.weights, one.name: weight}
-        return replace(
-            told, found=better, rivals=rivals, weights=weights, unsettled=unsettled
-        )
+        return replace(told, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
     return None
 
 

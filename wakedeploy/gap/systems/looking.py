@@ -147,9 +147,7 @@ def look(model: LogModel, ground: Ground, name: str) -> Look:
     return looks(model, ground, [name])[0]
 
 
-def _together(
-    model: LogModel, base: Fit, plans: Sequence[_Plan]
-) -> list[tuple[Score, ...]]:
+def _together(model: LogModel, base: Fit, plans: Sequence[_Plan]) -> list[tuple[Score, ...]]:
     """Scores at the points of several candidates: all act, but one of them at a time is there."""
     hypothesis = (*base.hypothesis, *(p.name for p in plans))
     free = model.free(hypothesis)

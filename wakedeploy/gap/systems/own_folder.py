@@ -16,7 +16,6 @@ from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.weighing import Weight
 from wakedeploy.gap.systems.steps import (
     Named,
     fitted_base,
@@ -25,6 +24,7 @@ from wakedeploy.gap.systems.steps import (
     named_document,
     shown_document,
 )
+from wakedeploy.gap.systems.weighing import Weight
 
 CORRECTION = "correction.toml"
 _UP_TO = {"find": 1, "name": 2, "add": 3, "show": 4, "close": 4}

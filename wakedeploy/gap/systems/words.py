@@ -53,7 +53,8 @@ def _effects(told: Mapping[str, Any]) -> list[str]:
         share = effect["forecast"]
         lines.append(
             f"  {effect['name']}: {sizes}; removes {_percent(share['share'])} of the squared "
-            f"forecast error where it was not fitted [{_percent(share['low'])}, {_percent(share['high'])}]"
+            "forecast error where it was not fitted "
+            f"[{_percent(share['low'])}, {_percent(share['high'])}]"
         )
     for name in told.get("unsettled", ()):
         lines.append(f"  The fit with {name} had not settled: its size is a lower guess.")
