@@ -21,7 +21,7 @@ from wakedeploy.gap.evidence.inference import (
 )
 from wakedeploy.gap.systems.logs import LogModel
 
-_DAMPED = (1e-3, 0.1, 1.0, 10.0)
+_DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the latter where the former only fall
 _NEARLY_LINEAR = ("form.", "clock.")
 _MOST = 10  # steps of a climb
 _ENOUGH_NATS = 0.3  # a step that gains less ends a climb
@@ -57,14 +57,15 @@ def begun(model: LogModel, hypothesis: tuple[str, ...], like: Fit, theta: FloatA
 
 def advanced(model: LogModel, fitted: Fit) -> tuple[Fit, float]:
     """One step on, with fresh slopes, and the nats that it gained."""
-    points = np.array([_stepped(fitted, damping) for damping in _DAMPED])
-    scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
-    reached = [_objective(fitted, p, s) for p, s in zip(points, scores, strict=True)]
-    best = int(np.nanargmax(np.nan_to_num(reached, nan=-np.inf)))
-    rise = reached[best] - fitted.objective
-    if not rise > 0.0:
-        return fitted, 0.0
-    return _fresh(model, fitted, points[best]), float(rise)
+    for dampings in _DAMPED:
+        points = np.array([_stepped(fitted, damping) for damping in dampings])
+        scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
+        reached = [_objective(fitted, p, s) for p, s in zip(points, scores, strict=True)]
+        best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
+        rise = reached[best] - fitted.objective
+        if rise > 0.0:
+            return _fresh(model, fitted, points[best]), float(rise)
+    return fitted, 0.0
 
 
 def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float:

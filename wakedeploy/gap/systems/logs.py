@@ -27,6 +27,9 @@ _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
+# ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
+# without limit takes the time within a sample at which a force turned for a force.
+_BETTER, _MUCH_BETTER = 1.0, 6.0
 _USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
 
@@ -182,7 +185,8 @@ class LogModel:
         for output in self.system.outputs:
             size = self.sizes[f"y {output.name}"]
             guess = float(np.log(output.noise or 0.01 * size))
-            name, bounds = f"noise.{output.name}", (guess - 12.0, float(np.log(10.0 * size)))
+            better = _BETTER if output.noise else _MUCH_BETTER
+            name, bounds = f"noise.{output.name}", (guess - better, float(np.log(10.0 * size)))
             told.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
         for name in self.driven:
             rate = self.sizes[f"d {name}"]

@@ -52,8 +52,8 @@ def crossed(model: LogModel, fitted: Fit) -> FloatArray:
     """Squared errors of stretches, (stretches, channels), with parameters that others prefer."""
     count = len(fitted.episodes)
     folds = np.array_split(np.arange(count), min(_FOLDS, count))
-    thetas = np.array([without(fitted, fold) for fold in folds])
-    chosen = np.repeat(np.arange(len(folds)), [len(fold) for fold in folds])
+    thetas = np.array([without(fitted, fold.tolist()) for fold in folds])
+    chosen = np.repeat(np.arange(len(folds)), [len(fold) for fold in folds]).tolist()
     return _stretches(model, model.crossed_disagreements(fitted, thetas, chosen))
 
 
