@@ -21,8 +21,8 @@ from wakedeploy.gap.evidence.inference import Fit, Hypothesis, extended, fit, he
 from wakedeploy.gap.evidence.ranking import Candidate, rank
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.rules import FEWEST_IN_ALL
-from wakedeploy.gap.search.naming import CLASS_NATS, MOST_IN_CLASS
 from wakedeploy.gap.systems.before_after import shown
+from wakedeploy.gap.systems.gantry.search.naming import CLASS_NATS, MOST_IN_CLASS
 from wakedeploy.gap.systems.places import Place, find_places, whiteness
 from wakedeploy.gap.systems.response import ResponseModel
 

@@ -15,10 +15,10 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
-from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, FORM_MOST, Acting
-from wakedeploy.gap.systems.filtering import Filter, Run, Start
+from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.kinds.library import offered
-from wakedeploy.gap.systems.pieces import Block, Log, blocks_of, logs_of
 from wakedeploy.gap.systems.response import Record
 from wakedeploy.gap.systems.system import Point, System
 
