@@ -27,8 +27,8 @@ from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
-from wakedeploy.gap.search import places as finding
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
 from wakedeploy.gap.systems.gantry.steps import add, close, open_case, write_result
 from wakedeploy.physics.effects import LIBRARY
@@ -291,7 +291,7 @@ def fabricated(folder: Path, verdict: str, places: str, white: bool, count: int)
         place | {"residual": 0.1, "unit": "N", "words": f"height below 1: +0.1 N, q = {i}"}
         for i, place in enumerate(PLACES[places])
     ]
-    sentence = finding._sentence(listed, white, count - sealed_count(count))
+    sentence = places_sentence(listed, white, count - sealed_count(count))
     found = {**steps.find, "places": listed, "sentence": sentence}
     write_step(folder, "find", found | {"white": steps.find["white"] | {"passes": white}})
     named = dict(steps.name)

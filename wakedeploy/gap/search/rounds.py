@@ -1,34 +1,32 @@
-"""Find, name, add and show for a user's system: the steps, and what each leaves in a folder.
+"""Which effects a system lacks, found one after another, and what they close on sealed episodes.
 
-In: a `LogModel`. Out: find.json, name.json, correction.toml and domain.json, which the report page
-of `gap domain` shows. An effect is named if it is evident (it gains more than chance on blocks that
-it was not fitted to, and so does every likely sum of blocks) and if it matters (forecasts of sealed
-blocks get better by it). One that is not does not end the search: the next one is tried.
+In: a `Comparison`. Out: what `find`, `name` and `show` tell of it. An effect is named if it is
+evident (it gains more than chance on episodes that it was not fitted to, and so does every likely
+sum of episodes) and if it matters (what is predicted of sealed episodes gets better by it). One
+that is not does not end the search: the next one is tried.
 """
 
 import functools
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Fit, fit, held_out
+from wakedeploy.gap.evidence.inference import Fit, applied, fit, held_out, settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
+from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import FEWEST_IN_ALL
+from wakedeploy.gap.rules import CLASS_NATS, FEWEST_IN_ALL, MOST_IN_CLASS
+from wakedeploy.gap.search.comparison import Comparison, errors, residual_series
+from wakedeploy.gap.search.places import disagreements
+from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.scan import Weight, elaborates, ranked, simpler, weighed
-from wakedeploy.gap.systems.before_after import shown
-from wakedeploy.gap.systems.closing import parameters
-from wakedeploy.gap.systems.gantry.search.naming import CLASS_NATS, MOST_IN_CLASS
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.places import find_places, whiteness
+from wakedeploy.gap.search.sizes import Sizes, least_squares, over_rounds, parameters
 
 MOST_EFFECTS = 4
 _TRIED = 6  # candidates of a round that are looked at on the sealed blocks
-_SETTLED_NATS, _MOST_REFITS = 0.1, 4
 NO_SIZE = "its size's interval holds no effect"
 _UNEXPLAINED = 0.1  # share of the error that a rejected effect removed: something is missing
 
@@ -43,34 +41,25 @@ class Named:
     rivals: tuple[str, ...] = ()
     weights: dict[str, Weight] = field(default_factory=dict)
     unsettled: tuple[str, ...] = ()
+    alone: tuple[Candidate, ...] = ()  # every effect without any other
 
 
-def fitted_base(model: LogModel) -> Fit:
-    """The system as it is, on the blocks that are not sealed.
+def fitted_base(model: Comparison) -> Fit:
+    """The system as it is, on the episodes that are not sealed.
 
-    Raises UnusableInput for logs that are too short.
+    Raises UnusableInput for too few episodes.
     """
     if model.episodes < FEWEST_IN_ALL:
         raise UnusableInput(
-            f"{model.name}: the logs make {model.episodes} blocks; at least {FEWEST_IN_ALL} are "
-            "needed, as effects are judged on blocks that they were not fitted to."
+            f"{model.name}: the recordings make {model.episodes} episodes; at least {FEWEST_IN_ALL}"
+            " are needed, as effects are judged on episodes that they were not fitted to."
         )
     sealed = model.sealed()
     used = [e for e in range(model.episodes) if e not in sealed]
     return settled(model, fit(model, (), used))[0]
 
 
-def settled(model: LogModel, fitted: Fit) -> tuple[Fit, bool]:
-    """A fit repeated from where it ended, and whether it no longer rises."""
-    for _ in range(_MOST_REFITS):
-        again = fit(model, fitted.hypothesis, fitted.episodes, fitted.theta)
-        rise, fitted = again.objective - fitted.objective, again
-        if rise < _SETTLED_NATS:
-            return fitted, True
-    return fitted, False
-
-
-def named(model: LogModel, base: Fit, progress: Progress = quiet) -> Named:
+def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters."""
     told = Named(base, base, [])
     while len(told.found.hypothesis) < MOST_EFFECTS:
@@ -80,7 +69,7 @@ def named(model: LogModel, base: Fit, progress: Progress = quiet) -> Named:
     return _still_needed(model, told)
 
 
-def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, bool]:
+def _round(model: Comparison, told: Named, progress: Progress) -> tuple[Named, bool]:
     found = told.found
     left = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
@@ -93,6 +82,8 @@ def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, boo
         "ranking": [_entry(c, found) for c in ranking],
     }
     told.rounds.append(searched)
+    if not told.alone:
+        told = replace(told, alone=tuple(ranking))
     accepted: list[tuple[Candidate, Weight]] = []
     for entry, one in list(zip(searched["ranking"], ranking, strict=True))[:_TRIED]:
         entry["judged"], weight = _judged(model, found, one, chance)
@@ -130,13 +121,15 @@ def _round(model: LogModel, told: Named, progress: Progress) -> tuple[Named, boo
     if len(accepted) > 1 and not rivals:
         rivals = tuple(searched["class"])
     unsettled = told.unsettled if still else (*told.unsettled, chosen.name)
-    searched["accepted"] = parameters(better, (chosen.name,))
+    searched["accepted"] = parameters(better, (chosen.name,), least_squares(model, better))
+    searched["sealed_error"] = errors(model, better, model.sealed())
     weights = told.weights | {chosen.name: weight}
-    return Named(told.base, better, told.rounds, rivals, weights, unsettled), True
+    after = replace(told, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
+    return after, True
 
 
 def _judged(
-    model: LogModel, found: Fit, one: Candidate, chance: float
+    model: Comparison, found: Fit, one: Candidate, chance: float
 ) -> tuple[str, Weight | None]:
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
@@ -191,7 +184,7 @@ def _note(one: Candidate, base: Fit) -> str:
     return "at a bound" if any(ends) and one.fit.objective > base.objective else ""
 
 
-def _still_needed(model: LogModel, told: Named) -> Named:
+def _still_needed(model: Comparison, told: Named) -> Named:
     """Without the effects that those found after them have made superfluous."""
     found = told.found
     for name in found.hypothesis[:-1]:
@@ -205,7 +198,7 @@ def _still_needed(model: LogModel, told: Named) -> Named:
             found = without
     kept = {n: w for n, w in told.weights.items() if n in found.hypothesis}
     rivals = _still_open(found, told.rivals)
-    return Named(told.base, found, told.rounds, rivals, kept, told.unsettled)
+    return replace(told, found=found, rivals=rivals, weights=kept)
 
 
 def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
@@ -228,21 +221,31 @@ def verdict_of(told: Named) -> str:
     return "unknown" if doubtful else "none"
 
 
-def found_document(model: LogModel, base: Fit) -> dict[str, Any]:
-    """Where system and logs disagree, as `find.json` has it."""
-    places = find_places(model, base)  # type: ignore[arg-type]
+def concluded(model: Comparison, progress: Progress = quiet) -> dict[str, Any]:
+    """What find, name and show tell, together."""
+    progress("fitting the baseline")
+    base = fitted_base(model)
+    found = found_document(model, base)
+    told = named(model, base, progress)
+    return found | named_document(model, told) | shown_document(model, told)
+
+
+def found_document(model: Comparison, base: Fit) -> dict[str, Any]:
+    """Where system and recordings disagree, as `find.json` has it."""
+    maps, places = disagreements(*residual_series(model, base, base.episodes))
     return {
         "domain": model.name,
-        "episodes": [b.name for b in model.blocks],
-        "sealed": [model.blocks[e].name for e in model.sealed()],
-        "where": [vars(p) for p in places],
-        "constants": _constants(model, base),
+        "episodes": [r.name for r in model.records],
+        "sealed": [model.records[e].name for e in model.sealed()],
+        "where": places,
+        "maps": maps,
+        "constants": _constants(base),
     }
 
 
-def named_document(model: LogModel, told: Named) -> dict[str, Any]:
+def named_document(model: Comparison, told: Named) -> dict[str, Any]:
     """Which effects, as `name.json` has it."""
-    own = parameters(told.found, told.found.hypothesis)
+    own = _sizes(model, told)
     return {
         "domain": model.name,
         "verdict": verdict_of(told),
@@ -250,14 +253,17 @@ def named_document(model: LogModel, told: Named) -> dict[str, Any]:
         "threshold_nats": told.rounds[0]["threshold_nats"] if told.rounds else 0.0,
         "effects": [_effect(told, name, own) for name in told.found.hypothesis],
         "parameters": own,
-        "constants": _constants(model, told.found),
+        "constants": _constants(told.found),
+        "noise": _noise(told.found),
         "rounds": told.rounds,
         "unsettled": list(told.unsettled),
+        "sealed_gain_nats": _sealed_gain(model, told.base, told.found),
+        "placebo": _placebo(model, told),
     }
 
 
-def shown_document(model: LogModel, told: Named) -> dict[str, Any]:
-    """The gap before and after on sealed blocks, and what the page shows beside it."""
+def shown_document(model: Comparison, told: Named) -> dict[str, Any]:
+    """The gap before and after on sealed episodes, and what the page shows beside it."""
     sealed = model.sealed()
     before, after = (errors(model, f, sealed) for f in (told.base, told.found))
     weight = weighed(model, told.base, told.found, sealed)
@@ -266,18 +272,41 @@ def shown_document(model: LogModel, told: Named) -> dict[str, Any]:
             name: {"before": before[c], "after": after[c], "unit": unit}
             for c, (name, unit) in enumerate(model.channels)
         },
-        "forecast_s": model.horizon * model.dt_s,
         "removed": asdict(weight),
-        "white": {"before": whiteness(model, told.base), "after": whiteness(model, told.found)},  # type: ignore[arg-type]
-        "shown": shown(model, told.base, told.found, sealed),  # type: ignore[arg-type]
-        "doubted": [],
+        "white": {
+            "before": whiteness(told.base).as_json(),
+            "after": whiteness(told.found).as_json(),
+        },
+        "shown": profiles(model, told.base, told.found, sealed),
     }
 
 
-def errors(model: LogModel, fitted: Fit, episodes: Sequence[int]) -> list[float]:
-    """Root mean square of measured less forecast, by output."""
-    parts = np.concatenate(model.disagreements(fitted, episodes), axis=1)
-    return [float(np.sqrt(np.nanmean(row**2))) for row in parts]
+def _sealed_gain(model: Comparison, base: Fit, found: Fit) -> float:
+    after, before = (applied(model, f, model.sealed()) for f in (found, base))
+    return after.log_likelihood - before.log_likelihood
+
+
+def _placebo(model: Comparison, told: Named) -> dict[str, Any] | None:
+    """The best wrong effect in place of the right ones, of those that nothing confuses with them.
+
+    Of the first ranking, without what was found and without the members of any round's class.
+    """
+    claimed = {*told.found.hypothesis, *(n for r in told.rounds for n in r.get("class", ()))}
+    wrong = next((c for c in told.alone if c.name not in claimed), None)
+    if not told.found.hypothesis or wrong is None:
+        return None
+    before, after = (errors(model, f, model.sealed()) for f in (told.base, wrong.fit))
+    gain = _sealed_gain(model, told.base, wrong.fit)
+    return {"name": wrong.name, "before": before, "after": after, "sealed_gain_nats": gain}
+
+
+def _sizes(model: Comparison, told: Named) -> Sizes:
+    """Of what was found; wider where the innovations are not white."""
+    plain = least_squares(model, told.found)
+    own = parameters(told.found, told.found.hypothesis, plain)
+    if plain is None:
+        return own
+    return {name: over_rounds(name, entry, told.rounds) for name, entry in own.items()}
 
 
 def _effect(told: Named, name: str, own: dict[str, dict[str, Any]]) -> dict[str, Any]:
@@ -285,7 +314,7 @@ def _effect(told: Named, name: str, own: dict[str, dict[str, Any]]) -> dict[str,
     return {"name": name, "parameters": mine, "forecast": asdict(told.weights[name])}
 
 
-def _constants(model: LogModel, fitted: Fit) -> dict[str, dict[str, Any]]:
+def _constants(fitted: Fit) -> dict[str, dict[str, Any]]:
     """Every constant that was fitted, with its interval."""
     told = {}
     for free in fitted.free:
@@ -294,3 +323,12 @@ def _constants(model: LogModel, fitted: Fit) -> dict[str, dict[str, Any]]:
             value = {"value": fitted.value(free.name), "low": low, "high": high}
             told[free.name.removeprefix("constant.")] = value | {"unit": free.unit}
     return told
+
+
+def _noise(fitted: Fit) -> dict[str, dict[str, Any]]:
+    """Noise parameters, which are fitted as logarithms."""
+    return {
+        f.name: {"value": float(np.exp(fitted.value(f.name))), "unit": f.unit}
+        for f in fitted.free
+        if f.name.startswith("noise.")
+    }

@@ -1,7 +1,7 @@
 """Which effect a system lacks: all candidates looked at around the base, the best ones climbed.
 
-In: a `LogModel` and a fit of what is known. Out: candidates ranked by what they gain on blocks that
-they were not fitted to, the gain that chance alone would bring, and what the sealed blocks say.
+In: a `Comparison` and a fit of what is known. Out: candidates ranked by what they gain on episodes
+that they were not fitted to, the gain that chance alone would bring, and what sealed ones say.
 """
 
 from collections.abc import Sequence
@@ -11,6 +11,7 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import (
+    LOST_NATS,
     Fit,
     FloatArray,
     Free,
@@ -25,8 +26,7 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.systems.filter import LOST_NATS
-from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.search.comparison import Comparison
 
 CLIMBED = 5  # candidates that are fitted to the end
 DRAWS = 200  # of what chance would bring
@@ -68,7 +68,7 @@ class Weight:
 
 
 def ranked(
-    model: LogModel, base: Fit, names: Sequence[str], steps: Steps = uncounted
+    model: Comparison, base: Fit, names: Sequence[str], steps: Steps = uncounted
 ) -> tuple[list[Candidate], float]:
     """Candidates on top of `base`, best first, and the gain that chance brings [nats]."""
     looks = []
@@ -110,7 +110,7 @@ def chance_nats(base: Fit, looks: Sequence[Look], seed: int = 0) -> float:
     return max(*each, LEAST_NATS)
 
 
-def weighed(model: LogModel, before: Fit, after: Fit, sealed: Sequence[int]) -> Weight:
+def weighed(model: Comparison, before: Fit, after: Fit, sealed: Sequence[int]) -> Weight:
     """What the larger fit removes of the forecast error of the smaller, on sealed blocks."""
     pair = [model.disagreements(f, sealed) for f in (before, after)]
     errors = [_parts(one, model.horizon) for one in pair]
@@ -138,7 +138,7 @@ def _parts(errors: Sequence[FloatArray], horizon: int) -> FloatArray:
     return np.array(sums)
 
 
-def look(model: LogModel, base: Fit, name: str) -> Look:
+def look(model: Comparison, base: Fit, name: str) -> Look:
     """All starts of a candidate at once: its own slopes there, and a step of everything."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
@@ -286,12 +286,12 @@ def elaborates(name: str, other: str) -> bool:
     return port == there and plainer in _SIMPLER_KINDS.get(kind, ())
 
 
-def simpler(model: LogModel, base: Fit, best: Candidate) -> Candidate:
+def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
     """A simpler kind at the same port, from the best one's point, if it gains nearly as much."""
-    of = model.library[best.name]
-    for kind in _SIMPLER_KINDS.get(of.kind.name, ()):
-        name = f"{kind}@{of.port.name}"
-        if name not in model.library or name in base.hypothesis:
+    kind, _, port = best.name.partition("@")
+    for plainer in _SIMPLER_KINDS.get(kind, ()):
+        name = f"{plainer}@{port}"
+        if name not in model.effects or name in base.hypothesis:
             continue
         values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.evidence.inference import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.blocks import Block, Log, Pieces, pieces_of
 from wakedeploy.physics.kalman import corrected, stepped
@@ -21,7 +21,6 @@ from wakedeploy.physics.kalman import corrected, stepped
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
 _LOST = 1e12  # usual sizes: a state that far away has left the model
-LOST_NATS = -1e6  # log density of a sample where that has happened
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,6 +75,7 @@ class Folder:
     def _show(self, told: dict[str, Any]) -> dict[str, Any]:
         self.progress("forecasting the sealed blocks")
         document = told | shown_document(self.model, self._found())
+        document["forecast_s"] = self.model.horizon * self.model.dt_s
         self._write("domain.json", document)
         return document
 

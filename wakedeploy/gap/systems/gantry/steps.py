@@ -33,7 +33,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.summary import verdict_sentence
 from wakedeploy.gap.rules import sealed_count
-from wakedeploy.gap.search.places import find_places, forbids_none
+from wakedeploy.gap.search.places import forbids_none
 from wakedeploy.gap.systems.gantry.flight import Flight, read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.plan import make_plan, stated_sizes
@@ -50,6 +50,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     name_effects,
     with_terms,
 )
+from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED, glance
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.search.repeatability import repeated

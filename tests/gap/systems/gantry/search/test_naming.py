@@ -12,7 +12,6 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.progress import quiet
-from wakedeploy.gap.search.places import find_places
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.answer import write_answer
@@ -32,6 +31,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     ranked_by_own_motion,
     with_terms,
 )
+from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion, without_idle
 from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name
 from wakedeploy.physics.constants import constants_of

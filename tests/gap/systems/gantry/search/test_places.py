@@ -8,16 +8,12 @@ from recorded import RIG, flown
 from scipy.stats import false_discovery_control
 
 from wakedeploy.gap.search import places as finding
-from wakedeploy.gap.search.places import (
-    FALSE_DISCOVERIES,
-    HORIZONS_S,
-    find_places,
-    forbids_none,
-    q_values,
-)
+from wakedeploy.gap.search.places import FALSE_DISCOVERIES, Residuals, forbids_none, q_values
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, Residuals, residuals
+from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.systems.gantry.search import places as gantry_places
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.search.places import AXES, HORIZONS_S, find_places
 
 SEEDS = (40, 41, 42)
 LIMIT = 40.0
@@ -168,7 +164,7 @@ def places_of(monkeypatch, base, seed: int, shape, keep: float = 0.0, seen=CHANN
     """Places that are found in made-up residuals of the force; the other channels are silent."""
     rng = np.random.default_rng([5, seed])
     made = {channel: planted(rng, shape, keep) for channel in seen}
-    monkeypatch.setattr(finding, "residuals", lambda _m, _b, channel, i: made[channel][i])
+    monkeypatch.setattr(gantry_places, "residuals", lambda _m, _b, channel, i: made[channel][i])
     monkeypatch.setattr(finding, "_PERMUTATIONS", 399)
     return find_places(*base, LIMIT)
 
@@ -203,7 +199,7 @@ def test_one_p_value_in_twenty_is_below_five_per_cent(monkeypatch, keep, apart) 
     monkeypatch.setattr(finding, "_PERMUTATIONS", 199)
     p = []
     for seed in range(60):
-        maps = finding._maps(null_series(np.random.default_rng([9, seed]), keep, apart))
+        maps = finding._maps(null_series(np.random.default_rng([9, seed]), keep, apart), AXES)
         p += [m["p_value"] for m in maps if m["coordinate"] != "everywhere"]
     assert 0.03 < np.mean(np.array(p) <= 0.05) < 0.085
     assert 0.4 < np.mean(p) < 0.6
@@ -212,7 +208,9 @@ def test_one_p_value_in_twenty_is_below_five_per_cent(monkeypatch, keep, apart) 
 def test_the_mean_of_all_flights_has_a_true_p_value(monkeypatch) -> None:
     monkeypatch.setattr(finding, "_PERMUTATIONS", 199)
     p = [
-        finding._everywhere(null_series(np.random.default_rng([9, seed]), 0.6, 0.0), 24)["p_value"]
+        finding._everywhere(null_series(np.random.default_rng([9, seed]), 0.6, 0.0), 24, AXES)[
+            "p_value"
+        ]
         for seed in range(400)
     ]
     assert 0.02 < np.mean(np.array(p) <= 0.05) < 0.09
@@ -285,7 +283,7 @@ def test_a_place_that_is_smaller_than_the_models_own_error_is_none(monkeypatch, 
 def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
     rng = np.random.default_rng([5, 3])
     made = planted(rng, lambda height: 0.3 * height)
-    monkeypatch.setattr(finding, "residuals", lambda _m, _b, channel, i: made[i])
+    monkeypatch.setattr(gantry_places, "residuals", lambda _m, _b, channel, i: made[i])
     found = find_places(*base, LIMIT)
     told = next(m for m in found["maps"] if m["coordinate"] == "height")
     height = np.concatenate([s.coordinates["height"] for s in made])
@@ -293,7 +291,7 @@ def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
     edges = np.array(told["edges"])
     assert edges == pytest.approx(np.quantile(height, np.linspace(0, 1, len(edges))))
     bins = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, len(edges) - 2)
-    length = round(finding.BLOCK_S[made[0].channel] / float(np.median(np.diff(made[0].at_s))))
+    length = finding.block_length(made, AXES)
     blocks = finding.blocks_of(made, length)
     for k in range(len(edges) - 1):
         assert told["blocks"][k] == sum((bins[block] == k).any() for block in blocks)

@@ -12,9 +12,10 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.folder import forget, write_step
+from wakedeploy.gap.rules import MOST_IN_CLASS
 from wakedeploy.gap.systems.gantry.effect_force import force_of
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
-from wakedeploy.gap.systems.gantry.search.naming import MOST_IN_CLASS, Answer, Round
+from wakedeploy.gap.systems.gantry.search.naming import Answer, Round
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 from wakedeploy.gap.systems.gantry.search.threshold import FLIGHTS, SECONDS
 from wakedeploy.physics.effects import LIBRARY

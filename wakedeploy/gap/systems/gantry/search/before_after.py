@@ -17,18 +17,18 @@ from scipy.stats import t as student_t
 from wakedeploy.gap.evidence.inference import Fit, Hypothesis, Slopes, applied, fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell
-from wakedeploy.gap.search.places import BLOCK_S, HORIZONS_S, bin_means, blocks_of
+from wakedeploy.gap.search.places import Residuals, bin_means, block_length, blocks_of
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import (
     AHEAD_S,
     CHANNELS,
     COORDINATES,
-    Residuals,
     residuals,
 )
 from wakedeploy.gap.systems.gantry.search.answer import bent
 from wakedeploy.gap.systems.gantry.search.naming import without_effects
+from wakedeploy.gap.systems.gantry.search.places import AXES, HORIZONS_S
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found, Tried
 from wakedeploy.physics.effects import LIBRARY
@@ -253,9 +253,8 @@ def _binned(
     known = np.isfinite(where) & np.isfinite(value)
     bins = np.clip(np.digitize(where, edges[1:-1]), 0, max(len(edges) - 2, 0))
     bins = np.where(known, bins, -1)
-    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
-    length = max(round(BLOCK_S[series[0].channel] / float(spacing_s)), 1)
-    means, errors, _ = bin_means(value, bins, blocks_of(series, length), len(edges) - 1)
+    blocks = blocks_of(series, block_length(series, AXES))
+    means, errors, _ = bin_means(value, bins, blocks, len(edges) - 1)
     return {when: means.tolist(), f"{when}_reach": (1.645 * errors).tolist()}
 
 
@@ -314,7 +313,7 @@ def _log_density(shown: Shown) -> float:
 
 def _spectrum(shown: Shown) -> dict[str, Any]:
     rate_hz = 1.0 / shown.model.flights[0].spacing_s
-    return spectrum([samples(s) for s in shown.fit.slopes.scores], rate_hz)
+    return spectrum([samples(s)[0] for s in shown.fit.slopes.scores], rate_hz)
 
 
 def _traces(before: Shown, after: Shown) -> dict[str, Any]:

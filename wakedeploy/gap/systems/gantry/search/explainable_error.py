@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit
-from wakedeploy.gap.search.places import BLOCK_S
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import AHEAD_S, COORDINATES, residuals
 from wakedeploy.gap.systems.gantry.search.importance import Removed, removed
+from wakedeploy.gap.systems.gantry.search.places import AXES
 
 _CHANNEL = "height 0.25 s ahead"
 _BINS = 8
@@ -67,7 +67,7 @@ def _blocks(known: list[_Told], other: list[_Told]) -> tuple[list[FloatArray], l
     old, new = list[FloatArray](), list[FloatArray]()
     for one in other:
         left = one.error_m - _design(one, name, edges) @ told
-        number = np.floor((one.at_s - one.at_s[0]) / BLOCK_S[_CHANNEL])
+        number = np.floor((one.at_s - one.at_s[0]) / AXES.block_s[_CHANNEL])
         for n in np.unique(number):
             old.append(one.error_m[number == n])
             new.append(left[number == n])

@@ -20,7 +20,7 @@ from wakedeploy.gap.evidence.inference import Fit, Hypothesis, fit, held_out
 from wakedeploy.gap.evidence.ranking import Candidate, Scans, candidate, rank_fairly, scanned_starts
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
-from wakedeploy.gap.rules import FEWEST_FLIGHTS
+from wakedeploy.gap.rules import CLASS_NATS, FEWEST_FLIGHTS, MOST_IN_CLASS
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
 from wakedeploy.gap.systems.gantry.search.expressions import MOST_TERMS, Symbolic, search
@@ -37,8 +37,6 @@ from wakedeploy.physics.effects.chain import setting_of
 
 Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
-CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
-MOST_IN_CLASS = 3
 MOST_EFFECTS = 3
 _REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
 _RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form

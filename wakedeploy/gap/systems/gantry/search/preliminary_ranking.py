@@ -13,9 +13,9 @@ from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.rules import CLASS_NATS
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.naming import (
-    CLASS_NATS,
     Answer,
     Round,
     Thresholds,

@@ -14,10 +14,10 @@ from typing import Any
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
-from wakedeploy.gap.rules import FEWEST_FLIGHTS
+from wakedeploy.gap.rules import CLASS_NATS, FEWEST_FLIGHTS
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.naming import CLASS_NATS, Answer, with_terms
+from wakedeploy.gap.systems.gantry.search.naming import Answer, with_terms
 from wakedeploy.physics.effects import LIBRARY
 
 FEWEST = 2 * FEWEST_FLIGHTS

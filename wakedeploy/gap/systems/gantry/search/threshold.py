@@ -30,7 +30,6 @@ from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.whiteness import whiteness
-from wakedeploy.gap.search.places import find_places
 from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -42,6 +41,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     ranked_by_own_motion,
     with_terms,
 )
+from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY, replacing

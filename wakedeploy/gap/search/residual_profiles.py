@@ -1,20 +1,23 @@
-"""What a page shows of a domain: residuals by place and one episode, before and after.
+"""Residuals over every coordinate and along one episode, before and after, on sealed episodes.
 
-In: a `ResponseModel`, its fit without and with what was found, and the sealed episodes. Out: plain
+In: a `Comparison`, its fit without and with what was found, and the sealed episodes. Out: plain
 lists, as JSON has them.
 """
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
-from wakedeploy.gap.systems.places import ranges
-from wakedeploy.gap.systems.response import ResponseModel
+from wakedeploy.gap.search.comparison import Comparison
+
+_RANGES = 6
+_FEWEST = 12  # samples of a range
 
 
-def shown(model: ResponseModel, base: Fit, found: Fit, sealed: Sequence[int]) -> dict[str, Any]:
+def profiles(model: Comparison, base: Fit, found: Fit, sealed: Sequence[int]) -> dict[str, Any]:
     """`places`, mean residuals over every coordinate, and `trace`, the typical sealed episode."""
     before, after = (
         [model.disagreement(model.values(f.hypothesis, f.theta), e) for e in sealed]
@@ -27,13 +30,13 @@ def shown(model: ResponseModel, base: Fit, found: Fit, sealed: Sequence[int]) ->
 
 
 def _places(
-    model: ResponseModel, sealed: Sequence[int], before: FloatArray, after: FloatArray
+    model: Comparison, sealed: Sequence[int], before: FloatArray, after: FloatArray
 ) -> list[dict[str, Any]]:
     """Means of the residuals (c, n) in the ranges of each coordinate; None where samples lack."""
     each = [model.coordinates(e) for e in sealed]
     result = []
     for coordinate, (coordinate_unit, _) in each[0].items():
-        edges, inside = _joined(ranges(np.concatenate([c[coordinate][1] for c in each])))
+        edges, inside = _joined(_ranges(np.concatenate([c[coordinate][1] for c in each])))
         for row, (channel, unit) in enumerate(model.channels):
             entry: dict[str, Any] = {"channel": channel, "unit": unit, "coordinate": coordinate}
             entry |= {"coordinate_unit": coordinate_unit, "edges": edges}
@@ -41,6 +44,20 @@ def _places(
                 entry[name] = [None if i is None else float(residual[i].mean()) for i in inside]
             result.append(entry)
     return [entry for entry in result if entry["before"]]
+
+
+def _ranges(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
+    """Up to six ranges with as many samples each: lowest, highest and which samples."""
+    known = at[np.isfinite(at)]
+    if not len(known):
+        return []
+    edges = np.unique(np.quantile(known, np.linspace(0.0, 1.0, _RANGES + 1)))
+    result = []
+    for low, high in itertools.pairwise(edges):
+        inside = (at >= low) & ((at < high) | (high == edges[-1]))
+        if inside.sum() >= _FEWEST:
+            result.append((float(low), float(high), inside))
+    return result
 
 
 def _joined(
@@ -61,7 +78,7 @@ def _joined(
 
 
 def _trace(
-    model: ResponseModel,
+    model: Comparison,
     sealed: Sequence[int],
     before: Sequence[FloatArray],
     after: Sequence[FloatArray],
