@@ -12,9 +12,11 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-# Two tests at a time, each with one thread. Byte code is kept, also where the shell says not to: tests
-# start a hundred processes, and each would compile the project anew.
-TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
+# One test more at a time than there are cores, since some wait for processes that they started; each
+# with one thread, and four at most, for their memory. Byte code is kept, also where the shell says not
+# to: tests start a hundred processes, and each would compile the project anew.
+WORKERS = $(shell cores=$$(getconf _NPROCESSORS_ONLN); echo $$((cores < 3 ? cores + 1 : 4)))
+TESTS = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
 .PHONY: help venv lock demo test test-wallclock explore check format lint bench results docs firmware \
 	mutants clean
