@@ -153,7 +153,8 @@ def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
     ("text", "said"),
     [
         ("<mujoco", "MuJoCo cannot read it (XML parse error"),
-        (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1), "joint 'shoulder' is free or a ball"),
+        (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
+         "joint 'shoulder' is free or a ball"),
         (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
          "a joint has no name"),
         (ARM.replace("{elbow}", 'delay="0.02" nsample="30"'), "actuator 'elbow' has a delay"),
@@ -181,6 +182,8 @@ def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_hidden_friction_and_lag_are_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
     system_of(tmp_path)
+    file = tmp_path / "my_arm.py"
+    file.write_text(file.read_text().replace("rate_hz = 100.0", "rate_hz = 50.0"))
     hidden = ARM.format(shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
     first, second = (_log(tmp_path / f"{seed}.csv", hidden, seed) for seed in (0, 1))
     command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]

@@ -17,6 +17,7 @@ from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
 from wakedeploy.gap.systems.system import FloatArray, Point, System
 
 _STEP_S = 2.0**-14  # a power of two: dividing by it loses nothing
+_FARTHEST, _STRONGEST = 1e4, 1e6  # states, forces: MuJoCo would warn of a point beyond
 _MOST_MODELS = 2048  # models with constants of their own that are kept
 _WORTH_THREADS = 64  # points from which threads are quicker
 
@@ -25,9 +26,10 @@ class MjcfSystem(System):
     """A MuJoCo model: `mjcf` is its file, and the names are those that `gap init --mjcf` writes.
 
     States are `<joint>_rad` and `<joint>_radps` (`_m` and `_mps` for slides), inputs
-    `<actuator>_command`, outputs positions or speeds of joints. Constants are attributes of the
-    file that may be off; one that is left away stays as the file has it. Forces at ports act
-    through the mass matrix. UnusableInput says by name what the file does not have.
+    `<actuator>_command`, outputs positions or speeds of joints; each is (N,) where N points are
+    tried at once, in SI units. Constants are attributes of the file that may be off; one that is
+    left away stays as the file has it. Forces at ports act through the mass matrix. UnusableInput
+    says by name what the file does not have, and what is damaged in it.
     """
 
     mjcf: ClassVar[str | Path]
@@ -80,6 +82,8 @@ class MjcfSystem(System):
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
+        lost = ~((np.abs(x).max(1) < _FARTHEST) & (np.abs(u).max(1) < _STRONGEST))
+        x, u = np.where(lost[:, None], 0.0, x), np.where(lost[:, None], 0.0, u)
         full = np.concatenate([np.zeros((len(x), 1)), x], axis=1)
         spec = self._library.mjtState
         result = np.empty((len(x), 1, full.shape[1]))
@@ -91,7 +95,9 @@ class MjcfSystem(System):
             control_spec=int(spec.mjSTATE_CTRL) | int(spec.mjSTATE_QFRC_APPLIED),
             nstep=1, state=result, sensordata=sensed,
         )  # fmt: skip
-        return np.asarray((result[:, 0, 1:] - x) / _STEP_S)
+        rates = np.asarray((result[:, 0, 1:] - x) / _STEP_S)
+        rates[lost] = np.nan
+        return rates
 
     def _models_of(self, constants: FloatArray) -> list[Any]:
         """The model for each row of constants (N, k)."""

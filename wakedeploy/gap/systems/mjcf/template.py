@@ -18,12 +18,20 @@ from pathlib import Path
 
 from wakedeploy import Constant, Input, MjcfSystem, Output, Port
 
+# What an actuator, a joint and a sensor may lack; leave `kinds` away for all that is known.
+COMMAND = ["dead-time", "lag", "rate-limit", "backlash", "dead-band", "saturation", "gain", "bias"]
+JOINT = [
+    "viscous-friction", "coulomb-friction", "stribeck-friction", "pre-sliding-friction",
+    "added-inertia", "stiffness", "gravity", "offset", "periodic-force",
+]
+SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]
+
 
 class CLASS(MjcfSystem):
     """FILE as it is; what logs show beyond it is what the search names."""
 
     mjcf = Path(__file__).parent / "FILE"
-    rate_hz = 100.0  # samples a second at which it is compared; divides that of the logs
+    rate_hz = 100.0  # samples a second; divides that of the logs, and half takes half as long
     inputs = [  # the commands, by the names of the log or of [columns.NAME]
 INPUTS
     ]
@@ -56,9 +64,9 @@ def mjcf_template(model: Path, target: Path) -> str:
             *(_inertia(j) for j in elements.joints),
         ],
         "PORTS": [
-            *(f'Port.input("{a.command}"),' for a in elements.actuators),
+            *(f'Port.input("{a.command}", kinds=COMMAND),' for a in elements.actuators),
             *(_force(j) for j in elements.joints),
-            *(f'Port.output("{n}"),' for n, _ in shown),
+            *(f'Port.output("{n}", kinds=SENSOR),' for n, _ in shown),
         ],
     }
     text = _TEXT.replace("STEM", target.stem).replace("CLASS", class_name(target.stem))
