@@ -6,7 +6,6 @@ package offers its own by an entry point of the group `wakedeploy.domains`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from wakedeploy.core.discovery import DOMAIN, offers
@@ -79,7 +78,8 @@ class Simulated(_Domain):
 class Recorded(_Domain):
     """A domain whose episodes are imported from recordings in their original layout.
 
-    `read(folder, progress, **settings)` returns the set; `pattern` finds one file of each recording.
+    `read(folder, progress, **settings)` returns the set from a folder and a function of files done
+    and of how many; `pattern` finds one file of each recording.
     """
 
     read: Callable[..., EpisodeSet]

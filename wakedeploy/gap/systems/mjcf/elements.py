@@ -181,7 +181,8 @@ def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
         dof = int(model.jnt_dofadr[i])
         place = int(model.jnt_qposadr[i])
         found.append(Joint(name, word(path, name, "joint"), turns, place, dof, inertias[dof]))
-    return _distinct(path, tuple(found))
+    _require_distinct(path, [one.word for one in found])
+    return tuple(found)
 
 
 def _inertias(library: Any, model: Any) -> list[float]:
@@ -203,7 +204,8 @@ def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
         act = int(model.actuator_actadr[i]) if model.actuator_actnum[i] else -1
         kind = _kind(library, model, i)
         found.append(Actuator(name, word(path, name, "actuator"), i, act, kind, at))
-    return _distinct(path, tuple(found))
+    _require_distinct(path, [one.word for one in found])
+    return tuple(found)
 
 
 def _kind(library: Any, model: Any, i: int) -> str:
@@ -222,12 +224,10 @@ def _kind(library: Any, model: Any, i: int) -> str:
     return "velocity" if is_velocity else "general"
 
 
-def _distinct(path: Path, found: Any) -> Any:
-    words = [one.word for one in found]
-    for one in found:
-        if words.count(one.word) > 1:
-            raise UnusableInput(f"{path}: two elements are called {one.word!r}; rename one.")
-    return found
+def _require_distinct(path: Path, words: list[str]) -> None:
+    for told in words:
+        if words.count(told) > 1:
+            raise UnusableInput(f"{path}: two elements are called {told!r}; rename one.")
 
 
 def _attributes(
