@@ -25,12 +25,14 @@ MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=
 
 @click.command("init")
 @click.argument("path", type=_FILE)
-def init(path: Path) -> None:
+@click.option("--mjcf", type=_FILE, help="A MuJoCo model, whose joints and actuators it takes.")
+def init(path: Path, mjcf: Path | None) -> None:
     """Write a first system, which runs as it is, to PATH.
 
     \b
     Example:
         wakedeploy gap init my_robot.py
+        wakedeploy gap init my_arm.py --mjcf arm.xml
     """
     from wakedeploy.core.errors import UnusableInput
     from wakedeploy.core.files import write_text_whole
@@ -38,7 +40,13 @@ def init(path: Path) -> None:
 
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
-    write_text_whole(path, template(path.stem))
+    if mjcf is None:
+        text = template(path.stem)
+    else:
+        from wakedeploy.gap.systems.mjcf.template import mjcf_template
+
+        text = mjcf_template(mjcf, path)
+    write_text_whole(path, text)
     click.echo(
         f"Wrote {path}. Make it yours, then: wakedeploy gap check {path} --measured LOG\n"
         "A log with other names or units also needs --columns; a first one: wakedeploy data import "
@@ -181,6 +189,8 @@ def run_steps(
     _print(step, told)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
+        for line in folder.exported:
+            click.echo(line)
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:

@@ -81,12 +81,15 @@ class Acting:
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         driven = Point("input", inputs)
-        told = self.system.rates(state, driven, c)
+        own: dict[str, Any] = {}
+        if self.system.takes_forces and self._of["force"]:
+            told = self._loaded(named, state, driven, c, values, own)
+        else:
+            told = self.system.rates(state, driven, c)
         base = dict(told)
         for name in self.form:
             told[name] = told[name] + self._form(name, named, told, values)
-        own: dict[str, Any] = {}
-        for effect in self._of["force"]:
+        for effect in () if self.system.takes_forces else self._of["force"]:
             self._force(effect, named, base, inputs, c, values, told, own)
         for effect in self._of["custom"]:
             self._custom(effect, state, driven, values, time_s, told)
@@ -146,10 +149,46 @@ class Acting:
         told: dict[str, Any],
         own: dict[str, Any],
     ) -> None:
+        port = effect.port
+        inertia = getattr(c, port.inertia) if port.inertia else 1.0
+        force = self._pull(effect, named, base, inputs, inertia, values, own)
+        told[port.name] = told[port.name] + force / inertia * self._dt_s
+
+    def _loaded(
+        self,
+        named: Arrays,
+        state: Point,
+        driven: Point,
+        c: Point,
+        values: Arrays,
+        own: dict[str, Any],
+    ) -> dict[str, Any]:
+        """Rates of a system that distributes forces itself, under those of the effects."""
+        effects = self._of["force"]
+        asks = any(e.kind.needs == ("inertia",) for e in effects)
+        base = self.system.rates(state, driven, c) if asks else {}
+        inputs = {i.name: getattr(driven, i.name) for i in self.system.inputs}
+        forces: dict[str, Any] = {}
+        for effect in effects:
+            inertia = getattr(c, effect.port.inertia) if effect.port.inertia else 1.0
+            pull = self._pull(effect, named, base, inputs, inertia, values, own)
+            forces[effect.port.name] = forces.get(effect.port.name, 0.0) + pull
+        return self.system.rates(state, driven, c, forces)
+
+    def _pull(
+        self,
+        effect: Effect,
+        named: Arrays,
+        base: Arrays,
+        inputs: Arrays,
+        inertia: Any,
+        values: Arrays,
+        own: dict[str, Any],
+    ) -> Any:
+        """The force of an effect; also the rates of its own states."""
         port, kind = effect.port, effect.kind
         assert isinstance(kind, ForceKind)
         speed = named[port.name]
-        inertia = getattr(c, port.inertia) if port.inertia else 1.0
         force = (
             self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else speed
         )
@@ -164,9 +203,9 @@ class Acting:
             sizes=effect.scales.sizes,
         )
         p = effect.parameters(values)
-        told[port.name] = told[port.name] + kind.force(at, p) / inertia * self._dt_s
         for name, rate in zip(effect.own_states, kind.own_rates(at, p), strict=True):
             own[name] = self._advanced(named[name], rate)
+        return kind.force(at, p)
 
     def _custom(
         self,

@@ -36,6 +36,7 @@ class Folder:
     def __init__(self, model: LogModel, out: Path, progress: Progress = quiet) -> None:
         self.model, self.out, self.progress = model, out, progress
         self.key = _key(model)
+        self.exported: list[str] = []  # sentences about further files that `add` wrote
 
     def run(self, step: str) -> dict[str, Any]:
         """The step and those that it needs; returns what all of them told."""
@@ -71,6 +72,7 @@ class Folder:
 
     def _add(self) -> None:
         write_correction(correction_of(self.model, self._found().found), self.out / CORRECTION)
+        self.exported = self.model.system.export(self._name(), self.out)
 
     def _show(self, told: dict[str, Any]) -> dict[str, Any]:
         self.progress("forecasting the sealed blocks")
