@@ -9,7 +9,7 @@ import time
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from runtime.flyable import Flyable, predictor_of
+from runtime.flyable import Flyable, is_bounded, predictor_of
 from runtime.io.conversation import Conversation
 from runtime.io.link import Link
 from runtime.io.range_source import I2cRangeSource, RangeSource, SocketRangeSource
@@ -48,7 +48,7 @@ class Place:
         """The package at work: in a thread with deadlines, or at once where time is simulated."""
         if self.is_simulated_time:
             return PackageForecast(predictor_of(package))
-        worker = PredictionWorker(predictor_of(package), PERIOD_S)
+        worker = PredictionWorker(predictor_of(package), PERIOD_S, bounded=is_bounded(package))
         opened.callback(worker.close)
         return worker
 
