@@ -26,7 +26,7 @@ from export.c.values import (
     token,
     whole,
 )
-from export.c.weights import Kind, Matrix
+from export.c.weights import Kind, Matrix, is_sparse
 from wakedeploy.core.manifest import FloatArray, Manifest
 from wakedeploy.core.onnx_graph import FLOAT32, Graph, Node, Shape, size_of
 from wakedeploy.core.onnx_shapes import cost_of
@@ -75,6 +75,8 @@ class _Lowering:
         self.uses.update(tensor.name for tensor in graph.outputs)
         self.makers = {name: node for node in graph.nodes for name in node.outputs}
         self.rings: dict[str, _Ring] = {}  # by the name of their context
+        dense = [node.inputs[1] for node in graph.nodes if node.op == "Gemm"]
+        self.has_reservoir = any(is_sparse(self._weights(name)) for name in dense)
         self.done: set[int] = set()  # nodes that something else has taken care of
         self.members: list[StateMember] = []
         self.states: dict[Store, Store] = {}
@@ -424,7 +426,11 @@ class _Lowering:
             is_numbered = bias is not None and "." not in name  # by the exporter
             wish = f"{str(bias).removesuffix('bias')}weight" if is_numbered else name
             self.matrices[key] = Matrix(
-                self.names.new(wish), np.ascontiguousarray(turned), name, is_by_outputs
+                self.names.new(wish),
+                np.ascontiguousarray(turned),
+                name,
+                is_by_outputs,
+                drives=self.has_reservoir and not is_sparse(turned),
             )
         return self.matrices[key]
 
