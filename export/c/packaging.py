@@ -16,7 +16,7 @@ import numpy as np
 
 from export.c.identifiers import require_name
 from export.c.interpreter import Interpreter, Wide
-from export.c.lowering import NotInC, lowered
+from export.c.lowering import lowered
 from export.c.program import Program
 from export.c.readme import page
 from export.c.real import Real
@@ -24,6 +24,7 @@ from export.c.rounding import rounded_together
 from export.c.selftest import self_test
 from export.c.source import Model, header, source
 from export.c.weights import Kind
+from export.c.writer import NotInC
 from runtime.compiled.compiler import PLAIN, host_compiler, native_flags, version_of
 from runtime.compiled.driven import driven
 from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder, sealed

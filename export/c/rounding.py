@@ -19,7 +19,7 @@ from runtime.compiled.driven import driven
 from wakedeploy.core.manifest import Manifest
 from wakedeploy.core.onnx_graph import Graph
 
-_STEPS = 800  # of made inputs, to see how activations move together
+
 _DAMPING = 1e-3  # of the mean square of an activation: directions that the inputs did not show
 
 
@@ -27,7 +27,7 @@ def rounded_together(program: Program, graph: Graph, manifest: Manifest) -> Prog
     """The program with the integers of its sparse matrices chosen row by row."""
     if not any(matrix.is_sparse for matrix in program.matrices):
         return program
-    exact, inputs = Interpreter(graph, manifest), driven(manifest, _STEPS)
+    exact, inputs = Interpreter(graph, manifest), driven(manifest)
     matrices = [
         replace(matrix, integers=_integers(matrix, exact.multiplied_by(matrix.tensor, inputs)))
         if matrix.is_sparse
@@ -52,7 +52,8 @@ def _integers(matrix: Matrix, activations: Wide) -> npt.NDArray[np.int8]:
 
 def _row(wanted: Wide, moments: Wide) -> npt.NDArray[np.int8]:
     """Integers (n,) for wanted numbers (n,), one after the other."""
-    damped = moments + np.eye(len(moments)) * max(_DAMPING * np.mean(np.diag(moments)), 1e-12)
+    little = _DAMPING * float(np.mean(np.diag(moments))) + 1e-12
+    damped = moments + little * np.eye(len(moments))
     spread = np.linalg.cholesky(np.linalg.inv(damped)).T  # upper: how an error is made up for
     left = wanted.copy()
     for i in range(len(left)):
