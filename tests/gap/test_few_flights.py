@@ -93,7 +93,7 @@ def several(flights, tmp_path_factory) -> dict[int, tuple[Path, dict]]:
     for count in (2, 3):
         out = tmp_path_factory.mktemp(f"{count}")
         logs = flights[HIDDEN][:count]
-        with searching(*SEARCHED):
+        with searching(*SEARCHED[:2]):
             result = close(flights["rig"][0], logs, out, report=False, thresholds=LIMITS)
         told[count] = out, result
     return told
@@ -187,6 +187,7 @@ def test_jagged_effects_are_tried_only_where_something_stands_out(closed) -> Non
         assert (SCANNED in named["untried"]) is not tried
 
 
+@pytest.mark.slow
 def test_the_steps_by_themselves_say_the_same(flights, tmp_path) -> None:
     with searching(*SEARCHED):
         told = on_terminal(flights, "nothing", tmp_path, "find", "name", "show")

@@ -47,6 +47,7 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
         return out, do_case(Job(STRONG, out, workflow, True, "commit"))
 
 
+@pytest.mark.slow
 def test_a_case_is_flown_closed_and_judged(done: tuple[Path, dict[str, Any]]) -> None:
     out, line = done
     assert line.get("error") is None
@@ -65,6 +66,7 @@ def test_a_case_is_flown_closed_and_judged(done: tuple[Path, dict[str, Any]]) ->
         assert 0.0 < line["closed"] < 1.3
 
 
+@pytest.mark.slow
 def test_the_judge_takes_another_name_for_wrong(
     done: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -75,6 +77,7 @@ def test_the_judge_takes_another_name_for_wrong(
     assert told["nats"] == line["nats"]
 
 
+@pytest.mark.slow
 def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
     done: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -92,6 +95,7 @@ def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
     assert line["floor_m"] < floor.rms_m
 
 
+@pytest.mark.slow
 def test_the_truth_is_nowhere_in_what_the_workflow_was_given(
     done: tuple[Path, dict[str, Any]],
 ) -> None:

@@ -195,6 +195,7 @@ def ranked_on(flights, class_):
     return [(c.name, c.gain_nats) for c in rank(model, base, class_)]
 
 
+@pytest.mark.slow
 def test_flying_the_plan_splits_a_class_that_random_flights_leave() -> None:
     pair = ["viscous-friction", "axial-inflow-loss"]
     made = make_plan(RIG, pair, manoeuvres=some("height-steps"))

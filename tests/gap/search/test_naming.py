@@ -169,6 +169,7 @@ def notch(t_s, state) -> float:
     return -0.12 * thrust_n * np.exp(-0.5 * ((thrust_n - 4.4) / 0.2) ** 2)
 
 
+@pytest.mark.slow
 def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
     """No effect, no expression and white innovations: the fitted noise has swallowed it."""
     model = GantryModel(RIG, [flown(seed, hook=notch) for seed in SEEDS])
@@ -262,6 +263,7 @@ def test_what_one_round_doubts_is_not_claimed_because_another_round_took_it() ->
     assert _claimed("class", [first, second, third], current) == ("d",)  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 def test_an_expression_is_told_around_the_motion_that_it_explains() -> None:
     """Around the motion that the flights have without it, a force against the speed shows less."""
     size = EffectParameter(value=-2.0, unit="N s^2/m^2")
@@ -324,6 +326,7 @@ def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -
         assert told["known"]
 
 
+@pytest.mark.slow
 def test_a_hidden_effect_of_the_size_told_gains_what_it_must(nothing) -> None:
     """15 nats and as many again for chance: half to twice of it."""
     size_n = detectable(nothing)["coulomb-friction"]["size"]

@@ -100,6 +100,7 @@ def test_recorded_motors_spool_as_single_steps_say(recordings):
         assert best.fit.value(f"spool-lag.tau_{name}_s") == pytest.approx(alone, rel=0.25)
 
 
+@pytest.mark.slow
 def test_an_effect_that_sealed_steps_speak_against_is_doubted(recordings):
     document = close(MotorModel(read_steps(recordings("motor"))), simulations=1).document
     errors = [r["sealed_error"][0] for r in document["rounds"] if "accepted" in r]
