@@ -7,8 +7,9 @@ too. The board follows the same ladder when commands stop; each command tells it
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig

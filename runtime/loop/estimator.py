@@ -6,11 +6,12 @@ missed or repeated sample is predicted through.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from runtime.loop.copies import replace
 from runtime.loop.kalman import predict as kalman_predict
 from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig

@@ -8,7 +8,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 from runtime.io.conversation import Answer
 from runtime.io.protocol import TIME_WRAP_US, Fault
@@ -20,6 +19,7 @@ from runtime.loop.answers import OLD_TICKS, AnswerDoor, Heard
 from runtime.loop.arming import arm_limits, require_battery, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.controller import Command, Terms
+from runtime.loop.copies import replace
 from runtime.loop.estimator import SAME_TICKS, Measurement
 from runtime.loop.forecasting import Forecasting, Prediction
 from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row

@@ -6,12 +6,13 @@ here, too, so that both write the same columns.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from runtime.loop.controller import Command, Controller, ControlState, Terms
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
 from runtime.reference import Reference
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
