@@ -10,6 +10,8 @@ import enum
 import math
 from dataclasses import dataclass, replace
 
+from runtime.loop.estimator import Estimate
+
 TEST_SHARE = 0.88  # of the weight: from rest a fall of 14 cm in the time of a test, at 0.6 m/s
 TEST_S = 0.5
 SINK_S = 0.75  # on the way down between two tests
@@ -17,6 +19,7 @@ MOVED_M = 0.025  # in a test, which noise alone does not show
 _READINGS = 4  # at each end of a test, averaged
 _PINNED = 6  # that often the same at the end
 NEAR_STOP_M = 0.06  # what stands is read below
+STILL_MPS = 0.3  # slower than this a test may begin
 LONGEST_S = 12.0  # then it comes down as one whose height nobody knows
 
 
@@ -37,6 +40,12 @@ class Settling:
     stage_s: float
     stage: Stage = Stage.TEST
     ranges_m: tuple[float, ...] = ()
+
+
+def begun(now: Estimate, t_s: float) -> Settling:
+    """A touch-down from here: in the air, or in motion, it sinks before it is tested."""
+    is_near = now.z_m < NEAR_STOP_M and abs(now.vz_mps) < STILL_MPS
+    return Settling(t_s, t_s, Stage.TEST if is_near else Stage.SINK)
 
 
 def settled(

@@ -33,7 +33,7 @@ from runtime.loop.descent import (
 from runtime.loop.estimator import Measurement
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.safety import UNEXPLAINED_SD_N
-from runtime.loop.settling import TEST_SHARE, Settling, Stage, settled
+from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, settled
 from runtime.loop.silent_faults import may_repeat
 from runtime.loop.trim import TrimReader
 from runtime.reference import Reference
@@ -163,7 +163,7 @@ class WayDown:
     def settle(self, state: PilotState, measured: Measurement) -> float | None:
         """The pulse [µs] of one tick of a touch-down; None once the sufferer stands."""
         if not self._is_settling:
-            self._is_settling, self._settling = True, Settling(measured.t_s, measured.t_s)
+            self._is_settling, self._settling = True, begun(state.estimate, measured.t_s)
         limits, before = self._rig.limits, self._settling.stage
         is_new = measured.range_repeats == 0
         self._settling = now = settled(
