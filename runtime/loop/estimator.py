@@ -33,6 +33,8 @@ _PERSISTENT = 4  # that many rejected samples in a row are no outliers …
 _SCATTER_M = 0.1  # … unless they go to and fro by this much, as no motion does
 _PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
 _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
+# For as long as the board waits for commands it holds the last pulse: forces change by a wake only.
+_HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
 # Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
 # model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
 # file says is believed the less, down to a 200th.
@@ -329,6 +331,9 @@ class Estimator:
 def _pushed(now: Estimate) -> tuple[float, float]:
     """What innovations add up to downwards and upwards with this one, over what noise gives."""
     off_sd = now.innovation_m / math.sqrt(now.innovation_var_m2)
+    # Motion begins small. What is far off at once is a stray, or a sensor that jumped.
+    if now.noise_scale > 1.0 or (abs(off_sd) > _GATE_SD and max(now.pushed) < _PUSH_DRIFT_SD):
+        return 0.0, 0.0
     off_sd = min(max(off_sd, -_PUSH_MOST_SD), _PUSH_MOST_SD)
     down, up = now.pushed
     return max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0)
@@ -353,6 +358,9 @@ def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
     """The state with what it does not know of a time in which the loop stood still."""
     if passed_s <= _PAUSE_S:
         return now
+    if passed_s <= _HELD_S:
+        moved = _HELD_SD_MPS2 * np.array([0.5 * passed_s**2, passed_s, 0.0])
+        return replace(now, height_cov=now.height_cov + np.outer(moved, moved))
     unknown = np.diag([(_PAUSE_SD_MPS * passed_s) ** 2, _PAUSE_SD_MPS**2, 0.0])
     return replace(now, height_cov=now.height_cov + unknown)
 

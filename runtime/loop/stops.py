@@ -16,6 +16,7 @@ from wakedeploy.physics.rail import GRAVITY_MPS2
 
 LOWER_MPS, UPPER_MPS = 0.45, 0.3  # a stop met at this speed is met softly
 NEAREST_M = 0.02  # a way left that is shorter counts as this: what is read so near is mostly noise
+LEAST_MPS = 0.15  # slower than this it stands, or a controller has time
 LEAST_MPS2 = 1.0  # a controller brakes by this much itself
 ENOUGH_SHARE = 0.9  # of full thrust: with more to be asked for, the source's wake is too much
 
@@ -68,6 +69,8 @@ def _braking(
 
     `speed_mps` and `held_mps2` are towards the stop, now and until then.
     """
+    if speed_mps < LEAST_MPS:  # on the stop, too, with the motor idle
+        return 0.0
     left_m -= speed_mps * lag_s + 0.5 * held_mps2 * lag_s**2
     speed_mps += held_mps2 * lag_s
     if speed_mps <= soft_mps:

@@ -33,7 +33,7 @@ from runtime.loop.descent import (
 from runtime.loop.estimator import Measurement
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.safety import UNEXPLAINED_SD_N
-from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, settled
+from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, is_off, settled
 from runtime.loop.silent_faults import may_repeat
 from runtime.loop.trim import TrimReader
 from runtime.reference import Reference
@@ -172,6 +172,7 @@ class WayDown:
             measured.range_m - self._range_bias_m if is_new else math.nan,
             ladder_s=ladder_s(limits),
             may_repeat=self._may_repeat,
+            off=is_off(state.estimate),
         )
         if now.stage is Stage.STANDS:
             return None
@@ -183,7 +184,9 @@ class WayDown:
             return ladder_pulse(self._ladder, measured.t_s - now.stage_s, limits)
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
-        return self._planner.sinking(state.estimate, self._lifting_n)
+        # On the stop, what carries the sufferer would count as a force that lifts.
+        seen_n = state.unexplained_n if is_off(state.estimate) else -math.inf
+        return self._planner.sinking(state.estimate, max(self._lifting_n, seen_n))
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""
