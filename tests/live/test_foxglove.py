@@ -1,4 +1,4 @@
-"""Foxglove's protocol, spoken by a client of its own: topics, schemas, ticks, and no way to change."""
+"""A client of Foxglove's protocol gets topics, schemas and ticks, and has no way to change them."""
 
 import asyncio
 import json
