@@ -5,6 +5,7 @@ In: a finished run, and its pictures where they were drawn. Out: `report.html` i
 
 import math
 import shlex
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,7 @@ def _told(run: TrainedRun) -> dict[str, Any]:
         "title": f"{config.arch}, seed {config.seed}, on {config.domain}",
         "subtitle": f"Finished {metrics.finished_utc[:16].replace('T', ' ')} UTC after "
         f"{metrics.seconds:.0f} s of training.",
-        "answers": [*(_answer(run, channel) for channel in config.force), *_remarks(run)],
+        "answers": [*chain(*(_answer(run, c) for c in config.force)), *_remarks(run)],
         "tile_pairs": _tiles(run),
         "errors": _errors(run),
         "chart_of_errors": chart,
@@ -56,23 +57,24 @@ def _told(run: TrainedRun) -> dict[str, Any]:
     }
 
 
-def _answer(run: TrainedRun, channel: Quantity) -> str:
+def _answer(run: TrainedRun, channel: Quantity) -> list[str]:
     """How well one force is predicted, for who knows nothing of R²."""
     rmse, r2 = run.metrics.test.rmse[channel.name], run.metrics.test.r2[channel.name]
     lead_s = run.config.lead_s
     ahead = f" {1e3 * lead_s:.0f} ms ahead" if lead_s else ""
     told = f"It predicts {channel.name}{ahead} to within {rmse:.3g} {channel.unit} (RMS)"
     if r2 is None:
-        return f"{told}; in the test episodes this force never changes."
+        return [f"{told}.", "In the test episodes this force never changes."]
     if r2 <= 0.0:
-        return f"{told}, which is no better than always naming the mean force: it learned nothing."
+        return [f"{told}: it learned nothing.", "Always naming the mean force does as well."]
     spread = rmse / math.sqrt(1.0 - r2) if r2 < 1.0 else math.inf
     word = "well" if r2 >= _GOOD else "in part" if r2 >= _POOR else "poorly"
-    return (
-        f"{told}. Always naming the mean would be off by {spread:.3g} {channel.unit}, so it "
-        f"explains {100 * r2:.0f} % of the force's variance: {word}. These episodes took no part "
-        "in training."
-    )
+    return [
+        f"{told}: {word}.",
+        f"Always naming the mean would be off by {spread:.3g} {channel.unit}, so that it explains "
+        f"{100 * r2:.0f} % of the force's variance. Judged on episodes that took no part in "
+        "training.",
+    ]
 
 
 def _remarks(run: TrainedRun) -> list[str]:

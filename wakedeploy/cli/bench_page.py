@@ -155,8 +155,8 @@ class _Bars:
 
 
 def _totals(rows: "Sequence[BenchRow]", budget_ms: float) -> pages.Table:
-    columns = ["", "in time", "median ms", "p99 ms", "p99.9 ms", "longest ms", "CPU % of a core"]
-    columns += ["memory MB", "first call ms", "overruns"]
+    columns = ["", "in time", "median ms", "p99 ms", "p99.9 ms", "longest ms", "CPU %"]
+    columns += ["MB", "first call ms", "overruns"]
     told = [
         [
             row.arch,

@@ -28,5 +28,5 @@ for (const code of navigator.clipboard ? document.querySelectorAll(".next pre co
       () => { button.textContent = "Copied"; },
       () => { getSelection().selectAllChildren(code); button.textContent = "Ctrl-C"; });
   });
-  code.parentNode.append(button);
+  code.closest(".next").append(button);
 }
