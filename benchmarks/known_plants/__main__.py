@@ -18,8 +18,8 @@ from benchmarks.known_plants.plants import PLANTS
 from benchmarks.known_plants.recording import recorded
 from benchmarks.records import COMMIT, write
 from wakedeploy.core.files import append_json_line, read_json_lines
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document, shown_document
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, named, named_document, shown_document
 from wakedeploy.gap.systems.system import checked
 
 Row = dict[str, Any]

@@ -7,13 +7,14 @@ too. The board follows the same ladder when commands stop; each command tells it
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig
 from wakedeploy.physics.effects.chain import believed
-from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 SINK_MPS = 0.3  # downwards, when the brake ends
@@ -65,6 +66,7 @@ class Rise:
     likely_mps: float = 0.0  # its speed by the forces as they are thought to be
     since_m: float = 0.0  # what the sensor has shown all the time
     silent_mps: float = 0.0  # its speed at least, while the sensor says the very same
+    held_n: float = 0.0  # of thrust above the weight, when it was last seen to move
 
     @property
     def is_unseen(self) -> bool:
@@ -142,9 +144,8 @@ class BlindPlanner:
 
     def _gained_mps(self, now: Reckoned, trim: TrimReader, held_us: float, span_s: float) -> float:
         """The speed [m/s] gained while a pulse is held and the source stays as it is."""
-        speed, target = now.rotor_speed, math.sqrt(self._rig.thrust.sufferer.thrust(held_us))
-        after = spooled(speed, target, self._rig.spool.sufferer, span_s)
-        thrust_n = mean_thrust(speed, after, self._rig.spool.sufferer)
+        curve, lag = self._rig.thrust.sufferer, self._rig.spool.sufferer
+        _, thrust_n = held_pulse(curve, lag, now.rotor_speed, held_us, span_s)
         wake_n = trim.wake_n(now.x_m, now.z_m, 0.5 * span_s, span_s)
         return self._force_n(now, trim, thrust_n, wake_n) / self._mass_kg * span_s
 
@@ -185,9 +186,11 @@ class BlindPlanner:
         if not now.z_m < _NEAR_M or abs(now.z_m - before.since_m) > _STILL_M:
             # What the same sample again makes of the filter is no motion.
             last_mps = before.likely_mps if alike > 0 else 0.0
-            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0))
+            # What holds it down while it is still seen to move is no sensor's fault.
+            held_n = max(now.rotor_speed**2 - self._weight_n, 0.0)
+            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
-        carried_n = now.rotor_speed**2 + wake_n
+        carried_n = now.rotor_speed**2 + wake_n - before.held_n
         lifting_n = carried_n - _RISE_SHARE * self._weight_n
         vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
         silent_n = carried_n - _SILENT_SHARE * self._weight_n
@@ -207,6 +210,7 @@ class BlindPlanner:
             likely_mps,
             before.since_m,
             silent_mps if alike >= _ALIKE else 0.0,
+            before.held_n,
         )
 
     def _pulse(self, thrust_n: float) -> float:

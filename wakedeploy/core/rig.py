@@ -5,12 +5,15 @@ widths in µs), and its text. Any constant may be written as `{value, spread, un
 unit of its dimension; its spread, the calibration uncertainty, is kept in `Rig.calibration`.
 """
 
+import bisect
 import functools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 import pydantic
 import tomli_w
 from pydantic import Field
@@ -83,11 +86,15 @@ class ThrustCurve(_Section):
 
     def thrust(self, pulse_us: float) -> float:
         """Thrust [N] at a pulse width [us]; the ends of the table are held beyond it."""
-        return float(np.interp(pulse_us, self.pulse_us, self.thrust_n))
+        return _between(pulse_us, self.pulse_us, self.thrust_n)
+
+    def thrusts(self, pulses_us: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The same at many pulse widths, (N,)."""
+        return np.asarray(np.interp(pulses_us, self.pulse_us, self.thrust_n))
 
     def pulse(self, thrust_n: float) -> float:
         """Pulse width [us] for a thrust [N]; saturates at the ends of the table."""
-        return float(np.interp(thrust_n, self.thrust_n, self.pulse_us))
+        return _between(thrust_n, self.thrust_n, self.pulse_us)
 
     def throttle(self, pulse_us: float) -> float:
         """Pulse width as a share of the table's range, 0…1."""
@@ -328,28 +335,9 @@ class Rig(_Section):
         )
 
     def _repr_html_(self) -> str:
-        from wakedeploy.core.markup import element
+        from markupsafe import Markup
 
-        return element("pre", self.text)
-
-    @property
-    def default_lead_s(self) -> float:
-        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag.
-
-        An effect of the rig file that states the lag, or more latency, counts.
-        """
-        lag = self.spool.sufferer
-        up_s = self.effect_value("spool-lag-sufferer", "up_s", lag.up_s)
-        down_s = self.effect_value("spool-lag-sufferer", "down_s", lag.down_s)
-        delay_s = self.latency.round_trip_s + self.effect_value("command-latency", "latency_s", 0.0)
-        return round(delay_s + 0.5 * (up_s + down_s), 4)
-
-    def effect_value(self, effect: str, parameter: str, otherwise: float) -> float:
-        """The value of an effect's parameter, or `otherwise` where the file does not list it."""
-        for entry in self.effect:
-            if entry.name == effect and parameter in entry.parameters:
-                return entry.parameters[parameter].value
-        return otherwise
+        return Markup("<pre>{}</pre>").format(self.text)
 
     @property
     def text(self) -> str:
@@ -395,6 +383,20 @@ class Rig(_Section):
                 if not raw[section]:
                     del raw[section]
         return raw
+
+
+def _between(x: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    """As `np.interp` for one number, which makes arrays of the table before it looks.
+
+    The loop asks five times a tick, a simulation at each of its steps.
+    """
+    above = bisect.bisect_right(xs, x)
+    if math.isnan(x) or above == 0:
+        return float(x) if math.isnan(x) else ys[0]
+    if above == len(xs):
+        return ys[-1]
+    slope = (ys[above] - ys[above - 1]) / (xs[above] - xs[above - 1])
+    return float(slope * (x - xs[above - 1]) + ys[above - 1])
 
 
 def rig_from_tables(

@@ -8,9 +8,9 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit, neutral
-from wakedeploy.gap.systems.judging import is_nothing
+from wakedeploy.gap.search.judging import is_nothing
+from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, named, verdict_of
 
 RATE = 100.0
 

@@ -5,13 +5,15 @@ assume, if it is no small share of the rate, and the coordinate that it follows 
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.places import ranges
+from wakedeploy.gap.search.residual_profiles import ranges
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.systems.logs import LogModel
 
 LITTLE = 0.05  # of the usual rate: as much as any model's form may be off
 _SURE = 0.5  # ln sd: a push whose size is told no better is no finding
@@ -34,7 +36,7 @@ class Leftover:
     against: dict[str, Any] | None = None
 
 
-def leftovers(model: LogModel, fitted: Fit) -> tuple[Leftover, ...]:
+def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
     """Pushes that are no small share of their rate, the largest share first."""
     found = []
     for k, name in enumerate(model.driven):
@@ -48,7 +50,7 @@ def leftovers(model: LogModel, fitted: Fit) -> tuple[Leftover, ...]:
     return tuple(sorted(found, key=lambda one: -one.share))
 
 
-def _followed(model: LogModel, fitted: Fit, place: int) -> dict[str, Any] | None:
+def _followed(model: "LogModel", fitted: Fit, place: int) -> dict[str, Any] | None:
     """The coordinate that tells most of a push."""
     push, at = _tracked(model, fitted, place)
     best: dict[str, Any] | None = None
@@ -67,7 +69,7 @@ def _followed(model: LogModel, fitted: Fit, place: int) -> dict[str, Any] | None
 
 
 def _tracked(
-    model: LogModel, fitted: Fit, place: int
+    model: "LogModel", fitted: Fit, place: int
 ) -> tuple[FloatArray, dict[str, tuple[str, FloatArray]]]:
     """A push as the filter follows it, (n,), and the coordinates of the same samples."""
     run = model.run(fitted.hypothesis, fitted.theta[None], fitted.episodes)

@@ -8,6 +8,8 @@ clocks within a sample, constants within their spreads, and a small smooth error
 
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -15,14 +17,16 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
-from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, FORM_MOST, Acting
-from wakedeploy.gap.systems.filtering import Filter, Run, Start
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.kinds.library import offered
-from wakedeploy.gap.systems.pieces import Block, Log, blocks_of, logs_of
-from wakedeploy.gap.systems.response import Record
+from wakedeploy.gap.systems.leftover import leftovers
 from wakedeploy.gap.systems.system import Point, System
 
 SEALED_SHARE = 0.25
+_TOGETHER = 15000  # samples times effects that are looked at in one run
 _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
@@ -129,6 +133,20 @@ class LogModel:
         values = self.values(fitted.hypothesis, fitted.theta)
         return self._forecast(fitted.hypothesis, values, episodes)
 
+    def groups(self, names: Sequence[str]) -> list[list[str]]:
+        """Effects that one run can tell of, as long as the logs are so short that this saves time.
+
+        Those with states of their own stay alone.
+        """
+        simple = [n for n in names if not self.library[n].own_states]
+        size = max(_TOGETHER // sum(log.outputs.shape[1] for log in self.logs), 1)
+        groups = [simple[i : i + size] for i in range(0, len(simple), size)]
+        return groups + [[n] for n in names if self.library[n].own_states]
+
+    def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
+        """What still acts and is explained by nothing, as JSON has it."""
+        return tuple(asdict(one) for one in leftovers(self, fitted))
+
     def crossed_disagreements(
         self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
     ) -> list[FloatArray]:
@@ -173,7 +191,8 @@ class LogModel:
             at = run.pieces.sample[inside, s] - block.start
             told[:, :, at] = np.moveaxis(run.told[:, :, :, k, s][:, inside], 1, 2)
         innovation, variance, density, weight = told.reshape(4, m * n)
-        return Score(density, innovation, variance, weight)
+        channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
+        return Score(density, innovation, variance, weight, channels)
 
     @functools.cached_property
     def _nuisances(self) -> tuple[Free, ...]:

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from wakedeploy.gap.systems.judging import ACCEPTED, CHANCE
+from wakedeploy.gap.search.judging import ACCEPTED, CHANCE
 from wakedeploy.gap.wording import listed
 
 _MOST_PLACES, _MOST_RANKED = 6, 5
