@@ -19,9 +19,10 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
-from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document
+from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import errors, fitted_base, named, named_document
 from wakedeploy.gap.systems.system import System, checked
 
 EXAMPLES = ROOT / "examples" / "systems"

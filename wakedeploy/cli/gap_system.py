@@ -68,7 +68,7 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
-    from wakedeploy.gap.systems.checking import checked_base, column_notes, rows
+    from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
     from wakedeploy.gap.wording import counted
 
     model = open_model(system_path, measured, columns)
@@ -115,7 +115,7 @@ def simulate(
         wakedeploy gap simulate --system my_robot.py --measured log.csv
         wakedeploy gap simulate --system my_robot.py --measured log.csv --correction correction.toml
     """
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.simulation import replay_error
 
     if system_path is None:
@@ -138,7 +138,7 @@ def simulate(
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
     """A system and its logs."""
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.logs import LogModel
 
     system = read_system(system_path)
@@ -150,7 +150,7 @@ def recordings(
 ) -> "list[Recording]":
     """The logs, by `columns.toml`, or as CSV whose columns have the system's names."""
     if columns is None:
-        from wakedeploy.gap.systems.loading import read_plain
+        from wakedeploy.gap.systems.files import read_plain
 
         return [read_plain(path, system) for path in measured]
     from wakedeploy.domains.tables.columns import read_columns

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
-from wakedeploy.gap.systems.acting import Acting
+from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.logs import LogModel
 
 _FINE = 4  # steps of a sample

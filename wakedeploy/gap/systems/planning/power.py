@@ -14,9 +14,9 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended
 from wakedeploy.gap.evidence.separation import ENOUGH_NATS
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.search.scan import CHANCE, LEAST_NATS, LEAST_SHARE
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
-from wakedeploy.gap.systems.searching import CHANCE, LEAST_NATS, LEAST_SHARE
 
 SURE = 0.8  # of the logs
 _SURE_SD = 0.8416  # quantile of a Gaussian at SURE
