@@ -1,7 +1,7 @@
 """What each joint of a small arm lacks, found in its public motions, and what that is worth.
 
 `python -m benchmarks.so101` asks the gap workflow about the six joints of an SO-101, each a servo
-of second order, on four motions that move all joints. Every other motion in which a joint moves is
+of second order, on two motions that move all joints. Every other motion in which a joint moves is
 replayed from its commands alone: by the command itself, by a servo fitted in the usual way (least
 squares of the replay), and by the servo with what was named. Answers are kept in the folder
 `--out`, a joint each; `--json` writes the record when all are there. The arm's MJCF is not among
@@ -32,7 +32,7 @@ from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 JOINTS = ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll", "jaw")
-TRAINED = ("frequency_sweep", "prbs_excitation", "trapezoidal_profile", "step_response")
+TRAINED = ("prbs_excitation", "trapezoidal_profile")
 SHOWN = ("elbow", "random_waypoints", 0, 700)  # joint, motion and samples of the figure
 _STILL_RAD = 0.03  # a joint whose command varies less does not move
 _LEADING = 6
