@@ -21,6 +21,7 @@ from benchmarks.results import (
     readme,
     real_systems,
     simulators,
+    so101,
     studies,
     tutorials,
 )
@@ -58,6 +59,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap.power,
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
+        *((so101.joints,) if (records.FOLDER / so101.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
         simulators.downwash_speed,
