@@ -7,6 +7,7 @@ from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
+    comparison,
     compiled,
     effects,
     faults,
@@ -59,6 +60,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap.power,
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
+        *((comparison.compared,) if (records.FOLDER / comparison.RECORD).exists() else ()),
         *((so101.joints,) if (records.FOLDER / so101.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
