@@ -74,7 +74,7 @@ def plain_fit(model: LogModel, base: Fit) -> Fit:
         theta = stated.theta.copy()
         theta[places] = shares * unit
         parts = model.disagreements(replace(stated, theta=theta), base.episodes)
-        return np.nan_to_num(np.concatenate([(p / scale).ravel() for p in parts]), nan=0.0)
+        return np.asarray(np.nan_to_num(np.concatenate([(p / scale).ravel() for p in parts])))
 
     low = np.array([base.free[i].low for i in places]) / unit
     high = np.array([base.free[i].high for i in places]) / unit
@@ -136,7 +136,8 @@ def _sindy(points: FloatArray, rates: FloatArray) -> Learnt:
     weights = np.asarray(optimizer.coef_)
 
     def learnt(at: FloatArray) -> FloatArray:
-        return np.asarray(library.transform((at - centre) / size)) @ weights.T * largest
+        told = np.asarray(library.transform((at - centre) / size)) @ weights.T
+        return np.asarray(told * largest)
 
     return learnt
 
@@ -155,7 +156,7 @@ def _network(points: FloatArray, rates: FloatArray) -> Learnt:
 
     def learnt(at: FloatArray) -> FloatArray:
         told = np.asarray(network.predict((at - centre) / size)).reshape(len(at), -1)
-        return told * largest
+        return np.asarray(told * largest)
 
     return learnt
 
@@ -183,7 +184,8 @@ def _joined(system: System, model: LogModel, learnt: Learnt) -> System:
             told[name] = told[name] + share * more[:, k].reshape(shape)
         return told
 
-    return checked(type(cls.__name__, (cls,), {method: rates})())
+    joined: System = type(cls.__name__, (cls,), {method: rates})()
+    return checked(joined)
 
 
 def _stated(base: Fit) -> Fit:

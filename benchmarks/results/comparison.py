@@ -27,8 +27,8 @@ def compared(records: Records) -> Section:
             "Root mean square of measured less forecast on sealed blocks. *Plain fit*: the "
             "textbook system's constants by least squares of its forecasts. *PySINDy* "
             f"{told['pysindy']}: sparse polynomials of states and inputs for what the system "
-            "leaves of its rates. *Network*: two layers of 32 for the same; it names nothing. The best "
-            "of a row is bold. A dash is a forecast that ran off, or an answer that is missing.",
+            "leaves of its rates. *Network*: two layers of 32 for the same; it names nothing. The "
+            "best of a row is bold. A dash is a forecast that ran off, or a missing answer.",
             table(head, lines),
         ),
         (_COMMAND,),

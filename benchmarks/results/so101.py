@@ -35,7 +35,7 @@ def joints(records: Records) -> Section:
         "A small arm, joint by joint",
         "The gap workflow on public motions of an SO-101, a servo of second order for each joint.",
         paragraphs(
-            f"Searched on the motions {' and '.join(told['trained'])}; replayed on every other "
+            f"Searched on a minute of {' and of '.join(told['trained'])}; replayed on every other "
             "motion that moves the joint, from its first angle and its commands alone. Root mean "
             "square of measured less replayed, median over motions, in mrad (of the jaw in "
             "thousandths of its way). *Fitted servo* is a least-squares fit of its two constants "
@@ -93,7 +93,7 @@ def _line(name: str, row: Joint) -> list[str]:
         for p, one in effect["parameters"].items()
     )
     medians = [np.median([1e3 * m[k] for m in row["replays"].values()]) for k in _REPLAYS]
-    said = {"none": "nothing that matters"}.get(row["verdict"], row["verdict"])
+    said = {"none": "nothing that matters"}.get(str(row["verdict"]), str(row["verdict"]))
     return [
         name.replace("_", " "),
         ", ".join(found) or said,

@@ -151,7 +151,7 @@ def _stays(model: LogModel, shown: Mapping[str, FloatArray]) -> int:
 
 def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> tuple[LogModel, Fit]:
     """An imagined log, with noise and constants as the real ones have them."""
-    time_s = model.dt_s * np.arange(len(next(iter(columns.values()))))
+    time_s = np.asarray(model.dt_s * np.arange(len(next(iter(columns.values())))))
     other = LogModel(model.system, [Recording("imagined", time_s, columns)])
     free = other.free(base.hypothesis)
     known = dict(zip(base.names, base.theta, strict=True))
