@@ -57,6 +57,14 @@ def system_of(folder: Path, **more: str) -> MjcfSystem:
     return system
 
 
+def test_the_written_file_asks_for_the_kinds_that_it_names(tmp_path: Path) -> None:
+    ports = {port.name: port.kinds for port in system_of(tmp_path).ports}
+    assert "dead-time" in ports["shoulder_command"]
+    assert "coulomb-friction" in ports["elbow_radps"]
+    assert "upper-stop" not in ports["elbow_radps"]
+    assert "sensor-lag" in ports["elbow_rad"]
+
+
 def test_rates_are_mujoco_s_own(tmp_path: Path) -> None:
     system = system_of(tmp_path, shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
