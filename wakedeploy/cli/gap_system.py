@@ -173,6 +173,7 @@ def run_steps(
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
     from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
+    from wakedeploy.gap.systems.words import sentences
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
@@ -185,7 +186,9 @@ def run_steps(
                 progress("drawing the report")
                 asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
                 asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
-                page = write_page(told, out, _next(told, system_path, " ".join(asked), out))
+                after = _next(told, system_path, " ".join(asked), out)
+                said = [each.strip() for each in sentences(step, told)]
+                page = write_page(told, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
