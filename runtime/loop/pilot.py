@@ -75,6 +75,12 @@ class Pilot:
             wake_n=wake_n,
         )
 
+    def spared(self, state: PilotState, aim: Reference) -> Reference:
+        """The aim with an idle source, as long as thrust was too little beside its wake."""
+        if not state.control.spared_ticks:
+            return aim
+        return replace(aim, source_us=self.rig.limits.pulse_us[0])
+
     def observe(self, state: PilotState, aim: Reference) -> npt.NDArray[np.float32]:
         """What the predictor sees, (5,) float32: `OBSERVATION`, source minus sufferer."""
         now = state.estimate
@@ -98,6 +104,7 @@ class Pilot:
             state.estimate,
             aim,
             feedforward_n or 0.0,
+            other_n=state.unexplained_n,
             gently=gently,
         )
         forecasts = (

@@ -17,10 +17,10 @@ from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.run import Job, do_case, run_cases
 from benchmarks.hidden_effects.table import summary
 from benchmarks.hidden_effects.worlds import true_rig, write_world
-from wakedeploy.gap.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.retraining import Pilot
-from wakedeploy.gap.workflow import close
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.steps import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig
 
@@ -43,7 +43,9 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     with pytest.MonkeyPatch.context() as patched:
         small = functools.partial(write_world, flights=4, seconds=8.0)
         patched.setattr(run, "write_world", small)
-        patched.setattr("wakedeploy.gap.search.naming.LIBRARY", {n: LIBRARY[n] for n in SEARCHED})
+        patched.setattr(
+            "wakedeploy.gap.systems.gantry.search.naming.LIBRARY", {n: LIBRARY[n] for n in SEARCHED}
+        )
         return out, do_case(Job(STRONG, out, workflow, True, "commit"))
 
 

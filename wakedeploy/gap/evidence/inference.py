@@ -17,12 +17,14 @@ import numpy.typing as npt
 from scipy.stats import t as student_t
 
 FloatArray = npt.NDArray[np.float64]
+LOST_NATS = -1e6  # log density of a sample whose state has left the model
 Hypothesis = tuple[str, ...]
 
 _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
 _ENOUGH_NATS = 0.05  # a step that promises less ends a fit
 _FORM_SETTLED_NATS = 20.0  # below this a step keeps those of the form, which is nearly linear
+_RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
 _SETTLED_NATS = 2.0  # below this a step keeps the slopes of the parameters that hardly moved
 
 
@@ -62,13 +64,15 @@ class Score:
     """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
 
     `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
-    probability that the sample is no outlier.
+    probability that the sample is no outlier. `channels` are where each channel's samples lie, in
+    order of time; what lies in none is auxiliary, as a mean at rest.
     """
 
     log_density: FloatArray
     innovation: FloatArray
     variance: FloatArray
     weight: FloatArray
+    channels: tuple[slice, ...] = (slice(None),)
 
     @property
     def white(self) -> FloatArray:
@@ -264,6 +268,16 @@ def fit(
     chosen = tuple(episodes)
     ascent = _Ascent(model, hypothesis, free, chosen, moving)
     return ascent.run(theta, slopes)
+
+
+def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
+    """A fit repeated from where it ended, and whether it no longer rises."""
+    for _ in range(_MOST_REFITS):
+        again = fit(model, fitted.hypothesis, fitted.episodes, fitted.theta)
+        rise, fitted = again.objective - fitted.objective, again
+        if rise < _RISEN_NATS:
+            return fitted, True
+    return fitted, False
 
 
 def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:

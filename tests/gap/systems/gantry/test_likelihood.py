@@ -7,12 +7,12 @@ from recorded import RIG, flown, with_effects
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.evidence.inference import Fit, fit
 from wakedeploy.gap.evidence.ranking import rank, scanned_starts
-from wakedeploy.gap.planning.sensors import _carriage_error
-from wakedeploy.gap.search.naming import fitted_base, settled
 from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import DT_S
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.parameters import NOISE
+from wakedeploy.gap.systems.gantry.planning.sensors import _carriage_error
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, settled
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import parse_rig

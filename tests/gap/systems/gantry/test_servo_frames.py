@@ -9,10 +9,10 @@ from recorded import RIG, changed, flown, with_effects
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.forces import Physics
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.servo_frames import frames_of, period_s, reported_period_s
 from wakedeploy.physics.constants import constants_of
 
