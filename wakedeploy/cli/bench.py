@@ -34,6 +34,7 @@ def command() -> None:
               help="SCHED_FIFO, locked memory, one core. Default: where permitted.")  # fmt: skip
 @click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+@click.option("--report", type=_FILE, help="Also write the result as a page (FILE.html).")
 @json_option
 def latency(
     files: Sequence[Path],
@@ -41,6 +42,7 @@ def latency(
     realtime: bool | None,
     busy: bool,
     rig_path: Path | None,
+    report: Path | None,
     json_path: Path | None,
 ) -> None:
     """Time the loop with each of FILES, paced at 32 Hz, from measurement to command written.
@@ -51,7 +53,7 @@ def latency(
 
     \b
     Example:
-        wakedeploy bench latency gru.onnx --busy
+        wakedeploy bench latency gru.onnx --busy --report latency.html
     """
     from runtime.bench import bench_latency, budget_ms
     from wakedeploy.rig.file import default_rig, read_rig
@@ -67,6 +69,11 @@ def latency(
     _tell(rows, budget)
     priority = "with" if all(row.realtime for row in rows) else "without"
     click.echo(f"Measured {priority} real-time priority.")
+    if report:
+        from wakedeploy.cli.bench_page import write_bench_page
+
+        write_bench_page(report, rows, budget, files)
+        click.echo(f"Report: {report}.")
     if json_path:
         write_json(json_path, as_json(rows, budget))
     _judge(rows, budget)

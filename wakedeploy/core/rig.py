@@ -330,9 +330,9 @@ class Rig(_Section):
         )
 
     def _repr_html_(self) -> str:
-        from wakedeploy.core.markup import element
+        from markupsafe import Markup
 
-        return element("pre", self.text)
+        return Markup("<pre>{}</pre>").format(self.text)
 
     @property
     def default_lead_s(self) -> float:
