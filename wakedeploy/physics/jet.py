@@ -33,6 +33,8 @@ class PuffTable:
         self.amplitude_mps = wake.strength * dt_s * fading  # (M,) at the reference thrust
         self.inverse_2width2 = 0.5 / width2  # (M,)
         self.sunk_m = wake.speed_mps * self.ages_s  # (M,)
+        self._place = (math.nan, math.nan)  # of the latest question
+        self._shape: FloatArray = self.sunk_m
 
     def velocity(
         self, root_thrust: FloatArray, x_m: float, above_m: float, pace: FloatArray | None = None
@@ -43,10 +45,19 @@ class PuffTable:
         its speed over the wake's, where that is not 1. `above_m` is the point's height minus the
         source's, negative below it.
         """
-        sunk_m = self.sunk_m if pace is None else pace * self.sunk_m  # (M,)
-        distance2 = x_m * x_m + (above_m + sunk_m) ** 2  # (M,)
-        shape = np.exp(-distance2 * self.inverse_2width2)  # (M,)
+        shape = self._at(x_m, above_m) if pace is None else self._around(x_m, above_m, pace)
         return -float(np.dot(self.amplitude_mps * root_thrust, shape))
+
+    def _at(self, x_m: float, above_m: float) -> FloatArray:
+        """What each puff gives at a place (M,); the loop asks there for several times at once."""
+        if self._place != (x_m, above_m):
+            self._place, self._shape = (x_m, above_m), self._around(x_m, above_m, 1.0)
+        return self._shape
+
+    def _around(self, x_m: float, above_m: float, pace: FloatArray | float) -> FloatArray:
+        distance2 = x_m * x_m + (above_m + pace * self.sunk_m) ** 2  # (M,)
+        shape: FloatArray = np.exp(-distance2 * self.inverse_2width2)
+        return shape
 
 
 class VerticalJet:
