@@ -34,7 +34,7 @@ class PuffTable:
         self.inverse_2width2 = 0.5 / width2  # (M,)
         self.sunk_m = wake.speed_mps * self.ages_s  # (M,)
         self._place = (math.nan, math.nan)  # of the latest question
-        self._shape: FloatArray = self.sunk_m
+        self._shape: FloatArray = np.empty(0)
 
     def velocity(
         self, root_thrust: FloatArray, x_m: float, above_m: float, pace: FloatArray | None = None
