@@ -79,7 +79,7 @@ def whiteness(fitted: Fit) -> Whiteness:
 
 def samples(score: Score) -> FloatArray:
     """Whitened innovations of a flight's own samples, in order of time."""
-    return score.white[:-_TAIL]
+    return score.white[: -(_TAIL + score.priors)]
 
 
 def spectrum(white: Sequence[FloatArray], rate_hz: float) -> dict[str, Any]:
