@@ -96,6 +96,7 @@ def rank(
     steps: Steps = uncounted,
     scans: Scans | None = None,
     known: Sequence[Candidate] = (),
+    released: bool = True,
 ) -> list[Candidate]:
     """Each candidate on top of `base`, best held-out gain first.
 
@@ -103,7 +104,8 @@ def rank(
     to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
     `steps` are of about the same length, but not an effect each. `scans` keeps the sizes that were
     looked at, for another ranking on nearly the same base; `known` are an earlier ranking's
-    candidates, of which the better fits are kept, climbs from the calibration among them.
+    candidates, of which the better fits are kept, climbs from the calibration among them. Only with
+    `released` are there such climbs.
     """
     scans = {} if scans is None else scans
     costs = [_cost(model, base, name) for name in candidates]
@@ -116,7 +118,7 @@ def rank(
     if before:
         pairs = zip(rough, candidates, strict=True)
         rough = [max(f, before.get(n, f), key=_objective) for f, n in pairs]
-    elif base.calibration_log_prior < BENT_NATS:
+    elif released and base.calibration_log_prior < BENT_NATS:
         left = functools.partial(_advanced, steps, sum(costs), total)
         rough = _from_calibration(model, base, candidates, rough, left)
     best = max((f.objective for f in rough), default=0.0)

@@ -80,7 +80,10 @@ def form_force_n(reference: Reference) -> float:
     plain = replace(
         fitted,
         theta=np.array(
-            [0.0 if is_discrepancy(f.name) else v for f, v in zip(fitted.free, fitted.theta, strict=True)]
+            [
+                0.0 if is_discrepancy(f.name) else v
+                for f, v in zip(fitted.free, fitted.theta, strict=True)
+            ]
         ),
     )
     squares = []
@@ -131,7 +134,7 @@ def _thrust(rig: Rig, motor: str, learned: Mapping[str, Learned]) -> dict[str, C
     )
     place = f"thrust.{motor}.thrust_n"
     stated = rig.calibration.get(place)
-    # A source's own scale is in the wake's strength: its table keeps the spread that it had, if any.
+    # A source's own scale is in the wake's strength: its table keeps the spread that it had.
     kept_n = (stated.spread if stated is not None else None) or 0.0
     spread_n = scale.spread * hover_n if scale else kept_n
     return {place: Calibrated(tuple(moved.tolist()), spread_n)}

@@ -31,7 +31,9 @@ class Varying:
     unit: str
     sd: float
 
-    def moved(self, constants: Constants, effects: Active, amount: float) -> tuple[Constants, Active]:
+    def moved(
+        self, constants: Constants, effects: Active, amount: float
+    ) -> tuple[Constants, Active]:
         """Constants and effects where this flight's differs by an amount, in the own unit."""
         if self.name != SAG:
             return {**constants, self.name: constants[self.name] + amount}, effects
