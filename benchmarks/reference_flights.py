@@ -20,13 +20,13 @@ from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import Fit, fit
-from wakedeploy.gap.reference.corrected import corrected, form_force_n
-from wakedeploy.gap.reference.learning import Reference, learn
-from wakedeploy.gap.search.candidates import TERMS
-from wakedeploy.gap.search.naming import fitted_base, with_terms
-from wakedeploy.gap.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log, read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.reference.corrected import corrected, form_force_n
+from wakedeploy.gap.systems.gantry.reference.learning import Reference, learn
+from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, with_terms
+from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.physics.constants import with_constants
 from wakedeploy.rig.file import default_rig
 

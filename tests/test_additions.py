@@ -20,9 +20,9 @@ from wakedeploy.core.names import architectures, domains
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.search.naming import Thresholds, name_effects
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds, name_effects
 from wakedeploy.physics import effects
 from wakedeploy.sweep.generate import Generate
 from wakedeploy.sweep.generate import make as make_for_sweep

@@ -26,8 +26,8 @@ from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set
-from wakedeploy.gap.planning.manoeuvres import menu
 from wakedeploy.gap.systems.gantry.flight import read_flights
+from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
 from wakedeploy.physics.effects.chain import Chain, believed
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig, default_rig_text, read_rig

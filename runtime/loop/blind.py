@@ -7,8 +7,9 @@ too. The board follows the same ladder when commands stop; each command tells it
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig
@@ -65,6 +66,7 @@ class Rise:
     likely_mps: float = 0.0  # its speed by the forces as they are thought to be
     since_m: float = 0.0  # what the sensor has shown all the time
     silent_mps: float = 0.0  # its speed at least, while the sensor says the very same
+    held_n: float = 0.0  # of thrust above the weight, when it was last seen to move
 
     @property
     def is_unseen(self) -> bool:
@@ -185,9 +187,11 @@ class BlindPlanner:
         if not now.z_m < _NEAR_M or abs(now.z_m - before.since_m) > _STILL_M:
             # What the same sample again makes of the filter is no motion.
             last_mps = before.likely_mps if alike > 0 else 0.0
-            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0))
+            # What holds it down while it is still seen to move is no sensor's fault.
+            held_n = max(now.rotor_speed**2 - self._weight_n, 0.0)
+            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
-        carried_n = now.rotor_speed**2 + wake_n
+        carried_n = now.rotor_speed**2 + wake_n - before.held_n
         lifting_n = carried_n - _RISE_SHARE * self._weight_n
         vz_mps = max(before.vz_mps + lifting_n / self._mass_kg * dt_s, 0.0)
         silent_n = carried_n - _SILENT_SHARE * self._weight_n
@@ -207,6 +211,7 @@ class BlindPlanner:
             likely_mps,
             before.since_m,
             silent_mps if alike >= _ALIKE else 0.0,
+            before.held_n,
         )
 
     def _pulse(self, thrust_n: float) -> float:

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from runtime.loop.estimator import Estimate
+from runtime.loop.stops import Stops
 from runtime.reference import Reference
 from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.chain import believed
@@ -10,6 +11,9 @@ from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 # Of the gains, where commands act up to 0.2 s later than the rig file says: half the bandwidth.
 _GENTLE = {"kp_n_per_m": 0.25, "ki_n_per_ms": 0.15, "kd_ns_per_m": 0.5}
+
+# The source idles for so long at least: its air is on its way for half a second.
+_SPARED_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +31,7 @@ class ControlState:
 
     integral_n: float = 0.0
     sufferer_us: float = 1000.0
+    spared_ticks: int = 0  # for which the source idles, since thrust was too little
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,7 @@ class Controller:
 
     def __init__(self, rig: Rig, period_s: float) -> None:
         self._rig, self._period_s = believed(rig), period_s
+        self._stops, self._spared_ticks = Stops(rig), round(_SPARED_S / period_s)
         self._hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
         self._gentle = rig.control.model_copy(
             update={name: share * getattr(rig.control, name) for name, share in _GENTLE.items()}
@@ -60,12 +66,14 @@ class Controller:
         aim: Reference,
         feedforward_n: float,
         *,
+        other_n: float = 0.0,
         gently: bool = False,
     ) -> tuple[ControlState, Command, Terms]:
         """One tick: thrust demand in newtons, through the inverse thrust curve, limits and slew.
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
-        derivative otherwise acts on the measurement alone. `gently` lands where commands act late.
+        derivative otherwise acts on the measurement alone. `other_n` is the force [N] beside thrust
+        and weight, which the way to a stop depends on. `gently` lands where commands act late.
         """
         gains = self._gentle if gently else self._rig.control
         error_m = aim.z_m - estimate.z_m
@@ -74,13 +82,17 @@ class Controller:
         integral_n = state.integral_n + gains.ki_n_per_ms * error_m * self._period_s
         base_n = self._hover_n + self._rig.sufferer.mass_kg * aim.az_mps2
         base_n += smooth_friction(self._rig.rail, aim.vz_mps)
-        wanted_us = self._pulse(base_n + p_n + d_n + integral_n + feedforward_n)
+        demand_n = base_n + p_n + d_n + integral_n + feedforward_n
+        stops = self._stops.ahead(estimate, other_n)
+        wanted_us = self._pulse(min(max(demand_n, stops.least_n), stops.most_n))
         sufferer_us = self._slewed(state.sufferer_us, wanted_us)
         if self._winds_up(sufferer_us, wanted_us, error_m):
             integral_n = state.integral_n
         carriage_mps = self.carriage_mps(estimate, aim)
-        after = ControlState(integral_n, sufferer_us)
-        command = Command(self._limited(aim.source_us), sufferer_us, carriage_mps)
+        spared_ticks = self._spared_ticks if stops.is_short else max(state.spared_ticks - 1, 0)
+        after = ControlState(integral_n, sufferer_us, spared_ticks)
+        source_us = self._rig.limits.pulse_us[0] if spared_ticks else self._limited(aim.source_us)
+        command = Command(source_us, sufferer_us, carriage_mps)
         return after, command, Terms(p_n, integral_n, d_n, feedforward_n)
 
     def carriage_mps(self, estimate: Estimate, aim: Reference) -> float:

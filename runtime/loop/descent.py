@@ -26,7 +26,7 @@ BLINDING = frozenset(
 # Of these, where the last height may have been wrong for long, or the speed is that of a fall.
 HEIGHTLESS = frozenset({"sensor_frozen", "thrust_lost", "battery_lost"})
 # After these the loop itself swings: it lands with half the bandwidth.
-SWINGING = frozenset({"commands_late", "motion_unexplained"})
+SWINGING = frozenset({"commands_late", "motion_unexplained", "range_late"})
 DESCENT_MPS = 0.25
 DESCENT_LIMIT = 2.0  # times what the way down takes; then it touches down wherever it is
 LEAST_DESCENT_LIMIT_S = 8.0

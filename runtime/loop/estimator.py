@@ -6,11 +6,12 @@ missed or repeated sample is predicted through.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from runtime.loop.copies import replace
 from runtime.loop.kalman import predict as kalman_predict
 from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
@@ -33,6 +34,8 @@ _PERSISTENT = 4  # that many rejected samples in a row are no outliers …
 _SCATTER_M = 0.1  # … unless they go to and fro by this much, as no motion does
 _PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
 _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
+# For as long as the board waits for commands it holds the last pulse: forces change by a wake only.
+_HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
 # Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
 # model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
 # file says is believed the less, down to a 200th.
@@ -47,6 +50,11 @@ _SWING = 2.0  # a stray is off by half as much from the sample before as from th
 _FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
 _STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
+# Innovations that add up to one side are a push that began a tenth of a second ago (Page 1954;
+# Willsky and Jones 1976): force, speed and height change together. A single stray is not enough.
+# Wakes as in the rig file do this once in three hundred ticks, and the filter is less sure then.
+_PUSH_SUM_SD, _PUSH_DRIFT_SD, _PUSH_MOST_SD = 3.5, 1.0, 3.5
+_PUSH_SD_N, _PUSH_AGO_S = 3.0, 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +98,7 @@ class Estimate:
     noise_scale: float = 1.0  # of the sensor's variance over the rig file's
     stray_share: float = 0.0  # of the latest samples, those that the rig file's noise cannot give
     rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
+    pushed: tuple[float, float] = (0.0, 0.0)  # innovations that add up downwards and upwards, in sd
 
     @property
     def is_noisy(self) -> bool:
@@ -176,6 +185,12 @@ class Estimator:
             predicted = self._update_lateral(predicted, measured.steps)
         return self._update_height(predicted, measured)
 
+    def ahead(
+        self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
+    ) -> Estimate:
+        """The state at `t_s` by the forces alone."""
+        return self._predict(now, t_s, pulses_us, wake_n)
+
     def _predict(
         self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
     ) -> Estimate:
@@ -249,6 +264,13 @@ class Estimator:
         lifts = now.innovation_m > 0.0 and now.innovation_m**2 > _STARTLED * now.innovation_var_m2
         return is_near and not (lifts and thrust_n > _CARRIED_SHARE * weight_n)
 
+    def _after_a_push(self, now: Estimate) -> Estimate:
+        """The state as it may be if something has begun to push, of which nothing is known yet."""
+        ago_s, mass_kg = _PUSH_AGO_S, self._rig.sufferer.mass_kg
+        moved = _PUSH_SD_N * np.array([0.5 * ago_s**2 / mass_kg, ago_s / mass_kg, 1.0])
+        height_cov = now.height_cov + np.outer(moved, moved)
+        return replace(now, height_cov=height_cov, pushed=(0.0, 0.0))
+
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
         position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
         lateral, cov = kalman_update(
@@ -271,7 +293,10 @@ class Estimator:
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
-        seen = _surprised(seen)
+        seen = replace(_surprised(seen), pushed=_pushed(seen))
+        if max(seen.pushed) > _PUSH_SUM_SD:
+            now = seen = self._after_a_push(seen)
+            variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
         is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
         off_m = min(now.off_m, abs(innovation))
@@ -304,6 +329,17 @@ class Estimator:
         )
 
 
+def _pushed(now: Estimate) -> tuple[float, float]:
+    """What innovations add up to downwards and upwards with this one, over what noise gives."""
+    off_sd = now.innovation_m / math.sqrt(now.innovation_var_m2)
+    # Motion begins small. What is far off at once is a stray, or a sensor that jumped.
+    if now.noise_scale > 1.0 or (abs(off_sd) > _GATE_SD and max(now.pushed) < _PUSH_DRIFT_SD):
+        return 0.0, 0.0
+    off_sd = min(max(off_sd, -_PUSH_MOST_SD), _PUSH_MOST_SD)
+    down, up = now.pushed
+    return max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0)
+
+
 def _surprised(now: Estimate) -> Estimate:
     """The filter after an innovation: how noisy the sensor is."""
     difference_m = now.innovation_m - now.last_innovation_m
@@ -323,6 +359,9 @@ def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
     """The state with what it does not know of a time in which the loop stood still."""
     if passed_s <= _PAUSE_S:
         return now
+    if passed_s <= _HELD_S:
+        moved = _HELD_SD_MPS2 * np.array([0.5 * passed_s**2, passed_s, 0.0])
+        return replace(now, height_cov=now.height_cov + np.outer(moved, moved))
     unknown = np.diag([(_PAUSE_SD_MPS * passed_s) ** 2, _PAUSE_SD_MPS**2, 0.0])
     return replace(now, height_cov=now.height_cov + unknown)
 

@@ -8,7 +8,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 from runtime.io.conversation import Answer
 from runtime.io.protocol import TIME_WRAP_US, Fault
@@ -20,8 +19,10 @@ from runtime.loop.answers import OLD_TICKS, AnswerDoor, Heard
 from runtime.loop.arming import arm_limits, require_battery, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.controller import Command, Terms
+from runtime.loop.copies import replace
 from runtime.loop.estimator import SAME_TICKS, Measurement
 from runtime.loop.forecasting import Forecasting, Prediction
+from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row
 from runtime.loop.prediction import Predictions
 from runtime.loop.readings import RangeDoor, Seen
@@ -93,7 +94,7 @@ class Loop:
         self._wait_s = prediction_wait_s(rig)
         self._limits = arm_limits(rig, plan.motors_off)
         self._forecasting = Forecasting(rig, self._pilot, worker)
-        self._safety = SafetyState()
+        self._safety, self._lateness = SafetyState(), Lateness(rig)
         self._last_tick_s: float | None = None
         self._sign_reader, self._signs = SignReader(rig), Signs()
         self._way_down = WayDown(rig, self._pilot)
@@ -222,9 +223,10 @@ class Loop:
         reading, seen, heard, measured = self._read()
         laps.mark("t_read_s")
         before, self._state = self._state, self._pilot.estimate(self._state, measured)
+        self._state = self._lateness.step(before, self._state, measured)
         if measured.same > SAME_TICKS:
             self._state = self._way_down.without_the_last_samples(self._state)
-        aim = self._aim(tick.index)
+        aim = self._pilot.spared(self._state, self._aim(tick.index))
         laps.mark("t_estimate_s")
         prediction = self._predict(aim, measured.t_s, tick.start_s + self._wait_s)
         laps.mark("t_predict_s")
@@ -352,12 +354,15 @@ class Loop:
             not_lifting_s=signs.not_lifting_s,
             rises_unseen=self._way_down.rises_unseen,
             unexplained_s=self._way_down.unexplained_s,
+            range_late=self._lateness.evidence if self._flies else 0.0,
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,
             z_m=estimate.z_m,
             x_m=estimate.x_m,
         )
         self._safety = safety.watch(self._safety, found, self._rig.limits)
+        if "range_late" in self._safety.cause:
+            self._lateness.adopt()
 
     def _control(
         self,

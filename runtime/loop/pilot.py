@@ -6,12 +6,13 @@ here, too, so that both write the same columns.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from runtime.loop.controller import Command, Controller, ControlState, Terms
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
 from runtime.reference import Reference
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
@@ -74,6 +75,12 @@ class Pilot:
             wake_n=wake_n,
         )
 
+    def spared(self, state: PilotState, aim: Reference) -> Reference:
+        """The aim with an idle source, as long as thrust was too little beside its wake."""
+        if not state.control.spared_ticks:
+            return aim
+        return replace(aim, source_us=self.rig.limits.pulse_us[0])
+
     def observe(self, state: PilotState, aim: Reference) -> npt.NDArray[np.float32]:
         """What the predictor sees, (5,) float32: `OBSERVATION`, source minus sufferer."""
         now = state.estimate
@@ -97,6 +104,7 @@ class Pilot:
             state.estimate,
             aim,
             feedforward_n or 0.0,
+            other_n=state.unexplained_n,
             gently=gently,
         )
         forecasts = (

@@ -5,11 +5,12 @@ how much of the feedforward to use, and the way down after a failsafe.
 """
 
 import enum
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from runtime.loop.copies import replace
 from wakedeploy.core.rig import LOOP_RATE_HZ, Limits
 
 LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
@@ -43,6 +44,10 @@ NOT_LIFTING_S = 1.0
 # A force that swings so much is none: the loop swings, since a sensor's stamps lie or pulses act
 # late. Healthy flights stay below 0.8 N, with wakes three times as strong as the rig file has them.
 UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
+# Log likelihood that readings are late. Flights with wakes up to twice as strong come to 10; with a
+# package in stronger ones to 17, since a force that is fed forward and does not come looks like a
+# late reading. So the feedforward goes first, and the flight only if that does not help.
+RANGE_DOUBTED, RANGE_LATE = 11.0, 14.0
 # With a thrust of less than two fifths of its weight a sufferer in the air is by so much faster, a
 # quarter of a second later. One that is hardly moving then stands on something: on the stop, most
 # of the time.
@@ -138,6 +143,7 @@ class Findings:
     not_lifting_s: float = 0.0  # on the stop with a thrust that should lift
     rises_unseen: bool = False  # as the commands should have brought about, and the sensor denies
     unexplained_s: float = 0.0  # since a force swings that neither thrust, wake nor weight explains
+    range_late: float = 0.0  # evidence that readings are older than their stamps say
     thrust_share: float = 0.0  # what the commands should give by now, over the weight
     battery_gone_s: float = 0.0  # since a battery that was measured is gone
     z_m: float = 0.0
@@ -161,7 +167,8 @@ class SafetyState:
 
 def happened(state: SafetyState, event: Event) -> SafetyState:
     """The state after an event that the loop itself brings about."""
-    return replace(state, mode=next_mode(state.mode, event))
+    mode = next_mode(state.mode, event)
+    return state if mode is state.mode else replace(state, mode=mode)
 
 
 def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
@@ -200,6 +207,7 @@ def fatal_faults(found: Findings, limits: Limits) -> tuple[str, ...]:
         "sensor_noisy": found.is_noisy,
         "height_impossible": found.held_up_mps > HELD_UP_MPS,
         "thrust_lost": lost_thrust,
+        "range_late": found.range_late > RANGE_LATE,
         "motion_unexplained": found.unexplained_s > UNEXPLAINED_S,
         "mcu_fault": found.mcu_fault,
         "recorder_failed": found.recorder_failed,
@@ -217,6 +225,7 @@ def lesser_troubles(found: Findings) -> tuple[str, ...]:
         "bad_prediction": found.bad_prediction,
         "bad_observation": found.bad_observation,
         "prediction_doubted": found.doubted,
+        "range_doubted": found.range_late > RANGE_DOUBTED,
         "answers_missing": found.link_silence_s > ANSWERS_MISSING_S,
         "answers_late": found.late_answers >= LATE_LIMIT,
         "bad_range": found.bad_range,
@@ -229,6 +238,7 @@ _DEGRADING = frozenset(
         "bad_prediction",
         "bad_observation",
         "prediction_doubted",
+        "range_doubted",
         "answers_missing",
         "answers_late",
     }

@@ -8,15 +8,20 @@ neither: then the sufferer comes down as one whose height nobody knows.
 
 import enum
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+
+from runtime.loop.copies import replace
+from runtime.loop.estimator import Estimate
 
 TEST_SHARE = 0.88  # of the weight: from rest a fall of 14 cm in the time of a test, at 0.6 m/s
 TEST_S = 0.5
 SINK_S = 0.75  # on the way down between two tests
 MOVED_M = 0.025  # in a test, which noise alone does not show
+BENT_M = 0.02  # off a straight line, as a sensor's drift alone is; a fall is off by 5 cm
 _READINGS = 4  # at each end of a test, averaged
 _PINNED = 6  # that often the same at the end
 NEAR_STOP_M = 0.06  # what stands is read below
+STILL_MPS = 0.3  # slower than this a test may begin
 LONGEST_S = 12.0  # then it comes down as one whose height nobody knows
 
 
@@ -39,12 +44,29 @@ class Settling:
     ranges_m: tuple[float, ...] = ()
 
 
+def begun(now: Estimate, t_s: float) -> Settling:
+    """A touch-down from here: in the air, or in motion, it sinks before it is tested."""
+    return Settling(t_s, t_s, Stage.SINK if is_off(now) else Stage.TEST)
+
+
+def is_off(now: Estimate) -> bool:
+    """Whether it is seen off the stop, or in motion."""
+    return now.z_m > NEAR_STOP_M or abs(now.vz_mps) > STILL_MPS
+
+
 def settled(
-    before: Settling, t_s: float, range_m: float, *, ladder_s: float, may_repeat: bool = False
+    before: Settling,
+    t_s: float,
+    range_m: float,
+    *,
+    ladder_s: float,
+    may_repeat: bool = False,
+    off: bool = False,
 ) -> Settling:
     """One tick: `range_m` is a new reading, corrected by the sensor's bias, or NaN.
 
     `ladder_s`: what a blind descent takes. `may_repeat`: the sensor's noise is below its step.
+    `off`: it is seen off the stop or in motion, where no test is needed.
     """
     if before.stage is Stage.STANDS:
         return before
@@ -54,8 +76,10 @@ def settled(
     if t_s - before.began_s > LONGEST_S:
         return Settling(before.began_s, t_s, Stage.BLIND)
     if before.stage is Stage.SINK:
-        is_over = t_s - before.stage_s >= SINK_S
+        is_over = t_s - before.stage_s >= SINK_S and not off
         return Settling(before.began_s, t_s) if is_over else before
+    if off:
+        return Settling(before.began_s, t_s, Stage.SINK)
     read = (*before.ranges_m, range_m) if math.isfinite(range_m) else before.ranges_m
     if t_s - before.stage_s < TEST_S:
         return replace(before, ranges_m=read)
@@ -74,9 +98,14 @@ def _is_still(ranges_m: tuple[float, ...], *, may_repeat: bool) -> bool:
     if len(ranges_m) < 2 * _READINGS:
         return False
     first, last = ranges_m[:_READINGS], ranges_m[-_READINGS:]
+    half = (len(ranges_m) - _READINGS) // 2
+    middle_m = _median(ranges_m[half : half + _READINGS])
+    bent_m = abs(_median(first) - 2.0 * middle_m + _median(last))
+    leaves_m = abs(ranges_m[-1] - _median(first))
     is_pinned = len(set(ranges_m[-_PINNED:])) == 1 and not may_repeat
     is_near = _median(last) < NEAR_STOP_M
-    return abs(_median(first) - _median(last)) < MOVED_M and is_near and not is_pinned
+    moved_m = max(abs(_median(first) - _median(last)), leaves_m)
+    return moved_m < MOVED_M and bent_m < BENT_M and is_near and not is_pinned
 
 
 def _median(values: tuple[float, ...]) -> float:

@@ -5,7 +5,6 @@ the pulses that the board descends with should it be the last one.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from runtime.loop.blind import (
     on_the_stop,
 )
 from runtime.loop.controller import Command, Terms
+from runtime.loop.copies import replace
 from runtime.loop.descent import (
     BLINDING,
     HEIGHTLESS,
@@ -33,7 +33,7 @@ from runtime.loop.descent import (
 from runtime.loop.estimator import Measurement
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.safety import UNEXPLAINED_SD_N
-from runtime.loop.settling import TEST_SHARE, Settling, Stage, settled
+from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, is_off, settled
 from runtime.loop.silent_faults import may_repeat
 from runtime.loop.trim import TrimReader
 from runtime.reference import Reference
@@ -163,7 +163,7 @@ class WayDown:
     def settle(self, state: PilotState, measured: Measurement) -> float | None:
         """The pulse [µs] of one tick of a touch-down; None once the sufferer stands."""
         if not self._is_settling:
-            self._is_settling, self._settling = True, Settling(measured.t_s, measured.t_s)
+            self._is_settling, self._settling = True, begun(state.estimate, measured.t_s)
         limits, before = self._rig.limits, self._settling.stage
         is_new = measured.range_repeats == 0
         self._settling = now = settled(
@@ -172,6 +172,7 @@ class WayDown:
             measured.range_m - self._range_bias_m if is_new else math.nan,
             ladder_s=ladder_s(limits),
             may_repeat=self._may_repeat,
+            off=is_off(state.estimate),
         )
         if now.stage is Stage.STANDS:
             return None
@@ -183,7 +184,9 @@ class WayDown:
             return ladder_pulse(self._ladder, measured.t_s - now.stage_s, limits)
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
-        return self._planner.sinking(state.estimate, self._lifting_n)
+        # On the stop, what carries the sufferer would count as a force that lifts.
+        seen_n = state.unexplained_n if is_off(state.estimate) else -math.inf
+        return self._planner.sinking(state.estimate, max(self._lifting_n, seen_n))
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""

@@ -18,7 +18,7 @@ from wakedeploy.rig.file import read_rig
 if TYPE_CHECKING:
     import pandas
 
-    from wakedeploy.gap.workflow import Retrain
+    from wakedeploy.gap.systems.gantry.steps import Retrain
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -149,7 +149,7 @@ def close_gap(
     Raises:
         UnusableInput: A rig file or a log cannot be used, or `out` cannot be written to.
     """
-    from wakedeploy.gap.workflow import close
+    from wakedeploy.gap.systems.gantry.steps import close
 
     folder, rig_path = Path(out), Path(rig)
     prepare(folder, rig_path)

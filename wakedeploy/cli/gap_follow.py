@@ -10,7 +10,7 @@ from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.follow_up import Fly, Manoeuvre, Open
+    from wakedeploy.gap.systems.gantry.follow_up import Fly, Manoeuvre, Open
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
 
@@ -53,8 +53,8 @@ def follow(
     """  # fmt: skip
     from wakedeploy.cli.log_lines import stages
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap import follow_up as after
     from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.systems.gantry import follow_up as after
 
     with at_work(out), stages() as progress:
         left = after.what_is_open(out)
@@ -96,7 +96,7 @@ def _virtual(left: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":
 
 def _to_fly(out: Path, left: "Open", planned: "Manoeuvre") -> str:
     """The commands for a real rig, to copy: each flight, then this command with its logs."""
-    from wakedeploy.gap.follow_up import FLOWN
+    from wakedeploy.gap.systems.gantry.follow_up import FLOWN
 
     folder = out / FLOWN
     lines = ["", f"Fly it {planned.flights} times, at rest on the stop before and after:"]

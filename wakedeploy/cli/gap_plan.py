@@ -12,7 +12,7 @@ from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 if TYPE_CHECKING:
     from wakedeploy.core.rig import Rig
-    from wakedeploy.gap.planning.plan import Option, Plan
+    from wakedeploy.gap.systems.gantry.planning.plan import Option, Plan
 
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _FOLDER = click.Path(file_okay=False, path_type=Path)
@@ -47,8 +47,8 @@ def plan(
         wakedeploy gap plan --rig rig.toml --out gap --write-reference fly.csv
     """
     from wakedeploy.gap.folder import at_work
-    from wakedeploy.gap.planning.manoeuvres import menu
-    from wakedeploy.gap.planning.plan import make_plan, write_plan_reference
+    from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
+    from wakedeploy.gap.systems.gantry.planning.plan import make_plan, write_plan_reference
     from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
@@ -100,9 +100,9 @@ def power(
     Example:
         wakedeploy gap power --rig rig.toml --flights 7 --seconds 20 --out power
     """
-    from wakedeploy.gap.planning.power import power as compute
-    from wakedeploy.gap.planning.power import step_count
     from wakedeploy.gap.report.power_page import COLUMNS, rows, sentences, write_page
+    from wakedeploy.gap.systems.gantry.planning.power import power as compute
+    from wakedeploy.gap.systems.gantry.planning.power import step_count
     from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
@@ -148,7 +148,7 @@ def _keep(made: "Plan", out: Path) -> None:
     """plan.json, and where they are of this class, a result and a report that tell of it."""
     from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.page import write_report
-    from wakedeploy.gap.workflow import planned, write_result
+    from wakedeploy.gap.systems.gantry.steps import planned, write_result
 
     write_json(out / "plan.json", made.as_json())
     told = read_steps(out).result
@@ -191,14 +191,18 @@ def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
 def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     """Each member's parameters as `name` fitted them, where it did."""
     from wakedeploy.gap.folder import read_steps
-    from wakedeploy.gap.planning.plan import stated_sizes
+    from wakedeploy.gap.systems.gantry.planning.plan import stated_sizes
 
     return {} if out is None else stated_sizes(read_steps(out).name, names)
 
 
 def _threshold(rig: "Rig", is_simulated: bool, workers: int) -> float | None:
     """The rig's threshold if it is known or asked for; None leaves it to Gaussian draws."""
-    from wakedeploy.gap.search.threshold import SETS, known_thresholds, thresholds_for
+    from wakedeploy.gap.systems.gantry.search.threshold import (
+        SETS,
+        known_thresholds,
+        thresholds_for,
+    )
 
     known = known_thresholds(rig)
     if known is None and is_simulated:

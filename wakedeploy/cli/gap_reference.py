@@ -46,10 +46,10 @@ def reference(
     """  # fmt: skip
     from wakedeploy.cli.log_lines import stages
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.reference.corrected import corrected
-    from wakedeploy.gap.reference.learning import learn
-    from wakedeploy.gap.reference.telling import as_json
     from wakedeploy.gap.systems.gantry.flight import read_flights
+    from wakedeploy.gap.systems.gantry.reference.corrected import corrected
+    from wakedeploy.gap.systems.gantry.reference.learning import learn
+    from wakedeploy.gap.systems.gantry.reference.telling import as_json
     from wakedeploy.rig.file import read_rig
 
     rig = read_rig(rig_path)

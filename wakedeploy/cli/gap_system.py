@@ -25,12 +25,14 @@ MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=
 
 @click.command("init")
 @click.argument("path", type=_FILE)
-def init(path: Path) -> None:
+@click.option("--mjcf", type=_FILE, help="A MuJoCo model, whose joints and actuators it takes.")
+def init(path: Path, mjcf: Path | None) -> None:
     """Write a first system, which runs as it is, to PATH.
 
     \b
     Example:
         wakedeploy gap init my_robot.py
+        wakedeploy gap init my_arm.py --mjcf arm.xml
     """
     from wakedeploy.core.errors import UnusableInput
     from wakedeploy.core.files import write_text_whole
@@ -38,7 +40,13 @@ def init(path: Path) -> None:
 
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
-    write_text_whole(path, template(path.stem))
+    if mjcf is None:
+        text = template(path.stem)
+    else:
+        from wakedeploy.gap.systems.mjcf.template import mjcf_template
+
+        text = mjcf_template(mjcf, path)
+    write_text_whole(path, text)
     click.echo(
         f"Wrote {path}. Make it yours, then: wakedeploy gap check {path} --measured LOG\n"
         "A log with other names or units also needs --columns; a first one: wakedeploy data import "
@@ -60,7 +68,7 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
-    from wakedeploy.gap.systems.checking import checked_base, column_notes, rows
+    from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
     from wakedeploy.gap.wording import counted
 
     model = open_model(system_path, measured, columns)
@@ -107,7 +115,7 @@ def simulate(
         wakedeploy gap simulate --system my_robot.py --measured log.csv
         wakedeploy gap simulate --system my_robot.py --measured log.csv --correction correction.toml
     """
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.simulation import replay_error
 
     if system_path is None:
@@ -130,7 +138,7 @@ def simulate(
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
     """A system and its logs."""
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.logs import LogModel
 
     system = read_system(system_path)
@@ -142,7 +150,7 @@ def recordings(
 ) -> "list[Recording]":
     """The logs, by `columns.toml`, or as CSV whose columns have the system's names."""
     if columns is None:
-        from wakedeploy.gap.systems.loading import read_plain
+        from wakedeploy.gap.systems.files import read_plain
 
         return [read_plain(path, system) for path in measured]
     from wakedeploy.domains.tables.columns import read_columns
@@ -181,6 +189,8 @@ def run_steps(
     _print(step, told)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
+        for line in folder.exported:
+            click.echo(line)
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:

@@ -5,8 +5,10 @@ widths in µs), and its text. Any constant may be written as `{value, spread, un
 unit of its dimension; its spread, the calibration uncertainty, is kept in `Rig.calibration`.
 """
 
+import bisect
 import functools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -87,11 +89,11 @@ class ThrustCurve(_Section):
 
     def thrust(self, pulse_us: float) -> float:
         """Thrust [N] at a pulse width [us]; the ends of the table are held beyond it."""
-        return float(np.interp(pulse_us, self.pulse_us, self.thrust_n))
+        return _between(pulse_us, self.pulse_us, self.thrust_n)
 
     def pulse(self, thrust_n: float) -> float:
         """Pulse width [us] for a thrust [N]; saturates at the ends of the table."""
-        return float(np.interp(thrust_n, self.thrust_n, self.pulse_us))
+        return _between(thrust_n, self.thrust_n, self.pulse_us)
 
     def throttle(self, pulse_us: float) -> float:
         """Pulse width as a share of the table's range, 0…1."""
@@ -422,6 +424,20 @@ class Rig(_Section):
                 if not raw[section]:
                     del raw[section]
         return raw
+
+
+def _between(x: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    """As `np.interp` for one number, which makes arrays of the table before it looks.
+
+    The loop asks five times a tick, a simulation at each of its steps.
+    """
+    above = bisect.bisect_right(xs, x)
+    if math.isnan(x) or above == 0:
+        return float(x) if math.isnan(x) else ys[0]
+    if above == len(xs):
+        return ys[-1]
+    slope = (ys[above] - ys[above - 1]) / (xs[above] - xs[above - 1])
+    return float(slope * (x - xs[above - 1]) + ys[above - 1])
 
 
 def rig_from_tables(

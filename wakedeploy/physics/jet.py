@@ -61,6 +61,7 @@ class VerticalJet:
         self._length = len(self._table.ages_s)
         self._history = np.zeros(2 * self._length)  # a ring written twice: always a plain view
         self._newest = 0
+        self._known = np.empty(self._length)
 
     def inject(self, thrust_n: float) -> None:
         """Add the puff of one step at the source's present thrust [N]."""
@@ -84,7 +85,8 @@ class VerticalJet:
         steps = min(round(lead_s / self._dt_s), self._length)
         idle = round(max(lead_s - idle_after_s, 0.0) / self._dt_s)
         roots = self._history[self._newest : self._newest + self._length]
-        known = np.concatenate([np.full(steps, roots[0]), roots[: self._length - steps]])
+        known = self._known
+        known[:steps], known[steps:] = roots[0], roots[: self._length - steps]
         known[:idle] = 0.0
         return self._table.velocity(known, x_m, z_m - self._height_m, self._pace(known))
 

@@ -33,7 +33,7 @@ class RangeSensorModel:
         sensor: RangeSensor,
         disturbance: Disturbance,
         delay_s: float,
-        rng: np.random.Generator,
+        rng: "np.random.Generator",
         hold_s: float = 0.0,
     ) -> None:
         self._sensor, self._disturbance, self._rng = sensor, disturbance, rng

@@ -277,7 +277,9 @@ def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
     told = {"class": list(names), "sentence": "Fly slow triangles.", "manoeuvre": "triangles",
             "flights": 3, "seconds": 60.0, "split_by": ""}  # fmt: skip
     made = SimpleNamespace(names=names, best=None, as_json=lambda: told)
-    monkeypatch.setattr("wakedeploy.gap.planning.plan.make_plan", lambda *_, **__: made)
+    monkeypatch.setattr(
+        "wakedeploy.gap.systems.gantry.planning.plan.make_plan", lambda *_, **__: made
+    )
     monkeypatch.setattr("wakedeploy.cli.gap_plan._tell_plan", lambda _: None)
     monkeypatch.setattr("wakedeploy.cli.gap_plan._same_rig", lambda *_: None)
     run = CliRunner().invoke(plan, ["--out", str(tmp_path)])
@@ -409,7 +411,9 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     case = SimpleNamespace(flights=("a", "b", "c", "d", "e"), sealed=("f", "g"))
     monkeypatch.setattr("wakedeploy.cli.gap._case", lambda *_: case)
     function = "show_gap" if step == "show" else step
-    monkeypatch.setattr(f"wakedeploy.gap.workflow.{function}", lambda *_, **__: left[step])
+    monkeypatch.setattr(
+        f"wakedeploy.gap.systems.gantry.steps.{function}", lambda *_, **__: left[step]
+    )
     (tmp_path / "result.json").unlink()
     given = ["--rig", "rig.toml", "--measured", "a.mcap", "--out", str(tmp_path)]
     run = CliRunner().invoke(main, ["gap", step, *given, "--json", str(tmp_path / "told.json")])

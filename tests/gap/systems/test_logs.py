@@ -8,8 +8,8 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit, neutral
+from wakedeploy.gap.search.rounds import fitted_base, is_nothing, named, verdict_of
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, is_nothing, named, verdict_of
 
 RATE = 100.0
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from scipy.stats import t as student_t
 
 FloatArray = npt.NDArray[np.float64]
+LOST_NATS = -1e6  # log density of a sample whose state has left the model
 Hypothesis = tuple[str, ...]
 
 _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
@@ -28,6 +29,7 @@ _SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
 # A climb that slows to steps of so many nats is given up where it promises, times the optimism,
 # less than what it has to reach. Faster ones come from far away, where promises are too small.
 _SLOW_NATS, _OPTIMISM = 30.0, 3.0
+_RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
 
 
 @dataclass(frozen=True)
@@ -66,15 +68,15 @@ class Score:
     """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
 
     `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
-    probability that the sample is no outlier. The last `priors` are no samples: they stand for what
-    the episode has of its own, each against its prior.
+    probability that the sample is no outlier. `channels` are where each channel's samples lie, in
+    order of time; what lies in none is auxiliary, as a mean at rest.
     """
 
     log_density: FloatArray
     innovation: FloatArray
     variance: FloatArray
     weight: FloatArray
-    priors: int = 0
+    channels: tuple[slice, ...] = (slice(None),)
 
     @property
     def white(self) -> FloatArray:
@@ -272,6 +274,16 @@ def fit(
     chosen = tuple(episodes)
     ascent = _Ascent(model, hypothesis, free, chosen, moving, least)
     return ascent.run(theta, slopes)
+
+
+def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
+    """A fit repeated from where it ended, and whether it no longer rises."""
+    for _ in range(_MOST_REFITS):
+        again = fit(model, fitted.hypothesis, fitted.episodes, fitted.theta)
+        rise, fitted = again.objective - fitted.objective, again
+        if rise < _RISEN_NATS:
+            return fitted, True
+    return fitted, False
 
 
 def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:

@@ -13,11 +13,11 @@ from wakedeploy.core import figures
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.core.markup import Markup, element, page, picture, table, together
 from wakedeploy.gap.evidence.separation import ENOUGH_NATS
-from wakedeploy.gap.planning.plan import MARGIN_NATS
-from wakedeploy.gap.planning.power import EffectPower, Power
-from wakedeploy.gap.planning.rates import SURE
-from wakedeploy.gap.planning.sensors import SENSORS
-from wakedeploy.gap.planning.tracking import CONTROLLER
+from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
+from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
+from wakedeploy.gap.systems.gantry.planning.rates import SURE
+from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS
+from wakedeploy.gap.systems.gantry.planning.tracking import CONTROLLER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

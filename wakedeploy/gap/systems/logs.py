@@ -15,11 +15,11 @@ from scipy.signal import savgol_filter
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
-from wakedeploy.gap.systems.acting import BUMPS, FORM_EACH, FORM_MOST, Acting
-from wakedeploy.gap.systems.filtering import Filter, Run, Start
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
+from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
+from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.kinds.library import offered
-from wakedeploy.gap.systems.pieces import Block, Log, blocks_of, logs_of
-from wakedeploy.gap.systems.response import Record
 from wakedeploy.gap.systems.system import Point, System
 
 SEALED_SHARE = 0.25
@@ -160,7 +160,8 @@ class LogModel:
             at = run.pieces.sample[inside, s] - block.start
             told[:, :, at] = np.moveaxis(run.told[:, :, :, k, s][:, inside], 1, 2)
         innovation, variance, density, weight = told.reshape(4, m * n)
-        return Score(density, innovation, variance, weight)
+        channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
+        return Score(density, innovation, variance, weight, channels)
 
     @functools.cached_property
     def _nuisances(self) -> tuple[Free, ...]:

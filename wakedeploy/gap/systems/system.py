@@ -169,6 +169,8 @@ class System:
     `step(state, inputs, c)` the states one sample later. `measure(state, inputs, c)` is needed for
     outputs that are not states; `start(measured)` for states that the first samples do not give:
     it is called with the first measured values and returns states by name.
+    `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
+    port moves others too; `forces` are by the ports' states, and without it a force moves its own.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
     process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
     `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
@@ -216,6 +218,13 @@ class System:
 
         return simulated(self, recording)
 
+    def export(self, told: Mapping[str, Any], out: Path) -> list[str]:
+        """Write what `gap name` found in further formats; none unless overridden.
+
+        `told` is what name.json has. Returns a sentence for each file in the folder `out`.
+        """
+        return []
+
     def start(self, measured: Point) -> Mapping[str, Any]:
         """States at the first sample that the outputs do not show; none unless overridden."""
         return {}
@@ -224,6 +233,11 @@ class System:
     def has_step(self) -> bool:
         """Whether the model is discrete."""
         return hasattr(self, "step")
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether it has a `derivative_under`, which lets forces at ports act as in a mechanism."""
+        return hasattr(self, "derivative_under")
 
     @property
     def name(self) -> str:
@@ -286,10 +300,18 @@ class System:
         told = self.rates(state, inputs, self.values())
         return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in told.items()}
 
-    def rates(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
-        """What `derivative` or `step` returns, with what fails in it said by name."""
+    def rates(
+        self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """What `derivative` or `step` returns, with what fails in it said by name.
+
+        `forces` by the states whose rates they change, for a system that `takes_forces`.
+        """
         method = "step" if self.has_step else "derivative"
-        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c)
+        if forces is not None:
+            method = "derivative_under"
+        extra = () if forces is None else (forces,)
+        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
         return _complete(told, self.states, f"{self.name}.{method}", "state")
 
     def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
@@ -445,7 +467,7 @@ def _method(system: System, method: Callable[..., Any]) -> str:
     return f"{system.name}.{'measure' if method == system.readings else own}"
 
 
-def _called(where: str, method: Callable[..., Any], *points: Point) -> Mapping[str, Any]:
+def _called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
     try:
         told = method(*points)
     except UnusableInput:

@@ -88,7 +88,7 @@ class Effect:
     same in the symbols of docs/reference/effects.md, a prime for what it makes; `stage`;
     `parameters`; `confused_with`, names of effects that look alike; `split_by`, the manoeuvre or
     sensor that tells them apart; `shows_in`, what it changes beside the sufferer's motion, by the
-    names of the sensors that one could buy (`wakedeploy.gap.planning.sensors`). An effect whose
+    names of the sensors that one could buy (`gap.systems.gantry.planning.sensors`). An effect whose
     parameters all replace constants of the rig needs no method at all.
     """
 

@@ -215,7 +215,7 @@ def repeats_of(hold_s: float, flights: int, seed: int):
         yield sample_s, np.append(False, np.diff(made) == 0) | (rng.random(500) < 0.05)
 
 
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=3, deadline=None)
 @given(hold_s=st.floats(0.025, 0.1), seed=st.integers(0, 2**31))
 def test_the_period_of_repeats_is_among_the_likely_ones(hold_s, seed) -> None:
     found_s = likely_periods_s(list(repeats_of(hold_s, 3, seed)), 0.05)

@@ -18,7 +18,7 @@ DIRECTIONS = RNG.standard_normal((40, 3))
 
 def scored(innovation) -> Score:
     density = -0.5 * (innovation**2 / VARIANCE + np.log(2.0 * np.pi * VARIANCE))
-    return Score(density, innovation, VARIANCE, np.ones(40))
+    return Score(density, innovation, VARIANCE, np.ones(40), (slice(40),))
 
 
 @pytest.mark.parametrize("stand", [np.zeros(3), np.array([0.5, -1.0, 2.0])])
@@ -28,7 +28,7 @@ def test_the_density_is_that_of_the_sum_of_noise_and_deviations(stand) -> None:
     exact = multivariate_normal(cov=np.diag(VARIANCE) + DIRECTIONS @ DIRECTIONS.T)
     told = freed(there, DIRECTIONS, stand)
     assert told.log_density.sum() == pytest.approx(exact.logpdf(innovation))
-    assert told.priors == 3
+    assert told.channels == there.channels
     assert len(told.white) == 43
 
 

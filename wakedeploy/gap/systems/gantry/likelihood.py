@@ -183,6 +183,7 @@ class GantryModel:
             np.concatenate([e, rest_e, repeat_e]),
             np.concatenate([np.maximum(v, 1e-12), rest_v, repeat_v]),
             np.concatenate([weight, np.ones(len(rest_e) + 1)]),
+            (slice(0, len(density)),),
         )
 
     def forces(self, fitted: Fit, episode: int) -> Forces:

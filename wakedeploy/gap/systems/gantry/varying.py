@@ -85,7 +85,7 @@ def freed(score: Score, directions: FloatArray, stand: FloatArray) -> Score:
         np.concatenate([innovation, amounts]),
         np.concatenate([score.variance, ones]),
         np.concatenate([score.weight, ones]),
-        priors=len(amounts),
+        channels=score.channels,
     )
 
 

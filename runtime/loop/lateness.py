@@ -1,0 +1,77 @@
+"""Whether the range sensor shows the past: readings older than their stamps say.
+
+In: each tick's measurement, and the commands before it. Out: evidence, and the estimate of a filter
+that believes in late readings. A stamp cannot show that it lies; the motion can. Two more filters
+expect each reading to show what the commands of some ticks before have done. Where one of them
+foresees the readings better than the loop's own filter, tick after tick, the readings are late
+(Page 1954). A wake does not do this: no filter foresees it, and all are surprised alike.
+"""
+
+import math
+from collections import deque
+from dataclasses import replace
+
+from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
+from runtime.loop.pilot import PilotState
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+
+LATE_TICKS = (3, 6)  # a tenth and a fifth of a second
+_MOST_SD, _MOST_A_TICK = 6.0, 3.0  # a stray counts as this much, whatever it is
+_AIRBORNE_M = 0.05  # nearer, the stop moves the sufferer, too
+
+Acted = tuple[tuple[float, float], float | None]  # pulses [µs] of a tick, and its wake [N]
+
+
+class Lateness:
+    """The filters that believe in late readings, and the evidence for each."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._estimator = Estimator(rig)
+        self._acted: deque[Acted] = deque(maxlen=max(LATE_TICKS) + 1)
+        self._rivals = {ticks: initial_estimate(0.0) for ticks in LATE_TICKS}
+        self._evidence = dict.fromkeys(LATE_TICKS, 0.0)
+        self._adopted: int | None = None
+
+    @property
+    def evidence(self) -> float:
+        """Log likelihood of the best of them over the loop's own filter, since it last was less."""
+        return max(self._evidence.values())
+
+    def step(self, before: PilotState, now: PilotState, measured: Measurement) -> PilotState:
+        """One tick: the state as the loop's filter has it, or as one has it that was adopted."""
+        self._acted.append(((before.before_last_us, before.last_us), now.wake_n))
+        for ticks, rival in self._rivals.items():
+            pulses, wake_n = self._acted[max(len(self._acted) - 1 - ticks, 0)]
+            after = self._estimator.step(rival, measured, pulses, wake_n)
+            self._rivals[ticks] = after
+            if self._adopted is None:
+                more = _for_the_rival(now.estimate, after)
+                self._evidence[ticks] = max(self._evidence[ticks] + more, 0.0)
+        return now if self._adopted is None else replace(now, estimate=self._present(now.estimate))
+
+    def adopt(self) -> None:
+        """From now on the likeliest of the filters is believed."""
+        if self._adopted is None:
+            self._adopted = max(self._evidence, key=self._evidence.__getitem__)
+
+    def _present(self, now: Estimate) -> Estimate:
+        """What the adopted filter makes of the present: its past, and the commands since then."""
+        ticks = self._adopted or 0
+        then = self._rivals[ticks]
+        since = list(self._acted)[-ticks:]
+        passed_s = 1.0 / LOOP_RATE_HZ
+        for pulses, wake_n in since:
+            then = self._estimator.ahead(then, then.t_s + passed_s, pulses, wake_n)
+        return replace(then, t_s=now.t_s, lateral=now.lateral, lateral_cov=now.lateral_cov)
+
+
+def _for_the_rival(own: Estimate, rival: Estimate) -> float:
+    """One reading's log likelihood of the rival over the loop's own filter; 0 where none came."""
+    if not (own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)):
+        return 0.0
+    return min(max(_log_likelihood(rival) - _log_likelihood(own), -_MOST_A_TICK), _MOST_A_TICK)
+
+
+def _log_likelihood(now: Estimate) -> float:
+    square = min(now.innovation_m**2 / now.innovation_var_m2, _MOST_SD**2)
+    return -0.5 * (square + math.log(now.innovation_var_m2))
