@@ -7,7 +7,8 @@ another form: seven flights to learn from, five to judge. `--record` writes
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ import numpy as np
 
 from benchmarks.form_error.cases import Case, flights_of, fly, jet_of_case
 from benchmarks.records import FOLDER, write
+from wakedeploy.core.files import json_text, write_text_whole
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.expected_gains import promises
@@ -28,12 +30,13 @@ from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base, with_terms
 from wakedeploy.gap.systems.gantry.search.refitting import refitted
 from wakedeploy.physics.constants import with_constants
-from wakedeploy.rig.file import default_rig
+from wakedeploy.rig.file import default_rig, read_rig
 
 FLIGHTS, SECONDS = 7, 20.0
 SPREADS = {"thrust.sufferer.scale": 0.012, "battery-sag": 0.0005, "range.bias_m": 0.002}
 MEAN_SAG_PER_S = 0.0015
 ODD_FLIGHT, ODD_M = 3, 0.03
+LEARNED = "learned.toml"
 _JUDGED = 5
 _FIRST_SEED = 7300
 FORM = Case(4103, "bent", 0.028)
@@ -91,21 +94,27 @@ def _quantity(
     }
 
 
-def form_set(out: Path) -> dict[str, Any]:
-    """A gantry of another form: how evident that is before reference flights, and after."""
+def form_learned(out: Path) -> dict[str, Any]:
+    """A gantry of another form: what seven flights teach, and the rig file that they make."""
     rig = default_rig()
     learned = learn(rig, read_flights(flights_of(FORM, out / "flights"), rig))
-    told = corrected(learned)
-    logs = [fly(FORM, rig, 100 * FORM.seed + 50 + i).without_truth() for i in range(_JUDGED)]
-    flights = [flight_from_log(log, rig, f"judged{i}.mcap") for i, log in enumerate(logs)]
+    corrected(learned).write(out / LEARNED)
     jet = jet_of_case(FORM, rig)
     return {
         "misfit_share": jet.misfit_share,
         "misfit_n": jet.misfit_n,
         "learned_form_n": form_force_n(learned),
-        "before": _evident(rig, flights),
-        "after": _evident(told, flights),
+        "named": list(learned.fit.hypothesis),
+        "odd": len(learned.odd),
     }
+
+
+def form_judged(rig: Rig) -> dict[str, Any]:
+    """Five further flights of it: how evident its form is under a rig file."""
+    believed = default_rig()
+    logs = [fly(FORM, believed, 100 * FORM.seed + 50 + i) for i in range(_JUDGED)]
+    flights = [flight_from_log(one.without_truth(), rig, f"{i}") for i, one in enumerate(logs)]
+    return _evident(rig, flights)
 
 
 def _evident(rig: Rig, flights: Sequence[Flight]) -> dict[str, Any]:
@@ -144,20 +153,33 @@ def _forecast_m(model: GantryModel, fitted: Fit) -> float:
     return float(np.sqrt(np.nanmean(found**2)))
 
 
+def parts(out: Path, sets: int) -> dict[str, Callable[[], dict[str, Any]]]:
+    """What there is to do, in order, by name."""
+    each: dict[str, Callable[[], dict[str, Any]]] = {
+        "form": partial(form_learned, out),
+        "before": lambda: form_judged(default_rig()),
+        "after": lambda: form_judged(read_rig(out / LEARNED)),
+    }
+    return each | {f"set{i}": partial(spread_set, _FIRST_SEED + i) for i in range(sets)}
+
+
 @click.command()
 @click.option("--out", type=click.Path(path_type=Path), required=True)
 @click.option("--sets", default=4, help="of known spreads")
+@click.option("--most", default=100, help="parts in this run; the folder keeps what is done")
 @click.option("--record", "is_kept", is_flag=True, help="write docs/records/reference-flights.json")
-def main(out: Path, sets: int, is_kept: bool) -> None:
+def main(out: Path, sets: int, most: int, is_kept: bool) -> None:
     """Fly, learn, and tell."""
     out.mkdir(parents=True, exist_ok=True)
-    told: dict[str, Any] = {"form": form_set(out), "sets": []}
-    click.echo(json.dumps(told["form"], indent=1))
-    for i in range(sets):
-        told["sets"].append(spread_set(_FIRST_SEED + i))
-        click.echo(json.dumps(told["sets"][-1]))
-    if is_kept:
-        write(FOLDER / "reference-flights.json", told)
+    todo = parts(out, sets)
+    left = [name for name in todo if not (out / f"{name}.json").is_file()]
+    for name in left[:most]:
+        told = todo[name]()
+        write_text_whole(out / f"{name}.json", json_text(told))
+        click.echo(f"{name}: {json_text(told)}")
+    if is_kept and len(left) <= most:
+        done = {name: json.loads((out / f"{name}.json").read_text()) for name in todo}
+        write(FOLDER / "reference-flights.json", done)
 
 
 if __name__ == "__main__":

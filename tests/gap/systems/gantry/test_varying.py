@@ -7,7 +7,12 @@ from scipy.stats import multivariate_normal
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import Score
 from wakedeploy.gap.systems.gantry.discrepancy import form_hooks, free_terms
-from wakedeploy.gap.systems.gantry.varying import freed, own_amounts, varying
+from wakedeploy.gap.systems.gantry.varying import (
+    freed,
+    of_one_flight,
+    own_amounts,
+    varying,
+)
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.rig.file import default_rig, parse_rig
 
@@ -49,6 +54,19 @@ def test_what_varies_is_what_the_rig_file_states() -> None:
     constants, effects = varying(rig)[0].moved(constants_of(rig), (), 0.02)
     assert constants["thrust.sufferer.scale"] == pytest.approx(1.02)
     assert effects == ()
+
+
+def test_a_simulated_flight_has_its_own_thrust_bias_and_battery() -> None:
+    stated = {"thrust": 0.01, "sag_per_s": 0.001, "bias_m": 0.002}
+    rig = default_rig().changed(repeatability=stated)
+    flights = [of_one_flight(rig, rig, np.random.default_rng(i)) for i in range(40)]
+    thrust = [f.thrust.sufferer.thrust_n[-1] / rig.thrust.sufferer.thrust_n[-1] for f in flights]
+    bias_m = [f.effect_value("range-bias", "bias_m", 0.0) for f in flights]
+    sag = [f.effect_value("battery-sag", "sag_per_s", 0.0) for f in flights]
+    assert np.std(thrust) == pytest.approx(0.01, rel=0.35)
+    assert np.std(bias_m) == pytest.approx(0.002, rel=0.35)
+    assert min(sag) == 0.0 < max(sag)
+    assert of_one_flight(default_rig(), default_rig(), np.random.default_rng(0)) == default_rig()
 
 
 def test_a_fitted_form_is_where_the_correction_begins() -> None:

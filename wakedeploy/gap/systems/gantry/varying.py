@@ -13,13 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from wakedeploy.core.rig import Rig
+from wakedeploy.core import rig
 from wakedeploy.gap.evidence.inference import FloatArray, Score
-from wakedeploy.physics.constants import Constants
+from wakedeploy.physics.constants import Constants, with_constants
 from wakedeploy.physics.effects import LIBRARY, Effect
 
 Active = tuple[tuple[Effect, Mapping[str, float]], ...]
 SAG = "battery-sag"
+_SIMULATED = {SAG: (SAG, "sag_per_s"), "range.bias_m": ("range-bias", "bias_m")}
 
 
 @dataclass(frozen=True)
@@ -42,16 +43,35 @@ class Varying:
         sag = {"sag_per_s": own["sag_per_s"] + amount}
         return constants, (*others, (LIBRARY[SAG], sag))
 
+    def simulated(self, truth: rig.Rig, amount: float) -> rig.Rig:
+        """A simulated gantry with this flight's amount, within what the effect allows."""
+        if self.name.startswith("thrust."):
+            return with_constants(truth, {self.name: 1.0 + amount})
+        effect, parameter = _SIMULATED[self.name]
+        p = next(p for p in LIBRARY[effect].parameters if p.name == parameter)
+        value = truth.effect_value(effect, parameter, p.neutral) + amount
+        size = rig.EffectParameter(value=min(max(value, p.low), p.high), unit=p.unit)
+        entry = rig.Effect(name=effect, parameters={parameter: size})
+        others = tuple(e for e in truth.effect if e.name != effect)
+        return truth.model_copy(update={"effect": (*others, entry)})
 
-def varying(rig: Rig) -> tuple[Varying, ...]:
+
+def varying(stated_by: rig.Rig) -> tuple[Varying, ...]:
     """What varies on this rig; () where its file states nothing."""
-    stated = rig.repeatability
+    stated = stated_by.repeatability
     known = (
         Varying("thrust.sufferer.scale", "the sufferer's thrust", "", stated.thrust),
         Varying(SAG, "how fast the battery fades", "1/s", stated.sag_per_s),
         Varying("range.bias_m", "the range sensor's bias", "m", stated.bias_m),
     )
     return tuple(one for one in known if one.sd > 0.0)
+
+
+def of_one_flight(truth: rig.Rig, stated: rig.Rig, rng: np.random.Generator) -> rig.Rig:
+    """A simulated gantry as it is in one flight: what varies, drawn as the rig file states it."""
+    for one in varying(stated):
+        truth = one.simulated(truth, one.sd * float(rng.standard_normal()))
+    return truth
 
 
 def own_amounts(
