@@ -31,6 +31,7 @@ from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
 # What flights may have of their own, before they are looked at: so loose that it says nothing.
 LOOSE = Repeatability(thrust=0.03, sag_per_s=0.003, bias_m=0.01)
 FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # that no calibration measures
+SURE = 0.99  # of an interval that holds "nothing": so few freedoms, and flights that all share them
 _FIRST_TURNS = 2
 ODD = 0.01  # a flight is unlike the others where chance makes one so far away less often
 _FIELDS = {"thrust.sufferer.scale": "thrust", SAG: "sag_per_s", "range.bias_m": "bias_m"}
@@ -151,7 +152,7 @@ def _settled(first: Reference) -> Reference:
     names = tuple(n for n in FREEDOMS if n not in {e.name for e in first.rig.effect})
     start = extended(base, near.free(names))
     model, fitted = refitted(near, fit(near, names, base.episodes, start))
-    idle = [name for name in names if may_be_nothing(fitted, name)]
+    idle = [name for name in names if may_be_nothing(fitted, name, SURE)]
     if idle:
         rest = tuple(n for n in names if n not in idle)
         model, fitted = reduced(model, fitted, rest)

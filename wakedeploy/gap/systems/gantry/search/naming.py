@@ -344,10 +344,10 @@ class _Search:
         return best if close else None
 
 
-def may_be_nothing(fitted: Fit, name: str) -> bool:
-    """Whether every parameter's 90 % interval reaches to where the effect changes nothing."""
+def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
+    """Whether every parameter's interval reaches to where the effect changes nothing."""
     own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    ends = [(fitted.interval(f.name), f.neutral) for f in own]
+    ends = [(fitted.interval(f.name, level), f.neutral) for f in own]
     return all(low <= neutral <= high for (low, high), neutral in ends)
 
 
