@@ -31,7 +31,7 @@ from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
 # What flights may have of their own, before they are looked at: so loose that it says nothing.
 LOOSE = Repeatability(thrust=0.03, sag_per_s=0.003, bias_m=0.01)
 FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # that no calibration measures
-SURE = 0.99  # of an interval that holds "nothing": so few freedoms, and flights that all share them
+SURE = 0.95  # of an interval that holds "nothing"
 _FIRST_TURNS = 2
 ODD = 0.01  # a flight is unlike the others where chance makes one so far away less often
 _FIELDS = {"thrust.sufferer.scale": "thrust", SAG: "sag_per_s", "range.bias_m": "bias_m"}
