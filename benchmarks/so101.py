@@ -18,8 +18,6 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import least_squares
 from scipy.signal import cont2discrete, lfilter, ss2tf
-from wakedeploy.gap.systems.loading import read_system
-from wakedeploy.gap.systems.steps import fitted_base, named, named_document
 
 from benchmarks.real_systems.answering import EXAMPLES, recordings_folder
 from benchmarks.records import COMMIT, write
@@ -27,7 +25,9 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document
 from wakedeploy.gap.systems.correction import correction_of, write_correction
+from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
