@@ -14,6 +14,7 @@ from wakedeploy.gap.systems.gantry.varying import (
     varying,
 )
 from wakedeploy.physics.constants import constants_of
+from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.rig.file import default_rig, parse_rig
 
 RNG = np.random.default_rng(4)
@@ -51,9 +52,9 @@ def test_what_varies_is_what_the_rig_file_states() -> None:
     assert parse_rig(rig.text) == rig
     assert [one.name for one in varying(rig)] == ["thrust.sufferer.scale", "range.bias_m"]
     assert varying(default_rig()) == ()
-    constants, effects = varying(rig)[0].moved(constants_of(rig), (), 0.02)
+    constants, effects = varying(rig)[0].moved(constants_of(rig), Chain({}), 0.02)
     assert constants["thrust.sufferer.scale"] == pytest.approx(1.02)
-    assert effects == ()
+    assert effects.parts == ()
 
 
 def test_a_simulated_flight_has_its_own_thrust_bias_and_battery() -> None:
@@ -61,12 +62,25 @@ def test_a_simulated_flight_has_its_own_thrust_bias_and_battery() -> None:
     rig = default_rig().changed(repeatability=stated)
     flights = [of_one_flight(rig, rig, np.random.default_rng(i)) for i in range(40)]
     thrust = [f.thrust.sufferer.thrust_n[-1] / rig.thrust.sufferer.thrust_n[-1] for f in flights]
-    bias_m = [f.effect_value("range-bias", "bias_m", 0.0) for f in flights]
-    sag = [f.effect_value("battery-sag", "sag_per_s", 0.0) for f in flights]
+    hidden = [{e.name: e.parameters for e in flight.effect} for flight in flights]
+    bias_m = [own["range-bias"]["bias_m"].value for own in hidden]
+    sag = [own["battery-sag"]["sag_per_s"].value for own in hidden]
     assert np.std(thrust) == pytest.approx(0.01, rel=0.35)
     assert np.std(bias_m) == pytest.approx(0.002, rel=0.35)
     assert min(sag) == 0.0 < max(sag)
     assert of_one_flight(default_rig(), default_rig(), np.random.default_rng(0)) == default_rig()
+
+
+def test_a_flights_battery_acts_where_the_library_has_it() -> None:
+    rig = default_rig().changed(repeatability={"sag_per_s": 0.001})
+    others = {"range-drift": {"drift_mps": 0.001}, "command-latency": {"latency_s": 0.01}}
+    for known in (others, others | {"battery-sag": {"sag_per_s": 0.002}}):
+        _, effects = varying(rig)[0].moved(constants_of(rig), Chain(known), 0.001)
+        sag = known.get("battery-sag", {"sag_per_s": 0.0})["sag_per_s"] + 0.001
+        wanted = Chain(others | {"battery-sag": {"sag_per_s": sag}})
+        assert [(e.name, dict(v)) for e, v in effects.parts] == [
+            (e.name, dict(v)) for e, v in wanted.parts
+        ]
 
 
 def test_a_fitted_form_is_where_the_correction_begins() -> None:

@@ -24,7 +24,6 @@ from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_ef
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, likely_periods_s
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.gap.systems.gantry.varying import (
-    Active,
     freed,
     own_amounts,
     shifted,
@@ -32,6 +31,7 @@ from wakedeploy.gap.systems.gantry.varying import (
 )
 from wakedeploy.physics.constants import Constants
 from wakedeploy.physics.effects import LIBRARY, Effect, replacing
+from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.physics.series import filtered, smoothed
 
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
@@ -143,8 +143,8 @@ class GantryModel:
         return self._stand.get(episode, np.zeros(len(self._varying)))
 
     def _of_flight(
-        self, constants: Constants, effects: Active, episode: int
-    ) -> tuple[Constants, Active]:
+        self, constants: Constants, effects: Chain, episode: int
+    ) -> tuple[Constants, Chain]:
         """Constants and effects with the deviations that a flight stands at."""
         return shifted(constants, effects, self._varying, self._stood(episode))
 
@@ -155,7 +155,7 @@ class GantryModel:
         score = self._scored(episode, *at, fitted.theta)
         return own_amounts(score, self._own_directions(episode), self._stood(episode))
 
-    def _read(self, fitted: Fit, episode: int) -> tuple[Constants, Active]:
+    def _read(self, fitted: Fit, episode: int) -> tuple[Constants, Chain]:
         """Constants and effects under a fit, a flight's own deviations included."""
         constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
         if not self._varying:
@@ -164,7 +164,7 @@ class GantryModel:
         return shifted(constants, effects, self._varying, amounts)
 
     def _scored(
-        self, episode: int, constants: Constants, effects: Active, theta: FloatArray
+        self, episode: int, constants: Constants, effects: Chain, theta: FloatArray
     ) -> Score:
         """One flight with these constants and effects; of `theta` only the noise counts."""
         flight = self.flights[episode]

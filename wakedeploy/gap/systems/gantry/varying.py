@@ -8,7 +8,7 @@ they vary, `[repeatability]`; each flight's own deviation is integrated out, as 
 In: a rig, one flight's scores. Out: the same scores, freed of what is the flight's own.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,9 +16,9 @@ import numpy as np
 from wakedeploy.core import rig
 from wakedeploy.gap.evidence.inference import FloatArray, Score
 from wakedeploy.physics.constants import Constants, with_constants
-from wakedeploy.physics.effects import LIBRARY, Effect
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import Chain
 
-Active = tuple[tuple[Effect, Mapping[str, float]], ...]
 SAG = "battery-sag"
 _SIMULATED = {SAG: (SAG, "sag_per_s"), "range.bias_m": ("range-bias", "bias_m")}
 
@@ -32,16 +32,17 @@ class Varying:
     unit: str
     sd: float
 
-    def moved(
-        self, constants: Constants, effects: Active, amount: float
-    ) -> tuple[Constants, Active]:
+    def moved(self, constants: Constants, effects: Chain, amount: float) -> tuple[Constants, Chain]:
         """Constants and effects where this flight's differs by an amount, in the own unit."""
         if self.name != SAG:
             return {**constants, self.name: constants[self.name] + amount}, effects
-        own = {effect.name: values for effect, values in effects}.get(SAG, {"sag_per_s": 0.0})
-        others = tuple(entry for entry in effects if entry[0].name != SAG)
-        sag = {"sag_per_s": own["sag_per_s"] + amount}
-        return constants, (*others, (LIBRARY[SAG], sag))
+        values = {effect.name: own for effect, own in effects.parts}
+        sag = {"sag_per_s": values.get(SAG, {"sag_per_s": 0.0})["sag_per_s"] + amount}
+        parts = [part for part in effects.parts if part[0].name != SAG]
+        order = {name: i for i, name in enumerate(LIBRARY)}
+        before = [order.get(effect.name, len(order)) < order[SAG] for effect, _ in parts]
+        parts.insert(sum(before), (LIBRARY[SAG], sag))
+        return constants, Chain.in_order(tuple(parts))
 
     def simulated(self, truth: rig.Rig, amount: float) -> rig.Rig:
         """A simulated gantry with this flight's amount, within what the effect allows."""
@@ -49,7 +50,8 @@ class Varying:
             return with_constants(truth, {self.name: 1.0 + amount})
         effect, parameter = _SIMULATED[self.name]
         p = next(p for p in LIBRARY[effect].parameters if p.name == parameter)
-        value = truth.effect_value(effect, parameter, p.neutral) + amount
+        present = {e.name: e.parameters[parameter].value for e in truth.effect if e.name == effect}
+        value = present.get(effect, p.neutral) + amount
         size = rig.EffectParameter(value=min(max(value, p.low), p.high), unit=p.unit)
         entry = rig.Effect(name=effect, parameters={parameter: size})
         others = tuple(e for e in truth.effect if e.name != effect)
@@ -110,8 +112,8 @@ def freed(score: Score, directions: FloatArray, stand: FloatArray) -> Score:
 
 
 def shifted(
-    constants: Constants, effects: Active, quantities: Sequence[Varying], amounts: FloatArray
-) -> tuple[Constants, Active]:
+    constants: Constants, effects: Chain, quantities: Sequence[Varying], amounts: FloatArray
+) -> tuple[Constants, Chain]:
     """Constants and effects with a flight's own deviations (K,), in standard deviations."""
     for one, amount in zip(quantities, amounts, strict=True):
         constants, effects = one.moved(constants, effects, one.sd * float(amount))
