@@ -49,7 +49,7 @@ def learned(records: Records) -> Section:
 
 def _spread(one: dict[str, float | str]) -> list[str]:
     factor, unit, decimals = _UNITS[str(one["quantity"])]
-    sizes = (float(one[key]) for key in ("sd", "low", "high"))
+    sd, low, high = (float(one[key]) for key in ("sd", "low", "high"))
     true = factor * float(one["true_sd"])
-    found = within(*sizes, decimals, factor)
+    found = within(sd, low, high, decimals, factor)
     return [str(one["quantity"]), f"{true:.{decimals}f} {unit}", f"{found} {unit}"]

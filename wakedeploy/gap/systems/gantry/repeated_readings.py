@@ -128,8 +128,8 @@ def likely_periods_s(
 
     first = np.array([evidence(one, _FAR_S, slice(1)) for one in _PERIODS_S])
     coarse = np.full(len(first), -np.inf)
-    for k in np.flatnonzero(first > first.max() - _RULED_OUT_NATS):
-        coarse[k] = first[k] + evidence(_PERIODS_S[k], _FAR_S, slice(1, None))
+    for left in np.flatnonzero(first > first.max() - _RULED_OUT_NATS).tolist():
+        coarse[left] = first[left] + evidence(_PERIODS_S[left], _FAR_S, slice(1, None))
     found = []
     for k in _highest_two(coarse):
         finer = [(evidence(one, _WANDER_S), one) for one in _PERIODS_S[k] + _FINER]
