@@ -22,6 +22,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, gather, loss_nats
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.gantry.discrepancy import form_hooks
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import Manoeuvre, menu
@@ -210,7 +211,8 @@ def _option(
     names: Sequence[str],
     sizes: Mapping[str, Sequence[float]],
 ) -> Option:
-    log = record(rig, seconds=RANDOM_S, seed=_SEED, plan=manoeuvre.plan(rig))
+    flown = manoeuvre.plan(rig)
+    log = record(rig, seconds=RANDOM_S, seed=_SEED, plan=flown, **form_hooks(rig))
     seconds = len(log) / log.rate_hz
     try:
         flight = flight_from_log(log, rig, manoeuvre.name)
