@@ -101,20 +101,13 @@ class Model(Protocol):
         ...
 
 
-class BatchedModel(Model, Protocol):
-    """A model that scores many parameter sets in about the time of one."""
-
-    def scores(
-        self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
-    ) -> list[tuple[Score, ...]]:
-        """Episodes under parameter sets (K, p): for each set a score of each episode."""
-        ...
-
-
 def scores_of(
     model: Model, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
 ) -> list[tuple[Score, ...]]:
-    """Episodes under parameter sets (K, p), at once where the model can."""
+    """Episodes under parameter sets (K, p): for each set a score of each episode.
+
+    A model that has a `scores` of the same arguments scores them all in about the time of one.
+    """
     together = getattr(model, "scores", None)
     if together is not None:
         found: list[tuple[Score, ...]] = together(hypothesis, thetas, episodes)

@@ -11,7 +11,7 @@ vertical speed.
 """
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -49,11 +49,6 @@ _WAKE = (*_EVEN, *_ODD, *_HEIGHT)
 _SPEED = tuple(f"{PREFIX}friction.speed{i}" for i in range(len(_BEND_MPS)))
 _ALONG = (f"{PREFIX}friction.along",)
 _FRICTION = (*_SPEED, *_ALONG)
-
-
-def is_discrepancy(name: str) -> bool:
-    """Whether a free parameter is of the model's form, and not a constant that was calibrated."""
-    return name.startswith(PREFIX)
 
 
 def free_terms(rig: Rig) -> tuple[Free, ...]:
@@ -153,12 +148,6 @@ def places_of(
 def heights_of(travel_m: float, z_m: FloatArray) -> FloatArray:
     """Heights (N,) from −1 at the stop to 1 at the rail's end."""
     return np.asarray(np.clip(2.0 * z_m / travel_m - 1.0, -1.0, 1.0))
-
-
-def fitted_sizes(free: Sequence[Free], theta: FloatArray) -> dict[str, float]:
-    """The correction's parameters in a fit, by name."""
-    pairs = zip(free, theta, strict=True)
-    return {f.name: float(value) for f, value in pairs if is_discrepancy(f.name)}
 
 
 @dataclass(eq=False)

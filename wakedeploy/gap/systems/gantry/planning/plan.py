@@ -176,7 +176,7 @@ def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:
     constants = constants_of(rig)
     values = []
     for p in LIBRARY[name].parameters:
-        neutral = p.neutral if p.constant is None else constants[p.constant]
+        neutral = p.neutral_on(constants)
         moves = p.constant is not None or p.neutral == 0.0
         values.append(float(np.clip(neutral + (p.scale if moves else 0.0), p.low, p.high)))
     return tuple(values)
