@@ -13,7 +13,7 @@ import numpy as np
 
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.systems.gantry.discrepancy import PREFIX, is_discrepancy
+from wakedeploy.gap.systems.gantry.discrepancy import PREFIX
 from wakedeploy.gap.systems.gantry.reference.learning import Reference
 from wakedeploy.gap.systems.gantry.search.answer import sizes_of
 from wakedeploy.gap.systems.gantry.search.correction import entry_of
@@ -64,7 +64,7 @@ def _spread(reference: Reference, name: str, stated: float) -> float:
 
 def form_learned(reference: Reference) -> dict[str, tuple[float, float]]:
     """The form's sizes and deviations, by name without the prefix."""
-    terms = [f for f in reference.fit.free if is_discrepancy(f.name)]
+    terms = [f for f in reference.fit.free if f.is_form]
     return {
         f.name.removeprefix(PREFIX): (
             reference.fit.value(f.name),
@@ -80,10 +80,7 @@ def form_force_n(reference: Reference) -> float:
     plain = replace(
         fitted,
         theta=np.array(
-            [
-                0.0 if is_discrepancy(f.name) else v
-                for f, v in zip(fitted.free, fitted.theta, strict=True)
-            ]
+            [0.0 if f.is_form else v for f, v in zip(fitted.free, fitted.theta, strict=True)]
         ),
     )
     squares = []
