@@ -127,11 +127,9 @@ def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
         return _Verdict(one, CHANCE)
-    if is_nothing(one.fit, one.name):
-        return _Verdict(one, NO_SIZE)
     weight = cross_weighed(model, before, one.fit)
     if not is_shared(one, chance):
-        return _Verdict(one, ONE_BLOCK, weight)
+        return _Verdict(one, NO_SIZE if is_nothing(one.fit, one.name) else ONE_BLOCK, weight)
     if weight.matters:
         return _Verdict(one, ACCEPTED, weight)
     return _Verdict(one, WORSE if weight.high < 0.0 else HARDLY, weight)
@@ -171,8 +169,9 @@ def _with(model: Comparison, told: Named, accepted: Sequence[_Verdict]) -> Named
         one, weight = verdict.one, verdict.weight
         assert weight is not None
         better, still = settled(model, one.fit)
-        if is_nothing(better, one.name):
-            _mark(searched, one.name, NO_SIZE)
+        follows = candidate(told.found, one.name, better)
+        if not is_shared(follows, searched["threshold_nats"]):
+            _mark(searched, one.name, NO_SIZE if is_nothing(better, one.name) else ONE_BLOCK)
             continue
         rivals = told.rivals
         searched["chosen"] = one.name
@@ -199,7 +198,7 @@ def _pair(model: Comparison, told: Named, first: _Verdict, progress: Progress) -
             continue
         company = replace(told, found=beside)
         further = _with(model, company, [replace(verdict, weight=both)])
-        if further is None or is_nothing(further.found, first.one.name):
+        if further is None:
             continue
         weights = {**further.weights, first.one.name: both}
         unsettled = further.unsettled if still else (*further.unsettled, first.one.name)
@@ -299,6 +298,10 @@ def verdict_of(told: Named) -> str:
         return "class" if len(told.rivals) <= MOST_IN_CLASS else "unknown"
     if told.found.hypothesis:
         return "named"
-    rejected = (e["forecast"] for r in told.rounds for e in r["ranking"] if "forecast" in e)
-    doubtful = any(f["share"] > _UNEXPLAINED and f["low"] > 0.0 for f in rejected)
+    rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
+    doubtful = any(
+        e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE)
+        or (e["forecast"]["share"] > _UNEXPLAINED and e["forecast"]["low"] > 0.0)
+        for e in rejected
+    )
     return "unknown" if doubtful or told.leftover else "none"
