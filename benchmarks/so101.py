@@ -25,10 +25,10 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document
 from wakedeploy.gap.systems.correction import correction_of, write_correction
-from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, named, named_document
 from wakedeploy.gap.systems.system import System
 
 JOINTS = ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll", "jaw")
