@@ -1,7 +1,7 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -171,22 +171,26 @@ def run_steps(
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
+    from wakedeploy.gap.search.artefacts import Artefact, Result
+    from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
+    from wakedeploy.gap.systems.words import sentences
+    from wakedeploy.gap.workflow import run
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
     with at_work(out), stages() as progress:
         progress("reading the logs")
-        folder = Folder(open_model(system_path, measured, columns), out, progress)
+        folder = OwnFolder(open_model(system_path, measured, columns), out, progress)
         try:
-            told = folder.run(step)
-            if step in ("show", "close"):
+            told: Artefact = run(folder, step)
+            if isinstance(told, Result):
                 progress("drawing the report")
                 page = write_page(told, out)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
-    _print(step, told)
+    for sentence in sentences(told):
+        click.echo(sentence)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
         for line in folder.exported:
@@ -194,11 +198,4 @@ def run_steps(
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:
-        write_json(json_path, told)
-
-
-def _print(step: str, told: dict[str, Any]) -> None:
-    from wakedeploy.gap.systems.words import sentences
-
-    for sentence in sentences(step, told):
-        click.echo(sentence)
+        told.write(json_path)

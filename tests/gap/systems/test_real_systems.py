@@ -7,7 +7,8 @@ import pytest
 from scipy.io import loadmat
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.search.rounds import fitted_base, named, shown_document, verdict_of
+from wakedeploy.gap.search.results import before_after
+from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 
@@ -31,4 +32,4 @@ def test_the_positioning_system_lacks_coulomb_and_viscous_friction(recordings):
     assert low < 20.4 < high  # Janot, Gautier and Brunot (2019)
     low, high = told.found.interval("viscous-friction@speed_mps.coefficient")
     assert low < 203.5 < high
-    assert shown_document(model, told)["removed"]["low"] > 0.9
+    assert before_after(model, told.base, told.found).removed.low > 0.9

@@ -1,6 +1,6 @@
-"""Which effects a system lacks, found one after another, and what they close on sealed episodes.
+"""Which effects a system lacks, found one after another.
 
-In: a `Comparison`. Out: what `find`, `name` and `show` tell of it. An effect is named if it is
+In: a `Comparison`. Out: what was named, and every round of the search. An effect is named if it is
 evident (it gains more than chance on episodes that it was not fitted to, and so does every likely
 sum of episodes) and if it matters (what is predicted of sealed episodes gets better by it). One
 that is not does not end the search: the next one is tried.
@@ -14,21 +14,16 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.evidence.inference import Fit, applied, fit, held_out, settled
+from wakedeploy.gap.evidence.inference import Fit, fit, held_out, settled
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
-from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import CLASS_NATS, FEWEST_IN_ALL, MOST_IN_CLASS
-from wakedeploy.gap.search.comparison import Comparison, errors, residual_series
-from wakedeploy.gap.search.places import disagreements
-from wakedeploy.gap.search.residual_profiles import profiles
+from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
+from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.scan import Weight, elaborates, ranked, simpler, weighed
-from wakedeploy.gap.search.sizes import Sizes, least_squares, over_rounds, parameters
+from wakedeploy.gap.search.sizes import least_squares, parameters
 
-MOST_EFFECTS = 4
 _TRIED = 6  # candidates of a round that are looked at on the sealed blocks
 NO_SIZE = "its size's interval holds no effect"
-_UNEXPLAINED = 0.1  # share of the error that a rejected effect removed: something is missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +57,7 @@ def fitted_base(model: Comparison) -> Fit:
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters."""
     told = Named(base, base, [])
-    while len(told.found.hypothesis) < MOST_EFFECTS:
+    while len(told.found.hypothesis) < RULES.most_effects:
         told, goes_on = _round(model, told, progress)
         if not goes_on:
             break
@@ -158,9 +153,9 @@ def _rivals_with(best: Candidate, other: Candidate) -> bool:
     apart = best.gains - other.gains
     count = len(apart)
     if count < 2:
-        return float(apart.sum()) < CLASS_NATS
+        return float(apart.sum()) < RULES.class_nats
     reach = float(student_t.ppf(0.95, count - 1)) * float(apart.std(ddof=1)) * count**0.5
-    return bool(float(apart.sum()) - reach < CLASS_NATS)
+    return bool(float(apart.sum()) - reach < RULES.class_nats)
 
 
 def _entry(one: Candidate, base: Fit) -> dict[str, Any]:
@@ -213,122 +208,9 @@ def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
 def verdict_of(told: Named) -> str:
     """The answer in a word: named, class, none or unknown."""
     if told.rivals:
-        return "class" if len(told.rivals) <= MOST_IN_CLASS else "unknown"
+        return "class" if len(told.rivals) <= RULES.most_in_class else "unknown"
     if told.found.hypothesis:
         return "named"
     rejected = (e for r in told.rounds for e in r["ranking"] if "forecast" in e)
-    doubtful = any(e["forecast"]["share"] > _UNEXPLAINED for e in rejected)
+    doubtful = any(e["forecast"]["share"] > RULES.unexplained_share for e in rejected)
     return "unknown" if doubtful else "none"
-
-
-def concluded(model: Comparison, progress: Progress = quiet) -> dict[str, Any]:
-    """What find, name and show tell, together."""
-    progress("fitting the baseline")
-    base = fitted_base(model)
-    found = found_document(model, base)
-    told = named(model, base, progress)
-    return found | named_document(model, told) | shown_document(model, told)
-
-
-def found_document(model: Comparison, base: Fit) -> dict[str, Any]:
-    """Where system and recordings disagree, as `find.json` has it."""
-    maps, places = disagreements(*residual_series(model, base, base.episodes))
-    return {
-        "domain": model.name,
-        "episodes": [r.name for r in model.records],
-        "sealed": [model.records[e].name for e in model.sealed()],
-        "where": places,
-        "maps": maps,
-        "constants": _constants(base),
-    }
-
-
-def named_document(model: Comparison, told: Named) -> dict[str, Any]:
-    """Which effects, as `name.json` has it."""
-    own = _sizes(model, told)
-    return {
-        "domain": model.name,
-        "verdict": verdict_of(told),
-        "class": list(told.rivals),
-        "threshold_nats": told.rounds[0]["threshold_nats"] if told.rounds else 0.0,
-        "effects": [_effect(told, name, own) for name in told.found.hypothesis],
-        "parameters": own,
-        "constants": _constants(told.found),
-        "noise": _noise(told.found),
-        "rounds": told.rounds,
-        "unsettled": list(told.unsettled),
-        "sealed_gain_nats": _sealed_gain(model, told.base, told.found),
-        "placebo": _placebo(model, told),
-    }
-
-
-def shown_document(model: Comparison, told: Named) -> dict[str, Any]:
-    """The gap before and after on sealed episodes, and what the page shows beside it."""
-    sealed = model.sealed()
-    before, after = (errors(model, f, sealed) for f in (told.base, told.found))
-    weight = weighed(model, told.base, told.found, sealed)
-    return {
-        "gap": {
-            name: {"before": before[c], "after": after[c], "unit": unit}
-            for c, (name, unit) in enumerate(model.channels)
-        },
-        "removed": asdict(weight),
-        "white": {
-            "before": whiteness(told.base).as_json(),
-            "after": whiteness(told.found).as_json(),
-        },
-        "shown": profiles(model, told.base, told.found, sealed),
-    }
-
-
-def _sealed_gain(model: Comparison, base: Fit, found: Fit) -> float:
-    after, before = (applied(model, f, model.sealed()) for f in (found, base))
-    return after.log_likelihood - before.log_likelihood
-
-
-def _placebo(model: Comparison, told: Named) -> dict[str, Any] | None:
-    """The best wrong effect in place of the right ones, of those that nothing confuses with them.
-
-    Of the first ranking, without what was found and without the members of any round's class.
-    """
-    claimed = {*told.found.hypothesis, *(n for r in told.rounds for n in r.get("class", ()))}
-    wrong = next((c for c in told.alone if c.name not in claimed), None)
-    if not told.found.hypothesis or wrong is None:
-        return None
-    before, after = (errors(model, f, model.sealed()) for f in (told.base, wrong.fit))
-    gain = _sealed_gain(model, told.base, wrong.fit)
-    return {"name": wrong.name, "before": before, "after": after, "sealed_gain_nats": gain}
-
-
-def _sizes(model: Comparison, told: Named) -> Sizes:
-    """Of what was found; wider where the innovations are not white."""
-    plain = least_squares(model, told.found)
-    own = parameters(told.found, told.found.hypothesis, plain)
-    if plain is None:
-        return own
-    return {name: over_rounds(name, entry, told.rounds) for name, entry in own.items()}
-
-
-def _effect(told: Named, name: str, own: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    mine = {k.split(".", 1)[1]: v for k, v in own.items() if k.startswith(f"{name}.")}
-    return {"name": name, "parameters": mine, "forecast": asdict(told.weights[name])}
-
-
-def _constants(fitted: Fit) -> dict[str, dict[str, Any]]:
-    """Every constant that was fitted, with its interval."""
-    told = {}
-    for free in fitted.free:
-        if free.name.startswith("constant."):
-            low, high = fitted.interval(free.name)
-            value = {"value": fitted.value(free.name), "low": low, "high": high}
-            told[free.name.removeprefix("constant.")] = value | {"unit": free.unit}
-    return told
-
-
-def _noise(fitted: Fit) -> dict[str, dict[str, Any]]:
-    """Noise parameters, which are fitted as logarithms."""
-    return {
-        f.name: {"value": float(np.exp(fitted.value(f.name))), "unit": f.unit}
-        for f in fitted.free
-        if f.name.startswith("noise.")
-    }

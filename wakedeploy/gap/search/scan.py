@@ -26,15 +26,12 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
 
 CLIMBED = 5  # candidates that are fitted to the end
 DRAWS = 200  # of what chance would bring
-CHANCE = 0.95  # of which this quantile has to be passed
 _PARTS = (1.0, 0.3, 0.1)  # of a step, as far as the likelihood rises
-LEAST_NATS = 3.0
-LEAST_SHARE = 0.01  # of the squared forecast error that an effect has to remove to matter
-SIMPLER = 0.8  # of a gain that a simpler kind has to reach to be named first
 _SIMPLER_KINDS = {
     "pre-sliding-friction": ("coulomb-friction",),
     "stribeck-friction": ("coulomb-friction",),
@@ -64,7 +61,7 @@ class Weight:
     @property
     def matters(self) -> bool:
         """Whether the forecast gets better by it."""
-        return self.share >= LEAST_SHARE and self.low > 0.0
+        return self.share >= RULES.least_share and self.low > 0.0
 
 
 def ranked(
@@ -79,7 +76,7 @@ def ranked(
     found = []
     for i, seen in enumerate(order):
         fitted = seen.fit
-        if i < CLIMBED and fitted.objective > base.objective + LEAST_NATS:
+        if i < CLIMBED and fitted.objective > base.objective + RULES.least_nats:
             fitted = fit(model, fitted.hypothesis, base.episodes, fitted.theta)
             steps(len(names) + i + 1, len(names) + CLIMBED)
         found.append(candidate(base, seen.name, fitted))
@@ -106,8 +103,10 @@ def chance_nats(base: Fit, looks: Sequence[Look], seed: int = 0) -> float:
             gains = _projected(own, len(prior), q, rest)
             best = np.maximum(best, gains - own.shape[1])
     half = draws.shape[1] // 2
-    each = [float(np.quantile(part, CHANCE)) for part in (best[:half], best[half:])]
-    return max(*each, LEAST_NATS)
+    each = [
+        float(np.quantile(part, 1.0 - RULES.false_alarms)) for part in (best[:half], best[half:])
+    ]
+    return max(*each, RULES.least_nats)
 
 
 def weighed(model: Comparison, before: Fit, after: Fit, sealed: Sequence[int]) -> Weight:
@@ -297,6 +296,6 @@ def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
         one = candidate(base, name, fit(model, hypothesis, base.episodes, start))
-        if one.gain_nats >= SIMPLER * best.gain_nats:
+        if one.gain_nats >= RULES.simpler_share * best.gain_nats:
             return one
     return best
