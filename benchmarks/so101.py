@@ -26,8 +26,8 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.search.artefacts import Ranked
+from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.rounds import fitted_base, named
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel

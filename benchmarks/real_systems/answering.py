@@ -21,8 +21,8 @@ from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.rounds import fitted_base, named
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System, checked

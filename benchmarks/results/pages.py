@@ -16,6 +16,7 @@ from benchmarks.results import (
     gap_domains,
     hostile,
     interrupted,
+    known_plants,
     learning,
     live,
     readme,
@@ -58,6 +59,7 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap.power,
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
+        *((known_plants.counted,) if (records.FOLDER / known_plants.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
         simulators.downwash_speed,

@@ -19,7 +19,6 @@ from runtime.compiled.driven import driven
 from wakedeploy.core.manifest import Manifest
 from wakedeploy.core.onnx_graph import Graph
 
-
 _DAMPING = 1e-3  # of the mean square of an activation: directions that the inputs did not show
 
 

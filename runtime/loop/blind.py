@@ -14,7 +14,7 @@ from runtime.loop.estimator import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig
 from wakedeploy.physics.effects.chain import believed
-from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 SINK_MPS = 0.3  # downwards, when the brake ends
@@ -144,9 +144,8 @@ class BlindPlanner:
 
     def _gained_mps(self, now: Reckoned, trim: TrimReader, held_us: float, span_s: float) -> float:
         """The speed [m/s] gained while a pulse is held and the source stays as it is."""
-        speed, target = now.rotor_speed, math.sqrt(self._rig.thrust.sufferer.thrust(held_us))
-        after = spooled(speed, target, self._rig.spool.sufferer, span_s)
-        thrust_n = mean_thrust(speed, after, self._rig.spool.sufferer)
+        curve, lag = self._rig.thrust.sufferer, self._rig.spool.sufferer
+        _, thrust_n = held_pulse(curve, lag, now.rotor_speed, held_us, span_s)
         wake_n = trim.wake_n(now.x_m, now.z_m, 0.5 * span_s, span_s)
         return self._force_n(now, trim, thrust_n, wake_n) / self._mass_kg * span_s
 
@@ -189,9 +188,7 @@ class BlindPlanner:
             last_mps = before.likely_mps if alike > 0 else 0.0
             # What holds it down while it is still seen to move is no sensor's fault.
             held_n = max(now.rotor_speed**2 - self._weight_n, 0.0)
-            return Rise(
-                since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n
-            )
+            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
         carried_n = now.rotor_speed**2 + wake_n - before.held_n
         lifting_n = carried_n - _RISE_SHARE * self._weight_n

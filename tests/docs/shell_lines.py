@@ -51,7 +51,7 @@ NOT_RUN = {
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
     r" --from-symbolic": "needs a gap that no effect explains; tests/gap add one",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
-    r" (--live|live \S|log browse)": "serves a page until it is stopped; tests/live do it",
+    r" (--live|--foxglove|live \S|log browse)": "serves until it is stopped; tests/live do it",
     r" --firmware": "needs the AVR compiler; tests/firmware fly the sketch on a simulated chip",
     r" (.* --wall-clock|bench latency)": "needs a quiet machine; the tests marked wallclock do it",
     r" --install-completion": "writes into the home; tests/cli/test_completion.py has one to give",

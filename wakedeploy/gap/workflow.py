@@ -16,8 +16,8 @@ from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
 from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.judging import fitted_base, named
 from wakedeploy.gap.search.results import answer_of, before_after, found_in
-from wakedeploy.gap.search.rounds import fitted_base, named
 
 STEPS = ("find", "name", "add", "show")
 

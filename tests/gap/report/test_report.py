@@ -14,7 +14,6 @@ from fabricated_artefacts import NAMES, fabricate, fabricated_map
 from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan import plan
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.markup import element, table
 from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.report.maps import strongest_maps
 from wakedeploy.gap.report.page import PICTURES, write_report
@@ -355,12 +354,6 @@ def test_numbers_carry_the_digits_that_their_interval_allows():
 def test_the_share_closed_is_of_squares_above_the_floor():
     assert closed_share({"before": 5.0, "after": 4.0, "noise_floor": 3.0}) == pytest.approx(9 / 16)
     assert np.isnan(closed_share({"before": 3.0, "after": 3.0, "noise_floor": 3.0}))
-
-
-def test_markup_escapes_everything_but_markup():
-    cell = element("b", "<i>", title='"')
-    assert cell == '<b title="&quot;">&lt;i&gt;</b>'
-    assert cell in table(["<"], [[cell]])
 
 
 def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():

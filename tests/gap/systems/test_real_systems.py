@@ -7,8 +7,8 @@ import pytest
 from scipy.io import loadmat
 
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import before_after
-from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 

@@ -4,25 +4,43 @@ In: a `Result`, as domain.json has it. Out: `report.html` and `figures/*.png` in
 May import what `wakedeploy.gap` may.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from wakedeploy.core import figures
+from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.core.markup import Markup, element, page, picture, table, together
 from wakedeploy.gap.report import system_charts
 from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
 from wakedeploy.gap.report.maps import draw_places
 from wakedeploy.gap.report.summary import place_words
 from wakedeploy.gap.report.tables import ranking_table, whiteness
-from wakedeploy.gap.search.artefacts import LabelAudit, Result, Round, SingleSteps, Size
+from wakedeploy.gap.search.artefacts import LabelAudit, Result, Round, SingleSteps
 from wakedeploy.gap.wording import counted, listed, measured, number, probability, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PLACES = 12
+_CAPTIONS = {
+    "places": (
+        "The mean residual on the sealed episodes over every coordinate, before and after; the six "
+        "that change most."
+    ),
+    "ranking": (
+        "What each effect gains on episodes that it was not fitted to, with 90 % intervals over "
+        "the episodes. Left of the threshold is what simulations of the baseline gain by chance. "
+        "Orange: accepted; blue: above the threshold and not chosen."
+    ),
+    "gap": "Error per channel, noise not removed.",
+    "trace": "The sealed episode whose error fell by the median share.",
+    "autocorrelation": (
+        "Whitened innovations of the fitted episodes: noise alone stays within the band 19 times "
+        "in 20."
+    ),
+}
+
+Drawing = Callable[[], "Figure | None"]
 
 
 def write_page(result: Result, out: Path) -> Path:
@@ -31,98 +49,78 @@ def write_page(result: Result, out: Path) -> Path:
     Raises UnusableInput when the page or a figure cannot be written.
     """
     title = f"The gap in the domain {result.domain}"
-    body = [element("h1", title), *_steps(result, out, "")]
+    accounts = [_account(title, result, out, "")]
     if result.far is not None:
-        body += [element("h1", "The same, where no wake is"), *_steps(result.far, out, "far_")]
-    body.append(_further(result, out))
+        accounts.append(_account("The same, where no wake is", result.far, out, "far_"))
+    told = {"title": title, "accounts": accounts, "further": _further(result, out)}
     path = out / "report.html"
-    write_text_whole(path, page(title, *body))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
     return path
 
 
-def _steps(result: Result, out: Path, prefix: str) -> list[Markup]:
-    """Verdict, where, which, how much smaller: one section each."""
-    plain = result.as_json()  # for figures that the gantry's report has, too
-
-    def draw(name: str, caption: str, drawn: "Figure | None") -> Markup:
-        return _picture(out / "figures" / f"{prefix}{name}.png", caption, drawn)
-
-    with figures.style():
-        return [
-            _opening(result),
-            _section(
-                "Where they disagree",
-                _places(result),
-                draw(
-                    "places",
-                    "The mean residual on the sealed episodes over every coordinate, before and "
-                    "after; the six that change most.",
-                    draw_places(plain["shown"], {}),
-                ),
-            ),
-            _section(
-                "Which effect explains it",
-                draw(
-                    "ranking",
-                    "What each effect gains on episodes that it was not fitted to, with 90 % "
-                    "intervals over the episodes. Left of the threshold is what simulations of the "
-                    "baseline gain by chance. Orange: accepted; blue: above the threshold and not "
-                    "chosen.",
-                    draw_ranking(plain),
-                ),
-                _alone(result.rounds),
-            ),
-            _section(
-                "The gap before and after, on sealed episodes",
-                draw("gap", "Error per channel, noise not removed.", draw_gaps(plain)),
-                _placebo(result),
-                draw(
-                    "trace",
-                    "The sealed episode whose error fell by the median share.",
-                    system_charts.draw_trace(result.shown.trace),
-                ),
-                whiteness(plain["white"]["before"], "the baseline"),
-                whiteness(plain["white"]["after"], "the baseline with what was found"),
-                draw(
-                    "autocorrelation",
-                    "Whitened innovations of the fitted episodes: noise alone stays within the "
-                    "band 19 times in 20.",
-                    system_charts.draw_autocorrelation(result.white, list(result.gap)),
-                ),
-            ),
-        ]
+def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, Any]:
+    """Verdict, where, which, how much smaller."""
+    plain = result.as_json()  # for what the gantry's report draws, too
+    drawings: dict[str, Drawing] = {
+        "places": lambda: draw_places(plain["shown"], {}),
+        "ranking": lambda: draw_ranking(plain),
+        "gap": lambda: draw_gaps(plain),
+        "trace": lambda: system_charts.draw_trace(result.shown.trace),
+        "autocorrelation": lambda: system_charts.draw_autocorrelation(
+            result.white, list(result.gap)
+        ),
+    }
+    folder, episodes = out / "figures", counted(len(result.episodes), "episode")
+    return {
+        "title": title,
+        "counts": f"{episodes}, {len(result.sealed)} of them sealed",
+        "verdict": _verdict(result),
+        "sizes": _sizes(result),
+        "places": _places(result),
+        "alone": _alone(result.rounds),
+        "placebo": _placebo(result),
+        "doubt": _doubt(result.doubted),
+        "white": [
+            whiteness(plain["white"]["before"], "the baseline"),
+            whiteness(plain["white"]["after"], "the baseline with what was found"),
+        ],
+        "pictures": {
+            name: _picture(folder / f"{prefix}{name}.png", _CAPTIONS[name], drawing)
+            for name, drawing in drawings.items()
+        },
+    }
 
 
-def _opening(result: Result) -> Markup:
-    """The verdict in words, and the sizes."""
+def _doubt(doubted: Sequence[str]) -> str:
+    """Which of the effects found the sealed episodes speak against; "" for none."""
+    if not doubted:
+        return ""
+    return f"Doubt {listed(doubted)}: with it, the error on the sealed episodes grew."
+
+
+def _verdict(result: Result) -> str:
     rivals = result.rivals
     too_many = f"The baseline lacks one of {listed(rivals, 'or')}: too many to call it a class."
-    verdict = {
+    return {
         "named": f"The baseline lacks {listed([e.name for e in result.effects])}.",
         "class": f"The baseline lacks one of {listed(rivals, 'or')}: they cannot be told apart.",
         "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",
     }[result.verdict]
+
+
+def _sizes(result: Result) -> pages.Table:
     rows = [
-        [effect.name, name, _measured(size)]
+        [effect.name, name, measured(size.value, size.low, size.high, size.unit)]
         for effect in result.effects
         for name, size in effect.parameters.items()
     ]
-    episodes = f"{counted(len(result.episodes), 'episode')}, {len(result.sealed)} of them sealed"
-    return together(
-        element("p", episodes, class_="soft"),
-        element("p", verdict, class_="account"),
-        table(["effect", "parameter", "value (90 % interval)"], rows),
-    )
+    return pages.Table(["effect", "parameter", "value (90 % interval)"], rows)
 
 
-def _measured(size: Size) -> str:
-    return measured(size.value, size.low, size.high, size.unit)
-
-
-def _places(result: Result) -> Markup:
+def _places(result: Result) -> pages.Table | None:
     if not result.where:
-        return element("p", "Nowhere beyond noise.")
+        return None
     rows = [
         [
             place_words(place.model_dump()).split(":")[0],
@@ -134,13 +132,13 @@ def _places(result: Result) -> Markup:
     ]
     if len(result.where) > _MOST_PLACES:
         rows.append([f"and {len(result.where) - _MOST_PLACES} more in domain.json", "", "", ""])
-    return table(["place", "channel", "mean residual", "significance"], rows)
+    return pages.Table(["place", "channel", "mean residual", "significance"], rows)
 
 
-def _alone(rounds: list[Round]) -> Markup:
+def _alone(rounds: Sequence[Round]) -> pages.Table | None:
     """The first ranking as a table; the parameters without their effect's name."""
     if not rounds:
-        return Markup()
+        return None
     ranking = [
         one.model_dump()
         | {
@@ -154,61 +152,60 @@ def _alone(rounds: list[Round]) -> Markup:
     return ranking_table({"rounds": [{"ranking": ranking}]})
 
 
-def _placebo(result: Result) -> Markup:
+def _placebo(result: Result) -> str:
     placebo = result.placebo
     if placebo is None:
-        return Markup()
-    left = [
+        return ""
+    errors = [
         f"{name} {quantity(before, error.unit)} → {quantity(after, error.unit)}"
         for (name, error), before, after in zip(
             result.gap.items(), placebo.before, placebo.after, strict=True
         )
     ]
-    return element(
-        "p",
-        f"The best other effect instead, {placebo.name}: {'; '.join(left)}. On the sealed episodes "
-        f"it gains {placebo.sealed_gain_nats:.1f} nats, what was found "
-        f"{result.sealed_gain_nats:.1f}.",
+    return (
+        f"The best other effect instead, {placebo.name}: {'; '.join(errors)}. On the sealed "
+        f"episodes it gains {placebo.sealed_gain_nats:.1f} nats, what was found "
+        f"{result.sealed_gain_nats:.1f}."
     )
 
 
-def _further(result: Result, out: Path) -> Markup:
+def _further(result: Result, out: Path) -> list[object]:
     """What only this domain tells: an independent estimate, a profile, an audit, the truth."""
     folder = out / "figures"
-    with figures.style():
-        parts = [
-            _single_steps(result.single_steps),
-            _picture(
-                folder / "delay_profile.png",
-                "The largest log likelihood at each transport delay, everything else refitted. "
-                "Lower summits are aliases; how far they lie below the best is what speaks against "
-                "them.",
-                system_charts.draw_delay_profile(result.delay_profile),
-            ),
-            _picture(
-                folder / "phase_delay.png",
-                "The phase delay from foil to tip over the frequency, from the cross-spectrum: an "
-                "estimate that takes no model.",
-                system_charts.draw_phase_delay(result.phase_delay),
-            ),
-            _label(result.label),
-            _hidden(result.hidden),
-        ]
-    return _section("Told independently", *parts) if any(parts) else Markup()
+    parts = [
+        _single_steps(result.single_steps),
+        _picture(
+            folder / "delay_profile.png",
+            "The largest log likelihood at each transport delay, everything else refitted. Lower "
+            "summits are aliases; how far they lie below the best is what speaks against them.",
+            lambda: system_charts.draw_delay_profile(result.delay_profile),
+        ),
+        _picture(
+            folder / "phase_delay.png",
+            "The phase delay from foil to tip over the frequency, from the cross-spectrum: an "
+            "estimate that takes no model.",
+            lambda: system_charts.draw_phase_delay(result.phase_delay),
+        ),
+        _label(result.label),
+        _hidden(result.hidden),
+    ]
+    return [part for part in parts if part]
 
 
-def _single_steps(steps: SingleSteps | None) -> Markup:
+def _single_steps(steps: SingleSteps | None) -> pages.Table | None:
     """Motor: an exponential fitted to each step alone."""
     if steps is None:
-        return Markup()
+        return None
     rows = [
         [name, str(way.steps), quantity(way.median_s, "s")]
         for name, way in (("up", steps.up), ("down", steps.down))
     ]
-    return table(["exponential fitted to each step alone", "steps", "median time constant"], rows)
+    return pages.Table(
+        ["exponential fitted to each step alone", "steps", "median time constant"], rows
+    )
 
 
-def _label(groups: Mapping[str, LabelAudit]) -> Markup:
+def _label(groups: Mapping[str, LabelAudit]) -> pages.Table:
     """Quadrotor: the label as published, and with what turning axes keep back given back to it."""
     rows = [
         [
@@ -219,22 +216,22 @@ def _label(groups: Mapping[str, LabelAudit]) -> Markup:
         ]
         for name, group in groups.items()
     ]
-    return table(["flights", "recorded", "vertical label, rms", "axes not turning, rms"], rows)
+    return pages.Table(
+        ["flights", "recorded", "vertical label, rms", "axes not turning, rms"], rows
+    )
 
 
-def _hidden(truth: Mapping[str, float]) -> Markup:
+def _hidden(truth: Mapping[str, float]) -> pages.Table:
     """Downwash: what had been put in."""
     rows = [[name, f"{number(value):g}"] for name, value in truth.items()]
-    return table(["what had been hidden", "value"], rows)
+    return pages.Table(["what had been hidden", "value"], rows)
 
 
-def _picture(path: Path, caption: str, drawn: "Figure | None") -> Markup:
-    if drawn is None:
+def _picture(path: Path, caption: str, drawing: Drawing) -> pages.Picture | None:
+    with figures.style():
+        figure = drawing()
+    if figure is None:
         path.unlink(missing_ok=True)  # of an earlier run
-        return Markup()
-    figures.save(drawn, path)
-    return picture(path, caption)
-
-
-def _section(title: str, *inside: str) -> Markup:
-    return element("section", element("h2", title), *inside)
+        return None
+    figures.save(figure, path)
+    return pages.Picture(path, caption)

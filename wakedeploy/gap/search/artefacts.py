@@ -119,6 +119,27 @@ class Effect(_Part):
     forecast: Forecast
 
 
+class Followed(_Part):
+    """The coordinate that a push follows: its share of the push, and means over ranges."""
+
+    coordinate: str
+    unit: str
+    share: Number
+    edges: list[Number]
+    means: list[Number]
+
+
+class Leftover(_Part):
+    """A push on a state's rate that nothing explains: its sd, and its share of the usual rate."""
+
+    state: str
+    sd: Number
+    unit: str
+    lasts_s: Number
+    share: Number
+    against: Followed | None = None
+
+
 class Map(_Part):
     """Mean residuals of a channel over ranges of a coordinate; `edges` has one more than `mean`."""
 
@@ -262,16 +283,21 @@ class Answer(Artefact):
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]
+    unexplained: list[Leftover] = []
     sealed_gain_nats: Number
     placebo: Placebo | None = None
     found_theta: dict[str, Number] = {}
 
 
 class BeforeAfter(Artefact):
-    """The gap on sealed episodes before and after, as domain.json has it beside the answer."""
+    """The gap on sealed episodes before and after, as domain.json has it beside the answer.
+
+    `doubted` are effects with which the error there grew.
+    """
 
     gap: dict[str, Error]
     removed: Forecast
+    doubted: list[str] = []
     white: WhitePair
     shown: Shown
     forecast_s: Number | None = None

@@ -17,6 +17,7 @@ from wakedeploy.gap.search.artefacts import (
     Effect,
     Error,
     Forecast,
+    Leftover,
     Map,
     Place,
     Placebo,
@@ -29,11 +30,11 @@ from wakedeploy.gap.search.artefacts import (
     WhitePair,
 )
 from wakedeploy.gap.search.comparison import Comparison, errors, residual_series
+from wakedeploy.gap.search.judging import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
-from wakedeploy.gap.search.rounds import Named, verdict_of
-from wakedeploy.gap.search.scan import weighed
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
+from wakedeploy.gap.search.weighing import weighed
 
 
 def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
@@ -67,6 +68,7 @@ def answer_of(model: Comparison, told: Named, key: str = "") -> Answer:
         noise=_noise(told.found),
         rounds=rounds,
         unsettled=list(told.unsettled),
+        unexplained=[Leftover.model_validate(one) for one in told.leftover],
         sealed_gain_nats=_sealed_gain(model, told.base, told.found),
         placebo=_placebo(model, told),
         found_theta=theta_of(told.found),
@@ -82,6 +84,7 @@ def before_after(
     """
     sealed = model.sealed()
     before, after = (errors(model, f, sealed) for f in (base, found))
+    removed = weighed(model, base, found, sealed)
     return BeforeAfter(
         domain=model.name,
         key=key,
@@ -89,7 +92,8 @@ def before_after(
             name: Error(before=before[c], after=after[c], unit=unit)
             for c, (name, unit) in enumerate(model.channels)
         },
-        removed=Forecast(**asdict(weighed(model, base, found, sealed))),
+        removed=Forecast(**asdict(removed)),
+        doubted=list(found.hypothesis) if removed.high < 0.0 else [],
         white=WhitePair(before=_white(base), after=_white(found)),
         shown=Shown(**profiles(model, base, found, sealed)),
         forecast_s=forecast_s,

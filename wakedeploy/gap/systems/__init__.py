@@ -28,4 +28,4 @@ def open_domain(name: str, path: Path | None) -> ResponseModel:
 def with_further(name: str, model: ResponseModel, result: Result, progress: Progress) -> Result:
     """A result with what the domain alone tells: other estimates, profiles, an audit of labels."""
     module = importlib.import_module(f"wakedeploy.gap.systems.{name}")
-    return Result(**dict(result), **module.further(model, progress))
+    return Result(**{**dict(result), **module.further(model, progress)})

@@ -1,6 +1,7 @@
 """What a step found in a user's system, as sentences for a terminal."""
 
 from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Result, Size
+from wakedeploy.gap.search.judging import ACCEPTED, CHANCE
 from wakedeploy.gap.wording import listed
 
 _MOST_PLACES, _MOST_RANKED = 6, 5
@@ -11,7 +12,7 @@ def sentences(told: Artefact) -> list[str]:
     if isinstance(told, Disagreements) and not isinstance(told, Result):
         return _found(told)
     assert isinstance(told, Answer)
-    lines = [_verdict(told), *_effects(told), *_rejected(told)]
+    lines = [_verdict(told), *_effects(told), *_unexplained(told), *_rejected(told)]
     return lines + _gap(told) if isinstance(told, Result) else lines
 
 
@@ -35,7 +36,7 @@ def _verdict(told: Answer) -> str:
         return f"The system lacks {listed([e.name for e in told.effects])}."
     if told.verdict == "none":
         return "Nothing that matters is missing from the system."
-    return "Something is missing that no single effect explains."
+    return "Something acts on the system that no known effect explains."
 
 
 def _effects(told: Answer) -> list[str]:
@@ -44,11 +45,29 @@ def _effects(told: Answer) -> list[str]:
         sizes = ", ".join(_size(*one) for one in effect.parameters.items())
         share = effect.forecast
         lines.append(
-            f"  {effect.name}: {sizes}; removes {_percent(share.share)} of the squared "
-            f"forecast error of sealed blocks [{_percent(share.low)}, {_percent(share.high)}]"
+            f"  {effect.name}: {sizes}; removes {_percent(share.share)} of the squared forecast "
+            f"error where it was not fitted [{_percent(share.low)}, {_percent(share.high)}]"
         )
     for name in told.unsettled:
         lines.append(f"  The fit with {name} had not settled: its size is a lower guess.")
+    return lines
+
+
+def _unexplained(told: Answer) -> list[str]:
+    """What still acts: on which rate, how large, how long, and what it follows."""
+    lines = []
+    for one in told.unexplained:
+        lines.append(
+            f"  Not explained: on {one.state}, {one.sd:.3g} {one.unit} (sd) that last "
+            f"{one.lasts_s:.2g} s, {_percent(one.share)} of the usual rate."
+        )
+        at = one.against
+        if at is not None:
+            lines.append(
+                f"    It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
+                f"from {at.means[0]:+.3g} {one.unit} at {at.edges[0]:.3g} {at.unit} "
+                f"to {at.means[-1]:+.3g} {one.unit} at {at.edges[-1]:.3g} {at.unit}."
+            )
     return lines
 
 
@@ -68,7 +87,7 @@ def _rejected(told: Answer) -> list[str]:
     return [
         f"  Not named: {one.name}: {one.judged}."
         for one in told.rounds[-1].ranking[:_MOST_RANKED]
-        if one.judged not in ("", "accepted", "no more than chance")
+        if one.judged not in ("", ACCEPTED, CHANCE)
     ]
 
 
