@@ -1,5 +1,6 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ from wakedeploy.cli.output import json_option, print_table, write_json
 
 if TYPE_CHECKING:
     from wakedeploy.core.recording import Recording
+    from wakedeploy.gap.search.artefacts import Result
     from wakedeploy.gap.systems.logs import LogModel
     from wakedeploy.gap.systems.system import System
 
@@ -185,7 +187,11 @@ def run_steps(
             told: Artefact = run(folder, step)
             if isinstance(told, Result):
                 progress("drawing the report")
-                page = write_page(told, out)
+                asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
+                asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
+                after = _next(told, system_path, " ".join(asked), out)
+                said = [each.strip() for each in sentences(told)]
+                page = write_page(told, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
@@ -199,3 +205,14 @@ def run_steps(
         click.echo(f"Report: {page}")
     if json_path:
         told.write(json_path)
+
+
+def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
+    """Replay with what was found; where nothing was, see what the logs could have shown."""
+    from wakedeploy.gap.systems.own_folder import CORRECTION
+
+    system = shlex.quote(str(system_path))
+    if not told.effects:
+        return [f"wakedeploy gap check {system} {logs}"]
+    correction = shlex.quote(str(out / CORRECTION))
+    return [f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"]

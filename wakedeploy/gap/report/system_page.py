@@ -43,16 +43,26 @@ _CAPTIONS = {
 Drawing = Callable[[], "Figure | None"]
 
 
-def write_page(result: Result, out: Path) -> Path:
+def write_page(
+    result: Result,
+    out: Path,
+    *,
+    said: Sequence[str] = (),
+    next_commands: Sequence[str] = (),
+) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
+
+    `said` is the answer in sentences, where there is more to say than the verdict; `next_commands`
+    stand on the page, to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
-    title = f"The gap in the domain {result.domain}"
+    title = f"Simulation against measurement: {result.domain}"
     accounts = [_account(title, result, out, "")]
     if result.far is not None:
         accounts.append(_account("The same, where no wake is", result.far, out, "far_"))
     told = {"title": title, "accounts": accounts, "further": _further(result, out)}
+    told |= {"next": next_commands, "said": said}
     path = out / "report.html"
     write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
     return path
