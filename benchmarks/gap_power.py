@@ -81,7 +81,7 @@ def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any
     for case in cases:
         (name,) = case.effects
         first = LIBRARY[name].parameters[0]
-        neutral = first.neutral if first.constant is None else constants_of(rig)[first.constant]
+        neutral = first.neutral_on(constants_of(rig))
         amount = evidence.columns[evidence.of(name)[0]].amount
         factor = (case.effects[name][first.name] - neutral) / amount
         outcome = draws.outcomes(name, np.array([factor]), threshold)

@@ -54,9 +54,12 @@ def answered(case: Case) -> Row:
 
 
 def judged(case: Case, answer: Mapping[str, Any]) -> str:
-    """Right, class, partly (another name beside the right one), wrong, unknown or none."""
+    """Right, class, partly (another name beside the right one), wrong, unknown or none.
+
+    A class of more than three is an answer of "unknown".
+    """
     names = {*answer["named"], *answer["class"]}
-    if not names:
+    if not names or answer["verdict"] == "unknown":
         return str(answer["verdict"])
     if not names & set(case.expected):
         return "wrong"

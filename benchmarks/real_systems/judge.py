@@ -12,10 +12,11 @@ def judged_left_out(case: Case, answer: Answer) -> str:
     """The answer where the effect is missing.
 
     "right" has an expected effect and nothing that the literature does not know; "partly" has one
-    beside others; "class" leaves an expected one among rivals; "wrong" has none; "nothing" is said.
+    beside others; "class" leaves an expected one among at most three rivals; "wrong" has none;
+    "nothing" is said, or so many rivals that the answer is "unknown".
     """
     names = answers(answer)
-    if not names:
+    if not names or answer["verdict"] == "unknown":
         return "nothing"
     if not names & set(case.expected):
         return "wrong"
@@ -31,7 +32,7 @@ def judged_left_in(case: Case, answer: Answer) -> str:
     unknown that is named by nothing; "wrong" names anything else, or what is built in once more.
     """
     names = answers(answer)
-    if not names:
+    if not names or answer["verdict"] == "unknown":
         return "right" if answer["verdict"] == "none" else "unsure"
     known = set(case.further)
     if answer["class"]:

@@ -22,6 +22,7 @@ from benchmarks.results import (
     live,
     readme,
     real_systems,
+    reference_flights,
     simulators,
     so101,
     studies,
@@ -58,6 +59,11 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap.hidden_effects,
         gap.form_losses,
         *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
+        *(
+            (reference_flights.learned,)
+            if (records.FOLDER / reference_flights.RECORD).exists()
+            else ()
+        ),
         gap.power,
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),

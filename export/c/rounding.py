@@ -39,6 +39,8 @@ def rounded_together(program: Program, graph: Graph, manifest: Manifest) -> Prog
 def _integers(matrix: Matrix, activations: Wide) -> npt.NDArray[np.int8]:
     """All rows (outputs, inputs) for activations (T, inputs) that the matrix multiplies."""
     moments = activations.T @ activations / len(activations)  # (inputs, inputs)
+    if not np.isfinite(moments).all():  # a package without sense: the gate will say so
+        return matrix.stored("int8").astype(np.int8)
     made = np.zeros(matrix.weights.shape, np.int8)
     scales = matrix.scales("int8").astype(np.float64)
     for row, weights in enumerate(matrix.weights.astype(np.float64)):

@@ -238,6 +238,7 @@ class Loop:
         is_late = self._clock.monotonic() > tick.start_s + PERIOD_S
         self._late_writes = self._late_writes + 1 if is_late else 0
         laps.mark("t_write_s")
+        self._lateness.catch_up()
         row = tick_row(tick.index, measured, self._state, aim, command, terms)
         row |= laps.times_s if self._is_timed else {}
         row |= self._reported(reading, heard, prediction)

@@ -251,8 +251,11 @@ def far_outside(
     high: npt.NDArray[np.float32],
 ) -> bool:
     """Whether an observation (d,) is not finite or far outside the trained range, low to high."""
-    margin = FAR_OUTSIDE * (high - low)
-    return not bool(np.all((observation >= low - margin) & (observation <= high + margin)))
+    ranges = zip(observation.tolist(), low.tolist(), high.tolist(), strict=True)
+    return not all(
+        least - FAR_OUTSIDE * (most - least) <= value <= most + FAR_OUTSIDE * (most - least)
+        for value, least, most in ranges
+    )
 
 
 @dataclass(frozen=True, slots=True)

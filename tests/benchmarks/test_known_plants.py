@@ -17,6 +17,7 @@ from wakedeploy.gap.systems.system import checked
         (["a", "z"], [], "named", "partly"),
         (["a"], ["a", "z"], "class", "class"),
         (["z"], [], "named", "wrong"),
+        (["a"], ["a", "x", "y", "z"], "unknown", "unknown"),
         ([], [], "unknown", "unknown"),
         ([], [], "none", "none"),
     ],

@@ -105,6 +105,7 @@ def _said(*effects, verdict="named", rivals=()):
         (_said("z"), "wrong", "wrong"),
         (_said("a", verdict="class", rivals=("a", "z")), "class", "wrong"),
         (_said("b", verdict="class", rivals=("b", "z")), "wrong", "next"),
+        (_said("a", verdict="unknown", rivals=("a", "x", "y", "z")), "nothing", "unsure"),
         (_said(verdict="none"), "nothing", "right"),
         (_said(verdict="unknown"), "nothing", "unsure"),
     ],

@@ -49,6 +49,8 @@ NOT_RUN = {
     r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
+    r" gap follow ": "needs a class that is open; test_follow_up.py has one",
+    r" (gap reference |--rig reference/)": "needs ordinary flights; test_learning.py flies some",
     r" --from-symbolic": "needs a gap that no effect explains; tests/gap add one",
     r" deploy ": "needs a Pi; tests/deployment deploy to an ssh server of their own",
     r" (--live|--foxglove|live \S|log browse)": "serves until it is stopped; tests/live do it",

@@ -143,6 +143,7 @@ def test_a_reservoirs_integers_keep_its_products_rather_than_its_entries():
     assert not np.any(together.stored("int8")[matrix.weights == 0.0])
     assert np.abs(together.stored("int8").astype(int)).max() <= 127
     assert np.array_equal(together.stored("float32"), matrix.weights)
+    assert np.array_equal(_integers(matrix, np.nan * seen), matrix.stored("int8"))
 
 
 def _sparse(draw, outputs, inputs):

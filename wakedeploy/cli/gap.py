@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {
+    "follow": "gap_follow",
+    "reference": "gap_reference",
     "init": "gap_system",
     "check": "gap_system",
     "simulate": "gap_system",

@@ -36,6 +36,10 @@ _LATER = (  # constants that rig files once did not have; without them they have
     ("battery", "has_divider"),
     ("discrepancy", "wake"),
     ("discrepancy", "friction"),
+    ("discrepancy", "fitted"),
+    ("repeatability", "thrust"),
+    ("repeatability", "sag_per_s"),
+    ("repeatability", "bias_m"),
     ("limits", "brake_s"),
     ("limits", "sink_s"),
     ("limits", "sink_rate_us_per_s"),
@@ -238,15 +242,37 @@ class Disturbance(_Section):
     esc_frame_s: float = Field(default=0.02, ge=0, le=0.1)
 
 
+_FormTerm = Annotated[
+    str,
+    Field(pattern=r"^(wake\.(even[0-5]|odd[0-2]|height[12])|friction\.(speed[01]|along))$"),
+]
+_Size = Annotated[float, Field(ge=-3, le=3)]
+_FormSpread = Annotated[float, Field(ge=1e-6, le=3)]
+
+
 class Discrepancy(_Section):
     """How far the model's form may be off (1 sd): a share of the force that it corrects.
 
     Of the wake's force on its axis, and of the rail's Coulomb friction. The gap workflow allows for
-    so much in every hypothesis; zero says that a form is exact.
+    so much in every hypothesis; zero says that a form is exact. What reference flights have shown
+    of the form stands in `fitted`: the size of each smooth correction and its standard deviation.
     """
 
     wake: float = Field(default=0.05, ge=0, le=0.5)
     friction: float = Field(default=0.15, ge=0, le=1)
+    fitted: dict[_FormTerm, tuple[_Size, _FormSpread]] = {}
+
+
+class Repeatability(_Section):
+    """How much changes from one flight to the next (1 sd); zero: nothing, or nothing known.
+
+    The sufferer's thrust as a share, how fast it fades with each second of hovering, and the range
+    sensor's bias. The gap workflow lets each flight have values of its own.
+    """
+
+    thrust: float = Field(default=0.0, ge=0, le=0.3)
+    sag_per_s: float = Field(default=0.0, ge=0, le=0.02)
+    bias_m: float = Field(default=0.0, ge=0, le=0.1)
 
 
 class EffectParameter(_Section):
@@ -305,6 +331,7 @@ class Rig(_Section):
     control: Control = Control()
     disturbance: Disturbance = Disturbance()
     discrepancy: Discrepancy = Discrepancy()
+    repeatability: Repeatability = Repeatability()
     effect: tuple[Effect, ...] = ()
     calibration: dict[str, Calibration] = Field(default={}, exclude=True)
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from effect_rigs import CLEAN, HOVER_US, NO_WAKE, flown, with_effects
+from effect_rigs import CLEAN, HOVER_US, NO_WAKE, flown, neutral_values, with_effects
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
@@ -13,7 +13,6 @@ from wakedeploy.physics.effects.chain import (
     Chain,
     believed,
     default_lead_s,
-    neutral_values,
     unplaced_constants,
 )
 from wakedeploy.physics.field_grid import FieldPhysics

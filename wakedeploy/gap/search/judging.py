@@ -141,11 +141,9 @@ def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
         return _Verdict(one, CHANCE)
-    if is_nothing(one.fit, one.name):
-        return _Verdict(one, NO_SIZE)
     weight = cross_weighed(model, before, one.fit)
     if not is_shared(one, chance):
-        return _Verdict(one, ONE_BLOCK, weight)
+        return _Verdict(one, NO_SIZE if is_nothing(one.fit, one.name) else ONE_BLOCK, weight)
     if weight.matters:
         return _Verdict(one, ACCEPTED, weight)
     return _Verdict(one, WORSE if weight.high < 0.0 else HARDLY, weight)
@@ -185,8 +183,9 @@ def _with(model: Comparison, told: Named, accepted: Sequence[_Verdict]) -> Named
         one, weight = verdict.one, verdict.weight
         assert weight is not None
         better, still = settled(model, one.fit)
-        if is_nothing(better, one.name):
-            _mark(searched, one.name, NO_SIZE)
+        follows = candidate(told.found, one.name, better)
+        if not is_shared(follows, searched["threshold_nats"]):
+            _mark(searched, one.name, NO_SIZE if is_nothing(better, one.name) else ONE_BLOCK)
             continue
         rivals = told.rivals
         searched["chosen"] = one.name
@@ -213,7 +212,7 @@ def _pair(model: Comparison, told: Named, first: _Verdict, progress: Progress) -
             continue
         company = replace(told, found=beside)
         further = _with(model, company, [replace(verdict, weight=both)])
-        if further is None or is_nothing(further.found, first.one.name):
+        if further is None:
             continue
         weights = {**further.weights, first.one.name: both}
         unsettled = further.unsettled if still else (*further.unsettled, first.one.name)
@@ -313,6 +312,15 @@ def verdict_of(told: Named) -> str:
         return "class" if len(told.rivals) <= RULES.most_in_class else "unknown"
     if told.found.hypothesis:
         return "named"
+<<<<<<< HEAD
     rejected = (e["forecast"] for r in told.rounds for e in r["ranking"] if "forecast" in e)
     doubtful = any(f["share"] > RULES.unexplained_share and f["low"] > 0.0 for f in rejected)
+=======
+    rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
+    doubtful = any(
+        e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE)
+        or (e["forecast"]["share"] > _UNEXPLAINED and e["forecast"]["low"] > 0.0)
+        for e in rejected
+    )
+>>>>>>> main
     return "unknown" if doubtful or told.leftover else "none"

@@ -72,13 +72,15 @@ class Ground:
 class Look:
     """A candidate around the base: the best point reached, what is promised, and slopes.
 
-    `columns` are whitened slopes of its own for each shape, (2n, k).
+    `columns` are whitened slopes of its own for each shape, (2n, k), and what each of its starts
+    changes, (2n, 1); `first` is what the first start changes.
     """
 
     name: str
     fit: Fit
     promised: float
     columns: tuple[FloatArray, ...]
+    first: FloatArray
 
     def prospect(self, base: Fit) -> float:
         """What it may gain, by what was reached or promised [nats]."""
@@ -179,8 +181,9 @@ def _look(
         tried += [climb.at(p, s, c) for (p, c), s in zip(further, again, strict=True)]
     reached = max(tried, key=lambda f: f.objective)
     mine = [np.concatenate(whitened(c))[:, plan.amplitudes] for c in columns]
-    mine += [_change(base, s) for s in leapt]
-    return Look(plan.name, reached, steps[best[0]][0], tuple(mine))
+    changed = [_change(base, s) for s in leapt]
+    promised = steps[best[0]][0]
+    return Look(plan.name, reached, promised, (*mine, *changed), changed[0])
 
 
 class _Climb:

@@ -49,10 +49,8 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
             moved[free.name] = known[:, i] * size
             others = [j for j in range(len(base.free)) if j != i]
             left[free.name] = _left(moved[free.name], known[:, others], prior[others])
-    for done, (name, effect) in enumerate(model.library.items(), 1):
-        first = effect.free[0]
-        far = (first.starts[0] - first.neutral) or first.step
-        moved[name] = look(model, ground, name).columns[0][:, 0] * far
+    for done, name in enumerate(model.library, 1):
+        moved[name] = look(model, ground, name).first[:, 0]
         left[name] = _left(moved[name], known, prior)
         steps(done, len(model.library))
     names = list(moved)

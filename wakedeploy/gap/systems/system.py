@@ -26,7 +26,6 @@ _System = TypeVar("_System", bound="System")
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
-ROLES = ("input", "force", "output", "constant", "custom")
 _HOLDS = ("step", "linear")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
 

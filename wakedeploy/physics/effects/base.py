@@ -45,6 +45,10 @@ class Parameter:
     scanned: tuple[float, float, float] | None = None
     summits_apart: float = 0.0
 
+    def neutral_on(self, constants: Values) -> float:
+        """The value at which it changes nothing on a rig with these constants."""
+        return self.neutral if self.constant is None else constants[self.constant]
+
 
 @dataclass
 class Motion:

@@ -218,11 +218,6 @@ def setting_of(rig: Rig) -> Setting:
     )
 
 
-def neutral_values(one: Effect, constants: Constants) -> dict[str, float]:
-    """An effect's values at which it changes nothing on a rig with these constants."""
-    return {p.name: constants[p.constant] if p.constant else p.neutral for p in one.parameters}
-
-
 def believed(rig: Rig) -> Rig:
     """The rig whose sections state what its effects say of its constants; other effects stay.
 

@@ -140,7 +140,7 @@ def _nuisance(constant: str, value: float, spread: float) -> Free:
 
 
 def _parameter(effect: Effect, p: Parameter, base: Constants) -> Free:
-    neutral = base[p.constant] if p.constant is not None else p.neutral
+    neutral = p.neutral_on(base)
     starts = tuple(min(max(neutral + s * p.scale, p.low), p.high) for s in p.starts)
     name = f"{effect.name}.{p.name}"
     is_smooth = isinstance(effect, ExpressionForce) or p.constant is not None

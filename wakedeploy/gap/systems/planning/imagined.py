@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
@@ -40,6 +41,7 @@ def imagined(
     x = np.repeat(first[:, None], lanes, axis=1)
     shown = np.empty((len(noise), lanes, count))
     one = {n: np.full(lanes, v) for n, v in values.items()}
+    one |= acting.formed({n: v[None, :] for n, v in one.items()})
     with np.errstate(all="ignore"):
         for t in range(count):
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
@@ -63,7 +65,11 @@ def _pushes(
     pushes = np.zeros((len(acting.states), count))
     for name in model.driven:
         sd = float(np.exp(values[f"force.{name}"]))
-        pushes[acting.states.index(name)] = sd * random.standard_normal(count)
+        keep = float(np.exp(-model.dt_s / np.exp(values[f"lasting.{name}"])))
+        lasting = float(np.exp(values[f"push.{name}"]))
+        fresh = lasting * (1.0 - keep**2) ** 0.5 * random.standard_normal(count)
+        lasts = lfilter([1.0], [1.0, -keep], fresh)
+        pushes[acting.states.index(name)] = sd * random.standard_normal(count) + lasts
     return pushes
 
 

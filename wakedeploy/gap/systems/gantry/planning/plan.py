@@ -22,6 +22,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, gather, loss_nats
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.gantry.discrepancy import form_hooks
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import Manoeuvre, menu
@@ -175,7 +176,7 @@ def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:
     constants = constants_of(rig)
     values = []
     for p in LIBRARY[name].parameters:
-        neutral = p.neutral if p.constant is None else constants[p.constant]
+        neutral = p.neutral_on(constants)
         moves = p.constant is not None or p.neutral == 0.0
         values.append(float(np.clip(neutral + (p.scale if moves else 0.0), p.low, p.high)))
     return tuple(values)
@@ -210,7 +211,8 @@ def _option(
     names: Sequence[str],
     sizes: Mapping[str, Sequence[float]],
 ) -> Option:
-    log = record(rig, seconds=RANDOM_S, seed=_SEED, plan=manoeuvre.plan(rig))
+    flown = manoeuvre.plan(rig)
+    log = record(rig, seconds=RANDOM_S, seed=_SEED, plan=flown, **form_hooks(rig))
     seconds = len(log) / log.rate_hz
     try:
         flight = flight_from_log(log, rig, manoeuvre.name)

@@ -8,7 +8,7 @@ are simulated; what is missing from them is then judged by the likelihood that `
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 
@@ -50,7 +50,6 @@ _FACTOR_ONE = np.ones(1)
 _CLEARLY = 0.1  # a sensor must name an effect so much more often to be worth its price
 
 Advance = Callable[[], None]
-Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)

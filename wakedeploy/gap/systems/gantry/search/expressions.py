@@ -9,6 +9,7 @@ Only the most promising terms of each round are fitted (`gap.promises`). A term 
 early and stood for two others gives its place to a rival, or is dropped.
 """
 
+import functools
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -63,6 +64,7 @@ _SURELY = (
 _EQUAL_NATS = 1.0  # the shorter of two terms so close is taken
 
 Rank = Callable[[Model, Fit, Sequence[str]], list[Candidate]]
+_ranked: Rank = functools.partial(rank, released=False)  # a term moves no calibrated constant
 
 
 @dataclass(frozen=True)
@@ -118,7 +120,7 @@ class Symbolic:
 def search(
     model: Model,
     base: Fit,
-    rank_function: Rank = rank,
+    rank_function: Rank = _ranked,
     *,
     setting: Mapping[str, float],
     names: Sequence[str] = SEARCHED,

@@ -17,7 +17,14 @@ import numpy as np
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import worth_trying
 from wakedeploy.gap.evidence.inference import Fit, Hypothesis, fit, held_out
-from wakedeploy.gap.evidence.ranking import Candidate, Scans, candidate, rank_fairly, scanned_starts
+from wakedeploy.gap.evidence.ranking import (
+    LEDGE_NATS,
+    Candidate,
+    Scans,
+    candidate,
+    rank_fairly,
+    scanned_starts,
+)
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -146,10 +153,13 @@ def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
     readings have without them: a raw one has too many corners.
     """
     everything = range(model.episodes)
+    model = model.standing(model.neutral())
     if model.rig.effect:
         bare = GantryModel(without_effects(model.rig), model.flights, model.extra)
+        bare = bare.standing(bare.neutral())
         bare, _ = refitted(bare, fit(bare, (), everything, bare.start(())))
         model = GantryModel(model.rig, bare.flights, model.extra)
+        model = model.standing(model.neutral())
     first = refitted(model, fit(model, (), everything, model.start(())))
     near = first[0]
     again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
@@ -243,7 +253,7 @@ def ranked_by_own_motion(
     least_nats = 0.5 * threshold_nats
     scans: Scans = {}
     again, ranked = rank_fairly(model, base, names, least_nats=least_nats, steps=steps, scans=scans)
-    if again.objective > base.objective + STILL_NATS:
+    if again.objective > base.objective + LEDGE_NATS:
         model, again = refitted(model, again)
         again, ranked = rank_fairly(
             model, again, names, least_nats=least_nats, steps=steps, scans=scans
@@ -329,10 +339,10 @@ class _Search:
         return best if close else None
 
 
-def may_be_nothing(fitted: Fit, name: str) -> bool:
-    """Whether every parameter's 90 % interval reaches to where the effect changes nothing."""
+def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
+    """Whether every parameter's interval reaches to where the effect changes nothing."""
     own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    ends = [(fitted.interval(f.name), f.neutral) for f in own]
+    ends = [(fitted.interval(f.name, level), f.neutral) for f in own]
     return all(low <= neutral <= high for (low, high), neutral in ends)
 
 

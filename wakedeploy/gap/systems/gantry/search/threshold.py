@@ -44,6 +44,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
 )
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion
+from wakedeploy.gap.systems.gantry.varying import of_one_flight
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY, replacing
 from wakedeploy.physics.effects.chain import setting_of
@@ -216,9 +217,11 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     truth = miscalibrated(rig, np.random.default_rng([seed, 7]))
     form = drawn(rig, np.random.default_rng([seed, 11]))
     world = FormedWorld(truth, form, constants_of(truth))
+    chance = np.random.default_rng([seed, 13])
+    own = [of_one_flight(truth, rig, chance) for _ in range(FLIGHTS)]
     logs = [
-        record(truth, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
-        for i in range(FLIGHTS)
+        record(one, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
+        for i, one in enumerate(own)
     ]
     flights = [
         flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
