@@ -312,15 +312,10 @@ def verdict_of(told: Named) -> str:
         return "class" if len(told.rivals) <= RULES.most_in_class else "unknown"
     if told.found.hypothesis:
         return "named"
-<<<<<<< HEAD
-    rejected = (e["forecast"] for r in told.rounds for e in r["ranking"] if "forecast" in e)
-    doubtful = any(f["share"] > RULES.unexplained_share and f["low"] > 0.0 for f in rejected)
-=======
     rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
     doubtful = any(
         e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE)
-        or (e["forecast"]["share"] > _UNEXPLAINED and e["forecast"]["low"] > 0.0)
+        or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )
->>>>>>> main
     return "unknown" if doubtful or told.leftover else "none"
