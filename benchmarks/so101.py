@@ -10,7 +10,7 @@ is not in it.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,9 @@ from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
-from wakedeploy.gap.search.rounds import fitted_base, named, named_document
+from wakedeploy.gap.search.artefacts import Ranked
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
@@ -49,17 +51,18 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     model = LogModel(system, trained)
     base = fitted_base(model)
     answer = named(model, base)
-    document = named_document(model, answer)
+    document = answer_of(model, answer)
+    told = document.as_json()
     correction = out / f"{joint}.toml"
     write_correction(correction_of(model, answer.found), correction)
     seconds = time.process_time() - began_s
     better = type(system).corrected(correction)
     plain = fitted_servo(trained)
-    kept = {key: document[key] for key in ("verdict", "class", "effects", "unsettled", "constants")}
+    kept = {key: told[key] for key in ("verdict", "class", "effects", "unsettled", "constants")}
     return kept | {
         "joint": joint,
-        "threshold_nats": document["threshold_nats"],
-        "leading": [_leading(one) for one in document["rounds"][0]["ranking"][:_LEADING]],
+        "threshold_nats": document.threshold_nats,
+        "leading": [_leading(one) for one in document.rounds[0].ranking[:_LEADING]],
         "plain_servo": {"stiffness_per_s2": plain[0], "damping_per_s": plain[1]},
         "replays": {one.name: _replay(one, plain, better) for one in _unseen(system, joint)},
         "shown": _shown(system, joint, plain, better),
@@ -122,9 +125,10 @@ def _shown(
     return {n: [round(float(v), 5) for v in values[start:stop]] for n, values in series.items()}
 
 
-def _leading(entry: Mapping[str, Any]) -> dict[str, Any]:
-    kept = {key: entry[key] for key in ("name", "gain_nats", "interval", "note")}
-    return kept | {key: entry.get(key) for key in ("judged", "forecast")}
+def _leading(one: Ranked) -> dict[str, Any]:
+    kept = {"judged": None, "forecast": None} | one.model_dump(exclude_none=True)
+    del kept["parameters"]
+    return kept
 
 
 def _begun(one: Recording) -> Recording:

@@ -18,7 +18,8 @@ from benchmarks.known_plants.plants import PLANTS
 from benchmarks.known_plants.recording import recorded
 from benchmarks.records import COMMIT, write
 from wakedeploy.core.files import append_json_line, read_json_lines
-from wakedeploy.gap.search.rounds import fitted_base, named, named_document, shown_document
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.results import answer_of, before_after
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import checked
 
@@ -34,20 +35,20 @@ def answered(case: Case) -> Row:
     base = fitted_base(model)
     told = named(model, base)
     seconds = time.process_time() - began_s
-    document = named_document(model, told)
-    names = [e["name"] for e in document["effects"]]
-    answer = {"verdict": document["verdict"], "named": names, "class": document["class"]}
-    leading = document["rounds"][0]["ranking"][:3] if document["rounds"] else []
+    document = answer_of(model, told)
+    names = [e.name for e in document.effects]
+    answer = {"verdict": document.verdict, "named": names, "class": document.rivals}
+    leading = document.rounds[0].ranking[:3] if document.rounds else []
     return {
         "case": case.name,
         **answer,
         "judged": judged(case, answer),
-        "threshold_nats": document["threshold_nats"],
+        "threshold_nats": document.threshold_nats,
         "leading": [
-            {k: e.get(k) for k in ("name", "gain_nats", "interval", "judged", "forecast")}
+            e.model_dump(include={"name", "gain_nats", "interval", "judged", "forecast"})
             for e in leading
         ],
-        "removed": shown_document(model, told)["removed"],
+        "removed": before_after(model, told.base, told.found).removed.model_dump(),
         "seconds": seconds,
     }
 

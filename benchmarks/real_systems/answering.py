@@ -6,7 +6,7 @@ of every recording. Out: a row of plain numbers.
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.search.artefacts import Ranked
 from wakedeploy.gap.search.comparison import errors
-from wakedeploy.gap.search.rounds import fitted_base, named, named_document
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System, checked
@@ -36,11 +38,12 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     model = LogModel(system_of(case, part), recordings_of(case, part))
     base = fitted_base(model)
     told = named(model, base)
-    document = named_document(model, told)
-    kept = {key: document[key] for key in ("verdict", "class", "effects", "unsettled")}
+    document = answer_of(model, told)
+    plain = document.as_json()
+    kept = {key: plain[key] for key in ("verdict", "class", "effects", "unsettled")}
     return kept | {
-        "threshold_nats": document["threshold_nats"],
-        "leading": [_leading(one) for one in document["rounds"][0]["ranking"][:LEADING]],
+        "threshold_nats": document.threshold_nats,
+        "leading": [_leading(one) for one in document.rounds[0].ranking[:LEADING]],
         "errors": _errors(model, base, told.found),
         "samples": sum(log.outputs.shape[1] for log in model.logs),
         "rate_hz": model.system.rate_hz,
@@ -49,10 +52,11 @@ def answer(case: Case, part: str) -> dict[str, Any]:
     }
 
 
-def _leading(entry: Mapping[str, Any]) -> dict[str, Any]:
+def _leading(one: Ranked) -> dict[str, Any]:
     """What an effect gains alone, and why it is not named."""
-    kept = {key: entry[key] for key in ("name", "gain_nats", "interval", "note")}
-    return kept | {key: entry.get(key) for key in ("judged", "forecast")}
+    kept = {"judged": None, "forecast": None} | one.model_dump(exclude_none=True)
+    del kept["parameters"]
+    return kept
 
 
 def system_of(case: Case, part: str) -> System:

@@ -28,7 +28,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.search.comparison import errors
-from wakedeploy.gap.search.rounds import fitted_base
+from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System, checked
 

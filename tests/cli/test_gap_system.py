@@ -8,6 +8,7 @@ from click.testing import CliRunner
 
 from wakedeploy.cli.gap import command
 from wakedeploy.domains.tables.guess import guess_columns
+from wakedeploy.gap.search.artefacts import Answer
 from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
 from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
@@ -181,6 +182,17 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
     size = {"value": 1.0, "low": 0.9, "high": 1.1, "unit": "N"}
     forecast = {"share": 0.9996, "low": 0.994, "high": 0.9999}
     effect = {"name": "friction", "parameters": {"force": size}, "forecast": forecast}
-    told = sentences("name", {"verdict": "named", "effects": [effect], "rounds": []})
+    told = sentences(
+        Answer(
+            **{"domain": "cart", "verdict": "named", "class": [], "effects": [effect]},
+            threshold_nats=3.0,
+            parameters={},
+            constants={},
+            noise={},
+            rounds=[],
+            unsettled=[],
+            sealed_gain_nats=9.0,
+        )
+    )
     assert "removes over 99% of" in told[1]
     assert "100%" not in told[1]

@@ -26,7 +26,7 @@ from wakedeploy.gap.folder import read_steps, write_step
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
+from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
@@ -108,9 +108,9 @@ def text_of(page: Path) -> str:
 
 def test_four_flights_are_the_fewest_that_leave_one_to_confirm() -> None:
     assert FEWEST_IN_ALL == 4
-    assert FEWEST_IN_ALL - sealed_count(FEWEST_IN_ALL) == FEWEST_FLIGHTS
+    assert FEWEST_IN_ALL - sealed_count(FEWEST_IN_ALL) == RULES.fewest_flights
     for count in range(1, 12):
-        assert cannot_tell(count) is (count - sealed_count(count) < FEWEST_FLIGHTS)
+        assert cannot_tell(count) is (count - sealed_count(count) < RULES.fewest_flights)
         assert unconfirmed(count) is (not cannot_tell(count) and sealed_count(count) == 0)
     assert [n for n in range(1, 12) if cannot_tell(n) or unconfirmed(n)] == [1, 2, 3]
     assert not cannot_tell(0)  # where nobody said how many there are
@@ -323,7 +323,7 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
     after = advice(steps, tmp_path)
     commands = " ".join(after.commands) if after else ""
     assert words.splitlines()[0] == headline
-    if count < FEWEST_FLIGHTS:
+    if count < RULES.fewest_flights:
         flown = ("one flight", "two flights")[count - 1]
         assert headline == f"Cannot tell from {flown}: fly at least 4."
         assert not CLAIMS.search(words.replace("say that something is missing", ""))
@@ -335,13 +335,13 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
         assert "t shows" in words or verdict == "none"
     # What no flight can confirm is never advised to be added.
     assert ("gap add" in commands) is (count >= FEWEST_IN_ALL and verdict in ("named", "unknown"))
-    flies = count < FEWEST_FLIGHTS or (count < FEWEST_IN_ALL and verdict != "none")
+    flies = count < RULES.fewest_flights or (count < FEWEST_IN_ALL and verdict != "none")
     assert commands.count("run-gantry") == (FEWEST_IN_ALL - count) * flies
     assert ("gap plan" in commands) is (verdict == "class" and count >= FEWEST_IN_ALL)
     # What `find` says can stand beside the verdict.
     if "disagree beyond noise" in found:
         assert "Nothing is missing" not in headline
-    if verdict == "none" and count >= FEWEST_FLIGHTS:
+    if verdict == "none" and count >= RULES.fewest_flights:
         assert "It shows most" not in words
         assert ("more than noise" in found) <= ("fitted anew" in words)
 
@@ -349,7 +349,7 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
 @pytest.mark.parametrize("count", [1, 3, 4])
 @pytest.mark.parametrize("verdict", ["named", "class", "unknown", "none"])
 def test_the_page_says_what_the_terminal_says(tmp_path, monkeypatch, verdict, count) -> None:
-    if count >= FEWEST_FLIGHTS:  # of fewer, captions could claim too much as well
+    if count >= RULES.fewest_flights:  # of fewer, captions could claim too much as well
         monkeypatch.setattr("wakedeploy.gap.report.page.PICTURES", ())
     fabricated(tmp_path, verdict, "none", True, count)
     page, steps = text_of(write_report(tmp_path)), read_steps(tmp_path)
@@ -357,7 +357,7 @@ def test_the_page_says_what_the_terminal_says(tmp_path, monkeypatch, verdict, co
         assert sentence in page
     after = advice(steps, tmp_path)
     assert ("gap add" in page) is ("gap add" in " ".join(after.commands if after else ()))
-    if count < FEWEST_FLIGHTS:
+    if count < RULES.fewest_flights:
         for word in ("confidence", " sure", "would have shown", "of the gap closed", "held out"):
             assert word not in page.replace("Nothing was held out", "")
 

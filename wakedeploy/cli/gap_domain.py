@@ -1,13 +1,16 @@
 """`wakedeploy gap domain`: the gap workflow on recordings and simulations other than the gantry."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import click
 
 from wakedeploy.cli.log_lines import stages
-from wakedeploy.cli.output import json_option, print_table, write_json
+from wakedeploy.cli.output import json_option, print_table
 from wakedeploy.cli.recordings import recordings_folder
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.search.artefacts import Result
 
 
 @click.command("domain")
@@ -40,50 +43,46 @@ def domain(
         wakedeploy gap domain downwash --out runs/downwash
     """
     from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.search.rounds import concluded
-    from wakedeploy.gap.systems import further, open_domain
+    from wakedeploy.gap.systems import open_domain, with_further
+    from wakedeploy.gap.workflow import concluded
 
     if path is None and name != "downwash":
         folder = recordings_folder(None)
         path = None if folder is None else folder / name
     model = open_domain(name, path)
     with stages() as progress:
-        document = concluded(model, progress) | further(name, model, progress)
-        write_json(out / "domain.json", document)
+        result = with_further(name, model, concluded(model, progress), progress)
+        result.write(out / "domain.json")
         if json_path:
-            write_json(json_path, document)
+            result.write(json_path)
         progress("drawing the report")
-        page = write_page(document, out)
-    _print(name, document)
-    if "far" in document:
-        _print(f"{name}, where no wake is", document["far"])
+        page = write_page(result, out)
+    _print(name, result)
+    if result.far is not None:
+        _print(f"{name}, where no wake is", result.far)
     click.echo(f"Report: {page}")
 
 
-def _print(title: str, document: dict[str, Any]) -> None:
-    found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
-    if document["class"]:
-        found = f"one of {' or '.join(document['class'])}"
-    click.echo(f"{title}: {document['verdict']}: {found}")
+def _print(title: str, result: "Result") -> None:
+    found = ", ".join(e.name for e in result.effects) or "nothing"
+    if result.rivals:
+        found = f"one of {' or '.join(result.rivals)}"
+    click.echo(f"{title}: {result.verdict}: {found}")
     print_table(
         "parameters",
         ["parameter", "value", "low", "high", "unit"],
         [
-            [n, *(f"{p[k]:.4g}" for k in ("value", "low", "high")), p["unit"]]
-            for n, p in document["parameters"].items()
+            [n, *(f"{v:.4g}" for v in (p.value, p.low, p.high)), p.unit]
+            for n, p in result.parameters.items()
         ],
     )
-    first = document["rounds"][0]["ranking"]
     print_table(
-        f"each alone, threshold {document['threshold_nats']:.1f} nats",
+        f"each alone, threshold {result.threshold_nats:.1f} nats",
         ["effect", "held-out nats"],
-        [[c["name"], f"{c['gain_nats']:.1f}"] for c in first],
+        [[one.name, f"{one.gain_nats:.1f}"] for one in result.rounds[0].ranking],
     )
     print_table(
         "residual on sealed episodes",
         ["channel", "before", "after", "unit"],
-        [
-            [n, f"{g['before']:.4g}", f"{g['after']:.4g}", g["unit"]]
-            for n, g in document["gap"].items()
-        ],
+        [[n, f"{g.before:.4g}", f"{g.after:.4g}", g.unit] for n, g in result.gap.items()],
     )

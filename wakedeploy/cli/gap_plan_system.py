@@ -77,7 +77,7 @@ def run_power(
 def _fitted(
     system_path: Path, measured: tuple[Path, ...], columns: Path | None, progress: Any
 ) -> "tuple[LogModel, Fit]":
-    from wakedeploy.gap.search.rounds import fitted_base
+    from wakedeploy.gap.search.judging import fitted_base
 
     if not measured:
         raise click.UsageError("'--system' goes with '--measured', from which the noise is known.")

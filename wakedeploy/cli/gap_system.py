@@ -2,7 +2,7 @@
 
 import shlex
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
@@ -12,6 +12,7 @@ from wakedeploy.cli.output import json_option, print_table, write_json
 
 if TYPE_CHECKING:
     from wakedeploy.core.recording import Recording
+    from wakedeploy.gap.search.artefacts import Result
     from wakedeploy.gap.systems.logs import LogModel
     from wakedeploy.gap.systems.system import System
 
@@ -172,27 +173,30 @@ def run_steps(
     """`find`, `name`, `add`, `show` or `close` of a user's system, into a folder."""
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
-    from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
+    from wakedeploy.gap.search.artefacts import Artefact, Result
+    from wakedeploy.gap.systems.own_folder import CORRECTION, OwnFolder
     from wakedeploy.gap.systems.words import sentences
+    from wakedeploy.gap.workflow import run
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
     with at_work(out), stages() as progress:
         progress("reading the logs")
-        folder = Folder(open_model(system_path, measured, columns), out, progress)
+        folder = OwnFolder(open_model(system_path, measured, columns), out, progress)
         try:
-            told = folder.run(step)
-            if step in ("show", "close"):
+            told: Artefact = run(folder, step)
+            if isinstance(told, Result):
                 progress("drawing the report")
                 asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
                 asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
                 after = _next(told, system_path, " ".join(asked), out)
-                said = [each.strip() for each in sentences(step, told)]
+                said = [each.strip() for each in sentences(told)]
                 page = write_page(told, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
-    _print(step, told)
+    for sentence in sentences(told):
+        click.echo(sentence)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
         for line in folder.exported:
@@ -200,22 +204,15 @@ def run_steps(
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:
-        write_json(json_path, told)
+        told.write(json_path)
 
 
-def _next(told: dict[str, Any], system_path: Path, logs: str, out: Path) -> list[str]:
+def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
     """Replay with what was found; where nothing was, see what the logs could have shown."""
     from wakedeploy.gap.systems.own_folder import CORRECTION
 
     system = shlex.quote(str(system_path))
-    if not told.get("effects"):
+    if not told.effects:
         return [f"wakedeploy gap check {system} {logs}"]
     correction = shlex.quote(str(out / CORRECTION))
     return [f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"]
-
-
-def _print(step: str, told: dict[str, Any]) -> None:
-    from wakedeploy.gap.systems.words import sentences
-
-    for sentence in sentences(step, told):
-        click.echo(sentence)

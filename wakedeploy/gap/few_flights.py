@@ -5,14 +5,14 @@ Of one or two nothing is concluded: a verdict takes three to fit to. Three give 
 is kept apart to confirm it: what they say is missing is added to no rig file unasked.
 """
 
-from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
+from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
 
 _NUMBERS = ("no", "one", "two", "three", "four", "five", "six")
 
 
 def cannot_tell(flights: int) -> bool:
     """Whether so many are too few for any verdict; not so 0, which stands for "not known"."""
-    return flights > 0 and flights - sealed_count(flights) < FEWEST_FLIGHTS
+    return flights > 0 and flights - sealed_count(flights) < RULES.fewest_flights
 
 
 def unconfirmed(flights: int) -> bool:

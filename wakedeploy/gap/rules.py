@@ -1,11 +1,53 @@
-"""The rules by which the gap workflow decides."""
+"""The rules by which the gap workflow decides, as every artefact states them.
+
+`RULES` are those of any system; a system that decides otherwise has its own.
+"""
 
 import itertools
+from dataclasses import dataclass
 
-CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
-MOST_IN_CLASS = 3
-FEWEST_FLIGHTS = 3  # to fit to; of two, each is judged by one other and their spread by one number
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
+
+
+@dataclass(frozen=True)
+class Rules:
+    """What an effect must show to be named; gains are in nats of held-out log density.
+
+    Attributes:
+        false_alarms: Share of recordings without any missing effect in which one may be named.
+        false_discoveries: Share of the places told that noise alone may have made.
+        forbids_none_q: A place of this q value or below speaks against "nothing is missing"; one
+            in fifty recordings has it by chance.
+        white_quantile: Of white noise, so many recordings pass as white.
+        least_nats: Nothing is named for less, however little chance brings.
+        speaks_nats: Sealed recordings that gain less say nothing about an effect.
+        class_nats: Rivals within this of the best cannot be told from it: odds of 1 to 20.
+        most_in_class: More rivals than these are no class; the answer is then unknown.
+        least_share: Share of the squared error of forecasts that an effect removes to matter.
+        simpler_share: Share of the best's gain that a simpler effect needs to be named instead.
+        unexplained_share: An effect that is not named and removes more than this share of the
+            squared error shows that something unknown is missing.
+        most_effects: More than these are not named in one answer.
+        fewest_flights: Episodes that a verdict is fitted to, at least; of two, each would be judged
+            by one other, and their spread by one number.
+    """
+
+    false_alarms: float = 0.05
+    false_discoveries: float = 0.05
+    forbids_none_q: float = 0.02
+    white_quantile: float = 0.999
+    least_nats: float = 3.0
+    speaks_nats: float = 3.0
+    class_nats: float = 3.0
+    most_in_class: int = 3
+    least_share: float = 0.01
+    simpler_share: float = 0.8
+    unexplained_share: float = 0.1
+    most_effects: int = 4
+    fewest_flights: int = 3
+
+
+RULES = Rules()
 
 
 def sealed_count(flights: int) -> int:
@@ -18,5 +60,5 @@ def sealed_count(flights: int) -> int:
 
 # Enough to fit to, and one beside them that confirms what was found in those.
 FEWEST_IN_ALL = next(
-    n for n in itertools.count(1) if sealed_count(n) and n - sealed_count(n) >= FEWEST_FLIGHTS
+    n for n in itertools.count(1) if sealed_count(n) and n - sealed_count(n) >= RULES.fewest_flights
 )

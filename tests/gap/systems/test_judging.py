@@ -8,7 +8,8 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
-from wakedeploy.gap.search.rounds import fitted_base, named, named_document, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import _weight, without
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
@@ -55,7 +56,7 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     assert 0.7 < left["sd"] < 3.0  # ± 3 N on 2 kg
     assert left["against"]["coordinate"] == "speed_mps"
     assert left["against"]["means"][0] > 0.1 > -0.1 > left["against"]["means"][-1]
-    lines = sentences("name", named_document(rubbing, told))
+    lines = sentences(answer_of(rubbing, told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
 

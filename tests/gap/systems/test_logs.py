@@ -8,8 +8,7 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit, neutral
-from wakedeploy.gap.search.judging import is_nothing
-from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, is_nothing, named, verdict_of
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 100.0

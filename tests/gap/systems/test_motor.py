@@ -14,8 +14,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.motor import read_steps
 from wakedeploy.gap.evidence.inference import fit, settled
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.search.rounds import concluded
 from wakedeploy.gap.systems.motor import MotorModel, step_response
+from wakedeploy.gap.workflow import concluded
 
 DUTIES = (20, 30, 40, 50, 60, 40, 20, 45, 25)
 
@@ -102,10 +102,10 @@ def test_recorded_motors_spool_as_single_steps_say(recordings):
 
 @pytest.mark.slow
 def test_an_effect_that_sealed_steps_speak_against_is_not_named(recordings):
-    document = concluded(MotorModel(read_steps(recordings("motor"))))
-    assert [e["name"] for e in document["effects"]] == ["spool-lag"]
-    beside = document["rounds"][1]
-    best = beside["ranking"][0]
-    assert best["name"] == "slew-limit"
-    assert best["gain_nats"] > beside["threshold_nats"]
-    assert best["judged"] == "forecasts of sealed blocks get worse"
+    result = concluded(MotorModel(read_steps(recordings("motor"))))
+    assert [e.name for e in result.effects] == ["spool-lag"]
+    beside = result.rounds[1]
+    best = beside.ranking[0]
+    assert best.name == "slew-limit"
+    assert best.gain_nats > beside.threshold_nats
+    assert best.judged == "forecasts of sealed blocks get worse"

@@ -8,7 +8,7 @@ from click.testing import CliRunner
 
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
 from wakedeploy.gap.systems import own_folder
 from wakedeploy.gap.systems.correction import correction_of
 from wakedeploy.gap.systems.files import read_system

@@ -7,7 +7,8 @@ import pytest
 from scipy.io import loadmat
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.search.rounds import fitted_base, named, shown_document, verdict_of
+from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.results import before_after
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
 
@@ -31,4 +32,4 @@ def test_the_positioning_system_lacks_coulomb_and_viscous_friction(recordings):
     assert told.found.value("coulomb-friction@speed_mps.force") == pytest.approx(20.4, rel=0.15)
     viscous = told.found.value("viscous-friction@speed_mps.coefficient")
     assert viscous == pytest.approx(203.5, rel=0.15)
-    assert shown_document(model, told)["removed"]["low"] > 0.9
+    assert before_after(model, told.base, told.found).removed.low > 0.9

@@ -1,15 +1,20 @@
 """Coloured noise: innovations against the joint density, places, and effects."""
 
+import json
 from typing import ClassVar
 
 import numpy as np
 import pytest
 from scipy.stats import binned_statistic, multivariate_normal
 
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap import workflow
 from wakedeploy.gap.evidence.inference import Free
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Answer, Disagreements, read
 from wakedeploy.gap.search.comparison import Record
-from wakedeploy.gap.search.rounds import concluded
 from wakedeploy.gap.systems.response import ResponseModel, covariance, scored
+from wakedeploy.gap.workflow import concluded, run
 
 
 class Line(ResponseModel):
@@ -59,6 +64,13 @@ def test_an_outlier_hardly_counts():
     assert weight[1] < 1e-3 < 0.97 < weight[0]
 
 
+class Added(workflow.Folder):
+    """Steps of a line, to which nothing is added."""
+
+    def add(self):
+        return self.name()
+
+
 @pytest.fixture(scope="module")
 def bent():
     """A line that has a bend, and what is told of it."""
@@ -67,42 +79,82 @@ def bent():
 
 
 def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes(bent):
-    _, document = bent
-    assert document["verdict"] == "named"
-    entry = document["parameters"]["bend.size"]
-    assert entry["low"] < 0.4 < entry["high"]
-    (effect,) = document["effects"]
-    assert effect["name"] == "bend"
-    assert effect["parameters"]["size"] == entry
-    assert effect["forecast"]["low"] > 0.0
-    assert "time" in {p["coordinate"] for p in document["where"]}
-    gap = document["gap"]["height"]
-    assert gap["after"] < 0.8 * gap["before"]
-    assert document["placebo"]["name"] == "wave"
-    assert document["placebo"]["after"][0] > 1.1 * gap["after"]
+    _, result = bent
+    assert result.verdict == "named"
+    size = result.parameters["bend.size"]
+    assert size.low < 0.4 < size.high
+    (effect,) = result.effects
+    assert effect.name == "bend"
+    assert effect.parameters["size"] == size
+    assert effect.forecast.low > 0.0
+    assert "time" in {p.coordinate for p in result.where}
+    error = result.gap["height"]
+    assert error.after < 0.8 * error.before
+    assert result.placebo.name == "wave"
+    assert result.placebo.after[0] > 1.1 * error.after
 
 
 def test_what_is_shown_are_the_sealed_episodes(bent):
-    line, document = bent
-    sealed = [r for r in line.records if r.name in document["sealed"]]
-    (place,) = document["shown"]["places"]
+    line, result = bent
+    sealed = [r for r in line.records if r.name in result.sealed]
+    (place,) = result.shown.places
     heights = np.concatenate([r.measured[0] for r in sealed])  # the baseline says 0 everywhere
     times = np.tile(line.time_s, len(sealed))
-    means, _, _ = binned_statistic(times, heights, bins=place["edges"])
-    assert place["before"] == pytest.approx(means)
-    assert np.abs(place["after"]).max() < 0.5 * np.abs(means).max()
-    trace = document["shown"]["trace"]
-    (channel,) = trace["channels"].values()
-    record = next(r for r in sealed if r.name == trace["episode"])
-    np.testing.assert_array_equal(channel["measured"], record.measured[0])
-    np.testing.assert_allclose(channel["before"], 0.0, atol=1e-12)
+    means, _, _ = binned_statistic(times, heights, bins=place.edges)
+    assert place.before == pytest.approx(means)
+    assert np.abs(place.after).max() < 0.5 * np.abs(means).max()
+    trace = result.shown.trace
+    (course,) = trace.channels.values()
+    record = next(r for r in sealed if r.name == trace.episode)
+    np.testing.assert_array_equal(course.measured, record.measured[0])
+    np.testing.assert_allclose(course.before, 0.0, atol=1e-12)
 
 
 def test_nothing_is_named_where_nothing_is():
-    document = concluded(Line(bend=0.0))
-    assert (document["verdict"], document["effects"]) == ("none", [])
+    result = concluded(Line(bend=0.0))
+    assert (result.verdict, result.effects) == ("none", [])
 
 
 def test_three_episodes_are_too_few():
     with pytest.raises(Exception, match="at least 4"):
         concluded(Line(bend=0.4, episodes=3))
+
+
+def _left(result, kind, path):
+    """What a step of the same logs would have left."""
+    fields = {field: getattr(result, field) for field in kind.model_fields}
+    kind(**fields | {"key": "k"}).write(path)
+
+
+def test_steps_in_a_folder_tell_what_they_tell_without_one(bent, tmp_path, monkeypatch):
+    line, result = bent
+    _left(result, Answer, tmp_path / "name.json")
+    monkeypatch.setattr(workflow, "named", None)  # what has run is not run again
+    told = run(Added(line, tmp_path, "k", 0.5), "close")
+    assert (told.gap, told.where) == (result.gap, result.where)
+    assert told.effects == result.effects
+    left = json.loads((tmp_path / "name.json").read_text())
+    assert left["rules"]["class_nats"] == RULES.class_nats
+    assert read(tmp_path / "name.json", Answer, "other logs") is None
+
+
+@pytest.mark.parametrize(
+    ("file", "damage", "says"),
+    [
+        ("find.json", lambda told: told | {"version": 0}, "version 0; this program reads 1"),
+        ("find.json", lambda told: told | {"where": [{"low": "x"}]}, "where.0.channel is missing"),
+        ("find.json", lambda told: told | {"theta": {}}, "not the parameters of its fit"),
+        ("name.json", lambda told: told | {"verdict": "perhaps"}, "verdict = 'perhaps'"),
+        ("name.json", lambda told: told | {"effects": [], "x": 1}, "x is not known"),
+    ],
+)
+def test_a_file_that_no_step_wrote_is_refused_in_a_sentence(bent, tmp_path, file, damage, says):
+    line, result = bent
+    _left(result, Disagreements, tmp_path / "find.json")
+    _left(result, Answer, tmp_path / "name.json")
+    path = tmp_path / file
+    path.write_text(json.dumps(damage(json.loads(path.read_text()))))
+    with pytest.raises(UnusableInput, match="delete it to run the step anew") as error:
+        Added(line, tmp_path, "k", 0.5).show()
+    assert says in str(error.value)
+    assert str(error.value).startswith(str(path))

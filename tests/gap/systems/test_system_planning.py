@@ -9,7 +9,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit
-from wakedeploy.gap.search.rounds import fitted_base
+from wakedeploy.gap.search.judging import fitted_base
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.plan import plan
 from wakedeploy.gap.systems.planning.power import power

@@ -25,7 +25,6 @@ from wakedeploy.gap.evidence.inference import (
     scores_of,
 )
 
-ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
 _TINY = 1e-10
 _HELD = 1e14  # precision of what may not move
 _MOST_DEVIATIONS = 2.0

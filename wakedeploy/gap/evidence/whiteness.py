@@ -14,12 +14,12 @@ from scipy.signal import periodogram
 from scipy.stats import chi2
 
 from wakedeploy.gap.evidence.inference import Fit, Score
+from wakedeploy.gap.rules import RULES
 
 FloatArray = npt.NDArray[np.float64]
 
 LAGS = 16  # half a second of samples
 REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
-_SURE = 0.999
 _BANDS = 48
 
 
@@ -57,7 +57,7 @@ class Whiteness:
         The statistic of white noise does not depend on their number; what a model leaves in any
         case, friction's fine structure, say, grows in proportion to it. None asks for white noise.
         """
-        of_white_noise = float(chi2.ppf(_SURE, self.freedom))
+        of_white_noise = float(chi2.ppf(RULES.white_quantile, self.freedom))
         if of_reference is None:
             return of_white_noise
         left = (of_reference - self.freedom) * self.samples / REFERENCE_SAMPLES

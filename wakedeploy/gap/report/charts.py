@@ -13,6 +13,7 @@ from wakedeploy.core import figures
 from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report.shrinkage import closed_words, gap_channel, unchanged
 from wakedeploy.gap.report.tables import ranked
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.wording import (
     FloatArray,
     entries,
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-INDISTINCT_NATS = 3.0  # two effects closer than this cannot be told apart
 _WIDTH_IN = 7.5
 _STRAY = 6.0 * 1.4826  # medians of the error's size beyond which a reading strayed, as in `showing`
 _ON_PAPER = {"facecolor": "white", "edgecolor": "none", "pad": 0.8}
@@ -333,19 +333,19 @@ def _heat_map(drawn: "Figure", axes: "Axes", loss: FloatArray, names: list[str])
     axes.set_yticks(ticks, names, fontsize=size)
     axes.set(xlabel="explained by", ylabel="true effect")
     axes.grid(False)
-    rows, columns = np.nonzero(loss < INDISTINCT_NATS)
+    rows, columns = np.nonzero(loss < RULES.class_nats)
     axes.scatter(columns, rows, marker="x", color="white", s=18, linewidths=1.0)
     if len(names) <= _MOST_NUMBERED:
         _number_cells(axes, loss)
     bar = drawn.colorbar(shades, ax=axes, shrink=0.8, pad=0.02)
-    bar.ax.axhline(INDISTINCT_NATS, color="white", linewidth=1.6)
+    bar.ax.axhline(RULES.class_nats, color="white", linewidth=1.6)
     bar.ax.yaxis.set_major_formatter("{x:g}")
     bar.set_label("log density that the rival loses [nats]")
-    axes.set_title(f"× under {INDISTINCT_NATS:g} nats: cannot be told apart", fontsize=9)
+    axes.set_title(f"× under {RULES.class_nats:g} nats: cannot be told apart", fontsize=9)
 
 
 def _number_cells(axes: "Axes", loss: FloatArray) -> None:
-    for row, column in np.argwhere(loss >= INDISTINCT_NATS):
+    for row, column in np.argwhere(loss >= RULES.class_nats):
         nats = loss[row, column]
         ink = "white" if nats < _DARK_BELOW_NATS else "#222222"
         axes.text(column, row, f"{nats:.0f}", ha="center", va="center", fontsize=7, color=ink)

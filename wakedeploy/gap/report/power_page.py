@@ -11,7 +11,7 @@ import numpy as np
 
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.gap.evidence.separation import ENOUGH_NATS
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
 from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
 from wakedeploy.gap.systems.gantry.planning.rates import SURE
@@ -219,7 +219,7 @@ def draw_confusion(power: Power) -> "Figure":
         axes.set_ylabel("truth")
         bar = drawn.colorbar(image, ax=axes, fraction=0.04, extend="both")
         bar.set_ticks([0.3, 1, 3, 10, 30, 100, 300], labels=_NATS_LABELS)
-        bar.ax.axhline(ENOUGH_NATS, color="#ffffff", linewidth=1.2)
+        bar.ax.axhline(RULES.class_nats, color="#ffffff", linewidth=1.2)
         bar.set_label("nats lost by the rival (line: enough to name)")
     return drawn
 
@@ -326,8 +326,8 @@ def _method(power: Power) -> tuple[str, ...]:
         f"An effect is detected when its gain on flights left out crosses "
         f"{power.threshold_nats:.1f} nats, which less than one data set in twenty without any "
         f"effect does (from {power.threshold_source}). It is named when every rival is more than "
-        f"{ENOUGH_NATS:g} nats behind on all flights; both must happen in {100 * SURE:.0f} % of "
-        f"the data sets, which takes about {MARGIN_NATS:g} nats on average. Flights that the "
+        f"{RULES.class_nats:g} nats behind on all flights; both must happen in {100 * SURE:.0f} % "
+        f"of the data sets, which takes about {MARGIN_NATS:g} nats on average. Flights that the "
         "workflow seals, two of seven, take no part in naming.",
         f"Believe a promise of {100 * SURELY:.0f} % and more as {100 * KEPT:.0f} %: of "
         f"{KEPT_OF} effects hidden in the gap benchmark of which that was promised, so many were "

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from wakedeploy.gap.few_flights import cannot_tell, in_words
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.wording import (
     counted,
     entries,
@@ -24,7 +25,6 @@ from wakedeploy.gap.wording import (
 
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged
 _HARDLY = 0.98  # of the error before; an error after beyond that asks for an explanation
-_SPEAKS_NATS = 3.0  # of sealed flights
 _LITTLE, _LESS = 0.2, 0.7  # of the gain of what was found; so much a wrong effect may imitate
 
 
@@ -135,7 +135,7 @@ def _instead(result: Mapping[str, Any]) -> list[str]:
     if math.isnan(nats):
         return [f"{told}."]
     speaks = f"hardly speaks for it ({nats:.1f} nats)"
-    if nats > _SPEAKS_NATS:
+    if nats > RULES.speaks_nats:
         speaks = f"speaks for it by {nats:.1f} nats"
     elif nats < 0.0:
         speaks = f"does not speak for it ({quantity(nats, 'nats')})"

@@ -24,7 +24,8 @@ from wakedeploy.gap.report.mattering import (
     worth_sentences,
 )
 from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, placebo, shrinking
-from wakedeploy.gap.search.places import FALSE_DISCOVERIES, forbids_none
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.places import forbids_none
 from wakedeploy.gap.wording import (
     confidence,
     counted,
@@ -302,7 +303,7 @@ def _rest(unknown: Mapping[str, Any]) -> list[str]:
 def _place(result: Mapping[str, Any]) -> list[str]:
     """Where the disagreement is strongest, in words that the verdict can stand beside."""
     places = entries(result.get("places")) or entries(result.get("where"))
-    places = [place for place in places if number(place.get("q_value")) <= FALSE_DISCOVERIES]
+    places = [place for place in places if number(place.get("q_value")) <= RULES.false_discoveries]
     few = cannot_tell(flight_count(result))
     claims = result.get("verdict") in _CLAIMS and not few
     if not places:

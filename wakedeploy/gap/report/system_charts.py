@@ -1,17 +1,18 @@
-"""Figures that only a domain's report has: an episode, autocorrelation, delay over frequency.
+"""Figures that only a system's report has: an episode, autocorrelation, delay over frequency.
 
-In: parts of `domain.json`. Out: figures; None where there is nothing to draw.
+In: parts of a `Result`. Out: figures; None where there is nothing to draw.
 """
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wakedeploy.core import figures
 from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
-from wakedeploy.gap.wording import FloatArray, mapping, number, numbers
+from wakedeploy.gap.search.artefacts import DelayProfile, PhaseDelay, Trace, WhitePair
+from wakedeploy.gap.wording import FloatArray, numbers
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,51 +22,44 @@ if TYPE_CHECKING:
 _WIDTH_IN = 7.5
 _HOLE = 3.0  # times the usual step
 
-Part = Mapping[str, Any]
 
-
-def draw_trace(trace: Part) -> "Figure | None":
+def draw_trace(trace: Trace) -> "Figure | None":
     """Measured, and as the baseline and the corrected model have it, one panel per channel."""
-    time_s = numbers(trace.get("time_s"))
-    channels = [(str(n), mapping(c)) for n, c in mapping(trace.get("channels")).items()]
-    if not len(time_s) or not channels:
+    time_s = numbers(trace.time_s)
+    if not len(time_s) or not trace.channels:
         return None
     drawn, grid = figures.figure(
-        len(channels),
-        size=(_WIDTH_IN, 0.5 + 1.9 * len(channels)),
+        len(trace.channels),
+        size=(_WIDTH_IN, 0.5 + 1.9 * len(trace.channels)),
         sharex=True,
         squeeze=False,
     )
-    for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
-        for key, colour, label in (
-            ("measured", figures.REFERENCE, "measured"),
-            ("before", BEFORE, "baseline"),
-            ("after", AFTER, "with what was found"),
+    for axes, (name, course) in zip(grid[:, 0], trace.channels.items(), strict=True):
+        for values, colour, label in (
+            (course.measured, figures.REFERENCE, "measured"),
+            (course.before, BEFORE, "baseline"),
+            (course.after, AFTER, "with what was found"),
         ):
-            whole = np.where(_after_hole(time_s), np.nan, numbers(channel.get(key)))
+            whole = np.where(_after_hole(time_s), np.nan, numbers(values))
             axes.plot(time_s, whole, color=colour, label=label)
-        axes.set_ylabel(labelled(name, str(channel.get("unit", ""))))
+        axes.set_ylabel(labelled(name, course.unit))
     _legend(drawn, grid[0, 0])
-    grid[-1, 0].set_xlabel(f"time in {trace.get('episode')} [s]")
+    grid[-1, 0].set_xlabel(f"time in {trace.episode} [s]")
     return drawn
 
 
-def draw_autocorrelation(document: Part) -> "Figure | None":
+def draw_autocorrelation(white: WhitePair, channels: Sequence[str]) -> "Figure | None":
     """Of the whitened innovations before and after, one panel per channel."""
-    white = mapping(document.get("white"))
-    both = [(mapping(white.get("before")), BEFORE, "baseline"),
-            (mapping(white.get("after")), AFTER, "with what was found")]  # fmt: skip
-    channels = list(mapping(document.get("gap")))
-    if not channels or not all(len(_by_channel(told)) == len(channels) for told, *_ in both):
+    both = ((white.before, BEFORE, "baseline"), (white.after, AFTER, "with what was found"))
+    if not channels or not all(len(told.rows) == len(channels) for told, *_ in both):
         return None
     drawn, grid = figures.figure(
         1, len(channels), size=(_WIDTH_IN, 2.4), sharey=True, squeeze=False
     )
     for row, (axes, channel) in enumerate(zip(grid[0], channels, strict=True)):
         for told, colour, label in both:
-            axes.plot(numbers(told.get("lags")), _by_channel(told)[row], "o-",
-                      color=colour, markersize=3, label=label)  # fmt: skip
-        half = 1.96 / math.sqrt(number(both[0][0].get("samples")))
+            axes.plot(told.lags, told.rows[row], "o-", color=colour, markersize=3, label=label)
+        half = 1.96 / math.sqrt(max(white.before.samples, 1))
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
         axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
         axes.set(xlabel="lag [samples]", title=channel)
@@ -74,15 +68,11 @@ def draw_autocorrelation(document: Part) -> "Figure | None":
     return drawn
 
 
-def _by_channel(white: Part) -> "list[FloatArray]":
-    """Autocorrelations, a row for each channel."""
-    rows = white.get("by_channel") or [white.get("autocorrelation")]
-    return [numbers(row) for row in rows]
-
-
-def draw_delay_profile(profile: Part) -> "Figure | None":
+def draw_delay_profile(profile: DelayProfile | None) -> "Figure | None":
     """Nats below the best delay, the best and the best elsewhere marked."""
-    delay_s, nats = numbers(profile.get("delay_s")), numbers(profile.get("nats"))
+    if profile is None:
+        return None
+    delay_s, nats = numbers(profile.delay_s), numbers(profile.nats)
     curve = _curve(delay_s, nats, 2.8)
     if curve is None:
         return None
@@ -98,9 +88,11 @@ def draw_delay_profile(profile: Part) -> "Figure | None":
     return drawn
 
 
-def draw_phase_delay(phase: Part) -> "Figure | None":
+def draw_phase_delay(phase: PhaseDelay | None) -> "Figure | None":
     """Delay over frequency."""
-    curve = _curve(numbers(phase.get("frequency_hz")), numbers(phase.get("delay_s")), 2.4)
+    if phase is None:
+        return None
+    curve = _curve(numbers(phase.frequency_hz), numbers(phase.delay_s), 2.4)
     if curve is None:
         return None
     drawn, axes = curve

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student_t
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import (
     Fit,
     FloatArray,
@@ -27,13 +28,12 @@ from wakedeploy.gap.evidence.inference import (
 )
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import CLASS_NATS, MOST_IN_CLASS
+from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed
 
-MOST_EFFECTS = 4
 _TRIED = 6  # candidates of a round whose forecasts are looked at
 _SURE = 0.95
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
@@ -43,7 +43,6 @@ ONE_BLOCK = "its gain rests on one block"
 WORSE = "forecasts get worse"
 HARDLY = "evident, but forecasts hardly change"
 ACCEPTED = "accepted"
-_UNEXPLAINED = 0.1  # share of the error that a rejected effect removed: something is missing
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +72,25 @@ class _Verdict:
     weight: Weight | None = None
 
 
+def fitted_base(model: Comparison) -> Fit:
+    """The system as it is, on the episodes that are not sealed.
+
+    Raises UnusableInput for too few episodes.
+    """
+    if model.episodes < FEWEST_IN_ALL:
+        raise UnusableInput(
+            f"{model.name}: the recordings make {model.episodes} episodes; at least {FEWEST_IN_ALL}"
+            " are needed, as effects are judged on episodes that they were not fitted to."
+        )
+    sealed = model.sealed()
+    used = [e for e in range(model.episodes) if e not in sealed]
+    return settled(model, fit(model, (), used))[0]
+
+
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     """Effects one after another, as long as one is evident and matters."""
     told = Named(base, base, [])
-    while len(told.found.hypothesis) < MOST_EFFECTS:
+    while len(told.found.hypothesis) < RULES.most_effects:
         further = _round(model, told, progress)
         if further is None:
             break
@@ -96,7 +110,7 @@ def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:
     if accepted:
         return _with(model, told, accepted)
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
-    if not evident or len(found.hypothesis) + 2 > MOST_EFFECTS:
+    if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
         return None
     return _pair(model, told, evident[0], progress)
 
@@ -224,9 +238,9 @@ def _rivals_with(best: Candidate, other: Candidate) -> bool:
     apart = best.gains - other.gains
     count = len(apart)
     if count < 2:
-        return float(apart.sum()) < CLASS_NATS
+        return float(apart.sum()) < RULES.class_nats
     reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
-    return bool(float(apart.sum()) - reach < CLASS_NATS)
+    return bool(float(apart.sum()) - reach < RULES.class_nats)
 
 
 def _entry(one: Candidate, base: Fit) -> dict[str, Any]:
@@ -295,13 +309,13 @@ def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
 def verdict_of(told: Named) -> str:
     """The answer in a word: named, class, none or unknown."""
     if told.rivals:
-        return "class" if len(told.rivals) <= MOST_IN_CLASS else "unknown"
+        return "class" if len(told.rivals) <= RULES.most_in_class else "unknown"
     if told.found.hypothesis:
         return "named"
     rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
     doubtful = any(
         e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE)
-        or (e["forecast"]["share"] > _UNEXPLAINED and e["forecast"]["low"] > 0.0)
+        or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )
     return "unknown" if doubtful or told.leftover else "none"

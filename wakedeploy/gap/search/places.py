@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.wording import number, signs
 
 IntArray = npt.NDArray[np.int64]
@@ -23,8 +24,6 @@ Orders = npt.NDArray[np.int32]
 BoolArray = npt.NDArray[np.bool_]
 
 INNOVATION = "innovation"  # of no unit that a system has: it tells that, and not by how much
-FALSE_DISCOVERIES = 0.05
-FORBIDS_NONE = 0.02  # a place at this q or below; one in fifty sets of flights has it by chance
 _BINS = 8
 _FEWEST = 80  # residuals, to make a map of
 _PERMUTATIONS = 999  # the fewest with which one map alone can be significant among all
@@ -69,7 +68,7 @@ def disagreements(
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
     maps.sort(key=lambda m: (m["q_value"], -m["clarity"]))
-    found = [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)]
+    found = [p for m in maps if m["q_value"] <= RULES.false_discoveries for p in _places(m)]
     return maps, _ranked(found, dict(least or {}))
 
 
@@ -350,7 +349,8 @@ def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
     Innovations do not count: their whiteness is a gate of its own.
     """
     return any(
-        p.get("channel") != INNOVATION and number(p.get("q_value")) <= FORBIDS_NONE for p in places
+        p.get("channel") != INNOVATION and number(p.get("q_value")) <= RULES.forbids_none_q
+        for p in places
     )
 
 

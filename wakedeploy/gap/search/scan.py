@@ -11,6 +11,7 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed, raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
@@ -18,9 +19,6 @@ from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 CLIMBED = 6  # candidates that are fitted to the end
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
-CHANCE = 0.95  # of which this quantile has to be passed
-LEAST_NATS = 3.0
-SIMPLER = 0.8  # of a gain that a simpler kind has to reach to be named first
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
 _TURNED = 50  # samples of a block whose sign chance turns, at least
 _SIMPLER_KINDS = {
@@ -39,7 +37,8 @@ def ranked(
     ground, total = Ground.of(base), len(names) + CLIMBED
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
     order = sorted(seen_all, key=lambda one: -one.prospect(base))
-    least = max(LEAST_NATS, WORTH * order[0].prospect(base)) if order else LEAST_NATS
+    most = order[0].prospect(base) if order else 0.0
+    least = max(RULES.least_nats, WORTH * most)
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
     fits = raced(model, base, [seen.fit for seen in chosen])
     steps(total, total)
@@ -64,7 +63,8 @@ def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: i
         for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng))):
             gains = [0.5 * ((own.T @ draws) ** 2).sum(0) - own.shape[1] for own in bases]
             best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
-    return max(*(float(np.quantile(row, CHANCE)) for row in best), LEAST_NATS)
+    sure = 1.0 - RULES.false_alarms
+    return max(*(float(np.quantile(row, sure)) for row in best), RULES.least_nats)
 
 
 def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
@@ -122,6 +122,6 @@ def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
         one = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
-        if one.gain_nats >= SIMPLER * best.gain_nats:
+        if one.gain_nats >= RULES.simpler_share * best.gain_nats:
             return one
     return best

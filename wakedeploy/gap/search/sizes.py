@@ -1,15 +1,13 @@
 """Values, 90 % intervals and units of effects' parameters, as artefacts have them."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import Fit, Model, extended, fit, settled
 from wakedeploy.gap.evidence.whiteness import whiteness
-
-Sizes = dict[str, dict[str, Any]]
+from wakedeploy.gap.search.artefacts import Round, Size, Sizes
 
 
 def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = None) -> Sizes:
@@ -24,12 +22,18 @@ def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = Non
     for i, free in enumerate(fitted.free):
         if free.name.split(".")[0] in effects:
             low, high = fitted.interval(free.name)
-            own = {"value": fitted.value(free.name), "low": low, "high": high, "unit": free.unit}
+            own = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
             if unweighted is not None:
                 ranges = [_between_episodes(f, i) for f in (fitted, unweighted)]
-                own |= {"low": max(min(r[0] for r in ranges), free.low), "mean_low": low}
-                own |= {"high": min(max(r[1] for r in ranges), free.high), "mean_high": high}
-                own |= {"least_squares": unweighted.value(free.name)}
+                own = Size(
+                    value=own.value,
+                    unit=free.unit,
+                    low=max(min(r[0] for r in ranges), free.low),
+                    high=min(max(r[1] for r in ranges), free.high),
+                    mean_low=low,
+                    mean_high=high,
+                    least_squares=unweighted.value(free.name),
+                )
             result[free.name] = own
     return result
 
@@ -47,16 +51,15 @@ def least_squares(model: Model, found: Fit) -> Fit | None:
     return settled(plain, start)[0]
 
 
-def over_rounds(name: str, entry: Mapping[str, Any], rounds: Sequence[Mapping[str, Any]]) -> Any:
+def over_rounds(name: str, size: Size, rounds: Sequence[Round]) -> Size:
     """An interval that also holds what was said when the effect was accepted.
 
     What stands beside an effect moves its parameters by more than their intervals where none of
     the hypotheses makes the innovations white.
     """
-    earlier = [r["accepted"][name] for r in rounds if name in r.get("accepted", {})]
-    low = min([entry["low"], *(e["low"] for e in earlier)])
-    high = max([entry["high"], *(e["high"] for e in earlier)])
-    return {**entry, "low": low, "high": high}
+    sizes = [size, *(r.accepted[name] for r in rounds if name in r.accepted)]
+    ends = {"low": min(s.low for s in sizes), "high": max(s.high for s in sizes)}
+    return size.model_copy(update=ends)
 
 
 def _between_episodes(fitted: Fit, i: int) -> tuple[float, float]:

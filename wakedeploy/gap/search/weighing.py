@@ -12,9 +12,9 @@ import numpy as np
 from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, prior_precision
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
 
-LEAST_SHARE = 0.01  # of the squared forecast error that an effect has to remove to matter
 _FOLDS = 4
 _CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
 _FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
@@ -34,7 +34,7 @@ class Weight:
 
         What is asked is whether it is worth anything; that it is there, evidence has said.
         """
-        return self.share >= LEAST_SHARE and self.share + self.low > 0.0
+        return self.share >= RULES.least_share and self.share + self.low > 0.0
 
 
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:

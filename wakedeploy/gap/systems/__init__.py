@@ -7,9 +7,9 @@ In: public recordings in their original layout, flights of a gantry, or a small 
 
 import importlib
 from pathlib import Path
-from typing import Any
 
 from wakedeploy.gap.progress import Progress
+from wakedeploy.gap.search.artefacts import Result
 from wakedeploy.gap.systems.response import ResponseModel
 
 DOMAINS = ("motor", "fish", "quadrotor", "downwash")
@@ -25,8 +25,7 @@ def open_domain(name: str, path: Path | None) -> ResponseModel:
     return model
 
 
-def further(name: str, model: ResponseModel, progress: Progress) -> dict[str, Any]:
-    """What a domain adds to the account: independent estimates, profiles, an audit of labels."""
+def with_further(name: str, model: ResponseModel, result: Result, progress: Progress) -> Result:
+    """A result with what the domain alone tells: other estimates, profiles, an audit of labels."""
     module = importlib.import_module(f"wakedeploy.gap.systems.{name}")
-    result: dict[str, Any] = module.further(model, progress)
-    return result
+    return Result(**{**dict(result), **module.further(model, progress)})

@@ -30,9 +30,9 @@ from wakedeploy.domains.quadrotor_files import (
 from wakedeploy.gap.evidence.inference import FloatArray, Free
 from wakedeploy.gap.progress import Progress
 from wakedeploy.gap.search.comparison import Record
-from wakedeploy.gap.search.rounds import concluded
 from wakedeploy.gap.systems.label_audit import FAR_M, audit
 from wakedeploy.gap.systems.response import ResponseModel, Values, required
+from wakedeploy.gap.workflow import concluded
 
 _STRIDE = 20
 _MARGIN = 20  # samples at either end, where the label's smoother looks across the cut

@@ -12,10 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended
-from wakedeploy.gap.evidence.separation import ENOUGH_NATS
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.search.scan import CHANCE, LEAST_NATS
-from wakedeploy.gap.search.weighing import LEAST_SHARE
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 
@@ -81,11 +79,14 @@ def chance(curves: Mapping[str, FloatArray]) -> float:
     size = np.linalg.norm(directions, axis=1, keepdims=True)
     directions = directions[size[:, 0] > _TINY] / size[size[:, 0] > _TINY]
     if not len(directions):
-        return LEAST_NATS
+        return RULES.least_nats
     value, vector = np.linalg.eigh(directions @ directions.T)
     root = vector * np.sqrt(np.maximum(value, 0.0))
     pulls = np.random.default_rng(0).standard_normal((_DRAWS, len(value))) @ root.T
-    return max(float(np.quantile(0.5 * (pulls**2).max(1) - 1.0, CHANCE)), LEAST_NATS)
+    return max(
+        float(np.quantile(0.5 * (pulls**2).max(1) - 1.0, 1.0 - RULES.false_alarms)),
+        RULES.least_nats,
+    )
 
 
 def _of(
@@ -101,7 +102,7 @@ def _of(
     gains = 0.5 * (rows**2).sum(1)
     detected = _crossing(sizes, gains, _surely(threshold + len(free)))
     closest = losses.min(1) if rivals else np.full(len(rows), math.inf)
-    named = _crossing(sizes, closest, _surely(ENOUGH_NATS))
+    named = _crossing(sizes, closest, _surely(RULES.class_nats))
     at = int(np.searchsorted(sizes, named if math.isfinite(named) else sizes[-1]))
     rival = rivals[int(losses[min(at, len(rows) - 1)].argmin())] if rivals else ""
     matters = sizes[0] * _mattering(responses, name, first)
@@ -144,4 +145,6 @@ def _mattering(responses: Responses, name: str, first: FloatArray) -> float:
     most = float(np.max(moved / np.maximum(error, _TINY)))
     if not most > _TINY:
         return math.inf
-    return float(GRID[far] / GRID[0]) * math.sqrt(LEAST_SHARE / (1.0 - LEAST_SHARE) / most)
+    return float(GRID[far] / GRID[0]) * math.sqrt(
+        RULES.least_share / (1.0 - RULES.least_share) / most
+    )

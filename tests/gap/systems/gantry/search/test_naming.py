@@ -14,11 +14,11 @@ from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.answer import write_answer
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.expressions import search
 from wakedeploy.gap.systems.gantry.search.naming import (
-    CLASS_NATS,
     Answer,
     Round,
     Thresholds,
@@ -237,7 +237,7 @@ def candidates(**gains: float) -> tuple[Candidate, ...]:
 
 
 def test_a_class_holds_what_is_within_three_nats_of_the_best() -> None:
-    searched = Round((), candidates(a=30.0, b=30.1 - CLASS_NATS, c=29.9 - CLASS_NATS))
+    searched = Round((), candidates(a=30.0, b=30.1 - RULES.class_nats, c=29.9 - RULES.class_nats))
     assert [c.name for c in searched.rivals] == ["a", "b"]
     many = Round((), candidates(a=30.0, b=29.9, c=29.8, d=29.7))
     assert [c.name for c in many.rivals] == ["a", "b", "c"]
@@ -282,7 +282,7 @@ def test_an_expression_is_told_around_the_motion_that_it_explains() -> None:
 
 def searched(found: dict[str, float]) -> _Search:
     """A search that has found these with these gains, and that no expression helps."""
-    search = _Search(None, None, None, LIMITS, CLASS_NATS)  # type: ignore[arg-type]
+    search = _Search(None, None, None, LIMITS, RULES.class_nats)  # type: ignore[arg-type]
     search._gains = found
     search.expression = lambda model, current: None  # type: ignore[method-assign]
     return search

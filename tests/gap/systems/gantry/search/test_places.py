@@ -8,9 +8,10 @@ from recorded import RIG, flown
 from scipy.stats import false_discovery_control
 
 from wakedeploy.gap.search import places as finding
-from wakedeploy.gap.search.places import FALSE_DISCOVERIES, Residuals, forbids_none, q_values
+from wakedeploy.gap.search.places import Residuals, forbids_none, q_values
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search import places as gantry_places
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.search.places import AXES, HORIZONS_S, find_places
@@ -77,7 +78,7 @@ def test_a_force_is_found_where_it_acts(pushed) -> None:
     assert right["low"] > -0.05
     assert right["residual"] > 0.1
     assert right["exogenous"]
-    assert right["q_value"] <= FALSE_DISCOVERIES
+    assert right["q_value"] <= RULES.false_discoveries
     assert "carriage position above" in right["words"]
     assert "disagree" in found["sentence"]
     assert found["places"][0]["channel"] != "innovation"

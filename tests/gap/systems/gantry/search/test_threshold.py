@@ -8,9 +8,9 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line
 from wakedeploy.core.rig import Effect, EffectParameter
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import (
-    FALSE_ALARMS,
     NullSet,
     known_thresholds,
     miscalibrated,
@@ -47,7 +47,7 @@ def alarms(limits: Thresholds, sets: list[NullSet]) -> float:
 def test_other_sets_exceed_the_thresholds_about_as_rarely_as_promised() -> None:
     fresh = drawn(2000, 99)
     rates = [alarms(quantiles(drawn(48, seed)), fresh) for seed in range(30)]
-    assert np.mean(rates) == pytest.approx(FALSE_ALARMS, abs=0.025)
+    assert np.mean(rates) == pytest.approx(RULES.false_alarms, abs=0.025)
 
 
 def test_a_handful_of_sets_is_refused() -> None:

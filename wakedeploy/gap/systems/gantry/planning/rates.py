@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import FloatArray
-from wakedeploy.gap.evidence.separation import ENOUGH_NATS, Evidence, fitted_shares
-from wakedeploy.gap.rules import FEWEST_FLIGHTS, sealed_count
+from wakedeploy.gap.evidence.separation import Evidence, fitted_shares
+from wakedeploy.gap.rules import RULES, sealed_count
 
 SURE = 0.8  # of the data sets: what "can be detected" and "can be named" mean
 DRAWS = 400
@@ -53,8 +53,8 @@ class Draws:
         episodes = max(2.0, share * copies * len(evidence.gram))
         free = np.array([len(evidence.of(name)) for name in evidence.names])
         cost = free * (1.0 + 0.5 / (episodes - 1.0))  # of the fit, and of leaving each out
-        enough = round(share * copies * len(evidence.gram)) >= FEWEST_FLIGHTS
-        return cls(evidence, information, noise @ root.T, cost, ENOUGH_NATS * share, enough)
+        enough = round(share * copies * len(evidence.gram)) >= RULES.fewest_flights
+        return cls(evidence, information, noise @ root.T, cost, RULES.class_nats * share, enough)
 
     def gains(self, truth: FloatArray) -> FloatArray:
         """Held-out gain of every effect (n, C) when `truth` (c,) is what is missing [nats]."""

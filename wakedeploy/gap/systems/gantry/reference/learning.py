@@ -14,7 +14,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Repeatability, Rig
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended, fit
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import FEWEST_FLIGHTS
+from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.reference.spread import (
@@ -82,12 +82,12 @@ class Reference:
 def learn(rig: Rig, flights: Sequence[Flight], progress: Progress = quiet) -> Reference:
     """Fit the flights, each with values of its own; then once more with what varies.
 
-    Raises UnusableInput for fewer flights than `FEWEST_FLIGHTS` and one.
+    Raises UnusableInput for fewer flights than `RULES.fewest_flights` and one.
     """
-    if len(flights) <= FEWEST_FLIGHTS:
+    if len(flights) <= RULES.fewest_flights:
         raise UnusableInput(
             f"{len(flights)} reference flights: whether one differs from the others takes"
-            f" {FEWEST_FLIGHTS + 1}; fly more."
+            f" {RULES.fewest_flights + 1}; fly more."
         )
     progress("letting each flight have thrust, battery and bias of its own")
     loose = rig.model_copy(update={"repeatability": LOOSE})
@@ -113,7 +113,7 @@ def odd_flights(
     `told` are value and standard error per flight, by quantity.
     """
     found: list[Odd] = []
-    while len(told) - len(found) > FEWEST_FLIGHTS:
+    while len(told) - len(found) > RULES.fewest_flights:
         left = [i for i in range(len(told)) if i not in {o.flight for o in found}]
         tried = len(left) * len(quantities)
         each = [_farthest(one, told, left, tried) for one in quantities]

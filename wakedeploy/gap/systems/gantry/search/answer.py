@@ -12,8 +12,8 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.folder import forget, write_step
-from wakedeploy.gap.rules import MOST_IN_CLASS
 from wakedeploy.gap.systems.gantry.effect_force import force_of
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Round
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
@@ -22,7 +22,6 @@ from wakedeploy.physics.effects import LIBRARY
 
 _CONFUSED = 14  # effects in the picture of what can be told apart
 _NEAR_TOP = 5  # of a ranking; what comes after it decides nothing
-_BENT_SD = 3.0  # of twenty constants, chance bends one as far in one rig of twenty
 
 
 def write_answer(
@@ -106,7 +105,7 @@ def bent(fitted: Fit) -> list[dict[str, Any]]:
     told = []
     for f, value in zip(fitted.free, fitted.theta, strict=True):
         away_sd = abs(float(value) - f.neutral) / f.prior_sd
-        if f.quantity == f.name and away_sd > _BENT_SD:
+        if f.quantity == f.name and away_sd > RULES.bent_sd:
             one = {"name": f.name, "stated": f.neutral, "spread": f.prior_sd}
             told.append(one | {"fitted": float(value), "away_sd": away_sd})
     return sorted(told, key=lambda one: -float(one["away_sd"]))
@@ -158,7 +157,7 @@ def _leading(answer: Answer, is_simulated: bool) -> dict[str, Any]:
     return {
         "clear": bool(searched.found),
         "names": [c.name for c in searched.rivals],
-        "others": [c.name for c in searched.near[MOST_IN_CLASS:]],
+        "others": [c.name for c in searched.near[RULES.most_in_class :]],
         "gain_nats": searched.near[0].gain_nats,
         "next": after.name if after is not None else None,
         "next_nats": after.gain_nats if after is not None else None,
@@ -235,4 +234,4 @@ def _split_by(answer: Answer) -> str:
 def _others(answer: Answer) -> list[str]:
     """What is as near as the members of a class, beyond the three that it lists."""
     found = [r for r in answer.rounds if r.found in answer.members]
-    return [c.name for c in found[0].near[MOST_IN_CLASS:]] if found else []
+    return [c.name for c in found[0].near[RULES.most_in_class :]] if found else []

@@ -26,6 +26,7 @@ from wakedeploy.gap.systems.gantry.residuals import (
     COORDINATES,
     residuals,
 )
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.answer import bent
 from wakedeploy.gap.systems.gantry.search.naming import without_effects
 from wakedeploy.gap.systems.gantry.search.places import AXES, HORIZONS_S
@@ -37,7 +38,6 @@ _BLOCK_S = 2.0
 _BINS = 8
 _TRACE_S = 10.0
 _MOST_MAPS = 6
-_HELPS_NATS = 3.0
 _USED_NATS = 0.5  # gained where it was fitted
 _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
@@ -284,7 +284,7 @@ def _placebo(
         "unit": "m",
         "gain_nats": gain,
         "found_gain_nats": found_nats,
-        "helps": bool(gain > _HELPS_NATS),
+        "helps": bool(gain > RULES.speaks_nats),
     }
 
 

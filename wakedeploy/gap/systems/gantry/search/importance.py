@@ -20,13 +20,12 @@ from wakedeploy.gap.evidence.inference import Fit, fit
 from wakedeploy.gap.systems.gantry.effect_force import Cost, cost_of
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.before_after import Shown, wrong_effects
 from wakedeploy.gap.systems.gantry.search.refitting import reduced
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 
 BLOCKS_S: Mapping[float, float] = {0.25: 2.0, 1.0: 4.0}  # horizon: length of a block
-SHARE = 0.05  # of a forecast's squared error; what removes less does not matter
-SPEAKS_NATS = 3.0  # of sealed flights; less says nothing
 _STRAY = 6.0  # errors beyond so many times the usual are readings that strayed
 
 
@@ -41,7 +40,7 @@ class Removed:
     @property
     def clearly(self) -> bool:
         """Whether it is a share that counts, and surely not nothing."""
-        return self.share >= SHARE and self.low > 0.0
+        return self.share >= RULES.least_share and self.low > 0.0
 
     def as_json(self) -> dict[str, float]:
         """As `name.json` holds it."""
@@ -73,7 +72,7 @@ class Mattering:
     @property
     def speaks(self) -> bool:
         """Whether the sealed likelihood is clearly for it, and more than for a wrong effect."""
-        return self.gain_nats > max(SPEAKS_NATS, self.placebo_nats or 0.0)
+        return self.gain_nats > max(RULES.speaks_nats, self.placebo_nats or 0.0)
 
     @property
     def is_confirmed(self) -> bool:
@@ -88,7 +87,7 @@ class Mattering:
         speaks for it, which tells more of few blocks.
         """
         spoils = any(r.high < 0.0 for r in self.removed.values())
-        counts = [r for r in self.removed.values() if r.share >= SHARE]
+        counts = [r for r in self.removed.values() if r.share >= RULES.least_share]
         surely = self.speaks or any(r.clearly for r in counts)
         return self.helps and not spoils and bool(counts) and surely
 

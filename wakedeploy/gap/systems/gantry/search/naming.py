@@ -27,8 +27,8 @@ from wakedeploy.gap.evidence.ranking import (
 )
 from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
-from wakedeploy.gap.rules import CLASS_NATS, FEWEST_FLIGHTS, MOST_IN_CLASS
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
 from wakedeploy.gap.systems.gantry.search.expressions import MOST_TERMS, Symbolic, search
 from wakedeploy.gap.systems.gantry.search.pairs import best_pair
@@ -44,13 +44,8 @@ from wakedeploy.physics.effects.chain import setting_of
 
 Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
 
-MOST_EFFECTS = 3
-_REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
-_RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
 _HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
-_SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
 _LONG_TERMS = 3  # an expression of so many is believed only after effects were tried in pairs
-_CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
 _CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
 _MOST_CONTENDERS = 4
 
@@ -94,7 +89,7 @@ class Round:
     given: tuple[str, ...]
     ranking: tuple[Candidate, ...]
     found: str = ""
-    near_nats: float = CLASS_NATS
+    near_nats: float = RULES.class_nats
     least_nats: float = 0.0
 
     def confidence(self, candidate: Candidate) -> float:
@@ -118,7 +113,7 @@ class Round:
     @property
     def rivals(self) -> tuple[Candidate, ...]:
         """The first of those, as many as a class has at most."""
-        return self.near[:MOST_IN_CLASS]
+        return self.near[: RULES.most_in_class]
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,7 +183,7 @@ def name_effects(
     share: float = 1.0,
     disagrees: bool = False,
 ) -> Answer:
-    """Find, refit, drop, and decide. ValueError for fewer flights than `FEWEST_FLIGHTS`.
+    """Find, refit, drop, and decide. ValueError for fewer flights than `RULES.fewest_flights`.
 
     `base` is the rig file as it is, fitted around the motion of a `model` with terms, where that is
     known already (`fitted_base`).
@@ -197,14 +192,14 @@ def name_effects(
     that there are places where flights and rig file disagree beyond noise: then something is
     missing, even where the noise that is fitted to it looks white and no form explains it.
     """
-    if model.episodes < FEWEST_FLIGHTS:
-        raise ValueError(f"{model.episodes} flights; a verdict takes {FEWEST_FLIGHTS}")
+    if model.episodes < RULES.fewest_flights:
+        raise ValueError(f"{model.episodes} flights; a verdict takes {RULES.fewest_flights}")
     if base is None:
         progress("fitting the rig file as it is")
         model, base = fitted_base(with_terms(model))
     names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
-    searched = _Search(model, base, base, thresholds, CLASS_NATS * share)
-    while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
+    searched = _Search(model, base, base, thresholds, RULES.class_nats * share)
+    while len(searched.current.hypothesis) < RULES.most_effects and searched.find(names, progress):
         pass
     base = searched.base
     model, current = without_idle(searched.model, searched.current)
@@ -340,7 +335,7 @@ class _Search:
             return None
         # Where something is missing, an effect that explains it as well is its better name.
         beyond = self.expression(self.model, self.current)
-        close = beyond is not None and best.gain_nats >= beyond.gain_nats - CLASS_NATS
+        close = beyond is not None and best.gain_nats >= beyond.gain_nats - RULES.class_nats
         return best if close else None
 
 
@@ -364,7 +359,7 @@ def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> fl
 
 def _form_nats(name: str, found: Mapping[str, float]) -> float:
     """What a relative of found effects gains where their form is not quite the rig's [nats]."""
-    return _RELATIVES_SHARE * sum(gain for one, gain in found.items() if _related(one, name))
+    return RULES.relatives_share * sum(gain for one, gain in found.items() if _related(one, name))
 
 
 def _related(one: str, other: str) -> bool:
@@ -385,10 +380,10 @@ def settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
     # Of several summits one may be the highest around its own motion and not around another's.
     fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
     best = max(fits, key=lambda f: f.objective).objective
-    near = [f for f in fits if f.objective > best - CLASS_NATS]
+    near = [f for f in fits if f.objective > best - RULES.class_nats]
     reached = [around, *(refitted(around[0], f) for f in near)]
     line, highest = max(reached, key=lambda p: p[1].objective)
-    as_high = (f for _, f in reached if f.objective > highest.objective - _SAME_SUMMIT_NATS)
+    as_high = (f for _, f in reached if f.objective > highest.objective - RULES.same_summit_nats)
     return line, replace(highest, summits=tuple(f for f in as_high if f is not highest))
 
 
@@ -424,10 +419,10 @@ def _rest(
     left = beyond.gain_nats if beyond is not None else 0.0
     if left > explained:
         return beyond, None
-    if explained > _CLEAR_NATS and left < _REST_SHARE * explained:
+    if explained > RULES.clear_nats and left < RULES.rest_share * explained:
         return None, beyond
     instead = _expression(model, base, thresholds, most_terms=2)
-    least = explained + thresholds.expression_nats + CLASS_NATS
+    least = explained + thresholds.expression_nats + RULES.class_nats
     if instead is not None and instead.gain_nats > least:
         return instead, None
     return None, beyond
@@ -441,7 +436,7 @@ def _pair_instead(
     if paired is None:
         return None
     model, own, gain_nats = paired
-    least = max(unknown.gain_nats - CLASS_NATS, 2.0 * thresholds.effect_nats)
+    least = max(unknown.gain_nats - RULES.class_nats, 2.0 * thresholds.effect_nats)
     if gain_nats < least or any(may_be_nothing(own, name) for name in own.hypothesis):
         return None
     return model, own

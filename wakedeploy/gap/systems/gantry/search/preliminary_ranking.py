@@ -13,8 +13,8 @@ from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.rules import CLASS_NATS
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.naming import (
     Answer,
     Round,
@@ -58,7 +58,7 @@ def glance(
         verdict="inconclusive",
         effects=(),
         classes=(),
-        rounds=(Round((), tuple(ranked), found, CLASS_NATS, least),),
+        rounds=(Round((), tuple(ranked), found, RULES.class_nats, least),),
         model=near,
         base_model=model,
         base=base,

@@ -14,13 +14,13 @@ from typing import Any
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
-from wakedeploy.gap.rules import CLASS_NATS, FEWEST_FLIGHTS
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.naming import Answer, with_terms
 from wakedeploy.physics.effects import LIBRARY
 
-FEWEST = 2 * FEWEST_FLIGHTS
+FEWEST = 2 * RULES.fewest_flights
 _RIVALS = 3  # of the whole search's ranking that each half looks at as well
 _PROMISING = 3
 
@@ -86,7 +86,7 @@ def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequenc
     promised = dict(zip(others, promises(model, base, others), strict=True))
     most = sorted(others, key=lambda n: -promised[n])[:_PROMISING]
     base, ranked = rank_fairly(model, base, [*wanted, *most])
-    near = [c for c in ranked if c.gain_nats > ranked[0].gain_nats - CLASS_NATS]
+    near = [c for c in ranked if c.gain_nats > ranked[0].gain_nats - RULES.class_nats]
     return _told(flights, near, found)
 
 

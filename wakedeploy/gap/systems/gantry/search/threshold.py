@@ -33,6 +33,7 @@ from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.expression_terms import is_wave_in_time
 from wakedeploy.gap.systems.gantry.search.expressions import SEARCHED, search
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -48,7 +49,6 @@ from wakedeploy.physics.constants import constants_of, spreads_of, with_constant
 from wakedeploy.physics.effects import LIBRARY, replacing
 from wakedeploy.physics.effects.chain import setting_of
 
-FALSE_ALARMS = 0.05  # of flight sets without any effect, all thresholds of naming together
 SETS = 48
 FLIGHTS, SECONDS = 5, 20.0
 _FIRST_SEED = 600_000_000
@@ -151,10 +151,12 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
     limits = least
     for share in np.linspace(0.90, 0.999, 200):
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
-        if (columns > limits).any(axis=1).mean() <= FALSE_ALARMS:
+        if (columns > limits).any(axis=1).mean() <= RULES.false_alarms:
             break
     residuals = {
-        channel: _gumbel(np.array([n.places[channel] for n in null]), 1.0 - FALSE_ALARMS / 3.0)
+        channel: _gumbel(
+            np.array([n.places[channel] for n in null]), 1.0 - RULES.false_alarms / 3.0
+        )
         for channel in LEAST.places
     }
     floors = [max(residuals[channel], least) for channel, least in LEAST.places.items()]

@@ -1,0 +1,425 @@
+"""What the steps leave behind, as types: find.json, name.json and domain.json.
+
+In: numbers of a search, or a file. Out: models that a step writes and the next one, the report and
+the terminal read. A number that is none (null in JSON) is NaN here. Every file states the version
+of its form and the rules by which it was decided.
+"""
+
+import math
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
+from wakedeploy.core.validation import first_problem
+from wakedeploy.gap.rules import RULES, Rules
+
+VERSION = 1
+
+Verdict = Literal["named", "class", "none", "unknown"]
+
+
+def _or_nan(value: Any) -> Any:
+    return math.nan if value is None else value
+
+
+Number = Annotated[float, BeforeValidator(_or_nan)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+
+class Artefact(_Part):
+    """A file of a step: the version of its form, the rules, and whose it is.
+
+    `key` is a hash of system and logs; "" where a step is never taken up again.
+    """
+
+    version: int = VERSION
+    rules: Rules = RULES
+    domain: str
+    key: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """As the file has it."""
+        return self.model_dump(mode="json", by_alias=True, exclude_none=True)
+
+    def write(self, path: Path) -> None:
+        """The file, whole or not at all."""
+        write_text_whole(path, json_text(self.as_json()))
+
+
+class Quantity(_Part):
+    """A value and its unit."""
+
+    value: Number
+    unit: str
+
+
+class Size(Quantity):
+    """A value with its 90 % interval, both in `unit`.
+
+    Where innovations are not white the interval is wider: the likelihood's own is `mean_low` to
+    `mean_high`, and `least_squares` is the value by which errors are smallest.
+    """
+
+    low: Number
+    high: Number
+    mean_low: Number | None = None
+    mean_high: Number | None = None
+    least_squares: Number | None = None
+
+
+Sizes = dict[str, Size]
+
+
+class Forecast(_Part):
+    """The share of the squared error of forecasts that goes away, with its 90 % interval."""
+
+    share: Number
+    low: Number
+    high: Number
+
+
+class Ranked(_Part):
+    """An effect in a ranking: what it gains [nats] on episodes that it was not fitted to.
+
+    `judged` says why it is not named, or "accepted"; "" where it was not looked at.
+    """
+
+    name: str
+    gain_nats: Number
+    interval: tuple[Number, Number]
+    parameters: Sizes
+    note: str = ""
+    judged: str = ""
+    forecast: Forecast | None = None
+
+
+class Round(_Part):
+    """A ranking beside the effects `given`, the gain that chance brings, and what was chosen."""
+
+    given: list[str]
+    threshold_nats: Number
+    ranking: list[Ranked]
+    chosen: str | None = None
+    rivals: list[str] = Field(default=[], alias="class")
+    accepted: Sizes = {}
+    sealed_error: list[Number] = []
+
+
+class Effect(_Part):
+    """An effect that was named, and what it does on sealed episodes."""
+
+    name: str
+    parameters: Sizes
+    forecast: Forecast
+
+
+class Followed(_Part):
+    """The coordinate that a push follows: its share of the push, and means over ranges."""
+
+    coordinate: str
+    unit: str
+    share: Number
+    edges: list[Number]
+    means: list[Number]
+
+
+class Leftover(_Part):
+    """A push on a state's rate that nothing explains: its sd, and its share of the usual rate."""
+
+    state: str
+    sd: Number
+    unit: str
+    lasts_s: Number
+    share: Number
+    against: Followed | None = None
+
+
+class Map(_Part):
+    """Mean residuals of a channel over ranges of a coordinate; `edges` has one more than `mean`."""
+
+    channel: str
+    coordinate: str
+    exogenous: bool
+    unit: str
+    coordinate_unit: str
+    edges: list[Number]
+    mean: list[Number]
+    low: list[Number]
+    high: list[Number]
+    count: list[Number]
+    blocks: list[Number] = []
+    p_value: Number
+    clarity: Number
+    strength: Number
+    q_value: Number
+
+
+class Place(_Part):
+    """Where a channel's residuals are off by more than noise, and by how much."""
+
+    channel: str
+    coordinate: str
+    exogenous: bool
+    low: Number
+    high: Number
+    residual: Number
+    unit: str
+    coordinate_unit: str
+    q_value: Number
+    clarity: Number
+    words: str
+
+
+class White(_Part):
+    """Whether innovations are white: the statistic, its limit, and the autocorrelation at lags."""
+
+    p_value: Number
+    statistic: Number
+    limit: Number
+    passes: bool
+    lags: list[int]
+    autocorrelation: list[Number]
+    by_channel: list[list[Number]] = []
+    samples: int
+
+    @property
+    def rows(self) -> list[list[float]]:
+        """The autocorrelation of each channel."""
+        return self.by_channel or [self.autocorrelation]
+
+
+class WhitePair(_Part):
+    """Of the baseline, and with what was found."""
+
+    before: White
+    after: White
+
+
+class Error(_Part):
+    """A channel's error on sealed episodes, rms."""
+
+    before: Number
+    after: Number
+    unit: str
+
+
+class Placebo(_Part):
+    """The best wrong effect in place of what was found; errors by channel, in its unit."""
+
+    name: str
+    before: list[Number]
+    after: list[Number]
+    sealed_gain_nats: Number
+
+
+class Profile(_Part):
+    """A channel's mean residual over ranges of a coordinate, before and after."""
+
+    channel: str
+    unit: str
+    coordinate: str
+    coordinate_unit: str
+    edges: list[Number]
+    before: list[Number]
+    after: list[Number]
+
+
+class Course(_Part):
+    """A channel along an episode: measured, predicted by the baseline and with what was found."""
+
+    unit: str
+    measured: list[Number]
+    before: list[Number]
+    after: list[Number]
+
+
+class Trace(_Part):
+    """One episode, as measured and as predicted."""
+
+    episode: str
+    time_s: list[Number]
+    channels: dict[str, Course]
+
+
+class Shown(_Part):
+    """What the report draws of the sealed episodes."""
+
+    places: list[Profile]
+    trace: Trace
+
+
+class Disagreements(Artefact):
+    """find.json: where system and recordings disagree. `theta` is the fit of the system as it is.
+
+    Raises UnusableInput from `read` for a file that no step of this version wrote.
+    """
+
+    episodes: list[str]
+    sealed: list[str]
+    where: list[Place]
+    maps: list[Map]
+    constants: Sizes
+    theta: dict[str, Number] = {}
+
+
+class Answer(Artefact):
+    """name.json: which effects the system lacks. `found_theta` is the fit with them.
+
+    `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
+    """
+
+    verdict: Verdict
+    rivals: list[str] = Field(alias="class")
+    threshold_nats: Number
+    effects: list[Effect]
+    parameters: Sizes
+    constants: Sizes
+    noise: dict[str, Quantity]
+    rounds: list[Round]
+    unsettled: list[str]
+    unexplained: list[Leftover] = []
+    sealed_gain_nats: Number
+    placebo: Placebo | None = None
+    found_theta: dict[str, Number] = {}
+
+
+class BeforeAfter(Artefact):
+    """The gap on sealed episodes before and after, as domain.json has it beside the answer.
+
+    `doubted` are effects with which the error there grew.
+    """
+
+    gap: dict[str, Error]
+    removed: Forecast
+    doubted: list[str] = []
+    white: WhitePair
+    shown: Shown
+    forecast_s: Number | None = None
+
+
+class Steps(_Part):
+    """Single steps of a motor: how many, and the median time constant [s]."""
+
+    steps: int
+    median_s: Number
+
+
+class SingleSteps(_Part):
+    """An exponential fitted to each step alone, with its time constant [s] by name."""
+
+    up: Steps
+    down: Steps
+    tau_s: dict[str, Number]
+
+
+class DelayProfile(_Part):
+    """The largest log likelihood [nats below the best] at each transport delay [s]."""
+
+    delay_s: list[Number]
+    nats: list[Number]
+
+
+class PhaseDelay(_Part):
+    """The delay [s] over the frequency [Hz], from the cross-spectrum."""
+
+    frequency_hz: list[Number]
+    delay_s: list[Number]
+
+
+class Turning(_Part):
+    """Logged less derived acceleration against that of turning axes, z axis; rms in m/s²."""
+
+    slope: Number
+    correlation: Number
+    rms_mps2: Number
+    rms_left_mps2: Number
+    p_value: Number
+
+
+class Spread(_Part):
+    """Mean, rms and largest size of each axis [N]."""
+
+    mean: list[Number]
+    rms: list[Number]
+    largest: list[Number]
+
+
+class Stated(_Part):
+    """Largest difference [N] of a published label from ours, inside flights and near their cuts."""
+
+    inside: Number
+    near_cuts: Number
+
+
+class LabelAudit(_Part):
+    """What is wrong with the force label of a group of flights, rms of the z axis in newtons."""
+
+    flights: int
+    seconds: Number
+    outside_thrust_fit_share: Number
+    constant_n: Number
+    acceleration_less_derivative: Turning
+    source_acceleration_less_derivative: Turning
+    angular_acceleration_correlation: list[Number]
+    label_rms_n: Number
+    corrected_rms_n: Number
+    stated_label: Stated | None = None
+    far_seconds: Number
+    far_label_n: Spread | None = None
+    far_corrected_n: Spread | None = None
+
+
+class Result(Disagreements, Answer, BeforeAfter):
+    """domain.json: all steps together, and what one domain alone tells.
+
+    `label` is an audit of published forces by group of flights, `far` the same steps where no wake
+    is, `hidden` what a simulation had been given.
+    """
+
+    single_steps: SingleSteps | None = None
+    delay_profile: DelayProfile | None = None
+    phase_delay: PhaseDelay | None = None
+    label: dict[str, LabelAudit] = {}
+    far: "Result | None" = None
+    hidden: dict[str, Number] = {}
+
+
+Kind = TypeVar("Kind", bound=Artefact)
+
+
+def joined(found: Disagreements, answer: Answer, shown: BeforeAfter) -> Result:
+    """The three steps as one."""
+    parts = {name: value for one in (found, answer, shown) for name, value in one}
+    return Result(**parts)
+
+
+def read(path: Path, kind: type[Kind], key: str) -> Kind | None:
+    """What a step has left; None for no file, and for one of another system or other logs.
+
+    Raises UnusableInput where it cannot be read, or no step of this version wrote it.
+    """
+    if not path.exists():
+        return None
+    try:
+        content = json_of(text_of(path))
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{path} cannot be read; delete it to run the step anew.") from error
+    if not isinstance(content, dict) or content.get("key") != key:
+        return None
+    if content.get("version") != VERSION:
+        raise UnusableInput(
+            f"{path}: version {content.get('version', 'not stated')}; this program reads {VERSION};"
+            " delete it to run the step anew."
+        )
+    try:
+        return kind.model_validate(content)
+    except ValidationError as error:
+        raise UnusableInput(
+            f"{path}: {first_problem(error)}; delete it to run the step anew."
+        ) from error

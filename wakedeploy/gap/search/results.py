@@ -1,0 +1,162 @@
+"""What a search found, as the steps tell it: where, which, and how much smaller the gap is.
+
+In: a `Comparison`, its fits, and what was named. Out: the artefacts of `find`, `name` and `show`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import asdict
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, applied
+from wakedeploy.gap.evidence.whiteness import whiteness
+from wakedeploy.gap.search.artefacts import (
+    Answer,
+    BeforeAfter,
+    Disagreements,
+    Effect,
+    Error,
+    Forecast,
+    Leftover,
+    Map,
+    Place,
+    Placebo,
+    Quantity,
+    Round,
+    Shown,
+    Size,
+    Sizes,
+    White,
+    WhitePair,
+)
+from wakedeploy.gap.search.comparison import Comparison, errors, residual_series
+from wakedeploy.gap.search.judging import Named, verdict_of
+from wakedeploy.gap.search.places import disagreements
+from wakedeploy.gap.search.residual_profiles import profiles
+from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
+from wakedeploy.gap.search.weighing import weighed
+
+
+def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
+    """Where system and recordings disagree."""
+    maps, places = disagreements(*residual_series(model, base, base.episodes))
+    return Disagreements(
+        domain=model.name,
+        key=key,
+        episodes=[r.name for r in model.records],
+        sealed=[model.records[e].name for e in model.sealed()],
+        where=[Place(**place) for place in places],
+        maps=[Map(**one) for one in maps],
+        constants=_constants(base),
+        theta=theta_of(base),
+    )
+
+
+def answer_of(model: Comparison, told: Named, key: str = "") -> Answer:
+    """Which effects, and how large they are."""
+    rounds = [Round.model_validate(one) for one in told.rounds]
+    own = _sizes(model, told.found, rounds)
+    return Answer(
+        domain=model.name,
+        key=key,
+        verdict=verdict_of(told),
+        rivals=list(told.rivals),
+        threshold_nats=rounds[0].threshold_nats if rounds else 0.0,
+        effects=[_effect(told, name, own) for name in told.found.hypothesis],
+        parameters=own,
+        constants=_constants(told.found),
+        noise=_noise(told.found),
+        rounds=rounds,
+        unsettled=list(told.unsettled),
+        unexplained=[Leftover.model_validate(one) for one in told.leftover],
+        sealed_gain_nats=_sealed_gain(model, told.base, told.found),
+        placebo=_placebo(model, told),
+        found_theta=theta_of(told.found),
+    )
+
+
+def before_after(
+    model: Comparison, base: Fit, found: Fit, key: str = "", forecast_s: float | None = None
+) -> BeforeAfter:
+    """The gap on sealed episodes, and what the page shows beside it.
+
+    `forecast_s` is how far ahead errors are of, where they are errors of forecasts.
+    """
+    sealed = model.sealed()
+    before, after = (errors(model, f, sealed) for f in (base, found))
+    removed = weighed(model, base, found, sealed)
+    return BeforeAfter(
+        domain=model.name,
+        key=key,
+        gap={
+            name: Error(before=before[c], after=after[c], unit=unit)
+            for c, (name, unit) in enumerate(model.channels)
+        },
+        removed=Forecast(**asdict(removed)),
+        doubted=list(found.hypothesis) if removed.high < 0.0 else [],
+        white=WhitePair(before=_white(base), after=_white(found)),
+        shown=Shown(**profiles(model, base, found, sealed)),
+        forecast_s=forecast_s,
+    )
+
+
+def theta_of(fitted: Fit) -> dict[str, float]:
+    """Every parameter of a fit by name."""
+    return dict(zip(fitted.names, map(float, fitted.theta), strict=True))
+
+
+def _white(fitted: Fit) -> White:
+    return White(**whiteness(fitted).as_json())
+
+
+def _sealed_gain(model: Comparison, base: Fit, found: Fit) -> float:
+    after, before = (applied(model, f, model.sealed()) for f in (found, base))
+    return after.log_likelihood - before.log_likelihood
+
+
+def _placebo(model: Comparison, told: Named) -> Placebo | None:
+    """The best wrong effect in place of the right ones, of those that nothing confuses with them.
+
+    Of the first ranking, without what was found and without the members of any round's class.
+    """
+    claimed = {*told.found.hypothesis, *(n for r in told.rounds for n in r.get("class", ()))}
+    wrong = next((c for c in told.alone if c.name not in claimed), None)
+    if not told.found.hypothesis or wrong is None:
+        return None
+    before, after = (errors(model, f, model.sealed()) for f in (told.base, wrong.fit))
+    gain = _sealed_gain(model, told.base, wrong.fit)
+    return Placebo(name=wrong.name, before=before, after=after, sealed_gain_nats=gain)
+
+
+def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
+    """Of what was found; wider where the innovations are not white."""
+    plain = least_squares(model, found)
+    own = parameters(found, found.hypothesis, plain)
+    if plain is None:
+        return own
+    return {name: over_rounds(name, size, rounds) for name, size in own.items()}
+
+
+def _effect(told: Named, name: str, own: Sizes) -> Effect:
+    sizes = {k.split(".", 1)[1]: v for k, v in own.items() if k.startswith(f"{name}.")}
+    return Effect(name=name, parameters=sizes, forecast=Forecast(**asdict(told.weights[name])))
+
+
+def _constants(fitted: Fit) -> Sizes:
+    """Every constant that was fitted, with its interval."""
+    sizes = {}
+    for free in fitted.free:
+        if free.name.startswith("constant."):
+            low, high = fitted.interval(free.name)
+            size = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
+            sizes[free.name.removeprefix("constant.")] = size
+    return sizes
+
+
+def _noise(fitted: Fit) -> dict[str, Quantity]:
+    """Noise parameters, which are fitted as logarithms."""
+    return {
+        f.name: Quantity(value=float(np.exp(fitted.value(f.name))), unit=f.unit)
+        for f in fitted.free
+        if f.name.startswith("noise.")
+    }

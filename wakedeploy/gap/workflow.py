@@ -1,0 +1,132 @@
+"""Find, name, add, show: the order of the steps, for every system.
+
+In: the `Steps` of a system, or a `Comparison` to search. Out: what the last step told. The gantry,
+users' systems and recorded domains differ in what a step does, not in what follows what.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Protocol, TypeVar
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.evidence.inference import Fit, slopes_at
+from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.search.artefacts import Answer, Disagreements, Result, joined, read
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.judging import fitted_base, named
+from wakedeploy.gap.search.results import answer_of, before_after, found_in
+
+STEPS = ("find", "name", "add", "show")
+
+Told = TypeVar("Told", covariant=True)
+
+
+class Steps(Protocol[Told]):
+    """The four steps of a system; each takes what the one before it has left."""
+
+    def find(self) -> Told:
+        """Where simulation and measurement disagree."""
+        ...
+
+    def name(self) -> Told:
+        """Which effect explains it."""
+        ...
+
+    def add(self) -> Told:
+        """The effect is given to the simulation."""
+        ...
+
+    def show(self) -> Told:
+        """The gap before and after, on what nothing was fitted to."""
+        ...
+
+
+def run(steps: Steps[Told], last: str) -> Told:
+    """The steps up to `last`; what that one told. "close" is all of them."""
+    told = steps.find()
+    for step in (steps.name, steps.add, steps.show)[: STEPS.index(_LAST.get(last, last))]:
+        told = step()
+    return told
+
+
+_LAST = {"close": "show"}
+
+
+def concluded(model: Comparison, progress: Progress = quiet) -> Result:
+    """All that a search tells of a system that nothing can be added to, without files."""
+    progress("fitting the baseline")
+    base = fitted_base(model)
+    found = found_in(model, base)
+    told = named(model, base, progress)
+    return joined(found, answer_of(model, told), before_after(model, base, told.found))
+
+
+class Folder:
+    """What the steps of a `Comparison` leave in a folder.
+
+    What has run under the same `key` is not repeated. `forecast_s` is how far ahead errors are of.
+    """
+
+    def __init__(
+        self, model: Comparison, out: Path, key: str, forecast_s: float, progress: Progress = quiet
+    ) -> None:
+        self.model, self.out, self.key, self.progress = model, out, key, progress
+        self.forecast_s = forecast_s
+
+    def find(self) -> Disagreements:
+        """Where system and recordings disagree: find.json."""
+        path = self.out / "find.json"
+        known = read(path, Disagreements, self.key)
+        if known is not None:
+            return known
+        self.progress("fitting the system as it is")
+        found = found_in(self.model, fitted_base(self.model), self.key)
+        found.write(path)
+        return found
+
+    def name(self) -> Answer:
+        """Which effects the system lacks: name.json."""
+        path = self.out / "name.json"
+        known = read(path, Answer, self.key)
+        if known is not None:
+            return known
+        told = named(self.model, self.base(), self.progress)
+        answer = answer_of(self.model, told, self.key)
+        answer.write(path)
+        return answer
+
+    def show(self) -> Result:
+        """The gap before and after, with all that was told before it: domain.json."""
+        self.progress("forecasting what was sealed")
+        shown = before_after(self.model, self.base(), self.found(), self.key, self.forecast_s)
+        result = joined(self.find(), self.name(), shown)
+        result.write(self.out / "domain.json")
+        return result
+
+    def base(self) -> Fit:
+        """The system as it is, fitted by `find`."""
+        return self._fit("find.json", (), self.find().theta)
+
+    def found(self) -> Fit:
+        """The system with what `name` found."""
+        answer = self.name()
+        return self._fit("name.json", [e.name for e in answer.effects], answer.found_theta)
+
+    def _fit(self, file: str, effects: Sequence[str], values: Mapping[str, float]) -> Fit:
+        """The fit whose parameters a file has; UnusableInput where it has not all of them."""
+        sealed = self.model.sealed()
+        used = [e for e in range(self.model.episodes) if e not in sealed]
+        known = set(effects) <= set(self.model.effects)
+        hypothesis = tuple(effects) if known else ()
+        free = self.model.free(hypothesis)
+        if not known or any(not math.isfinite(values.get(f.name, math.nan)) for f in free):
+            raise UnusableInput(
+                f"{self.out / file}: not the parameters of its fit; delete it to run the step anew."
+            )
+        theta = np.array([values[f.name] for f in free])
+        slopes = slopes_at(self.model, hypothesis, used, theta)
+        density = np.array([s.log_density.sum() for s in slopes.scores])
+        return Fit(hypothesis, free, tuple(used), theta, slopes, density)
