@@ -53,6 +53,7 @@ _STARTLED = 9.0  # an innovation's square over its variance, after which a forec
 # Willsky and Jones 1976): force, speed and height change together. A single stray is not enough.
 # Wakes as in the rig file do this once in three hundred ticks, and the filter is less sure then.
 _PUSH_SUM_SD, _PUSH_DRIFT_SD, _PUSH_MOST_SD = 3.5, 1.0, 3.5
+_FAR_SD, _PUSH_GROWTH = 8.0, (1.3, 3.0)
 _PUSH_SD_N, _PUSH_AGO_S = 3.0, 0.1
 
 
@@ -331,9 +332,12 @@ class Estimator:
 def _pushed(now: Estimate) -> tuple[float, float]:
     """What innovations add up to downwards and upwards with this one, over what noise gives."""
     off_sd = now.innovation_m / math.sqrt(now.innovation_var_m2)
-    # Motion begins small. What is far off at once is a stray, or a sensor that jumped.
-    if now.noise_scale > 1.0 or (abs(off_sd) > _GATE_SD and max(now.pushed) < _PUSH_DRIFT_SD):
+    if now.noise_scale > 1.0:
         return 0.0, 0.0
+    # Motion grows, with the square of time. What is far off at once is a stray or a jump.
+    growth = now.innovation_m / now.last_innovation_m if now.last_innovation_m else math.inf
+    if abs(off_sd) > _FAR_SD and not _PUSH_GROWTH[0] < growth < _PUSH_GROWTH[1]:
+        return now.pushed
     off_sd = min(max(off_sd, -_PUSH_MOST_SD), _PUSH_MOST_SD)
     down, up = now.pushed
     return max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0)

@@ -174,6 +174,9 @@ class WayDown:
             may_repeat=self._may_repeat,
             off=is_off(state.estimate),
         )
+        if before is Stage.TEST and now.stage is Stage.SINK and is_off(state.estimate):
+            # It left the stop in a test: something lifts that no flight before has told of.
+            self._lifting_n = max(self._lifting_n, state.unexplained_n)
         if now.stage is Stage.STANDS:
             return None
         if now.stage is Stage.BLIND:
