@@ -37,6 +37,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
+KNOWN_TICKS = 3  # with the same answer, after which nobody knows which pulses act
 SILENT_S = 2.0 * PERIOD_S  # without an answer, after which nobody knows what the board hears
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
@@ -277,6 +278,7 @@ class Loop:
             heard.repeats,
             seen.same,
             seen.alike,
+            acts_known=heard.late_answers == 0 and heard.repeats < KNOWN_TICKS,
         )
         return reading, seen, heard, measured
 

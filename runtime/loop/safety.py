@@ -46,7 +46,7 @@ UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
 # Log likelihood that readings are late. Flights with wakes up to twice as strong come to 10; with a
 # package in stronger ones to 17, since a force that is fed forward and then does not come looks like
 # a late reading. So the feedforward goes first, and the flight only if that does not help.
-RANGE_DOUBTED, RANGE_LATE = 11.0, 14.0
+RANGE_DOUBTED, RANGE_LATE = 9.0, 12.0
 # With a thrust of less than two fifths of its weight a sufferer in the air is by so much faster, a
 # quarter of a second later. One that is hardly moving then stands on something: on the stop, most
 # of the time.

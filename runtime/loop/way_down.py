@@ -155,7 +155,13 @@ class WayDown:
             pulse_us = self._planner.sinking(state.estimate, state.unexplained_n)
         else:
             gently = not SWINGING.isdisjoint(cause)
-            state, command, terms = self._pilot.control(state, aim, feedforward_n, gently=gently)
+            state, command, terms = self._pilot.control(
+                state,
+                aim,
+                feedforward_n,
+                gently=gently,
+                acts_known="commands_late" not in cause,
+            )
             return state, aim, command, terms
         state, command, terms = self._pilot.held(state, Command(aim.source_us, pulse_us, 0.0))
         return state, aim, command, terms
