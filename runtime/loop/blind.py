@@ -189,9 +189,7 @@ class BlindPlanner:
             last_mps = before.likely_mps if alike > 0 else 0.0
             # What holds it down while it is still seen to move is no sensor's fault.
             held_n = max(now.rotor_speed**2 - self._weight_n, 0.0)
-            return Rise(
-                since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n
-            )
+            return Rise(since_m=now.z_m, likely_mps=max(last_mps, now.vz_mps, 0.0), held_n=held_n)
         wake_n = _RISE_WAKE * trim.wake_n(now.x_m, now.z_m, 0.0, 0.0)
         carried_n = now.rotor_speed**2 + wake_n - before.held_n
         lifting_n = carried_n - _RISE_SHARE * self._weight_n

@@ -363,7 +363,7 @@ class Loop:
             x_m=estimate.x_m,
         )
         self._safety = safety.watch(self._safety, found, self._rig.limits)
-        if "range_late" in self._safety.cause:
+        if safety.doubts_the_range(self._safety, found):
             self._lateness.adopt()
 
     def _control(

@@ -97,7 +97,8 @@ class Pilot:
         """The command for this tick, with `feedforward_n` added to the thrust demand.
 
         The feedforward is the opposite of the wake force expected `lead_s` from now; None flies by
-        PID alone and tells the estimator to expect any wake. `gently`, `acts_known`: see the controller.
+        PID alone and tells the estimator to expect any wake. `gently`, `acts_known`: see the
+        controller.
         """
         control, command, terms = self._controller.step(
             state.control,
