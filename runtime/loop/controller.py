@@ -74,8 +74,8 @@ class Controller:
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
         derivative otherwise acts on the measurement alone. `other_n` is the force [N] beside thrust
-        and weight, which the way to a stop depends on. `gently` lands where the loop swings. `acts_known`:
-        commands act when they should.
+        and weight, which the way to a stop depends on. `gently` lands where the loop swings.
+        `acts_known`: commands act when they should.
         """
         gains = self._gentle if gently else self._rig.control
         error_m = aim.z_m - estimate.z_m
