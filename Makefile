@@ -12,16 +12,19 @@ BIN := .venv/bin
 INSTALLED := .venv/.installed
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 
-# Two tests at a time, each with one thread. Byte code is kept, also where the shell says not to: tests
-# start a hundred processes, and each would compile the project anew.
-TESTS := PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n auto --maxprocesses 2 --dist worksteal
+# One test more at a time than there are cores, since some wait for processes that they started; each
+# with one thread, and four at most, for their memory. Byte code is kept, also where the shell says not
+# to: tests start a hundred processes, and each would compile the project anew.
+WORKERS = $(shell cores=$$(getconf _NPROCESSORS_ONLN); echo $$((cores < 3 ? cores + 1 : 4)))
+TESTS = PYTHONDONTWRITEBYTECODE= OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n $(WORKERS) --dist worksteal
 
-.PHONY: help venv lock demo test test-wallclock explore check format lint bench results docs firmware \
+.PHONY: help venv lock demo test test-slow test-wallclock explore check format lint bench results docs firmware \
 	mutants clean
 
 help:
 	@echo "make demo    simulate, train, export, check and fly a predictor: the main job"
 	@echo "make test    the tests"
+	@echo "make test-slow       the tests that search, fly or train for longer"
 	@echo "make test-wallclock  the tests that need real time, and so a quiet machine; up to three tries each"
 	@echo "make explore the property tests on new random examples; elsewhere they are always the same"
 	@echo "make check   what CI runs: format, lint, types, import rules, manual, tests, base install"
@@ -61,6 +64,9 @@ demo: $(INSTALLED)
 
 test: $(INSTALLED)
 	$(TESTS)
+
+test-slow: $(INSTALLED)
+	$(TESTS) -m 'slow and not wallclock'
 
 test-wallclock: $(INSTALLED)
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m 'wallclock and not slow' --reruns 2

@@ -12,10 +12,10 @@ import click
 from benchmarks.records import FOLDER, write
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.separation import gain_nats, gather, lost_to_form
-from wakedeploy.gap.planning.plan import plausible_size
-from wakedeploy.gap.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.planning.plan import plausible_size
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig
 

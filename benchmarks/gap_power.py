@@ -23,13 +23,13 @@ from benchmarks.hidden_effects.cases import FLIGHT_S, FLIGHTS, Case, all_cases
 from benchmarks.hidden_effects.lines import read_lines
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.separation import gather
-from wakedeploy.gap.planning.plan import plausible_size
-from wakedeploy.gap.planning.rates import Draws, fitted_share
 from wakedeploy.gap.report.power_page import SURELY
-from wakedeploy.gap.search.naming import fitted_base
-from wakedeploy.gap.search.threshold import thresholds_for
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.planning.plan import plausible_size
+from wakedeploy.gap.systems.gantry.planning.rates import Draws, fitted_share
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.search.threshold import thresholds_for
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 
@@ -81,7 +81,7 @@ def compared(cases: Sequence[Case], lines: dict[str, Any]) -> list[dict[str, Any
     for case in cases:
         (name,) = case.effects
         first = LIBRARY[name].parameters[0]
-        neutral = first.neutral if first.constant is None else constants_of(rig)[first.constant]
+        neutral = first.neutral_on(constants_of(rig))
         amount = evidence.columns[evidence.of(name)[0]].amount
         factor = (case.effects[name][first.name] - neutral) / amount
         outcome = draws.outcomes(name, np.array([factor]), threshold)

@@ -1,8 +1,8 @@
 """Simulate the thresholds that ship with the package, for the default rig with and without spool.
 
-Writes `wakedeploy/gap/search/thresholds.json`: by the rig's hash, what sets of five flights each
-without any missing effect, with constants and forms off as the rig file allows, exceed together
-once in twenty. Takes about half an hour on a core: `python -m benchmarks.gap_thresholds`.
+Writes `thresholds.json` beside the gantry's search: by the rig's hash, what sets of five flights
+each without any missing effect, with constants and forms off as the rig file allows, exceed
+together once in twenty. Takes about half an hour on a core: `python -m benchmarks.gap_thresholds`.
 """
 
 import json
@@ -11,7 +11,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.gap.search import threshold
+from wakedeploy.gap.systems.gantry.search import threshold
 from wakedeploy.rig.file import default_rig
 
 SETS = {"default": 20, "without spool": 10}

@@ -36,7 +36,7 @@ from runtime.request import RunRequest
 from runtime.run import fly
 from wakedeploy.core.errors import CheckFailed
 from wakedeploy.live.flights import Index
-from wakedeploy.live.process import live_page
+from wakedeploy.live.process import live_views
 from wakedeploy.rig.file import default_rig
 
 PAGES = 10
@@ -106,7 +106,7 @@ def _spread(values_s: Any) -> dict[str, float]:
 @contextlib.contextmanager
 def _read_by(pages: int) -> Iterator[LiveFeed]:
     """A live page with so many readers, in a process of their own."""
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         context = multiprocessing.get_context("spawn")
         ready = context.Event()
         readers = context.Process(target=_read, args=(page.url, pages, ready), daemon=True)

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from runtime.flyable import Flyable, inputs_of, predictor_of, read_flyable
+from runtime.flyable import Flyable, inputs_of, is_bounded, predictor_of, read_flyable
 from runtime.io.link import Link
 from runtime.io.range_source import SocketRangeSource, wait_for_first
 from runtime.io.realtime import loop_core, quieten_interpreter, take_priority
@@ -190,13 +190,15 @@ class Replayed:
 
 def measure(path: Path, ticks: int, realtime: bool | None, rig: Rig) -> BenchRow:
     """Fly `ticks` ticks with a package in this process, and time them."""
-    predictor = Replayed(read_flyable(path))
+    package = read_flyable(path)
+    predictor = Replayed(package)
     arch = predictor.manifest.arch
     rig = rig.changed(disturbance={"rest_s": 0.0})
     with ExitStack() as opened:
         gantry = opened.enter_context(VirtualGantryProcess(rig, seed=0))
         is_realtime = take_priority(realtime).is_realtime
-        worker = PredictionWorker(predictor, PERIOD_S)
+        worker = PredictionWorker(predictor, PERIOD_S, bounded=is_bounded(package))
+        del package  # its bytes have become a model
         opened.callback(worker.close)
         link = opened.enter_context(Link(gantry.port))
         ranges = SocketRangeSource(gantry.range_socket)

@@ -56,6 +56,11 @@ def predictor_of(flyable: Flyable, batch: int = 1) -> Predicting:
     return PackagePredictor(flyable, batch=batch)
 
 
+def is_bounded(flyable: Flyable) -> bool:
+    """Whether each step takes about the same time and waits for nothing, as in C."""
+    return isinstance(flyable, CFolder)
+
+
 def require_tried(flyable: Flyable, waiting: Callable[[], None] = lambda: None) -> None:
     """CheckFailed unless it holds its promises on this computer; once for each in a process."""
     if isinstance(flyable, CFolder):

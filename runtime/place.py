@@ -8,8 +8,9 @@ import functools
 import time
 from contextlib import ExitStack
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from runtime.flyable import Flyable, predictor_of
+from runtime.flyable import Flyable, is_bounded, predictor_of
 from runtime.io.conversation import Conversation
 from runtime.io.link import Link
 from runtime.io.range_source import I2cRangeSource, RangeSource, SocketRangeSource
@@ -17,12 +18,12 @@ from runtime.io.realtime import Clock, Priority, become_ordinary, quieten_interp
 from runtime.loop.loop import PERIOD_S
 from runtime.loop.prediction import Predictions, PredictionWorker
 from runtime.request import RunRequest
-from runtime.simulated import PackageForecast, SimulatedGantry
-from runtime.virtual.firmware_port import FirmwarePort
-from runtime.virtual.hooks import load_hooks
-from runtime.virtual.process import VirtualGantryProcess
-from runtime.virtual.simulated_uno import SimulatedUno
-from wakedeploy.physics.gantry import GantryPlant
+
+if TYPE_CHECKING:
+    from runtime.simulated import SimulatedGantry
+    from runtime.virtual.simulated_uno import SimulatedUno
+
+# A simulation is imported where one is flown: it takes megabytes that a Pi need not give.
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,10 @@ class Place:
     def predictions(self, package: Flyable, opened: ExitStack) -> Predictions:
         """The package at work: in a thread with deadlines, or at once where time is simulated."""
         if self.is_simulated_time:
+            from runtime.simulated import PackageForecast
+
             return PackageForecast(predictor_of(package))
-        worker = PredictionWorker(predictor_of(package), PERIOD_S)
+        worker = PredictionWorker(predictor_of(package), PERIOD_S, bounded=is_bounded(package))
         opened.callback(worker.close)
         return worker
 
@@ -68,6 +71,8 @@ def opened_place(request: RunRequest, opened: ExitStack) -> Place:
         return Place(world, world, world)
     port, range_socket = request.port, request.range_socket
     if port is None:
+        from runtime.virtual.process import VirtualGantryProcess
+
         gantry = VirtualGantryProcess(
             request.truth,
             seed=request.truth_seed,
@@ -86,9 +91,13 @@ def opened_place(request: RunRequest, opened: ExitStack) -> Place:
     return Place(link, ranges, time, priority)
 
 
-def _lockstep(request: RunRequest) -> SimulatedGantry:
-    truth = request.truth
-    board = None
+def _lockstep(request: RunRequest) -> "SimulatedGantry":
+    from runtime.simulated import SimulatedGantry
+    from runtime.virtual.firmware_port import FirmwarePort
+    from runtime.virtual.hooks import load_hooks
+    from wakedeploy.physics.gantry import GantryPlant
+
+    truth, board = request.truth, None
     if request.firmware:
         board = FirmwarePort(truth, _the_uno())
         # The sketch makes servo frames of its own; the plant must not wait for others.
@@ -99,6 +108,8 @@ def _lockstep(request: RunRequest) -> SimulatedGantry:
 
 
 @functools.cache
-def _the_uno() -> SimulatedUno:
+def _the_uno() -> "SimulatedUno":
     """A process can have one; opening its port resets it, as a board on the table."""
+    from runtime.virtual.simulated_uno import SimulatedUno
+
     return SimulatedUno()

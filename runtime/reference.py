@@ -145,7 +145,7 @@ def hold_plan(rig: Rig, seconds: float, z_m: float, source_us: float) -> FlightP
 
 
 def _altitude(
-    rig: Rig, t: FloatArray, seconds: float, air_s: float, rng: np.random.Generator
+    rig: Rig, t: FloatArray, seconds: float, air_s: float, rng: "np.random.Generator"
 ) -> FloatArray:
     high = min(0.7 * rig.sufferer.travel_m, ceiling_m(rig))
     low = min(0.3 * rig.sufferer.travel_m, 0.5 * high)
@@ -159,7 +159,7 @@ def _altitude(
     return np.asarray(z * smooth_rise(t / TAKE_OFF_S) * smooth_rise((seconds - t) / TAKE_OFF_S))
 
 
-def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: "np.random.Generator") -> FloatArray:
     reach_m = 0.5 * min(-rig.limits.x_m[0], rig.limits.x_m[1])
     top_mps = 0.8 * rig.stepper.max_speed_mps
     x = np.zeros_like(t)
@@ -176,7 +176,7 @@ def _carriage(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator)
     return np.asarray(x - x[-1] * smooth_rise((t - (seconds - home_s)) / home_s))
 
 
-def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
+def _source(rig: Rig, t: FloatArray, seconds: float, rng: "np.random.Generator") -> FloatArray:
     level = _steps_and_ramps(t, rng)
     swing = rng.uniform(0.05, 0.15) * np.sin(
         2.0 * np.pi * rng.uniform(0.2, 1.2) * t + rng.uniform(0.0, 2.0 * np.pi)
@@ -187,7 +187,7 @@ def _source(rig: Rig, t: FloatArray, seconds: float, rng: np.random.Generator) -
     return np.asarray(low + (high - low) * share * running)
 
 
-def _steps_and_ramps(t: FloatArray, rng: np.random.Generator) -> FloatArray:
+def _steps_and_ramps(t: FloatArray, rng: "np.random.Generator") -> FloatArray:
     """A level that moves every 0.3–1.2 s, half of the times at once, else within 0.1–0.6 s."""
     level = np.full_like(t, rng.uniform(0.2, 0.85))
     start = rng.uniform(0.5, 1.0)

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -23,7 +24,6 @@ from runtime.io.board import BoardNews, met_board
 from runtime.io.live_feed import LiveFeed
 from runtime.io.range_source import RangeSource, resting_range_m, wait_for_first
 from runtime.io.realtime import Clock
-from runtime.io.recorder import Recorder, RecorderReport, Taken
 from runtime.io.sd_notify import ServiceManager
 from runtime.live_view import run_view
 from runtime.loop.loop import PERIOD_S, Loop
@@ -39,6 +39,9 @@ from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.version import VERSION
 from wakedeploy.physics.effects.chain import unplaced_constants
+
+if TYPE_CHECKING:
+    from runtime.io.recorder import Recorder, RecorderReport
 
 SHOW_PERIOD_S = 0.5
 # A VL53L0X that nobody has calibrated is off by up to some cm; 5 cm of height are never noise.
@@ -171,9 +174,11 @@ def _may_be_virtual(request: RunRequest) -> bool:
 
 def _recorder(
     request: RunRequest, package: Flyable | None, board: BoardNews, opened: ExitStack
-) -> Recorder | None:
+) -> "Recorder | None":
     if request.log is None:
         return None
+    from runtime.io.recorder import Recorder  # with MCAP and its compressors
+
     started = datetime.datetime.now(datetime.UTC)
     log = _folder_or_file(request.log)
     known = metadata(
@@ -194,9 +199,11 @@ def _recorder(
 
 
 def _in_folder(
-    folder: Path, started: datetime.datetime, begin: Callable[[Path], Recorder]
-) -> Recorder:
+    folder: Path, started: datetime.datetime, begin: "Callable[[Path], Recorder]"
+) -> "Recorder":
     """A recording named by the flight's start; several flights may begin in the same second."""
+    from runtime.io.recorder import Taken
+
     for number in itertools.count(1):
         again = f"-{number}" if number > 1 else ""
         with contextlib.suppress(Taken):
@@ -254,8 +261,8 @@ def _onnxruntime_version() -> str:
 
 
 def _fly_recorded(
-    loop: Loop, recorder: Recorder | None, manager: ServiceManager
-) -> RecorderReport | None:
+    loop: Loop, recorder: "Recorder | None", manager: ServiceManager
+) -> "RecorderReport | None":
     """Run the loop; the recording is closed in any case."""
     with _stopping_by_hand(loop):
         try:

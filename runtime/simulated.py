@@ -14,6 +14,7 @@ from runtime.flyable import Predicting
 from runtime.io.conversation import Conversation
 from runtime.io.protocol import Command, Message
 from runtime.io.range_source import STATUS_NO_TARGET, RangeReading
+from runtime.loop.pilot import OBSERVATION
 from runtime.loop.prediction import Result, predicted
 from runtime.virtual.firmware_port import FirmwarePort
 from runtime.virtual.mcu_port import McuPort
@@ -141,8 +142,8 @@ class PackageForecast:
 class OracleForecast:
     """The wake's true force, `lead_s` from now; it knows no bounds and needs no memory."""
 
-    low: FloatArray = np.full(1, -np.inf, np.float32)
-    high: FloatArray = np.full(1, np.inf, np.float32)
+    low: FloatArray = np.full(len(OBSERVATION), -np.inf, np.float32)
+    high: FloatArray = np.full(len(OBSERVATION), np.inf, np.float32)
 
     def __init__(self, plant: GantryPlant, lead_s: float) -> None:
         self._plant, self.lead_s = plant, lead_s

@@ -1,18 +1,22 @@
 """How a run ended, as one sentence: what happened, and what a person can do about it."""
 
+from typing import TYPE_CHECKING
+
 from runtime.io.board import last_reset
 from runtime.io.conversation import Conversation
 from runtime.io.range_source import RangeSource
-from runtime.io.recorder import RecorderReport
 from runtime.loop.loop import Loop
 from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.failsafes import HINTS
+
+if TYPE_CHECKING:
+    from runtime.io.recorder import RecorderReport
 
 # What a computer that stands still can look like from inside.
 _BY_THE_COMPUTER = ("loop_stalled", "link_lost", "mcu_fault", "sensor_lost")
 
 
-def recording_sentence(report: RecorderReport | None) -> str:
+def recording_sentence(report: "RecorderReport | None") -> str:
     """What is wrong with a recording that is not whole; "" if it is."""
     if report and report.error:
         return f"{report.error}; {report.written} ticks are in the log, {report.dropped} are not."

@@ -42,6 +42,7 @@ _FROM = {
     "Output": "wakedeploy.gap.systems.system",
     "Constant": "wakedeploy.gap.systems.system",
     "Port": "wakedeploy.gap.systems.system",
+    "MjcfSystem": "wakedeploy.gap.systems.mjcf.system",
     "WakedeployError": "wakedeploy.core.errors",
     "UnusableInput": "wakedeploy.core.errors",
     "CheckFailed": "wakedeploy.core.errors",

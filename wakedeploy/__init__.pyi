@@ -24,6 +24,7 @@ from wakedeploy.core.errors import CheckFailed as CheckFailed
 from wakedeploy.core.errors import UnusableInput as UnusableInput
 from wakedeploy.core.errors import WakedeployError as WakedeployError
 from wakedeploy.core.rig import Rig as Rig
+from wakedeploy.gap.systems.mjcf.system import MjcfSystem as MjcfSystem
 from wakedeploy.gap.systems.system import Constant as Constant
 from wakedeploy.gap.systems.system import Input as Input
 from wakedeploy.gap.systems.system import Output as Output

@@ -21,7 +21,7 @@ from benchmarks.form_error.table import curve, told
 from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.core.parallel import parallel_map
-from wakedeploy.gap.workflow import close
+from wakedeploy.gap.systems.gantry.steps import close
 from wakedeploy.rig.file import default_rig
 
 

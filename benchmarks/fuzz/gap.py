@@ -17,17 +17,17 @@ from benchmarks.hidden_effects.lines import LINES, read_lines
 from benchmarks.hidden_effects.page import markdown_of, text_of
 from benchmarks.hidden_effects.table import summary
 from wakedeploy.cli import gap_plan
-from wakedeploy.gap import workflow as close
 from wakedeploy.gap.folder import prepare, read_plan, read_steps, refuse_foreign_rig
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.shrinkage import channel_lines
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.search.candidates import TERMS
-from wakedeploy.gap.search.glance import UNSIMULATED
-from wakedeploy.gap.search.saved_fits import FITS, Found
+from wakedeploy.gap.systems.gantry import steps as close
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
+from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
+from wakedeploy.gap.systems.gantry.search.saved_fits import FITS, Found
 
 _RIG = "/nowhere/rig.toml"  # of the flights; never read
 

@@ -117,7 +117,7 @@ def values_at(name: str, size: float, rig: Rig, sign: int = 1) -> dict[str, floa
     base = constants_of(rig)
     values = {}
     for p in LIBRARY[name].parameters:
-        neutral = base[p.constant] if p.constant is not None else p.neutral
+        neutral = p.neutral_on(base)
         if p.name in _SHAPES.get(name, {}):
             values[p.name] = _SHAPES[name][p.name]
             continue

@@ -16,11 +16,11 @@ from benchmarks.hidden_effects.outside import OUTSIDE
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.inference import Fit, extended, fit, held_out
 from wakedeploy.gap.evidence.ranking import candidate, rank
-from wakedeploy.gap.search.naming import fitted_base
-from wakedeploy.gap.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import AHEAD_S
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.search.refitting import refitted
 
 Values = Mapping[str, Mapping[str, float]]
 _BLOCK_S = 2.0  # as the workflow's own intervals: errors closer than that go together

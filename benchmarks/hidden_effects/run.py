@@ -50,7 +50,7 @@ def run_cases(
 ) -> list[dict[str, Any]]:
     """Do the cases that `out` lacks and return the lines of all of `cases`, in their order.
 
-    `close` is `wakedeploy.gap.workflow.close` unless given. `progress(done, total)` counts what is
+    `close` is the gantry's `steps.close` unless given. `progress(done, total)` counts what is
     done, earlier runs included. A case on which the workflow fails is a line with its error, judged
     wrong, and is tried again by the next run.
 
@@ -146,6 +146,6 @@ def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
 
 
 def _workflow() -> Close:
-    from wakedeploy.gap.workflow import close
+    from wakedeploy.gap.systems.gantry.steps import close
 
     return functools.partial(close, report=False, plan=False)  # nobody looks at three hundred

@@ -19,9 +19,10 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.domains.tables.columns import read_columns
 from wakedeploy.domains.tables.reading import read_recordings
 from wakedeploy.gap.evidence.inference import Fit
-from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.search.comparison import errors
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document
+from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import errors, fitted_base, named, named_document
 from wakedeploy.gap.systems.system import System, checked
 
 EXAMPLES = ROOT / "examples" / "systems"
@@ -87,7 +88,7 @@ def recordings_of(case: Case, part: str) -> list[Recording]:
     system = read_system(EXAMPLES / case.system)
     units = {i.name: i.unit for i in system.inputs} | {o.name: o.unit for o in system.outputs}
     columns = read_columns(EXAMPLES / case.columns)
-    read = read_recordings([_folder() / name for name in case.files], columns, units)
+    read = read_recordings([recordings_folder() / name for name in case.files], columns, units)
     return [_cut(case, one, part) for one in read.recordings]
 
 
@@ -100,7 +101,7 @@ def _cut(case: Case, one: Recording, part: str) -> Recording:
     return Recording(one.name, one.time_s[: high - low], columns)
 
 
-def _folder() -> Path:
+def recordings_folder() -> Path:
     """Where recordings lie."""
     return Path(os.environ.get("WAKEDEPLOY_DATA") or ROOT.parent / "shared" / "data")
 

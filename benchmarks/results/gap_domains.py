@@ -27,7 +27,7 @@ def domains(records: Records) -> Section:
         ),
         (
             *(f"wakedeploy gap domain {name} PATH --out runs/{name}" for name in DOMAINS[:-1]),
-            "wakedeploy gap domain downwash --out runs/downwash --simulations 5",
+            "wakedeploy gap domain downwash --out runs/downwash",
             *(f"python -m benchmarks.keep gap-domain runs/{name}" for name in DOMAINS),
         ),
     )

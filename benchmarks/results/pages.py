@@ -7,6 +7,7 @@ from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
+    comparison,
     compiled,
     effects,
     faults,
@@ -16,11 +17,14 @@ from benchmarks.results import (
     gap_domains,
     hostile,
     interrupted,
+    known_plants,
     learning,
     live,
     readme,
     real_systems,
+    reference_flights,
     simulators,
+    so101,
     studies,
     tutorials,
 )
@@ -55,9 +59,17 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap.hidden_effects,
         gap.form_losses,
         *((gap.form_error,) if (records.FOLDER / gap.FORM_ERROR).exists() else ()),
+        *(
+            (reference_flights.learned,)
+            if (records.FOLDER / reference_flights.RECORD).exists()
+            else ()
+        ),
         gap.power,
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
+        *((known_plants.counted,) if (records.FOLDER / known_plants.RECORD).exists() else ()),
+        *((comparison.compared,) if (records.FOLDER / comparison.RECORD).exists() else ()),
+        *((so101.joints,) if (records.FOLDER / so101.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
         simulators.downwash_speed,

@@ -42,16 +42,26 @@ class Interpreter:
         }
         self._past: list[Wide] = []
 
+    def multiplied_by(self, tensor: str, observations: FloatArray) -> Wide:
+        """What a constant multiplies (T, n), over observations (T, d) from a cold start."""
+        taken = next(n.inputs[0] for n in self._graph.nodes if tensor in n.inputs)
+        self.reset()
+        return np.stack([self._values(one)[taken].ravel() for one in observations])
+
     def step(self, observation: npt.ArrayLike) -> Wide:
         """The force (o,) for an observation (d,)."""
+        force: Wide = self._values(observation)["force"][0]
+        return force
+
+    def _values(self, observation: npt.ArrayLike) -> dict[str, Wide]:
+        """Every tensor of one step, by name."""
         values = dict(self._constants) | self._states | self._source(observation)
         for node in self._graph.nodes:
             given = [values[name] for name in node.inputs]
             made = _RULES[node.op](node, given)
             values |= zip(node.outputs, made if isinstance(made, list) else [made], strict=True)
         self._states = {name: values[f"next_{name}"] for name in self._states}
-        force: Wide = values["force"][0]
-        return force
+        return values
 
     def rollout(self, observations: FloatArray) -> Wide:
         """Forces (T, o) over observations (T, d) from a cold start."""

@@ -97,7 +97,7 @@ static AS_WRITTEN void sparse(const FLASH {type} *restrict matrix,{scale}
 """
 
 _FEW = """\
-/* y = matrix * x + bias, of a matrix of a few rows, which stays float32. */
+/* y = matrix * x + bias, row by row, of a matrix that stays float32 beside rounded ones. */
 static AS_WRITTEN void few(const FLASH float *restrict matrix, const FLASH float *restrict bias,
                            const float *restrict x, float *restrict y, int inputs, int outputs)
 {

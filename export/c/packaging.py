@@ -16,13 +16,15 @@ import numpy as np
 
 from export.c.identifiers import require_name
 from export.c.interpreter import Interpreter, Wide
-from export.c.lowering import NotInC, lowered
+from export.c.lowering import lowered
 from export.c.program import Program
 from export.c.readme import page
 from export.c.real import Real
+from export.c.rounding import rounded_together
 from export.c.selftest import self_test
 from export.c.source import Model, header, source
 from export.c.weights import Kind
+from export.c.writer import NotInC
 from runtime.compiled.compiler import PLAIN, host_compiler, native_flags, version_of
 from runtime.compiled.driven import driven
 from runtime.compiled.folder import CFolder, Document, Proof, Rounding, read_c_folder, sealed
@@ -109,12 +111,13 @@ def export_c(
 
 def _program(graph: Graph, package: Package, kind: Kind) -> Program:
     try:
-        return lowered(graph, package.manifest, kind)
+        program = lowered(graph, package.manifest, kind)
     except NotInC as error:
         raise UnusableInput(
             f"This {package.manifest.arch} cannot become C: its graph {error}; export its run with"
             " this release."
         ) from error
+    return rounded_together(program, graph, package.manifest) if kind == "int8" else program
 
 
 class _Reference:

@@ -39,7 +39,8 @@ steps have filled the memory.
 | state (`{name}_state`) in RAM | {document.state_bytes:,} |
 | arrays of a step on the stack | {document.stack_bytes:,} |
 
-Code adds some kilobytes: `arm-none-eabi-size` says how many for your flags. Compile with `-O2`.
+{_exact(model)}Code adds some kilobytes: `arm-none-eabi-size` says how many for your flags. Compile
+with `-O2`.
 
 ## What was proved
 
@@ -55,6 +56,21 @@ To repeat it on any machine: `cc -O2 {name}.c {name}_test.c -lm && ./a.out`, or 
 check` on this folder. `-ffast-math` was not proved unless the table says so; with it, NaN in is no
 longer NaN out.
 """
+
+
+def _exact(model: Model) -> str:
+    """What stays float32 beside rounded weights, and why."""
+    if model.kind == "float32":
+        return ""
+    exact = [m for m in model.program.matrices if m.kept(model.kind) == "float32"]
+    beside = "".join(f", `{m.name}`" for m in exact)
+    why = ""
+    if model.kind == "int8" and any(m.drives for m in exact):
+        why = (
+            "\nThe readout of a reservoir was solved for exactly its echoes, so that what leads in"
+            " and out is not\nrounded."
+        )
+    return f"These stay float32: biases, small tables{beside}.{why}\n\n"
 
 
 def _rounding(rounding: Rounding | None, weights: str) -> str:

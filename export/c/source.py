@@ -37,6 +37,7 @@ def header(model: Model) -> str:
    A step is due every {1.0 / manifest.rate_hz:.9g} s ({manifest.rate_hz:g} Hz).
    Before {manifest.warm_up_steps} steps its memory is not full: do not use the force.
    An input that is not finite, or outside its range, gives a force that means nothing.
+{_weights(model)}
 
    observation, with the range seen in training:
 {_channels(manifest.observation)}
@@ -80,6 +81,14 @@ extern const char {name}_manifest[];
 
 #endif
 """
+
+
+def _weights(model: Model) -> str:
+    """How the weights are kept, of the matrices by their names."""
+    matrices = model.program.matrices
+    exact = [m.name for m in matrices if m.kept(model.kind) != model.kind]
+    beside = f"; {', '.join(exact)} and all biases are float32" if exact else ""
+    return f"   Weights are {model.kind}{beside}."
 
 
 def source(model: Model, document: str) -> str:

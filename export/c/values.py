@@ -13,6 +13,22 @@ import numpy as np
 from wakedeploy.core.onnx_graph import Shape
 
 LOOP_VARIABLES = "ijklmn"
+# What each element of an expression becomes; tanh and the like are those of <math.h>.
+FORMS = {
+    "Add": "{} + {}",
+    "Sub": "{} - {}",
+    "Mul": "{} * {}",
+    "Div": "{} / {}",
+    "Greater": "{} > {}",
+    "Where": "{} ? {} : {}",
+    "Exp": "expf({})",
+    "Reciprocal": "1.0f / {}",
+    "Relu": "{0} < 0.0f ? 0.0f : {0}",  # what is no number stays none
+    "Sigmoid": "sigmoid({})",
+    "Softplus": "softplus({})",
+    "Sqrt": "sqrtf({})",
+    "Tanh": "tanhf({})",
+}
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 A matrix is stored by blocks of eight rows, the eight weights of a column beside each other: a
 block needs each input once and keeps eight sums in registers. A sparse one is stored by its
-entries. Biases, gains and the small tables that other operators read stay float32.
+entries. Biases, gains and the small tables that other operators read stay float32, and so do
+matrices that rounding would cost too much (`Matrix.kept`).
 """
 
 from collections.abc import Iterator, Sequence
@@ -20,7 +21,7 @@ KINDS: tuple[Kind, ...] = ("float32", "float16", "int8")
 BLOCK = 8  # rows
 _SPARSE = 0.4  # of entries: below, two bytes of column number per entry cost less than the zeros
 _WORTH = 1024  # entries
-_STEPS_OF_INT8 = 127
+STEPS_OF_INT8 = 127
 BYTES: dict[Kind, int] = {"float32": 4, "float16": 2, "int8": 1}
 _TYPES: dict[Kind, str] = {"float32": "float", "float16": "uint16_t", "int8": "int8_t"}
 _WIDTH = 100
@@ -30,39 +31,45 @@ _WIDTH = 100
 class Matrix:
     """Weights (outputs, inputs) with the name that they have in C.
 
-    `tensor` is their name in the graph, where they lie by outputs or, turned, by inputs.
+    `tensor` is their name in the graph, where they lie by outputs or, turned, by inputs. One that
+    `drives` a reservoir leads into it; `integers` (outputs, inputs) are those of int8 where others
+    than the nearest have been chosen.
     """
 
     name: str
     weights: FloatArray
     tensor: str = ""
     is_by_outputs: bool = True
+    drives: bool = False
+    integers: npt.NDArray[np.int8] | None = None
 
     @property
     def is_sparse(self) -> bool:
         """Whether it is stored by its entries."""
-        entries = np.count_nonzero(self.weights)
-        fits = self.weights.shape[1] <= 1 << 16 and len(self.weights) >= BLOCK
-        return bool(self.weights.size >= _WORTH and fits and entries < _SPARSE * self.weights.size)
+        return is_sparse(self.weights)
 
     def kept(self, kind: Kind) -> Kind:
         """How its weights are kept where others are kept as `kind`.
 
         A matrix of a few rows is a readout: little flash, and a reservoir's is a difference of
-        large terms, which eight bits do not hold.
+        large terms, which eight bits do not hold. Nor do they hold what drives a reservoir, whose
+        readout has been solved for exactly these echoes.
         """
-        return "float32" if len(self.weights) < BLOCK else kind
+        is_exact = len(self.weights) < BLOCK or (self.drives and kind == "int8")
+        return "float32" if is_exact else kind
 
     def scales(self, kind: Kind) -> FloatArray:
         """What an integer of each row stands for (outputs,); ones for floats."""
         largest = np.abs(self.weights).max(axis=1)  # (outputs,)
         if self.kept(kind) != "int8":
             return np.ones_like(largest)
-        return np.where(largest > 0.0, largest / np.float32(_STEPS_OF_INT8), np.float32(1.0))
+        return np.where(largest > 0.0, largest / np.float32(STEPS_OF_INT8), np.float32(1.0))
 
     def stored(self, kind: Kind) -> npt.NDArray[np.generic]:
         """The numbers as they are kept (outputs, inputs)."""
         kind = self.kept(kind)
+        if kind == "int8" and self.integers is not None:
+            return self.integers
         if kind == "int8":
             return np.asarray(np.rint(self.weights / self.scales(kind)[:, None]), np.int8)
         if kind == "float16":
@@ -88,6 +95,7 @@ class Matrix:
     def declarations(self, kind: Kind) -> Iterator[str]:
         """Its constants, as C."""
         outputs, inputs = self.weights.shape
+        in_blocks = self.kept(kind) == kind
         kind = self.kept(kind)
         kept, what = self.stored(kind), f"{outputs} x {inputs}"
         if self.is_sparse:
@@ -98,7 +106,8 @@ class Matrix:
             yield _whole_numbers(f"{self.name}_columns[{len(rows)}]", "uint16_t", columns)
             yield _whole_numbers(f"{self.name}_counts[{outputs}]", "uint16_t", counts)
         else:
-            yield _array(f"{self.name}[{outputs * inputs}]", kind, blocks(kept), what)
+            packed = blocks(kept) if in_blocks else kept.ravel()
+            yield _array(f"{self.name}[{outputs * inputs}]", kind, packed, what)
         if kind == "int8":
             yield constants(f"{self.name}_scale[{outputs}]", self.scales(kind))
 
@@ -111,6 +120,13 @@ class Matrix:
             return BYTES[kind] * outputs * inputs + scale
         entries = int(np.count_nonzero(self.weights))
         return (BYTES[kind] + 2) * entries + 2 * outputs + scale
+
+
+def is_sparse(weights: FloatArray) -> bool:
+    """Whether weights (outputs, inputs) take less flash by their entries: those of a reservoir."""
+    entries = np.count_nonzero(weights)
+    fits = weights.shape[1] <= 1 << 16 and len(weights) >= BLOCK
+    return bool(weights.size >= _WORTH and fits and entries < _SPARSE * weights.size)
 
 
 def blocks(kept: npt.NDArray[np.generic]) -> npt.NDArray[np.generic]:

@@ -6,16 +6,17 @@ missed or repeated sample is predicted through.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from runtime.loop.copies import replace
 from runtime.loop.kalman import predict as kalman_predict
 from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
-from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 FloatArray = npt.NDArray[np.float64]
@@ -206,9 +207,12 @@ class Estimator:
         now = _after_a_pause(now, t_s - now.t_s)
         speed, thrust_n = self._mean_thrust(now.rotor_speed, pulses_us, dt)
         height, height_cov = self._predict_height(now, thrust_n, wake_n, dt)
-        a_sd = _STEP_ACCELERATION_SD_MPS2
+        xx, xv, vv = _white(_STEP_ACCELERATION_SD_MPS2, dt)
         lateral, lateral_cov = kalman_predict(
-            now.lateral, now.lateral_cov, np.array([[1.0, dt], [0.0, 1.0]]), _white(a_sd, dt)
+            now.lateral,
+            now.lateral_cov,
+            np.array([[1.0, dt], [0.0, 1.0]]),
+            np.array([[xx, xv], [xv, vv]]),
         )
         return replace(
             now,
@@ -229,10 +233,8 @@ class Estimator:
         early_s = min(self.command_delay_s, dt)
         total = 0.0
         for pulse_us, span_s in zip(pulses_us, (early_s, dt - early_s), strict=True):
-            target = math.sqrt(curve.thrust(pulse_us))
-            after = spooled(speed, target, lag, span_s)
-            total += span_s * mean_thrust(speed, after, lag)
-            speed = after
+            speed, mean_n = held_pulse(curve, lag, speed, pulse_us, span_s)
+            total += span_s * mean_n
         return speed, total / dt
 
     def _predict_height(
@@ -245,11 +247,11 @@ class Estimator:
         transition = np.array(
             [[1.0, dt, 0.5 * dt * dt / mass_kg], [0.0, 1.0, dt / mass_kg], [0.0, 0.0, keep]]
         )
-        noise = np.zeros((3, 3))
-        noise[:2, :2] = _white(_ACCELERATION_SD_MPS2, dt)
+        zz, zv, vv = _white(_ACCELERATION_SD_MPS2, dt)
         is_startled = now.innovation_m**2 > _STARTLED * now.innovation_var_m2
         left_sd_n = _FORCE_SD_N if wake_n is None or is_startled else _UNFORESEEN_SD_N
-        noise[2, 2] = left_sd_n**2 * (1.0 - keep**2)
+        left_n2 = left_sd_n**2 * (1.0 - keep**2)
+        noise = np.array([[zz, zv, 0.0], [zv, vv, 0.0], [0.0, 0.0, left_n2]])
         known_n = thrust_n + (wake_n or 0.0) - smooth_friction(self._rig.rail, now.vz_mps)
         a = known_n / mass_kg - GRAVITY_MPS2
         height, cov = kalman_predict(
@@ -385,7 +387,7 @@ def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:
 _POSITION_ROW = np.array([[1.0, 0.0]])
 
 
-def _white(acceleration_sd: float, dt: float) -> FloatArray:
-    """Covariance that an acceleration held over `dt` adds to position and speed."""
-    gain = np.array([0.5 * dt * dt, dt])
-    return np.asarray(np.outer(gain, gain) * acceleration_sd**2)
+def _white(acceleration_sd: float, dt: float) -> tuple[float, float, float]:
+    """What an acceleration held over `dt` adds: variance, covariance, variance of the speed."""
+    moved, variance = 0.5 * dt * dt, acceleration_sd**2
+    return moved * moved * variance, moved * dt * variance, dt * dt * variance

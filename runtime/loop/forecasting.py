@@ -3,9 +3,10 @@
 In: the predictions' source, and what the pilot estimates. Out: a force to feed forward, or why not.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from runtime.loop import safety
+from runtime.loop.copies import replace
 from runtime.loop.doubt import Doubter
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.prediction import Predictions

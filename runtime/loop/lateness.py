@@ -9,10 +9,10 @@ foresees the readings better than the loop's own filter, tick after tick, the re
 
 import math
 from collections import deque
-from dataclasses import replace
 
 import numpy as np
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
 from runtime.loop.pilot import PilotState
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
@@ -33,6 +33,7 @@ class Lateness:
         self._rivals = {ticks: initial_estimate(0.0) for ticks in LATE_TICKS}
         self._evidence = dict.fromkeys(LATE_TICKS, 0.0)
         self._adopted: int | None = None
+        self._waiting: tuple[PilotState, PilotState, Measurement] | None = None
 
     @property
     def evidence(self) -> float:
@@ -40,7 +41,22 @@ class Lateness:
         return max(self._evidence.values())
 
     def step(self, before: PilotState, now: PilotState, measured: Measurement) -> PilotState:
-        """One tick: the state as the loop's filter has it, or as one has it that was adopted."""
+        """One tick: the state as the loop's filter has it, or as one has it that was adopted.
+
+        Until one is adopted the command waits for neither: `catch_up` follows it.
+        """
+        self._waiting = None if self._adopted is not None else (before, now, measured)
+        if self._adopted is None:
+            return now
+        self._follow(before, now, measured)
+        return replace(now, estimate=self._present(now.estimate))
+
+    def catch_up(self) -> None:
+        """The command is on its way: what the tick's reading tells, for the next tick."""
+        if self._waiting is not None:
+            self._follow(*self._waiting)
+
+    def _follow(self, before: PilotState, now: PilotState, measured: Measurement) -> None:
         self._acted.append(((before.before_last_us, before.last_us), now.wake_n))
         for ticks, rival in self._rivals.items():
             pulses, wake_n = self._acted[max(len(self._acted) - 1 - ticks, 0)]
@@ -49,7 +65,6 @@ class Lateness:
             if self._adopted is None:
                 more = _for_the_rival(now.estimate, after)
                 self._evidence[ticks] = max(self._evidence[ticks] + more, 0.0)
-        return now if self._adopted is None else replace(now, estimate=self._present(now.estimate))
 
     def adopt(self) -> None:
         """From now on the likeliest of the filters is believed."""

@@ -8,7 +8,6 @@ import contextlib
 import math
 import time
 from collections.abc import Callable
-from dataclasses import replace
 
 from runtime.io.conversation import Answer
 from runtime.io.protocol import TIME_WRAP_US, Fault
@@ -20,6 +19,7 @@ from runtime.loop.answers import OLD_TICKS, AnswerDoor, Heard
 from runtime.loop.arming import arm_limits, require_battery, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.controller import Command, Terms
+from runtime.loop.copies import replace
 from runtime.loop.estimator import SAME_TICKS, Measurement
 from runtime.loop.forecasting import Forecasting, Prediction
 from runtime.loop.lateness import Lateness
@@ -239,6 +239,7 @@ class Loop:
         is_late = self._clock.monotonic() > tick.start_s + PERIOD_S
         self._late_writes = self._late_writes + 1 if is_late else 0
         laps.mark("t_write_s")
+        self._lateness.catch_up()
         row = tick_row(tick.index, measured, self._state, aim, command, terms)
         row |= laps.times_s if self._is_timed else {}
         row |= self._reported(reading, heard, prediction)

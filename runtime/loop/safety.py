@@ -5,11 +5,12 @@ how much of the feedforward to use, and the way down after a failsafe.
 """
 
 import enum
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from runtime.loop.copies import replace
 from wakedeploy.core.rig import LOOP_RATE_HZ, Limits
 
 LATE_LIMIT = 3  # late predictions, or late answers, in a row that degrade the mode
@@ -167,7 +168,8 @@ class SafetyState:
 
 def happened(state: SafetyState, event: Event) -> SafetyState:
     """The state after an event that the loop itself brings about."""
-    return replace(state, mode=next_mode(state.mode, event))
+    mode = next_mode(state.mode, event)
+    return state if mode is state.mode else replace(state, mode=mode)
 
 
 def watch(state: SafetyState, found: Findings, limits: Limits) -> SafetyState:
@@ -256,8 +258,11 @@ def far_outside(
     high: npt.NDArray[np.float32],
 ) -> bool:
     """Whether an observation (d,) is not finite or far outside the trained range, low to high."""
-    margin = FAR_OUTSIDE * (high - low)
-    return not bool(np.all((observation >= low - margin) & (observation <= high + margin)))
+    ranges = zip(observation.tolist(), low.tolist(), high.tolist(), strict=True)
+    return not all(
+        least - FAR_OUTSIDE * (most - least) <= value <= most + FAR_OUTSIDE * (most - least)
+        for value, least, most in ranges
+    )
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,8 +8,9 @@ neither: then the sufferer comes down as one whose height nobody knows.
 
 import enum
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate
 
 TEST_SHARE = 0.88  # of the weight: from rest a fall of 14 cm in the time of a test, at 0.6 m/s

@@ -7,8 +7,9 @@ of the thrust stays.
 """
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
+from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed

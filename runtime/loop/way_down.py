@@ -5,7 +5,6 @@ the pulses that the board descends with should it be the last one.
 """
 
 import math
-from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from runtime.loop.blind import (
     on_the_stop,
 )
 from runtime.loop.controller import Command, Terms
+from runtime.loop.copies import replace
 from runtime.loop.descent import (
     BLINDING,
     HEIGHTLESS,

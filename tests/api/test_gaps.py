@@ -8,8 +8,8 @@ import pytest
 
 import wakedeploy as wd
 from wakedeploy.gap.folder import write_step
-from wakedeploy.gap.search.naming import Thresholds
-from wakedeploy.gap.search.threshold import _cache_path
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 
 
 @pytest.fixture(scope="module")

@@ -15,8 +15,8 @@ from wakedeploy.cli import main
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.folder import at_work, write_step
-from wakedeploy.gap.search.naming import Thresholds
-from wakedeploy.gap.search.threshold import _cache_path
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 from wakedeploy.rig.file import default_rig
 
 STEPS = ("close", "find", "name", "add", "show")
@@ -135,17 +135,19 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
         return run
 
     named = {"verdict": "named", "effects": [{"name": "spool-lag-source"}], "class": []}
-    monkeypatch.setattr("wakedeploy.gap.workflow.find", stands_in("find", {"maps": []}))
-    monkeypatch.setattr("wakedeploy.gap.workflow.name", stands_in("name", named))
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.find", stands_in("find", {"maps": []}))
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", stands_in("name", named))
     for step, told in (("add", {"effects": named["effects"]}), ("show", {}), ("result", named)):
         function = {"show": "show_gap", "result": "_concluded"}.get(step, step)
-        monkeypatch.setattr(f"wakedeploy.gap.workflow.{function}", stands_in(step, told | {"a": 1}))
+        monkeypatch.setattr(
+            f"wakedeploy.gap.systems.gantry.steps.{function}", stands_in(step, told | {"a": 1})
+        )
 
     def interrupted(*_: object) -> None:
         done.append("training")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.workflow.retrain_shown", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.retrain_shown", interrupted)
     for i in range(3):
         record(default_rig(), seconds=12, seed=8 + i).write_csv(folder / f"flight{i}.csv")
     flights = ["flight.csv", *(f"flight{i}.csv" for i in range(3))]
@@ -169,7 +171,7 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.workflow.name", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", interrupted)
     told = gap(folder, "close", "flight.csv")
     assert told.exit_code == 130
     assert "go on with `wakedeploy gap name`" in told.stderr

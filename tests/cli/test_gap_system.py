@@ -9,7 +9,7 @@ from click.testing import CliRunner
 from wakedeploy.cli.gap import command
 from wakedeploy.domains.tables.guess import guess_columns
 from wakedeploy.gap.systems.correction import Correction, Document, Named, write_correction
-from wakedeploy.gap.systems.loading import read_plain, read_system
+from wakedeploy.gap.systems.files import read_plain, read_system
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
 

@@ -8,16 +8,19 @@ import sys
 import textwrap
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.writer import Writer
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.runlog import RunLog, read_run_log
-from wakedeploy.core.runlog_columns import COLUMN, COLUMNS, MODES
-from wakedeploy.core.runlog_mcap import RunLogWriter, message_schema
+from wakedeploy.core.runlog_columns import COLUMN, COLUMNS, MODES, TOPICS
+from wakedeploy.core.runlog_mcap import RunLogWriter
+from wakedeploy.core.runlog_messages import message_schema
 
 METADATA = {"rate_hz": "32.0", "seed": "7", "started_utc": "2026-01-02T03:04:05+00:00"}
 REQUIRED = [column.name for column in COLUMNS if column.presence == "required"]
@@ -84,18 +87,60 @@ def test_any_values_survive_both_formats(tmp_path: Path, data: st.DataObject) ->
         assert_same(read_run_log(tmp_path / "a.mcap"), log)
 
 
-def test_messages_carry_their_schema_and_null_for_missing(tmp_path: Path) -> None:
+def test_viewers_find_a_topic_for_each_group_and_plain_numbers_in_it(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
-    some_log(3, range_m=None).write_mcap(path)
+    some_log(3, range_m=None, battery_v=11.1, homed=1).write_mcap(path)
     with path.open("rb") as handle:
-        seen = list(make_reader(handle).iter_messages())
-    schema, _, message = seen[0]
-    assert schema.encoding == "jsonschema"
-    assert json.loads(schema.data) == message_schema()
-    tick = json.loads(message.data)
-    assert tick["range_m"] is None
-    assert set(message_schema()["required"]) <= set(tick) <= set(COLUMN)
-    assert seen[2][2].log_time - seen[0][2].log_time == 2 * 31_250_000
+        reader = make_reader(handle)
+        summary = reader.get_summary()
+        seen = list(reader.iter_messages())
+    assert {channel.topic for channel in summary.channels.values()} == set(TOPICS)
+    assert all(channel.schema_id in summary.schemas for channel in summary.channels.values())
+    told: dict[int, dict[str, object]] = {0: {}, 1: {}, 2: {}}
+    for schema, channel, message in seen:
+        assert (channel.message_encoding, schema.encoding) == ("json", "jsonschema")
+        described = json.loads(schema.data)
+        assert described == message_schema(channel.topic)
+        assert all(isinstance(kind["type"], str) for kind in described["properties"].values())
+        values = json.loads(message.data)
+        jsonschema.validate(values, described)
+        assert set(values) <= set(TOPICS[channel.topic])
+        told[message.sequence] |= values
+        assert message.log_time == seen[0][2].log_time + message.sequence * 31_250_000
+    row = tick_row(2, battery_v=11.1, homed=1)
+    assert told[2] == {name: value for name, value in row.items() if name != "range_m"}
+
+
+def test_every_column_has_one_topic() -> None:
+    assert sorted(name for names in TOPICS.values() for name in names) == sorted(COLUMN)
+
+
+def test_a_log_with_one_message_a_tick_is_still_read(tmp_path: Path) -> None:
+    path, log = tmp_path / "old.mcap", some_log(20, battery_v=11.1)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.add_metadata("wakedeploy.run", {"schema": "1"} | METADATA)
+        schema = writer.register_schema("wakedeploy.run", "jsonschema", b"{}")
+        channel = writer.register_channel("/run", "json", schema)
+        for row in log.rows():
+            writer.add_message(channel, 0, json.dumps(row).encode(), 0)
+        writer.add_metadata("wakedeploy.end", {"written": "20"})
+        writer.finish()
+    back = read_run_log(path)
+    assert back.metadata.pop("written") == "20"
+    assert_same(back, log)
+
+
+def test_a_tick_that_is_not_whole_is_left_out(tmp_path: Path) -> None:
+    path = tmp_path / "cut.mcap"
+    writer = RunLogWriter(path, METADATA)
+    for tick in range(3):
+        writer.write(tick_row(tick), tick * 31_250_000)
+    writer._writer.add_message(writer._channels["/height"], 0, b'{"range_m":0.5}', 0, 3)
+    writer.flush()
+    writer.abandon()
+    assert list(read_run_log(path)["tick"]) == [0, 1, 2]
 
 
 def test_same_log_same_bytes(tmp_path: Path) -> None:
@@ -188,7 +233,7 @@ def test_a_foreign_file_is_one_sentence(tmp_path: Path, content: bytes) -> None:
 
 
 def test_a_newer_schema_is_refused(tmp_path: Path) -> None:
-    writer = RunLogWriter(tmp_path / "new.mcap", METADATA | {"schema": "2"})
+    writer = RunLogWriter(tmp_path / "new.mcap", METADATA | {"schema": "3"})
     writer.close()
     with pytest.raises(UnusableInput, match="upgrade"):
         read_run_log(tmp_path / "new.mcap")

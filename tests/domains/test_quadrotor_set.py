@@ -225,3 +225,18 @@ def test_the_recordings_become_a_set() -> None:
     observed = np.concatenate([e.extras["observer_n"][:, 2] for e in test])
     # The sufferer's own motion tells much of the label, which is made of its acceleration.
     assert np.sqrt(np.mean((observed - force) ** 2)) < 0.7 * np.sqrt(np.mean(force**2))
+
+
+def test_the_corrected_label_has_the_term_of_turning_axes_again(tmp_path: Path) -> None:
+    """F = m(v̇ + ω × v) − thrust + weight: given back to the label, in world axes."""
+    turning = states(6.0, 1)
+    turning[:, 18:22] = (1.0, 0.0, 0.0, 0.0)
+    turning[:, 12:15], turning[:, 3:6] = (0.0, 0.0, 2.0), (1.0, 0.0, 0.0)
+    turning[:, 0:3] = np.arange(len(turning))[:, None] / 200 * turning[:, 3:6]
+    saved(tmp_path / "3_swapping" / "some", "run", 6.0, uav_2_states=turning)
+    plain, mended = (import_set(tmp_path, label=one) for one in ("authors", "corrected"))
+    for one, other in zip(plain.episodes, mended.episodes, strict=True):
+        given_back = other.force - one.force
+        assert given_back == pytest.approx(np.tile([0.0, 2.0 * MASS_KG, 0.0], (len(given_back), 1)))
+        assert np.array_equal(one.extras["observer_n"], other.extras["observer_n"])
+    assert mended.provenance["label"] == "corrected"

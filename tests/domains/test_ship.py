@@ -120,6 +120,7 @@ def test_own_motion_tells_the_force_and_what_is_left_does_not() -> None:
     assert share_told(loads, left).max() < 0.1
 
 
+@pytest.mark.slow
 def test_the_command_writes_a_set(tmp_path) -> None:
     out = tmp_path / "ship"
     told = CliRunner().invoke(main, ["data", "make", "ship", "--out", str(out), "--minutes", "1",

@@ -186,7 +186,7 @@ def test_rounding_beyond_the_tolerance_leaves_nothing(tmp_path_factory, tmp_path
 
 
 def test_c_that_differs_leaves_nothing(package, tmp_path, monkeypatch):
-    monkeypatch.setattr("export.c.lowering._FORMS", _off_by_a_little())
+    monkeypatch.setattr("export.c.arithmetic.FORMS", _off_by_a_little())
     said = wakedeploy("export", "--package", package, "--c", tmp_path / "c")
     assert said.exit_code == 1
     assert "self-test fails" in said.output
@@ -194,9 +194,9 @@ def test_c_that_differs_leaves_nothing(package, tmp_path, monkeypatch):
 
 
 def _off_by_a_little() -> dict[str, str]:
-    from export.c.lowering import _FORMS
+    from export.c.values import FORMS
 
-    return _FORMS | {"Tanh": "tanhf({} * 1.001f)"}
+    return FORMS | {"Tanh": "tanhf({} * 1.001f)"}
 
 
 def test_a_machine_without_a_compiler_is_told_so_before_anything_is_made(

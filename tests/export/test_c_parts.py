@@ -1,6 +1,7 @@
 """The pieces that C is written from, over inputs that nobody chose."""
 
 import ctypes
+import dataclasses
 import re
 
 import numpy as np
@@ -11,6 +12,7 @@ from needs import c_compiler
 
 from export.c.identifiers import Names, require_name
 from export.c.kernels import needed
+from export.c.rounding import _integers
 from export.c.source import _plain, _quoted
 from export.c.values import literal
 from export.c.weights import KINDS, Matrix
@@ -28,7 +30,8 @@ def test_a_number_is_the_same_to_the_last_bit(value):
     assert re.fullmatch(r"-?\d+\.\d*(e[+-]\d+)?f", text), text
 
 
-@given(st.lists(st.text(max_size=60), max_size=30))
+@settings(max_examples=50)
+@given(st.lists(st.text(max_size=45), max_size=8))
 def test_any_names_become_different_ones_that_c_takes(wishes):
     names = Names()
     made = [names.new(wish) for wish in wishes]
@@ -110,16 +113,37 @@ def test_products_of_any_size_are_those_of_the_kept_weights(
 
 
 @c_compiler
-@pytest.mark.parametrize("outputs", range(1, 8))
-def test_a_few_rows_stay_float32(kernels, outputs):
+@pytest.mark.parametrize("outputs", [1, 2, 7, 20])
+def test_few_rows_and_what_drives_a_reservoir_stay_float32(kernels, outputs):
     draw = np.random.default_rng(outputs)
-    matrix = Matrix("w", draw.normal(size=(outputs, 33)).astype(np.float32))
-    assert {matrix.kept(kind) for kind in KINDS} == {"float32"}
-    assert np.array_equal(matrix.rounded("int8"), matrix.weights)
+    weights = draw.normal(size=(outputs, 33)).astype(np.float32)
+    matrix = Matrix("w", weights, drives=outputs > 7)
+    assert matrix.kept("int8") == "float32"
+    assert np.array_equal(matrix.rounded("int8"), weights)
+    assert matrix.flash_bytes("int8") == 4 * weights.size
+    (declared,) = matrix.declarations("int8")
+    kept = _numbers(declared.split(" = {")[1]).astype(np.float32)
     x, bias = draw.normal(size=33).astype(np.float32), np.ones(outputs, np.float32)
     y = np.empty(outputs, np.float32)
-    kernels["int8"].few(_at(matrix.weights), _at(bias), _at(x), _at(y), 33, outputs)
-    assert np.allclose(y, matrix.weights @ x + bias, atol=1e-5)
+    kernels["int8"].few(_at(kept), _at(bias), _at(x), _at(y), 33, outputs)
+    assert np.allclose(y, weights @ x + bias, atol=1e-5)
+
+
+def test_a_reservoirs_integers_keep_its_products_rather_than_its_entries():
+    """Activations that move together, as a reservoir's do: three numbers drive a hundred."""
+    draw = np.random.default_rng(3)
+    matrix = Matrix("w", _sparse(draw, 100, 100))
+    activations = np.tanh(0.3 * draw.normal(size=(300, 3)) @ draw.normal(size=(3, 100)))
+    seen, unseen = activations[:200], activations[200:]
+    together = dataclasses.replace(matrix, integers=_integers(matrix, seen))
+    errors = [
+        np.linalg.norm((m.rounded("int8") - m.weights) @ unseen.T) for m in (matrix, together)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+    assert not np.any(together.stored("int8")[matrix.weights == 0.0])
+    assert np.abs(together.stored("int8").astype(int)).max() <= 127
+    assert np.array_equal(together.stored("float32"), matrix.weights)
+    assert np.array_equal(_integers(matrix, np.nan * seen), matrix.stored("int8"))
 
 
 def _sparse(draw, outputs, inputs):
@@ -138,11 +162,16 @@ def _arrays(matrix, kind, is_sparse):
             t for word, t in (("uint16_t", np.uint16), ("int8_t", np.int8), ("float", np.float32))
             if f" {word} " in declared
         )  # fmt: skip
-        values = [n.strip().removesuffix("f") for n in numbers.removesuffix("};").split(",")]
-        arrays.append(np.array([float(v) for v in values if v], dtype))
+        arrays.append(_numbers(numbers).astype(dtype))
     if kind == "int8":  # the scale comes second in a call and last among the declarations
         arrays.insert(1, arrays.pop())
     return arrays
+
+
+def _numbers(text):
+    """The numbers of an initialiser."""
+    values = (n.strip().removesuffix("f") for n in text.removesuffix("};").split(","))
+    return np.array([float(v) for v in values if v])
 
 
 class _Sparse(Matrix):

@@ -27,10 +27,10 @@ from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_FLIGHTS, FEWEST_IN_ALL, sealed_count
-from wakedeploy.gap.search import places as finding
-from wakedeploy.gap.search.glance import UNSIMULATED
-from wakedeploy.gap.search.naming import Thresholds
-from wakedeploy.gap.workflow import add, close, open_case, write_result
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.search.places import places_sentence
+from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
+from wakedeploy.gap.systems.gantry.steps import add, close, open_case, write_result
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
@@ -60,11 +60,12 @@ def flights(tmp_path_factory) -> dict[str, list[Path]]:
 def searching(*names: str):
     """Few effects and no expression: the whole library and a search for one take a minute."""
     with pytest.MonkeyPatch.context() as patched:
-        for module in ("glance", "naming"):
+        for module in ("preliminary_ranking", "naming"):
             patched.setattr(
-                f"wakedeploy.gap.search.{module}.LIBRARY", {n: LIBRARY[n] for n in names}
+                f"wakedeploy.gap.systems.gantry.search.{module}.LIBRARY",
+                {n: LIBRARY[n] for n in names},
             )
-        patched.setattr("wakedeploy.gap.search.naming.search", lambda *_, **__: None)
+        patched.setattr("wakedeploy.gap.systems.gantry.search.naming.search", lambda *_, **__: None)
         yield
 
 
@@ -93,7 +94,7 @@ def several(flights, tmp_path_factory) -> dict[int, tuple[Path, dict]]:
     for count in (2, 3):
         out = tmp_path_factory.mktemp(f"{count}")
         logs = flights[HIDDEN][:count]
-        with searching(*SEARCHED):
+        with searching(*SEARCHED[:2]):
             result = close(flights["rig"][0], logs, out, report=False, thresholds=LIMITS)
         told[count] = out, result
     return told
@@ -187,6 +188,7 @@ def test_jagged_effects_are_tried_only_where_something_stands_out(closed) -> Non
         assert (SCANNED in named["untried"]) is not tried
 
 
+@pytest.mark.slow
 def test_the_steps_by_themselves_say_the_same(flights, tmp_path) -> None:
     with searching(*SEARCHED):
         told = on_terminal(flights, "nothing", tmp_path, "find", "name", "show")
@@ -258,7 +260,7 @@ def test_too_few_flights_do_not_wait_for_thresholds(flights, monkeypatch, tmp_pa
     def simulated(*_: object, **__: object) -> Thresholds:
         raise AssertionError("simulates")
 
-    monkeypatch.setattr("wakedeploy.gap.workflow.thresholds_for", simulated)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.thresholds_for", simulated)
     case = open_case(tmp_path / "rig.toml", flights[HIDDEN][:2])
     assert case.thresholds is UNSIMULATED
     assert not case.is_simulated
@@ -290,7 +292,7 @@ def fabricated(folder: Path, verdict: str, places: str, white: bool, count: int)
         place | {"residual": 0.1, "unit": "N", "words": f"height below 1: +0.1 N, q = {i}"}
         for i, place in enumerate(PLACES[places])
     ]
-    sentence = finding._sentence(listed, white, count - sealed_count(count))
+    sentence = places_sentence(listed, white, count - sealed_count(count))
     found = {**steps.find, "places": listed, "sentence": sentence}
     write_step(folder, "find", found | {"white": steps.find["white"] | {"passes": white}})
     named = dict(steps.name)

@@ -13,14 +13,14 @@ from recorded import flown
 from benchmarks.hidden_effects.lines import LINES, read_lines
 from wakedeploy.cli.gap_plan import _class_in
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap import workflow as close
 from wakedeploy.gap.folder import read_steps
-from wakedeploy.gap.planning.plan import stated_sizes
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.search.candidates import TERMS
 from wakedeploy.gap.search.places import forbids_none
-from wakedeploy.gap.search.saved_fits import FITS, Found
+from wakedeploy.gap.systems.gantry import steps as close
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.planning.plan import stated_sizes
+from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
+from wakedeploy.gap.systems.gantry.search.saved_fits import FITS, Found
 from wakedeploy.gap.wording import number
 from wakedeploy.rig.file import default_rig
 

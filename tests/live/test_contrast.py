@@ -6,15 +6,21 @@ from pathlib import Path
 import pytest
 
 import wakedeploy.live
+from wakedeploy.core.pages import text_file
 
-CSS = (Path(wakedeploy.live.__file__).parent / "static" / "base.css").read_text("utf-8")
-LIGHT, DARK = (
-    dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", block))
-    for block in re.findall(r":root \{(.*?)\n\s*\}", CSS, re.DOTALL)
+BASE = (Path(wakedeploy.live.__file__).parent / "static" / "base.css").read_text("utf-8")
+(LIGHT, DARK), (MORE_LIGHT, MORE_DARK) = (
+    [
+        dict(re.findall(r"--([\w-]+): (#[0-9a-f]{6});", block))
+        for block in re.findall(r":root \{(.*?)\n\s*\}", sheet.split("@media print")[0], re.DOTALL)
+    ]
+    for sheet in (text_file("look.css"), BASE)
 )
+LIGHT, DARK = LIGHT | MORE_LIGHT, DARK | MORE_DARK
 TEXT = [("ink", "ground"), ("ink", "card"), ("soft", "ground"), ("soft", "card"), ("soft", "sunk"),
         ("accent", "card"), ("accent", "ground"), ("on-accent", "accent"), ("on-stop", "stop"),
-        ("on-stop", "stop-deep"), ("ink", "sunk")]  # fmt: skip
+        ("on-stop", "stop-deep"), ("ink", "sunk"), ("accent", "sunk"), ("alarm", "card"),
+        ("second", "card")]  # fmt: skip
 TEXT += [("on-mode", name) for name in LIGHT if name.startswith("mode-")]
 LINES = [("reference", "card"), ("predicted", "card"), ("accent", "card"), ("stop", "ground"),
          ("soft", "card")]  # fmt: skip

@@ -10,7 +10,7 @@ from browser import PHONE, chromium
 from pages import Client, begin, fed, row, slow_flight
 
 from wakedeploy.live.desk import HOLD_S
-from wakedeploy.live.process import live_page
+from wakedeploy.live.process import live_views
 
 pytestmark = needs.chromium
 
@@ -23,7 +23,7 @@ def browser():
 
 @pytest.fixture
 def served():
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         begin(page.feed)
         yield page
 
@@ -31,7 +31,7 @@ def served():
 @pytest.fixture(scope="module")
 def calm():
     """A page for tests that only look."""
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         begin(page.feed)
         fed(page.feed, range(40))
         yield page
@@ -89,7 +89,7 @@ def test_a_page_comes_back_and_has_every_row_once(browser, served):
 
 
 def test_a_stop_that_nobody_answers_says_so(browser):
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         begin(page.feed)
         browser.open(page.url)
         fed(page.feed, range(40))
@@ -177,7 +177,7 @@ def test_dark_is_dark_and_is_drawn_anew(browser, calm):
 @pytest.mark.wallclock
 def test_two_steps_arm_and_a_page_that_goes_lands_the_flight(browser, tmp_path):
     word = tmp_path / "fly"
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         browser.open(page.url)
         page.feed.tell({"phase": "standby", "arm_file": str(word), "title": "x"})
         shows(browser, "mode-name", "Standing by")

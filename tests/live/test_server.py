@@ -10,13 +10,13 @@ import tornado.httpclient
 from pages import Client, Slow, begin, fed, row, rows_until, sent_at, slow_flight
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.live.process import live_page
+from wakedeploy.live.process import live_views
 
 
 @pytest.fixture(scope="module")
 def served():
     """One page for the tests that leave it as it is."""
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         begin(page.feed)
         yield page
 
@@ -108,7 +108,7 @@ def test_what_is_no_token_is_no_error(client, said):
 
 
 def test_ten_pages_get_every_row_once_and_one_that_comes_back_only_the_rest():
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         client = Client(page.url)
         begin(page.feed)
 
@@ -134,7 +134,7 @@ def test_ten_pages_get_every_row_once_and_one_that_comes_back_only_the_rest():
 
 
 def test_a_page_is_asked_whether_it_is_there_while_rows_flow_and_while_none_do():
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         begin(page.feed)
 
         async def asked(socket, for_s):
@@ -161,7 +161,7 @@ def test_a_page_is_asked_whether_it_is_there_while_rows_flow_and_while_none_do()
 
 def test_a_page_that_does_not_read_holds_up_nobody_and_misses_what_it_did_not_take():
     """Twice what fits between the two, while it does not read; then it gets the newest."""
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         client = Client(page.url)
         begin(page.feed)
 
@@ -182,7 +182,7 @@ def test_a_page_that_does_not_read_holds_up_nobody_and_misses_what_it_did_not_ta
 
 
 def test_stop_by_request_lands_a_flight_gently():
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         client = Client(page.url)
         headers = {"Origin": f"http://{client.host}", "Authorization": f"Bearer {client.token}"}
 
@@ -201,13 +201,13 @@ def test_stop_by_request_lands_a_flight_gently():
 
 
 def test_a_stop_after_the_run_or_a_second_page_at_a_port_is_a_sentence(client):
-    with pytest.raises(UnusableInput, match="no page can be served there"), live_page(client.host):
+    with pytest.raises(UnusableInput, match="no page can be served there"), live_views(client.host):
         pass
 
 
 def test_a_socket_in_the_file_system_is_this_users_alone(tmp_path):
     path = tmp_path / "live"
-    with live_page(str(path)) as page:
+    with live_views(str(path)) as page:
         assert "ssh -N -L 8032:" in page.url
         assert path.stat().st_mode & 0o077 == 0
         assert "<title>wakedeploy</title>" in sent_at(path)
@@ -227,5 +227,5 @@ def test_pages_hear_how_a_run_ended_before_the_server_goes():
         assert (state["phase"], state["ended"]) == ("ended", "whole")
         assert one.close_code == 4000
 
-    with live_page("127.0.0.1:0") as page:
+    with live_views("127.0.0.1:0") as page:
         asyncio.run(visit(Client(page.url), page))

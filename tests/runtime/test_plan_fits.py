@@ -11,7 +11,7 @@ from runtime.reference import ceiling_m, hold_plan, random_plan, require_plan_fi
 from runtime.request import RunRequest
 from runtime.run import fly
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.planning.manoeuvres import menu
+from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 1.0})

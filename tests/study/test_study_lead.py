@@ -230,9 +230,7 @@ def told(tmp_path_factory, short_episodes):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sets, "DOMAINS", tiny)
         patch.setattr("wakedeploy.study.lead.QUICK_LEADS_S", (0.0, 0.1))
-        result = CliRunner().invoke(
-            lead, ["--quick", "--arch", "agile-mlp,history-mlp", "--out", str(folder)]
-        )
+        result = CliRunner().invoke(lead, ["--quick", "--arch", "agile-mlp", "--out", str(folder)])
     assert result.exit_code == 0, result.output
     return result.output, folder
 
@@ -246,8 +244,8 @@ def test_the_command_writes_figures_tables_and_a_page(told) -> None:
     }  # fmt: skip
     result = json.loads((folder / "study.json").read_text())
     rows = list(csv.DictReader((folder / "lead.csv").open()))
-    # Per domain: nothing, the truth at two leads, two models at two leads.
-    assert len(rows) == len(result["points"]) == 2 * (1 + 2 + 4)
+    # Per domain: nothing, the truth at two leads, one model at two leads.
+    assert len(rows) == len(result["points"]) == 2 * (1 + 2 + 2)
     per_flight = list(csv.DictReader((folder / "lead-flights.csv").open()))
     assert len(per_flight) == 2 * len(rows)
     for row, point in zip(rows, result["points"], strict=True):
@@ -279,7 +277,7 @@ def test_flights_side_by_side_are_those_flown_one_after_the_other(told) -> None:
     _, out = told
     data = read_episode_set(out / "sets" / "gantry-quick")
     runs = out / "runs-quick" / "lead"
-    lines = asked(["history-mlp"], [0.1], 1, 4)
+    lines = asked(["agile-mlp"], [0.1], 1, 4)
     again = measure(data, "force_z_n", lines, [0.1], runs, flights=2, seconds=6.0, workers=2)
     written = json.loads((out / "lead-quick" / "study.json").read_text())["points"]
     for point in again:

@@ -15,7 +15,6 @@ from trainers.training.fit import Standing
 from trainers.training.runs import RunConfig, TrainedRun
 from wakedeploy.core.errors import UnusableInput, installs, one_line
 
-TRACKERS = ("tensorboard", "mlflow")
 FINISHED, INTERRUPTED, FAILED = "finished", "interrupted", "failed"
 
 

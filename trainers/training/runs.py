@@ -35,7 +35,7 @@ LONGEST_LEAD_S = 3600.0
 
 CONFIG, METRICS = "config.json", "metrics.json"
 BEST, LAST = "best.safetensors", "last.safetensors"
-CURVES, PREDICTION = "curves.png", "prediction.png"
+CURVES, PREDICTION, REPORT = "curves.png", "prediction.png", "report.html"
 
 
 class _Record(BaseModel):

@@ -24,6 +24,7 @@ from trainers.training.runs import (
     LONGEST_LEAD_S,
     METRICS,
     PREDICTION,
+    REPORT,
     TRAINING,
     RidgeErrors,
     RunConfig,
@@ -238,7 +239,7 @@ def _columns(data: EpisodeSet) -> range:
 
 
 def _clear(folder: Path) -> None:
-    for name in (METRICS, LAST, BEST, CONFIG, CURVES, PREDICTION):
+    for name in (METRICS, LAST, BEST, CONFIG, CURVES, PREDICTION, REPORT):
         (folder / name).unlink(missing_ok=True)
 
 

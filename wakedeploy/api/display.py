@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, Any
 
 from wakedeploy.core import figures
 from wakedeploy.core.errors import UnusableInput, installs
-from wakedeploy.core.markup import element, table, together
 from wakedeploy.core.runlog import Array
 
 if TYPE_CHECKING:
@@ -16,7 +15,11 @@ if TYPE_CHECKING:
 
 def html_table(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A titled table as HTML; whatever stands in a cell is escaped."""
-    return together(element("p", element("strong", title)), table(columns, rows))
+    from markupsafe import Markup
+
+    from wakedeploy.core.pages import table
+
+    return Markup("<p><strong>{}</strong></p>{}").format(title, table(columns, rows))
 
 
 def png_of(drawn: "Figure") -> bytes:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from wakedeploy.api.flights import Flight, Flights
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.markup import element, picture, together
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.folder import Steps, at_work, prepare, read_steps
 from wakedeploy.gap.progress import Progress, quiet
@@ -18,7 +17,7 @@ from wakedeploy.rig.file import read_rig
 if TYPE_CHECKING:
     import pandas
 
-    from wakedeploy.gap.workflow import Retrain
+    from wakedeploy.gap.systems.gantry.steps import Retrain
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,10 +109,13 @@ class Gap:
         return f"<Gap in {self.folder}: {self.verdict}{': ' if names else ''}{names}>"
 
     def _repr_html_(self) -> str:
-        told = element("pre", self.account)
+        from markupsafe import Markup
+
+        from wakedeploy.core.pages import picture
+
+        told = Markup("<pre>{}</pre>").format(self.account)
         drawn = self.folder / "figures" / "before_after.png"
-        shown = [picture(drawn, "The gap before and after.")] if drawn.exists() else []
-        return together(told, *shown)
+        return told + picture(drawn, "The gap before and after.") if drawn.exists() else told
 
 
 def close_gap(
@@ -149,7 +151,7 @@ def close_gap(
     Raises:
         UnusableInput: A rig file or a log cannot be used, or `out` cannot be written to.
     """
-    from wakedeploy.gap.workflow import close
+    from wakedeploy.gap.systems.gantry.steps import close
 
     folder, rig_path = Path(out), Path(rig)
     prepare(folder, rig_path)

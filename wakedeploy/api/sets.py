@@ -11,6 +11,7 @@ from wakedeploy.gap.progress import Progress, quiet
 
 if TYPE_CHECKING:
     from wakedeploy.core.episodes import EpisodeSet
+    from wakedeploy.domains.domain import Setting
 
 
 def make_set(
@@ -46,11 +47,7 @@ def make_set(
     known = domain_of(name)
     if not isinstance(known, Simulated):
         raise UnusableInput(f"The domain {name} cannot be simulated.")
-    possible = [setting.name for setting in known.settings]
-    for setting in settings:
-        if setting not in possible:
-            has = f"it has {', '.join(possible)}" if possible else "it has none"
-            raise UnusableInput(f"{name} has no setting '{setting}'; {has}.")
+    possible = _possible(name, known.settings, settings)
     if "rig" in possible:
         settings["rig"] = rig_of(settings.get("rig"))
     progress("Simulating", 0, 1)
@@ -58,19 +55,24 @@ def make_set(
     return known.make(minutes=minutes, seed=seed, progress=steps, **settings)
 
 
-def import_set(domain: str, path: PathLike, *, progress: Progress = quiet) -> "EpisodeSet":
+def import_set(
+    domain: str, path: PathLike, *, progress: Progress = quiet, **settings: Any
+) -> "EpisodeSet":
     """Import public recordings in their original layout.
 
     Args:
         domain: "fish", "quadrotor" (FlareDW) or "crazyflie".
         path: The recordings' folder.
         progress: Called with a stage, the files done and their number.
+        **settings: What the domain takes beside that: for quadrotors the `label`, "authors" or
+            "corrected".
 
     Returns:
         Episodes of observations (T, d) and forces (T, o) in the units of the set's channels.
 
     Raises:
-        UnusableInput: The domain has no recordings, or the folder holds none that can be read.
+        UnusableInput: The domain has no recordings or no such setting, or the folder holds no
+            recording that can be read.
     """
     from wakedeploy.domains.domain import Recorded
     from wakedeploy.domains.domain import domain as domain_of
@@ -79,8 +81,22 @@ def import_set(domain: str, path: PathLike, *, progress: Progress = quiet) -> "E
     known = domain_of(name)
     if not isinstance(known, Recorded):
         raise UnusableInput(f"The domain {name} cannot be imported.")
+    _possible(name, known.settings, settings)
+    for setting in known.settings:
+        if setting.name in settings:
+            setting.require(settings[setting.name], f"{name}: ")
     progress("Importing", 0, 1)
-    return known.read(Path(path), _steps(progress, "Importing"))
+    return known.read(Path(path), _steps(progress, "Importing"), **settings)
+
+
+def _possible(name: str, known: "tuple[Setting, ...]", settings: dict[str, Any]) -> list[str]:
+    """Names of a domain's settings; UnusableInput for one that it does not have."""
+    possible = [setting.name for setting in known]
+    for setting in settings:
+        if setting not in possible:
+            has = f"it has {', '.join(possible)}" if possible else "it has none"
+            raise UnusableInput(f"{name} has no setting '{setting}'; {has}.")
+    return possible
 
 
 def _steps(progress: Progress, stage: str) -> Callable[[int, int], None]:

@@ -116,7 +116,8 @@ def train(
         device: "auto", "cpu" or "cuda".
         fresh: Replace runs that lie in `out` already.
         tracker: "tensorboard" or "mlflow": also tell it losses, scores and pictures.
-        pictures: Draw `curves.png` and `prediction.png` into the folder of each run.
+        pictures: Draw `curves.png` and `prediction.png` into the folder of each run, and write its
+            page, `report.html`.
         progress: Called with a stage, the epochs done and their number.
         warn: Called with what you should know, in a sentence. Default: Python's warnings.
 
@@ -307,6 +308,7 @@ def _threads(count: int) -> Iterator[None]:
 def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: str) -> "TrainedRun":
     """Train one run and draw it; of one that was interrupted or diverged, what there is."""
     from trainers.inspection.pictures import write_pictures, write_pictures_so_far
+    from trainers.inspection.report import write_run_report
     from trainers.trackers import following
     from trainers.training.runs import run_folder
     from trainers.training.trainer import train
@@ -324,6 +326,7 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
         told.finished(run, _drawn(lambda: write_pictures(run, data), manner))
+        _drawn(lambda: [write_run_report(run)], manner)
     return run
 
 

@@ -34,6 +34,7 @@ def command() -> None:
               help="SCHED_FIFO, locked memory, one core. Default: where permitted.")  # fmt: skip
 @click.option("--busy", is_flag=True, help="Keep the other cores at work meanwhile.")
 @click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+@click.option("--report", type=_FILE, help="Also write the result as a page (FILE.html).")
 @json_option
 def latency(
     files: Sequence[Path],
@@ -41,6 +42,7 @@ def latency(
     realtime: bool | None,
     busy: bool,
     rig_path: Path | None,
+    report: Path | None,
     json_path: Path | None,
 ) -> None:
     """Time the loop with each of FILES, paced at 32 Hz, from measurement to command written.
@@ -51,7 +53,7 @@ def latency(
 
     \b
     Example:
-        wakedeploy bench latency gru.onnx --busy
+        wakedeploy bench latency gru.onnx --busy --report latency.html
     """
     from runtime.bench import bench_latency, budget_ms
     from wakedeploy.rig.file import default_rig, read_rig
@@ -67,6 +69,11 @@ def latency(
     _tell(rows, budget)
     priority = "with" if all(row.realtime for row in rows) else "without"
     click.echo(f"Measured {priority} real-time priority.")
+    if report:
+        from wakedeploy.cli.bench_page import write_bench_page
+
+        write_bench_page(report, rows, budget, files)
+        click.echo(f"Report: {report}.")
     if json_path:
         write_json(json_path, as_json(rows, budget))
     _judge(rows, budget)
@@ -179,15 +186,16 @@ def lead(
     import numpy as np
 
     from wakedeploy.domains.gantry_lead import best, sweep
+    from wakedeploy.physics.effects.chain import default_lead_s
     from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
-    leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), rig.default_lead_s})
+    leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), default_lead_s(rig)})
     with progress("Flying", len(leads_s) * flights) as bar:
         scores = sweep(rig, leads_s, flights=flights, seconds=seconds, progress=bar.update)
     found = best(scores)
-    marks = {rig.default_lead_s: "default", found.lead_s: "best"}
-    if found.lead_s == rig.default_lead_s:
+    marks = {default_lead_s(rig): "default", found.lead_s: "best"}
+    if found.lead_s == default_lead_s(rig):
         marks[found.lead_s] = "default, best"
     rows = [
         [f"{1e3 * s.lead_s:.0f} ms", f"{1e3 * s.rmse_m:.2f} mm", marks.get(s.lead_s, "")]
@@ -197,5 +205,5 @@ def lead(
     if json_path:
         told = [{"lead_s": s.lead_s, "rmse_mm": 1e3 * s.rmse_m} for s in scores]
         write_json(
-            json_path, {"default_s": rig.default_lead_s, "best_s": found.lead_s, "rows": told}
+            json_path, {"default_s": default_lead_s(rig), "best_s": found.lead_s, "rows": told}
         )

@@ -56,10 +56,17 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
         ["channel", "kind", "unit", *numbers],
         [[c["name"], c["kind"], c["unit"], *(f"{c[n]:.4g}" for n in numbers)] for c in channels],
     )
+    unlearned = _unlearned(described)
+    if unlearned:
+        print_table(
+            "what learns nothing, rms error on the test split",
+            ["channel", "unit", "predicting zero", "observer of the sufferer's motion"],
+            [[r["name"], r["unit"], f"{r['zero']:.4g}", f"{r['observer']:.4g}"] for r in unlearned],
+        )
     if json_path:
         result = {"domain": described.domain, "rate_hz": described.rate_hz}
         result |= {"window_s": described.window_s, "sha256": described.sha256}
-        result |= {"splits": splits, "channels": channels}
+        result |= {"splits": splits, "channels": channels, "unlearned": unlearned}
         write_json(json_path, result | {"provenance": dict(described.provenance)})
 
 
@@ -101,6 +108,24 @@ def _channels(described: "EpisodeSet") -> list[dict[str, Any]]:
             statistics |= {"sd": values.std(), "max": values.max()}
             rows.append({"name": channel.name, "kind": kind, "unit": channel.unit} | statistics)
     return rows
+
+
+def _unlearned(described: "EpisodeSet") -> list[dict[str, Any]]:
+    """What zero and a set's observer are off by, by force channel; nothing without an observer."""
+    import numpy as np
+
+    from wakedeploy.core.episodes import OBSERVER
+
+    test = described.part("test")
+    if not test or not all(OBSERVER in e.extras for e in test):
+        return []
+    force = np.concatenate([e.force for e in test]).astype(float)
+    seen = np.concatenate([e.extras[OBSERVER] for e in test]).astype(float)
+    zero, off = (np.sqrt(np.mean(e**2, axis=0)) for e in (force, force - seen))
+    return [
+        {"name": c.name, "unit": c.unit, "zero": float(zero[i]), "observer": float(off[i])}
+        for i, c in enumerate(described.force)
+    ]
 
 
 @command.group(cls=Domains, kind="Simulated", describe=_describe)

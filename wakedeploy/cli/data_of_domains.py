@@ -107,17 +107,17 @@ def _simulation(name: str, known: "Simulated", describe: Describe) -> click.Comm
 def _import(name: str, known: "Recorded", describe: Describe) -> click.Command:
     """`data import NAME PATH`."""
 
-    def read(path: Path, out: Path, json_path: Path | None) -> None:
+    def read(path: Path, out: Path, json_path: Path | None, **settings: Any) -> None:
         from wakedeploy.api.sets import import_set
 
         with stage_bars() as bars:
-            made = import_set(name, path, progress=bars)
+            made = import_set(name, path, progress=bars, **settings)
         made.write(out)
         describe(made, out, json_path)
 
     command = click.command(name, help=_help(f"import {name}", known))(read)
     path = click.argument("path", type=click.Path(path_type=Path))
-    return _with(command, (path, _OUT, json_option))
+    return _with(command, (path, _OUT, *map(_option, known.settings), json_option))
 
 
 def _with(command: click.Command, options: tuple[Callable[..., Any], ...]) -> click.Command:

@@ -18,9 +18,11 @@ from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.workflow import Case
+    from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {
+    "follow": "gap_follow",
+    "reference": "gap_reference",
     "init": "gap_system",
     "check": "gap_system",
     "simulate": "gap_system",
@@ -175,7 +177,7 @@ def find_gap(
     Example:
         wakedeploy gap find --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.workflow import find
+    from wakedeploy.gap.systems.gantry.steps import find
 
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
@@ -199,7 +201,7 @@ def name_gap(
     """
     from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.summary import leading_sentences, verdict_sentence
-    from wakedeploy.gap.workflow import name
+    from wakedeploy.gap.systems.gantry.steps import name
 
     case = _case(rig_path, measured, out, workers)
     told = name(case, out, _progress)
@@ -251,7 +253,7 @@ def add_effect(
     """
     from wakedeploy.gap.few_flights import caution
     from wakedeploy.gap.folder import read_steps
-    from wakedeploy.gap.workflow import add
+    from wakedeploy.gap.systems.gantry.steps import add
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
@@ -285,7 +287,7 @@ def show_gap(
     from wakedeploy.api.gaps import trainer
     from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.shrinkage import channel_lines
-    from wakedeploy.gap.workflow import show_gap as show
+    from wakedeploy.gap.systems.gantry.steps import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
     train = trainer(minutes if retrain else None, workers, _progress)
@@ -305,7 +307,7 @@ def _enter(out: Path, rig_path: Path) -> None:
 
 
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
-    from wakedeploy.gap.workflow import open_case
+    from wakedeploy.gap.systems.gantry.steps import open_case
 
     _enter(out, rig_path)
     _progress("reading the flights")
@@ -318,7 +320,7 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.advice import advice
     from wakedeploy.gap.report.page import write_report
-    from wakedeploy.gap.workflow import result
+    from wakedeploy.gap.systems.gantry.steps import result
 
     _progress("drawing the report")
     told = result(case, out)

@@ -22,21 +22,11 @@ from wakedeploy.cli.recordings import recordings_folder
     required=True,
     help="Folder for domain.json, report.html and figures.",
 )
-@click.option(
-    "--simulations",
-    type=click.IntRange(min=1),
-    default=19,
-    show_default=True,
-    help="Of the baseline, for the threshold; 19 make a false alarm one in twenty.",
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True)
 @json_option
 def domain(
     name: str,
     path: Path | None,
     out: Path,
-    simulations: int,
-    seed: int,
     json_path: Path | None,
 ) -> None:
     """Find, name and show what a domain's baseline lacks; PATH holds its recordings.
@@ -47,19 +37,18 @@ def domain(
     \b
     Example:
         wakedeploy gap domain motor esc_test --out runs/motor
-        wakedeploy gap domain downwash --out runs/downwash --simulations 3
+        wakedeploy gap domain downwash --out runs/downwash
     """
     from wakedeploy.gap.report.system_page import write_page
+    from wakedeploy.gap.search.rounds import concluded
     from wakedeploy.gap.systems import further, open_domain
-    from wakedeploy.gap.systems.closing import close
 
     if path is None and name != "downwash":
         folder = recordings_folder(None)
         path = None if folder is None else folder / name
     model = open_domain(name, path)
     with stages() as progress:
-        account = close(model, simulations=simulations, seed=seed, progress=progress)
-        document = account.document | further(name, model, simulations, seed, progress)
+        document = concluded(model, progress) | further(name, model, progress)
         write_json(out / "domain.json", document)
         if json_path:
             write_json(json_path, document)
@@ -72,8 +61,6 @@ def domain(
 
 
 def _print(title: str, document: dict[str, Any]) -> None:
-    from wakedeploy.gap.report.system_page import doubt_sentence
-
     found = ", ".join(e["name"] for e in document["effects"]) or "nothing"
     if document["class"]:
         found = f"one of {' or '.join(document['class'])}"
@@ -86,8 +73,6 @@ def _print(title: str, document: dict[str, Any]) -> None:
             for n, p in document["parameters"].items()
         ],
     )
-    if doubt := doubt_sentence(document):
-        click.echo(doubt)
     first = document["rounds"][0]["ranking"]
     print_table(
         f"each alone, threshold {document['threshold_nats']:.1f} nats",

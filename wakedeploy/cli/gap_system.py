@@ -1,5 +1,6 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,12 +26,14 @@ MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=
 
 @click.command("init")
 @click.argument("path", type=_FILE)
-def init(path: Path) -> None:
+@click.option("--mjcf", type=_FILE, help="A MuJoCo model, whose joints and actuators it takes.")
+def init(path: Path, mjcf: Path | None) -> None:
     """Write a first system, which runs as it is, to PATH.
 
     \b
     Example:
         wakedeploy gap init my_robot.py
+        wakedeploy gap init my_arm.py --mjcf arm.xml
     """
     from wakedeploy.core.errors import UnusableInput
     from wakedeploy.core.files import write_text_whole
@@ -38,7 +41,13 @@ def init(path: Path) -> None:
 
     if path.exists():
         raise UnusableInput(f"{path} is there already; give another name.")
-    write_text_whole(path, template(path.stem))
+    if mjcf is None:
+        text = template(path.stem)
+    else:
+        from wakedeploy.gap.systems.mjcf.template import mjcf_template
+
+        text = mjcf_template(mjcf, path)
+    write_text_whole(path, text)
     click.echo(
         f"Wrote {path}. Make it yours, then: wakedeploy gap check {path} --measured LOG\n"
         "A log with other names or units also needs --columns; a first one: wakedeploy data import "
@@ -60,7 +69,7 @@ def check(
     Example:
         wakedeploy gap check my_robot.py --measured log.csv
     """
-    from wakedeploy.gap.systems.checking import checked_base, column_notes, rows
+    from wakedeploy.gap.systems.sensitivity import checked_base, column_notes, rows
     from wakedeploy.gap.wording import counted
 
     model = open_model(system_path, measured, columns)
@@ -107,7 +116,7 @@ def simulate(
         wakedeploy gap simulate --system my_robot.py --measured log.csv
         wakedeploy gap simulate --system my_robot.py --measured log.csv --correction correction.toml
     """
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.simulation import replay_error
 
     if system_path is None:
@@ -130,7 +139,7 @@ def simulate(
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
     """A system and its logs."""
-    from wakedeploy.gap.systems.loading import read_system
+    from wakedeploy.gap.systems.files import read_system
     from wakedeploy.gap.systems.logs import LogModel
 
     system = read_system(system_path)
@@ -142,7 +151,7 @@ def recordings(
 ) -> "list[Recording]":
     """The logs, by `columns.toml`, or as CSV whose columns have the system's names."""
     if columns is None:
-        from wakedeploy.gap.systems.loading import read_plain
+        from wakedeploy.gap.systems.files import read_plain
 
         return [read_plain(path, system) for path in measured]
     from wakedeploy.domains.tables.columns import read_columns
@@ -164,6 +173,7 @@ def run_steps(
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
     from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
+    from wakedeploy.gap.systems.words import sentences
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
@@ -174,17 +184,34 @@ def run_steps(
             told = folder.run(step)
             if step in ("show", "close"):
                 progress("drawing the report")
-                page = write_page(told, out)
+                asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
+                asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
+                after = _next(told, system_path, " ".join(asked), out)
+                said = [each.strip() for each in sentences(step, told)]
+                page = write_page(told, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
     _print(step, told)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
+        for line in folder.exported:
+            click.echo(line)
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:
         write_json(json_path, told)
+
+
+def _next(told: dict[str, Any], system_path: Path, logs: str, out: Path) -> list[str]:
+    """Replay with what was found; where nothing was, see what the logs could have shown."""
+    from wakedeploy.gap.systems.own_folder import CORRECTION
+
+    system = shlex.quote(str(system_path))
+    if not told.get("effects"):
+        return [f"wakedeploy gap check {system} {logs}"]
+    correction = shlex.quote(str(out / CORRECTION))
+    return [f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"]
 
 
 def _print(step: str, told: dict[str, Any]) -> None:

@@ -12,6 +12,7 @@ TOKEN = click.option(
     help="Keep the page's token in this file; needed where other computers reach the page.",
 )
 _DEFAULT = "127.0.0.1:8032"
+_FOXGLOVE = "127.0.0.1:8765"  # where Foxglove looks first
 
 
 def address_option(name: str) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
@@ -37,6 +38,24 @@ def live_option() -> Callable[[Callable[..., Any]], Callable[..., Any]]:
     )
 
 
+def foxglove_option() -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """The option of a command that serves a flight to Foxglove when asked."""
+    return click.option(
+        "--foxglove",
+        metavar="[HOST:PORT]",
+        is_flag=False,
+        flag_value=_FOXGLOVE,
+        help=f"Serve the flight to Foxglove as it is flown, in real time. Default: {_FOXGLOVE}.",
+    )
+
+
 def tell_address(url: str) -> None:
     """Say what to open; the token in it is all that anybody needs."""
     click.echo(f"Live page: {url}", err=True)
+
+
+def tell_foxglove(url: str) -> None:
+    """Say what to connect Foxglove to, and how its panels are arranged."""
+    from wakedeploy.live.foxglove_layout import LAYOUT
+
+    click.echo(f"Foxglove: Open connection, {url}; import the layout {LAYOUT}", err=True)

@@ -14,7 +14,13 @@ from wakedeploy.cli.flight_options import (
     shown_progress,
     warn,
 )
-from wakedeploy.cli.live_options import TOKEN, live_option, tell_address
+from wakedeploy.cli.live_options import (
+    TOKEN,
+    foxglove_option,
+    live_option,
+    tell_address,
+    tell_foxglove,
+)
 from wakedeploy.cli.many_flights import fly_and_tell
 from wakedeploy.cli.output import print_table, write_json
 from wakedeploy.cli.workers import workers_option
@@ -43,6 +49,7 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @live_option()
 @TOKEN
+@foxglove_option()
 @click.option(
     "--flights",
     type=click.IntRange(2, 10_000),
@@ -57,6 +64,7 @@ def command(
     json_path: Path | None,
     live: str | None,
     live_token: Path | None,
+    foxglove: str | None,
     **options: Any,
 ) -> None:
     """Fly a random plan at 32 Hz: three seconds at rest, the flight, three seconds at rest.
@@ -73,7 +81,8 @@ def command(
     it takes away: one file, one flight. deployment/wakedeploy-gantry@.service runs it so.
 
     --live serves a page that shows the flight, from a process of its own. STOP on it is Ctrl-C
-    here; neither is the emergency stop. A virtual flight is flown in real time then.
+    here; neither is the emergency stop. --foxglove serves the same to Foxglove, to look at and
+    nothing more. With either, a virtual flight is flown in real time.
 
     \b
     Example:
@@ -81,8 +90,8 @@ def command(
         wakedeploy run-gantry --package gru.onnx --virtual --flights 24
         wakedeploy run-gantry --baseline --rig rig.toml --port /dev/ttyACM0
     """
-    _require_one_page(live, live_token, flights)
-    options["wall_clock"] |= live is not None and options["virtual"]
+    _require_one_flight(live, live_token, foxglove, flights)
+    options["wall_clock"] |= (live or foxglove) is not None and options["virtual"]
     asked = asked_flight(log=log_path, **options)
     if flights is not None:
         fly_and_tell(asked, flights, workers, json_path)
@@ -92,7 +101,7 @@ def command(
     from wakedeploy.api.inputs import rig_of
 
     budget_ms = 1e3 * budget_s(rig_of(asked["rig"]))
-    with _page(live, live_token) as feed:
+    with _viewed(live, live_token, foxglove) as feed:
         fly(
             **asked,
             record=log_path is not None,
@@ -103,23 +112,31 @@ def command(
         )
 
 
-def _require_one_page(live: str | None, token: Path | None, flights: int | None) -> None:
+def _require_one_flight(
+    live: str | None, token: Path | None, foxglove: str | None, flights: int | None
+) -> None:
     if token is not None and live is None:
         raise UnusableInput("--live-token belongs to --live.")
-    if flights is not None and live is not None:
-        raise UnusableInput("--live shows a single flight; leave --flights out.")
+    for option, asked in (("--live", live), ("--foxglove", foxglove)):
+        if flights is not None and asked is not None:
+            raise UnusableInput(f"{option} shows a single flight; leave --flights out.")
 
 
 @contextlib.contextmanager
-def _page(live: str | None, token: Path | None) -> "Iterator[LiveFeed | None]":
-    """The page that was asked for, while the block flies."""
-    if live is None:
+def _viewed(
+    live: str | None, token: Path | None, foxglove: str | None
+) -> "Iterator[LiveFeed | None]":
+    """What was asked to show the flight, while the block flies."""
+    if live is None and foxglove is None:
         yield None
         return
-    from wakedeploy.live.process import live_page
+    from wakedeploy.live.process import live_views
 
-    with live_page(live, token) as served:
-        tell_address(served.url)
+    with live_views(live, foxglove, token) as served:
+        if served.url is not None:
+            tell_address(served.url)
+        if served.foxglove is not None:
+            tell_foxglove(served.foxglove)
         yield served.feed
 
 

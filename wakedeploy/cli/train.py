@@ -69,7 +69,7 @@ if TYPE_CHECKING:
     help="Also tell it losses, learning rate, settings, scores and pictures. TensorBoard's events"
     " lie with the runs; MLflow's store is MLFLOW_TRACKING_URI, else mlflow.db in --out.",
 )
-@click.option("--no-pictures", is_flag=True, help="Numbers only.")
+@click.option("--no-pictures", is_flag=True, help="Numbers only: no report either.")
 @json_option
 def command(
     data: Path,
@@ -92,8 +92,9 @@ def command(
 
     Goes on where it was stopped; a run that is finished with the same data and settings is not
     trained again. R² is pooled over the split; the spread over seeds follows ±. Each run's folder
-    holds two pictures: curves.png, its errors over the epochs (of a solved readout, over the
-    strengths of its ridge), and prediction.png, the liveliest test episode as it was and predicted.
+    holds report.html, which says how well it predicts and what to do next, and two pictures:
+    curves.png, its errors over the epochs (of a solved readout, over the strengths of its ridge),
+    and prediction.png, the liveliest test episode as it was and predicted.
 
     \b
     Example:
@@ -130,7 +131,7 @@ def command(
     print_scores(title, rows, runs[0].config.force, nothing_learned)
     if not no_pictures:
         where = runs[0].folder if len(runs) == 1 else "the folder of each run"
-        click.echo(f"Pictures: curves.png and prediction.png in {where}.")
+        click.echo(f"Report: report.html in {where}, with curves.png and prediction.png beside it.")
     if json_path:
         how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
         lines = {"rows": [row.as_json() for row in rows]}

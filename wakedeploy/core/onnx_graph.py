@@ -92,6 +92,16 @@ class Node:
     outputs: tuple[str, ...]
     attributes: Mapping[str, Attribute]
 
+    def whole_numbers(self, name: str) -> tuple[int, ...]:
+        """A list among the attributes; () where it is not given."""
+        value = self.attributes.get(name, ())
+        return value if isinstance(value, tuple) else ()
+
+    def whole_number(self, name: str, default: int = 0) -> int:
+        """A whole number among the attributes."""
+        value = self.attributes.get(name, default)
+        return value if isinstance(value, int) else default
+
 
 @dataclass(frozen=True)
 class Constant:

@@ -5,12 +5,15 @@ widths in µs), and its text. Any constant may be written as `{value, spread, un
 unit of its dimension; its spread, the calibration uncertainty, is kept in `Rig.calibration`.
 """
 
+import bisect
 import functools
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 import pydantic
 import tomli_w
 from pydantic import Field
@@ -33,6 +36,10 @@ _LATER = (  # constants that rig files once did not have; without them they have
     ("battery", "has_divider"),
     ("discrepancy", "wake"),
     ("discrepancy", "friction"),
+    ("discrepancy", "fitted"),
+    ("repeatability", "thrust"),
+    ("repeatability", "sag_per_s"),
+    ("repeatability", "bias_m"),
     ("limits", "brake_s"),
     ("limits", "sink_s"),
     ("limits", "sink_rate_us_per_s"),
@@ -83,11 +90,15 @@ class ThrustCurve(_Section):
 
     def thrust(self, pulse_us: float) -> float:
         """Thrust [N] at a pulse width [us]; the ends of the table are held beyond it."""
-        return float(np.interp(pulse_us, self.pulse_us, self.thrust_n))
+        return _between(pulse_us, self.pulse_us, self.thrust_n)
+
+    def thrusts(self, pulses_us: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The same at many pulse widths, (N,)."""
+        return np.asarray(np.interp(pulses_us, self.pulse_us, self.thrust_n))
 
     def pulse(self, thrust_n: float) -> float:
         """Pulse width [us] for a thrust [N]; saturates at the ends of the table."""
-        return float(np.interp(thrust_n, self.thrust_n, self.pulse_us))
+        return _between(thrust_n, self.thrust_n, self.pulse_us)
 
     def throttle(self, pulse_us: float) -> float:
         """Pulse width as a share of the table's range, 0…1."""
@@ -231,15 +242,37 @@ class Disturbance(_Section):
     esc_frame_s: float = Field(default=0.02, ge=0, le=0.1)
 
 
+_FormTerm = Annotated[
+    str,
+    Field(pattern=r"^(wake\.(even[0-5]|odd[0-2]|height[12])|friction\.(speed[01]|along))$"),
+]
+_Size = Annotated[float, Field(ge=-3, le=3)]
+_FormSpread = Annotated[float, Field(ge=1e-6, le=3)]
+
+
 class Discrepancy(_Section):
     """How far the model's form may be off (1 sd): a share of the force that it corrects.
 
     Of the wake's force on its axis, and of the rail's Coulomb friction. The gap workflow allows for
-    so much in every hypothesis; zero says that a form is exact.
+    so much in every hypothesis; zero says that a form is exact. What reference flights have shown
+    of the form stands in `fitted`: the size of each smooth correction and its standard deviation.
     """
 
     wake: float = Field(default=0.05, ge=0, le=0.5)
     friction: float = Field(default=0.15, ge=0, le=1)
+    fitted: dict[_FormTerm, tuple[_Size, _FormSpread]] = {}
+
+
+class Repeatability(_Section):
+    """How much changes from one flight to the next (1 sd); zero: nothing, or nothing known.
+
+    The sufferer's thrust as a share, how fast it fades with each second of hovering, and the range
+    sensor's bias. The gap workflow lets each flight have values of its own.
+    """
+
+    thrust: float = Field(default=0.0, ge=0, le=0.3)
+    sag_per_s: float = Field(default=0.0, ge=0, le=0.02)
+    bias_m: float = Field(default=0.0, ge=0, le=0.1)
 
 
 class EffectParameter(_Section):
@@ -298,6 +331,7 @@ class Rig(_Section):
     control: Control = Control()
     disturbance: Disturbance = Disturbance()
     discrepancy: Discrepancy = Discrepancy()
+    repeatability: Repeatability = Repeatability()
     effect: tuple[Effect, ...] = ()
     calibration: dict[str, Calibration] = Field(default={}, exclude=True)
 
@@ -328,28 +362,9 @@ class Rig(_Section):
         )
 
     def _repr_html_(self) -> str:
-        from wakedeploy.core.markup import element
+        from markupsafe import Markup
 
-        return element("pre", self.text)
-
-    @property
-    def default_lead_s(self) -> float:
-        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag.
-
-        An effect of the rig file that states the lag, or more latency, counts.
-        """
-        lag = self.spool.sufferer
-        up_s = self.effect_value("spool-lag-sufferer", "up_s", lag.up_s)
-        down_s = self.effect_value("spool-lag-sufferer", "down_s", lag.down_s)
-        delay_s = self.latency.round_trip_s + self.effect_value("command-latency", "latency_s", 0.0)
-        return round(delay_s + 0.5 * (up_s + down_s), 4)
-
-    def effect_value(self, effect: str, parameter: str, otherwise: float) -> float:
-        """The value of an effect's parameter, or `otherwise` where the file does not list it."""
-        for entry in self.effect:
-            if entry.name == effect and parameter in entry.parameters:
-                return entry.parameters[parameter].value
-        return otherwise
+        return Markup("<pre>{}</pre>").format(self.text)
 
     @property
     def text(self) -> str:
@@ -395,6 +410,20 @@ class Rig(_Section):
                 if not raw[section]:
                     del raw[section]
         return raw
+
+
+def _between(x: float, xs: Sequence[float], ys: Sequence[float]) -> float:
+    """As `np.interp` for one number, which makes arrays of the table before it looks.
+
+    The loop asks five times a tick, a simulation at each of its steps.
+    """
+    above = bisect.bisect_right(xs, x)
+    if math.isnan(x) or above == 0:
+        return float(x) if math.isnan(x) else ys[0]
+    if above == len(xs):
+        return ys[-1]
+    slope = (ys[above] - ys[above - 1]) / (xs[above] - xs[above - 1])
+    return float(slope * (x - xs[above - 1]) + ys[above - 1])
 
 
 def rig_from_tables(

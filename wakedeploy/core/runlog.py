@@ -1,7 +1,7 @@
 """The log of a gantry run, read and written here alone; its columns are in `runlog_columns`.
 
-In and out: MCAP (one JSON message per tick, the schema inside the file) and CSV with the same
-column names. A missing value is NaN in memory, null in MCAP and an empty field in CSV.
+In and out: MCAP (JSON messages, one a topic and tick, their schemas inside the file) and CSV with
+the same column names. A missing value is NaN in memory, left out in MCAP, an empty field in CSV.
 """
 
 import re

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
 Value = float | int | str | None
-SCHEMA = 1
+SCHEMA = 2  # of an MCAP file: 1 had one message with all columns a tick
 MODES = ("DISARMED", "ARMED", "RUNNING", "DEGRADED", "LANDING", "FAILSAFE")
 FLYING = ("RUNNING", "DEGRADED")
 
@@ -66,6 +66,48 @@ COLUMNS = (
     Column("true_z_m", "m", "number", "extra"),
 )
 COLUMN = {column.name: column for column in COLUMNS}
+EXTRA = frozenset(column.name for column in COLUMNS if column.presence == "extra")
+# What a tick's messages hold, by topic. The last one closes the tick: without it, none is read.
+TOPICS = {
+    "/height": (
+        "range_m",
+        "range_age_s",
+        "range_repeats",
+        "z_est_m",
+        "vz_est_mps",
+        "z_ref_m",
+        "innovation_m",
+        "innovation_var_m2",
+    ),
+    "/carriage": ("steps", "x_m", "vx_mps", "x_ref_m", "homed"),
+    "/force": (
+        "force_pred_n",
+        "feedforward_n",
+        "pid_p_n",
+        "pid_i_n",
+        "pid_d_n",
+        "gap_score",
+    ),
+    "/motors": (
+        "source_cmd_us",
+        "sufferer_cmd_us",
+        "source_applied_us",
+        "sufferer_applied_us",
+        "applied_time_s",
+        "battery_v",
+    ),
+    "/timing": (
+        "seq_echo",
+        "round_trip_s",
+        "t_read_s",
+        "t_estimate_s",
+        "t_predict_s",
+        "t_control_s",
+        "t_write_s",
+    ),
+    "/truth": ("true_wake_force_n", "true_hook_force_n", "true_z_m"),
+    "/state": ("tick", "t_s", "mode", "faults"),
+}
 STAGES = ("t_read_s", "t_estimate_s", "t_predict_s", "t_control_s", "t_write_s")
 
 

@@ -5,7 +5,6 @@ and handed to the operating system at least twice a second.
 """
 
 import io
-import json
 import os
 import re
 import struct
@@ -28,42 +27,33 @@ from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, write_whole
 from wakedeploy.core.runlog_columns import (
     COLUMN,
-    COLUMNS,
-    MODES,
+    EXTRA,
     SCHEMA,
+    TOPICS,
     Table,
     Value,
-    plain_value,
     refuse_unknown,
+)
+from wakedeploy.core.runlog_messages import (
+    ENCODING,
+    SCHEMA_ENCODING,
+    json_bytes,
+    message_schema,
+    schema_name,
+    tick_messages,
 )
 from wakedeploy.core.version import VERSION
 
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, times of log and publication [ns]
 CHUNK_NS = 500_000_000
 _MOST_BYTES = 256 << 20  # of ticks, unpacked: three hours
 _MOST_PACKED = 100  # times that chunks may be larger than the file; a log packs by 8
-_TOPIC = "/run"
-_SCHEMA_NAME = "wakedeploy.run"
+_OLD_SCHEMA = "wakedeploy.run"  # until schema 2: one message a tick, which had all columns
+_CLOSING_SCHEMA = schema_name(list(TOPICS)[-1])  # of the message that ends a tick
+_SCHEMAS = {_OLD_SCHEMA, *map(schema_name, TOPICS)}
 _METADATA_NAME = "wakedeploy.run"
 _END_NAME = "wakedeploy.end"
-
-
-def message_schema() -> dict[str, Any]:
-    """The JSON schema of one tick's message."""
-    kinds: dict[str, Any] = {"number": ["number", "null"], "integer": ["integer", "null"]}
-    properties: dict[str, Any] = {}
-    for column in COLUMNS:
-        properties[column.name] = {"type": kinds.get(column.kind, "string")}
-        if column.unit:
-            properties[column.name]["description"] = f"in {column.unit}"
-    properties["mode"]["enum"] = list(MODES)
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "title": _SCHEMA_NAME,
-        "type": "object",
-        "properties": properties,
-        "required": [column.name for column in COLUMNS if column.presence != "extra"],
-        "additionalProperties": False,
-    }
+_EXTRA_NAMES = "extra_columns"
 
 
 class RunLogWriter:
@@ -79,33 +69,35 @@ class RunLogWriter:
         self._writer: Any = Writer(self._file, enable_data_crcs=True)  # its methods have no types
         self._chunk_start_ns: int | None = None
         self._sequence = 0
+        self._extra: set[str] = set()  # those of the extra columns that were given, if only as None
         self.flushed = 0  # ticks that the operating system has
         try:
-            self._channel = self._begun(metadata)
+            self._channels = self._begun(metadata)
         except OSError:
             self.abandon()
             raise
 
-    def _begun(self, metadata: Mapping[str, str]) -> int:
-        """Write what comes before the first tick; the channel's number."""
+    def _begun(self, metadata: Mapping[str, str]) -> dict[str, int]:
+        """Write what comes before the first tick; the number of each topic's channel."""
         self._writer.start(library=f"wakedeploy {VERSION}")
         self._writer.add_metadata(_METADATA_NAME, {"schema": str(SCHEMA)} | dict(metadata))
-        schema = json.dumps(message_schema()).encode()
-        schema_id = self._writer.register_schema(_SCHEMA_NAME, "jsonschema", schema)
-        channel: int = self._writer.register_channel(_TOPIC, "json", schema_id)
+        channels = {topic: self._channel(topic) for topic in TOPICS}
         self._file.flush()
+        return channels
+
+    def _channel(self, topic: str) -> int:
+        schema = json_bytes(message_schema(topic))
+        number = self._writer.register_schema(schema_name(topic), SCHEMA_ENCODING, schema)
+        channel: int = self._writer.register_channel(topic, ENCODING, number)
         return channel
 
     def write(self, row: Mapping[str, Value], log_time_ns: int) -> None:
         """Add one tick; an absent key is a missing value, one that is no column a ValueError."""
         refuse_unknown(row)
-        message = {
-            c.name: plain_value(c, row.get(c.name))
-            for c in COLUMNS
-            if c.presence != "extra" or c.name in row
-        }
-        data = json.dumps(message, separators=(",", ":"), allow_nan=False).encode()
-        self._writer.add_message(self._channel, log_time_ns, data, log_time_ns, self._sequence)
+        self._extra |= EXTRA & row.keys()
+        for topic, values in tick_messages(row):
+            channel, data = self._channels[topic], json_bytes(values)
+            self._writer.add_message(channel, log_time_ns, data, log_time_ns, self._sequence)
         self._sequence += 1
         if self._chunk_start_ns is None:
             self._chunk_start_ns = log_time_ns
@@ -125,7 +117,8 @@ class RunLogWriter:
     def close(self, ending: Mapping[str, str] | None = None) -> None:
         """Finish the file; `ending` is what is only known now and joins the metadata."""
         self.flush()
-        self._writer.add_metadata(_END_NAME, dict(ending or {}))
+        extra = {_EXTRA_NAMES: " ".join(sorted(self._extra))}
+        self._writer.add_metadata(_END_NAME, dict(ending or {}) | extra)
         self._writer.finish()
         self._file.close()
 
@@ -161,13 +154,20 @@ def _start_ns(started_utc: str) -> int:
 
 @dataclass
 class _Found:
-    """What has been read from a file so far."""
+    """What has been read from a file so far; a tick's messages have its number."""
 
-    rows: list[dict[str, Value]] = field(default_factory=list)
+    ticks: dict[int, dict[str, Value]] = field(default_factory=dict)
+    whole: set[int] = field(default_factory=set)
     metadata: dict[str, str] | None = None
-    channels: set[int] = field(default_factory=set)
-    schemas: set[int] = field(default_factory=set)
+    channels: dict[int, str] = field(default_factory=dict)
+    schemas: dict[int, str] = field(default_factory=dict)
+    promised: set[str] = field(default_factory=set)  # columns that it says it has
     ended: bool = False
+
+    @property
+    def rows(self) -> list[dict[str, Value]]:
+        """The ticks that are whole, in their order."""
+        return [row for number, row in self.ticks.items() if number in self.whole]
 
 
 def read_mcap(path: Path) -> Table:
@@ -188,8 +188,16 @@ def read_mcap(path: Path) -> Table:
         metadata["unfinished"] = (
             "the recording was cut off; everything up to its last flush is here"
         )
-    names = list(dict.fromkeys(name for row in found.rows for name in row)) or list(COLUMN)
-    return Table(names, found.rows, metadata)
+    return Table(_names(found), found.rows, metadata)
+
+
+def _names(found: _Found) -> list[str]:
+    """The columns that a file has: those of its messages, and what its schemas promise of any."""
+    given = set().union(*found.rows)
+    if not given and not found.promised:  # an old file without a tick
+        return list(COLUMN)
+    known = [name for name in COLUMN if name in given | found.promised]
+    return [*known, *sorted(given - COLUMN.keys())]
 
 
 def _read_into(found: _Found, path: Path) -> Exception | None:
@@ -251,28 +259,61 @@ def _inside(plain: bytes) -> Iterator[McapRecord]:
         content = plain[at + 9 : at + 9 + length]
         if kind == 0 or len(content) < length:
             raise ValueError("a chunk ends within a record")
-        stream = ReadDataStream(io.BytesIO(content))
         if kind == Opcode.MESSAGE:
-            yield Message.read(stream, length)
+            yield _message_record(content)
         elif kind == Opcode.SCHEMA:
-            yield Schema.read(stream)
+            yield Schema.read(ReadDataStream(io.BytesIO(content)))
         elif kind == Opcode.CHANNEL:
-            yield Channel.read(stream)
+            yield Channel.read(ReadDataStream(io.BytesIO(content)))
         at += 9 + length
+
+
+def _message_record(content: bytes) -> Message:
+    """What `Message.read` gives, in a quarter of its time; a log has two hundred a second."""
+    channel, sequence, log_time, publish_time = _MESSAGE.unpack_from(content)
+    return Message(
+        channel_id=channel,
+        sequence=sequence,
+        log_time=log_time,
+        publish_time=publish_time,
+        data=content[_MESSAGE.size :],
+    )
 
 
 def _take(found: _Found, record: object) -> None:
     if isinstance(record, Metadata) and record.name == _METADATA_NAME:
         found.metadata = dict(record.metadata)
     elif isinstance(record, Metadata) and record.name == _END_NAME:
-        found.metadata = (found.metadata or {}) | record.metadata
+        ending = dict(record.metadata)
+        found.promised |= EXTRA & set(ending.pop(_EXTRA_NAMES, "").split())
+        found.metadata = (found.metadata or {}) | ending
         found.ended = True
-    elif isinstance(record, Schema) and record.name == _SCHEMA_NAME:
-        found.schemas.add(record.id)
+    elif isinstance(record, Schema) and record.name in _SCHEMAS:
+        found.schemas[record.id] = record.name
+        if record.name != _OLD_SCHEMA:
+            found.promised |= _promised(record.data)
     elif isinstance(record, Channel) and record.schema_id in found.schemas:
-        found.channels.add(record.id)
+        found.channels[record.id] = found.schemas[record.schema_id]
     elif isinstance(record, Message) and record.channel_id in found.channels:
-        found.rows.append(_message(record.data))
+        _take_message(found, record, found.channels[record.channel_id])
+
+
+def _promised(schema: bytes) -> set[str]:
+    """The columns that are always there, of those in a topic's schema."""
+    properties = _message(schema).get("properties")
+    return set(properties) - EXTRA if isinstance(properties, dict) else set()
+
+
+def _take_message(found: _Found, message: Message, schema: str) -> None:
+    values = _message(message.data)
+    if schema == _OLD_SCHEMA:
+        number = len(found.ticks)
+        found.ticks[number] = values
+    else:
+        number = message.sequence
+        found.ticks.setdefault(number, {}).update(values)
+    if schema in (_OLD_SCHEMA, _CLOSING_SCHEMA):
+        found.whole.add(number)
 
 
 def _message(data: bytes) -> dict[str, Value]:

@@ -6,7 +6,6 @@ package offers its own by an entry point of the group `wakedeploy.domains`.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, Literal
 
 from wakedeploy.core.discovery import DOMAIN, offers
@@ -18,7 +17,7 @@ OnStep = Callable[[int, int], None]
 
 @dataclass(frozen=True)
 class Setting:
-    """What a simulation takes beside minutes and seed, and on the command line as `--NAME`.
+    """What a domain takes beside a path, or minutes and seed; on the command line as `--NAME`.
 
     One of `choices`, a number from `low` to `high`, the rig that is simulated, or packages that
     fly in it; `help` tells a user.
@@ -79,11 +78,13 @@ class Simulated(_Domain):
 class Recorded(_Domain):
     """A domain whose episodes are imported from recordings in their original layout.
 
-    `read(folder, progress)` returns the set; `pattern` finds one file of each recording.
+    `read(folder, progress, **settings)` returns the set from a folder and a function of files done
+    and of how many; `pattern` finds one file of each recording.
     """
 
-    read: Callable[[Path, OnStep], EpisodeSet]
+    read: Callable[..., EpisodeSet]
     pattern: str
+    settings: tuple[Setting, ...] = ()
 
 
 Domain = Simulated | Recorded

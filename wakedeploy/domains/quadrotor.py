@@ -1,8 +1,8 @@
 """Two quadrotors: an episode set from FlareDW recordings in their public layout.
 
 In: a folder with the recordings (see `quadrotor_files`). Out: an episode set at 200 Hz: the
-authors' 14 features of source and sufferer predict the authors' force label in world axes. Courses,
-not samples and not files, are split (see `courses`).
+authors' 14 features of source and sufferer predict a force label in world axes, the authors' or
+the corrected one. Courses, not samples and not files, are split (see `courses`).
 """
 
 import itertools
@@ -18,7 +18,7 @@ from wakedeploy.core.episodes import OBSERVER, SPLITS, Channel, Episode, Episode
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.courses import courses_of, split_courses
-from wakedeploy.domains.domain import Recorded
+from wakedeploy.domains.domain import Recorded, Setting
 from wakedeploy.domains.quadrotor_files import (
     LABEL_GRAVITY_MPS2,
     MASS_KG,
@@ -26,6 +26,7 @@ from wakedeploy.domains.quadrotor_files import (
     THRUST_VALID_RADPS,
     Flight,
     attitude,
+    corrected_label,
     read_flights,
     thrust_n,
 )
@@ -45,13 +46,23 @@ OBSERVATION = (
 # Channels into which the sufferer's own motion goes: their past tells its acceleration.
 OWN_MOTION = tuple(c.name for c in OBSERVATION if not c.name.startswith("source_"))
 OBSERVER_S = 0.025  # over which the no-learning observer takes the sufferer's change of speed
+LABEL = Setting(
+    "label", "choice", default="authors", choices=("authors", "corrected"),
+    help="The authors' force, or with m ω × v that their turning axes leave out; compare models "
+    "on the corrected one.",
+)  # fmt: skip
 _MANOEUVRE = re.compile(r"\d_[A-Za-z_]+")  # 1_flybelow, 3_swapping
 
 Vector = NDArray[np.float64]
 
 
-def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -> EpisodeSet:
+def import_set(
+    path: Path, progress: Callable[[int, int], None] | None = None, label: str = "authors"
+) -> EpisodeSet:
     """Read every recording below `path`; UnusableInput names the file, the key and the reason.
+
+    `label` is "authors" or "corrected": the acceleration on which the authors' rests is that of
+    turning axes, and the corrected one has m ω × v given back.
 
     Each episode carries, beside the features, what a force observer that learns nothing would say
     (`observer_n`, (T, 3) [N], causal) and whether the thrust curve holds (`thrust_valid`, (T,)).
@@ -66,7 +77,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
     episodes, splits = list[Episode](), dict[str, str]()
     manoeuvres, groups = dict[str, JsonValue](), dict[str, JsonValue]()
     for done, (name, flight) in enumerate(zip(_names(flights), flights, strict=True), 1):
-        episodes.append(_episode(name, flight))
+        episodes.append(_episode(name, flight, label))
         course = courses[flight.file]
         splits[name] = split[course]
         manoeuvres[name] = manoeuvre[flight.file]
@@ -90,6 +101,7 @@ def import_set(path: Path, progress: Callable[[int, int], None] | None = None) -
             "groups": groups,
             "recordings": _recordings(courses, split),
             "own_motion": [*OWN_MOTION],
+            "label": label,
         },
     )
 
@@ -146,13 +158,14 @@ def _names(flights: Sequence[Flight]) -> list[str]:
     return names
 
 
-def _episode(name: str, flight: Flight) -> Episode:
+def _episode(name: str, flight: Flight, label: str) -> Episode:
+    force = corrected_label(flight) if label == "corrected" else flight.label
     speed = np.abs(flight.sufferer[:, 22:26]).mean(1)
     valid = (speed >= THRUST_VALID_RADPS[0]) & (speed <= THRUST_VALID_RADPS[1])
     return Episode(
         name,
         features(flight.source, flight.sufferer).astype(np.float32),
-        flight.label.astype(np.float32),
+        force.astype(np.float32),
         {
             OBSERVER: observed_force(flight.sufferer).astype(np.float32),
             "thrust_valid": valid.astype(np.float32),
@@ -182,7 +195,11 @@ DOMAIN = Recorded(
     told="""Import co-simulations of two quadrotors (FlareDW's .npz files, 200 Hz).
 
 PATH is the repository's folder agile_manuevers, or any folder with such files.""",
-    examples=("CDP-CFD/agile_manuevers --out sets/quadrotor",),
+    examples=(
+        "CDP-CFD/agile_manuevers --out sets/quadrotor",
+        "CDP-CFD/agile_manuevers --label corrected --out sets/quadrotor",
+    ),
     read=import_set,
     pattern="*.npz",
+    settings=(LABEL,),
 )

@@ -120,6 +120,11 @@ def transport_term(states: Vector) -> Vector:
     return smoothed(np.cross(rate, states[:, 3:6]))
 
 
+def corrected_label(flight: Flight) -> Vector:
+    """The label (n, 3) [N] with m ω × v, which turning axes keep back, given back to it."""
+    return np.asarray(flight.label + MASS_KG * transport_term(flight.sufferer))
+
+
 def differentiated(states: Vector) -> Vector:
     """Acceleration (n, 3) [m/s²] from the logged velocity, smoothed as the label is."""
     return smoothed(np.gradient(states[:, 3:6], 1.0 / RATE_HZ, axis=0))

@@ -20,7 +20,7 @@ from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
 from wakedeploy.gap.systems.gantry.retraining import Pilot, fly_both, retrain
-from wakedeploy.gap.workflow import close
+from wakedeploy.gap.systems.gantry.steps import close
 from wakedeploy.rig.file import default_rig, read_rig
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")

@@ -2,6 +2,8 @@
 
 import itertools
 
+CLASS_NATS = 3.0  # rivals within this of the best cannot be told from it
+MOST_IN_CLASS = 3
 FEWEST_FLIGHTS = 3  # to fit to; of two, each is judged by one other and their spread by one number
 _SEALED, _MOST_SEALED = {1: 0, 2: 0, 3: 0, 4: 1, 5: 1}, 2
 

@@ -56,9 +56,14 @@ def logs_in(folder: Path) -> dict[str, Key]:
 
 
 def reports_in(folder: Path) -> list[str]:
-    """Pages of gaps, studies and trainings, and pictures of trainings, by their path from there."""
+    """Pages of gaps, studies, trainings and benchmarks, by their path from there.
+
+    A training without a page is there by its pictures.
+    """
     found = sorted(_files(folder, (*_REPORTS, *_PICTURES)))
-    return found[:_MOST_REPORTS]
+    told = {os.path.dirname(name) for name in found if name.endswith(_REPORTS)}
+    shown = [n for n in found if n.endswith(_REPORTS) or os.path.dirname(n) not in told]
+    return shown[:_MOST_REPORTS]
 
 
 def _files(folder: Path, endings: tuple[str, ...]) -> Iterator[str]:

@@ -10,8 +10,9 @@ import os
 import signal
 import socket
 import time
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from runtime.io.realtime import loop_core
 from wakedeploy.core.errors import UnusableInput
@@ -31,6 +32,9 @@ from wakedeploy.live.web import (
     serve,
 )
 
+if TYPE_CHECKING:
+    from wakedeploy.live.foxglove import FoxgloveView
+
 MOST_BYTES = 64 << 10  # of one datagram
 LAST_WORD_S = 1.0  # in which pages get what came last
 _NICE = 10
@@ -39,9 +43,9 @@ _NICE = 10
 class FlightServer(PageServer):
     """A flight's rows on their way to pages, and the pages' wishes on their way to the loop."""
 
-    def __init__(self, end: socket.socket) -> None:
+    def __init__(self, end: socket.socket, foxglove: "FoxgloveView | None" = None) -> None:
         super().__init__()
-        self._end = end
+        self._end, self._foxglove = end, foxglove
         self._events = Events()
         self.is_over = False
         self.desk = Desk(self._say)
@@ -75,6 +79,8 @@ class FlightServer(PageServer):
     def _see(self, row: dict[str, Any]) -> None:
         """One tick."""
         self.hub.add(page_row(row))
+        if self._foxglove is not None:
+            self._foxglove.put(row)
         if self._events.see(row["t_s"], row["mode"], row["faults"]):
             self.hub.news(events=self._events.found)
 
@@ -157,21 +163,48 @@ class Stop(Answer):
 
 
 def main(descriptor: int) -> int:
-    """Serve one run's page until its program ends; the exit status."""
+    """Serve one run until its program ends; the exit status."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to all, also to the loop
     end = socket.socket(fileno=descriptor)
     asked = json.loads(end.recv(MOST_BYTES))
-    path = Path(asked["path"]) if asked["path"] else None
     try:
-        sockets, address = bound(Address(asked["host"], asked["port"], path))
+        page = _bound(asked.get("page"))
+        _give_way()
+        foxglove = _foxglove(asked.get("foxglove"))
     except UnusableInput as error:
         end.send(json.dumps({"unusable": str(error)}).encode())
         return error.exit_status
-    _give_way()
-    asyncio.run(_served(end, sockets, address, asked["token"]))
-    if path is not None:
-        path.unlink(missing_ok=True)
+    asyncio.run(_served(end, page, foxglove))
+    if foxglove is not None:
+        foxglove.stop()
+    if page is not None and page.address.path is not None:
+        page.address.path.unlink(missing_ok=True)
     return 0
+
+
+@dataclass(frozen=True)
+class _Page:
+    """Where a page is served, and to whom."""
+
+    sockets: list[socket.socket]
+    address: Address
+    token: str
+
+
+def _bound(asked: dict[str, Any] | None) -> _Page | None:
+    if asked is None:
+        return None
+    path = Path(asked["path"]) if asked["path"] else None
+    return _Page(*bound(Address(asked["host"], asked["port"], path)), asked["token"])
+
+
+def _foxglove(asked: dict[str, Any] | None) -> "FoxgloveView | None":
+    """Its server, whose threads keep off the loop's core as this process does."""
+    if asked is None:
+        return None
+    from wakedeploy.live.foxglove import FoxgloveView
+
+    return FoxgloveView(asked["host"], asked["port"])
 
 
 def _give_way() -> None:
@@ -182,13 +215,16 @@ def _give_way() -> None:
         os.sched_setaffinity(0, others)
 
 
-async def _served(
-    end: socket.socket, sockets: list[socket.socket], address: Address, token: str
-) -> None:
-    server = FlightServer(end)
-    handlers = [(r"/live", Visitor, {"server": server}), (r"/stop", Stop, {"server": server})]
-    serve(sockets, application(address, token, "live.html", handlers))
-    end.send(json.dumps({"port": address.port}).encode())
+async def _served(end: socket.socket, page: _Page | None, foxglove: "FoxgloveView | None") -> None:
+    server = FlightServer(end, foxglove)
+    ports = {}
+    if page is not None:
+        handlers = [(r"/live", Visitor, {"server": server}), (r"/stop", Stop, {"server": server})]
+        serve(page.sockets, application(page.address, page.token, "live.html", handlers))
+        ports["page"] = page.address.port
+    if foxglove is not None:
+        ports["foxglove"] = foxglove.port
+    end.send(json.dumps(ports).encode())
     end.setblocking(False)
     asyncio.get_running_loop().add_reader(end, server.read)
     await server.run(server.look, lambda: server.is_over)

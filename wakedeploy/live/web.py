@@ -22,6 +22,7 @@ import tornado.web
 import tornado.websocket
 
 from wakedeploy.core.errors import UnusableInput, why
+from wakedeploy.core.pages import page, text_file
 from wakedeploy.core.version import VERSION
 from wakedeploy.live.address import Address, Allowance, fits, is_our_host, is_our_origin
 
@@ -31,6 +32,7 @@ FLUSH_S = 0.05  # twenty times a second: more is not seen
 _WRONG_TOKENS = Allowance(5.0, 10)  # answers to them, so that guessing is slow for all guessers
 _LATE_S = 5.0  # for a page to say its token
 _LAG_BYTES = 64 << 10  # on the way to a page that reads slowly; what is newer waits here
+_LOOK = "look.css"  # the colours and type of reports, too
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css", "txt": "text/plain"}
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
@@ -93,20 +95,27 @@ _REASONS = {
 class Static(Answer):
     """The files of the pages, by name; they hold no data."""
 
-    def initialize(self, page: str = "") -> None:
-        """`page` is the file at /."""
-        self._page = page
+    def initialize(self, template: str = "") -> None:
+        """`template` is that of the page at /."""
+        self._page = template
 
     def get(self, name: str = "") -> None:
         """Send one."""
-        name = name or self._page
-        kind = _KINDS.get(name.rpartition(".")[2])
-        source = files("wakedeploy.live") / "static" / name
-        if kind is None or "/" in name or not source.is_file():
+        kind = _KINDS.get((name or self._page).rpartition(".")[2])
+        text = _file(name) if name else page("wakedeploy.live", self._page)
+        if kind is None or text is None:
             raise tornado.web.HTTPError(404)
         self.set_header("Content-Type", f"{kind}; charset=utf-8")
         self.set_header("Cache-Control", "no-cache")
-        self.finish(source.read_bytes())
+        self.finish(text)
+
+
+def _file(name: str) -> str | None:
+    """A file of the pages; None where there is none of this name."""
+    if name == _LOOK:
+        return text_file(name)
+    source = files("wakedeploy.live") / "static" / name
+    return source.read_text("utf-8") if "/" not in name and source.is_file() else None
 
 
 class Missing(Answer):
@@ -320,12 +329,12 @@ def serve(
 
 
 def application(
-    address: Address, token: str, page: str, handlers: list[Any]
+    address: Address, token: str, template: str, handlers: list[Any]
 ) -> tornado.web.Application:
-    """The page `page` at /, its files, and `handlers`."""
+    """The page of a template at /, its files, and `handlers`."""
     return tornado.web.Application(
         [
-            (r"/", Static, {"page": page}),
+            (r"/", Static, {"template": template}),
             (r"/static/([A-Za-z0-9._-]+)", Static),
             *handlers,
         ],

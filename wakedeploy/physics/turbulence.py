@@ -8,7 +8,7 @@ import numpy as np
 class OrnsteinUhlenbeck:
     """A unit-variance Ornstein–Uhlenbeck process in exact steps of `dt_s`."""
 
-    def __init__(self, time_s: float, dt_s: float, rng: np.random.Generator) -> None:
+    def __init__(self, time_s: float, dt_s: float, rng: "np.random.Generator") -> None:
         self._keep = math.exp(-dt_s / time_s)
         self._kick = math.sqrt(1.0 - self._keep**2)
         self._rng = rng

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.core import figures
+from wakedeploy.core import figures, pages
 from wakedeploy.core.commit import present_commit
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.files import json_text, remove_unfinished, write_text_whole
 from wakedeploy.core.locks import one_at_a_time
-from wakedeploy.core.markup import Markup, element, page, picture, table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -46,8 +45,11 @@ def write_study(
     parts: Sequence[Part],
     result: Mapping[str, Any],
     sets: Sequence[EpisodeSet],
+    next_commands: Sequence[str] = (),
 ) -> Path:
     """Write everything and return the page's path. `result` goes into `study.json`.
+
+    `next_commands` stand on the page, to copy.
 
     `study.json` also says what each part says, which code and which revision of training it is of
     and which sets, in no order that matters, and lists the study's files; those that an earlier one
@@ -56,7 +58,7 @@ def write_study(
     """
     with one_at_a_time(folder, "study", traceless=True):
         remove_unfinished(folder)
-        return _write(folder, title, parts, result, sets)
+        return _write(folder, title, parts, result, sets, next_commands)
 
 
 def _write(
@@ -65,6 +67,7 @@ def _write(
     parts: Sequence[Part],
     result: Mapping[str, Any],
     sets: Sequence[EpisodeSet],
+    next_commands: Sequence[str],
 ) -> Path:
     from trainers.training.runs import TRAINING
 
@@ -75,18 +78,7 @@ def _write(
     for path in _written(folder):
         if path.name not in names:
             path.unlink()
-    body: list[Markup] = [element("h1", title), _opening(parts)]
-    for part in parts:
-        body.append(element("h2", part.name.replace("-", " "), id=part.name))
-        if part.figure is None:
-            body.append(element("p", part.sentence))
-        else:
-            for kind in ("png", "pdf"):
-                figures.save(part.figure, folder / f"{part.name}.{kind}")
-            body.append(picture(folder / f"{part.name}.png", part.sentence))
-        write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
-        columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
-        body.append(table(list(columns), [list(row) for row in rows]))
+    shown = [_written_part(part, folder) for part in parts]
     told = {
         "commit": present_commit(),
         "training": TRAINING,
@@ -97,19 +89,31 @@ def _write(
     }
     write_text_whole(folder / _RESULT, json_text(told))
     path = folder / _PAGE
-    write_text_whole(path, page(title, *body))
+    told_sets = [(data.domain, data.sha256[:12]) for data in sets]
+    text = pages.page(
+        "wakedeploy.study", "study.html", title=title, parts=shown, sets=told_sets,
+        commit=told["commit"], next=next_commands,
+    )  # fmt: skip
+    write_text_whole(path, text)
     return path
 
 
-def _opening(parts: Sequence[Part]) -> Markup:
-    """What each part says, in its one sentence, and the way to its figure."""
-    said = (
-        element(
-            "p", f"{part.sentence} ", element("a", "Figure and table", href=f"#{part.name}"), "."
-        )
-        for part in parts
-    )
-    return element("div", *said, class_="account")
+def _written_part(part: Part, folder: Path) -> dict[str, Any]:
+    """Write a part's figure and table; what the page says of it."""
+    picture = None
+    if part.figure is not None:
+        for kind in ("png", "pdf"):
+            figures.save(part.figure, folder / f"{part.name}.{kind}")
+        picture = pages.Picture(folder / f"{part.name}.png", part.sentence)
+    write_text_whole(folder / f"{part.name}.csv", _csv(part.columns, part.rows))
+    columns, rows = part.shown or (part.columns, [[str(c) for c in r] for r in part.rows])
+    return {
+        "name": part.name,
+        "title": part.name.replace("-", " "),
+        "sentence": part.sentence,
+        "picture": picture,
+        "table": pages.Table(list(columns), [list(row) for row in rows]),
+    }
 
 
 def _written(folder: Path) -> list[Path]:

@@ -17,10 +17,10 @@ from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.run import Job, do_case, run_cases
 from benchmarks.hidden_effects.table import summary
 from benchmarks.hidden_effects.worlds import true_rig, write_world
-from wakedeploy.gap.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.retraining import Pilot
-from wakedeploy.gap.workflow import close
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.steps import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig
 
@@ -43,10 +43,13 @@ def done(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any]
     with pytest.MonkeyPatch.context() as patched:
         small = functools.partial(write_world, flights=4, seconds=8.0)
         patched.setattr(run, "write_world", small)
-        patched.setattr("wakedeploy.gap.search.naming.LIBRARY", {n: LIBRARY[n] for n in SEARCHED})
+        patched.setattr(
+            "wakedeploy.gap.systems.gantry.search.naming.LIBRARY", {n: LIBRARY[n] for n in SEARCHED}
+        )
         return out, do_case(Job(STRONG, out, workflow, True, "commit"))
 
 
+@pytest.mark.slow
 def test_a_case_is_flown_closed_and_judged(done: tuple[Path, dict[str, Any]]) -> None:
     out, line = done
     assert line.get("error") is None
@@ -65,6 +68,7 @@ def test_a_case_is_flown_closed_and_judged(done: tuple[Path, dict[str, Any]]) ->
         assert 0.0 < line["closed"] < 1.3
 
 
+@pytest.mark.slow
 def test_the_judge_takes_another_name_for_wrong(
     done: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -75,6 +79,7 @@ def test_the_judge_takes_another_name_for_wrong(
     assert told["nats"] == line["nats"]
 
 
+@pytest.mark.slow
 def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
     done: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -92,6 +97,7 @@ def test_the_floor_is_measured_as_the_workflow_measures_its_errors(
     assert line["floor_m"] < floor.rms_m
 
 
+@pytest.mark.slow
 def test_the_truth_is_nowhere_in_what_the_workflow_was_given(
     done: tuple[Path, dict[str, Any]],
 ) -> None:

@@ -247,3 +247,26 @@ def test_other_summits_of_a_base_are_kept_where_it_is_climbed_again() -> None:
     elsewhere = fit(model, ("a",), EVERY)
     base, _ = rank_fairly(model, replace(short, summits=(elsewhere,)), ("c",))
     assert base.summits == (elsewhere,)
+
+
+def test_an_effect_looked_for_at_many_sizes_pays_for_them() -> None:
+    """Its gain is less by the logarithm of the summits that the sizes may lie on."""
+    model = Ages()
+    bent = fit(model, (), range(4))
+    found = rank(model, bent, ("sample-and-hold",))[0]
+    held = float(found.gains.sum()) + found.prior_gain
+    assert held - found.gain_nats == pytest.approx(np.log(81 / 3))
+
+
+def test_a_climb_that_cannot_win_is_given_up() -> None:
+    """Beside an objective that it will not come to, it ends early; below one, at its summit."""
+    model = Linear({"gain": 0.5, "a": 0.6}, seed=6)
+    whole = fit(model, ("a",), EVERY)
+    start = np.array([whole.theta[0] + 0.3, whole.theta[1] - 0.3, 0.0])
+    model.scored.clear()
+    same = fit(model, ("a",), EVERY, start, least=whole.objective - 5.0)
+    assert same.objective == pytest.approx(whole.objective, abs=0.05)
+    used = len(model.scored)
+    model.scored.clear()
+    fit(model, ("a",), EVERY, whole.theta + 0.05, least=whole.objective + 100.0)
+    assert len(model.scored) <= used

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.systems.closing import settled
 from wakedeploy.gap.systems.downwash import HIDDEN, fly, open_model, wake_force_n
 
 
@@ -37,7 +37,7 @@ def test_a_path_is_refused(tmp_path):
 @pytest.mark.slow
 def test_the_hidden_spool_lag_is_named():
     model = fly(HIDDEN)
-    base = settled(model, (), range(model.episodes))
+    base = fit(model, (), range(model.episodes))
     best = rank(model, base, ("command-latency", "transport-speed", "spool-lag"))[0]
     assert best.name == "spool-lag"
     for name, true_s in HIDDEN.items():

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.systems.closing import settled
 from wakedeploy.gap.systems.fish import FishModel, delay_profile, open_model
 
 
@@ -26,7 +26,7 @@ def made(delay_s: float, seconds: float = 42.0) -> FishModel:
 
 def test_a_delay_that_was_put_in_is_named():
     model = made(0.25)
-    base = settled(model, (), range(model.episodes))
+    base = fit(model, (), range(model.episodes))
     best = rank(model, base, ("lag", "transport-delay", "flow-delay", "saturation"))[0]
     assert best.name == "transport-delay"
     assert best.fit.value("transport-delay.delay_s") == pytest.approx(0.25, abs=0.005)

@@ -5,8 +5,8 @@ import pytest
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.quadrotor_files import MASS_KG, read_flights, transport_term
+from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import rank
-from wakedeploy.gap.systems.closing import settled
 from wakedeploy.gap.systems.label_audit import audit, corrected_label
 from wakedeploy.gap.systems.quadrotor import QuadrotorModel
 
@@ -96,7 +96,7 @@ def test_the_recorded_acceleration_is_that_of_turning_axes(recordings):
 def test_far_from_any_wake_the_turning_axes_are_named_first(recordings):
     flights = [f for f in read_flights(recordings("quadrotor")) if "_2005it_" in f.name]
     model = QuadrotorModel(tuple(flights), beyond_m=2.0)
-    base = settled(model, (), range(model.episodes))
+    base = fit(model, (), range(model.episodes))
     best = rank(model, base, ("thrust-slope", "rotating-frame", "climb-drag"))[0]
     assert best.name == "rotating-frame"
     assert best.fit.value("rotating-frame.share") == pytest.approx(1.0, abs=0.15)

@@ -7,9 +7,9 @@ import pytest
 from scipy.io import loadmat
 
 from wakedeploy.core.recording import Recording
-from wakedeploy.gap.systems.loading import read_system
+from wakedeploy.gap.search.rounds import fitted_base, named, shown_document, verdict_of
+from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.steps import fitted_base, named, shown_document, verdict_of
 
 EXAMPLES = Path(__file__).parents[3] / "examples" / "systems"
 

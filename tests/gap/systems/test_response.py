@@ -7,8 +7,9 @@ import pytest
 from scipy.stats import binned_statistic, multivariate_normal
 
 from wakedeploy.gap.evidence.inference import Free
-from wakedeploy.gap.systems.closing import close
-from wakedeploy.gap.systems.response import Record, ResponseModel, covariance, scored
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.search.rounds import concluded
+from wakedeploy.gap.systems.response import ResponseModel, covariance, scored
 
 
 class Line(ResponseModel):
@@ -58,24 +59,31 @@ def test_an_outlier_hardly_counts():
     assert weight[1] < 1e-3 < 0.97 < weight[0]
 
 
-def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes():
-    account = close(Line(bend=0.4, episodes=20), simulations=3)
-    assert account.verdict == "named"
-    assert account.effects == ("bend",)
-    entry = account.document["parameters"]["bend.size"]
-    assert entry["low"] < 0.4 < entry["high"]
-    (effect,) = account.document["effects"]
-    assert effect["parameters"]["size"] == entry
-    assert effect["confidence"] > 0.99
-    assert {p.coordinate for p in account.places} == {"time"}
-    gap = account.document["gap"]["height"]
-    assert gap["after"] < 0.8 * gap["before"]
-    assert account.document["doubted"] == []
-
-
-def test_what_is_shown_are_the_sealed_episodes():
+@pytest.fixture(scope="module")
+def bent():
+    """A line that has a bend, and what is told of it."""
     line = Line(bend=0.4, episodes=20)
-    document = close(line, simulations=1).document
+    return line, concluded(line)
+
+
+def test_a_bend_is_named_found_in_time_and_shown_on_sealed_episodes(bent):
+    _, document = bent
+    assert document["verdict"] == "named"
+    entry = document["parameters"]["bend.size"]
+    assert entry["low"] < 0.4 < entry["high"]
+    (effect,) = document["effects"]
+    assert effect["name"] == "bend"
+    assert effect["parameters"]["size"] == entry
+    assert effect["forecast"]["low"] > 0.0
+    assert "time" in {p["coordinate"] for p in document["where"]}
+    gap = document["gap"]["height"]
+    assert gap["after"] < 0.8 * gap["before"]
+    assert document["placebo"]["name"] == "wave"
+    assert document["placebo"]["after"][0] > 1.1 * gap["after"]
+
+
+def test_what_is_shown_are_the_sealed_episodes(bent):
+    line, document = bent
     sealed = [r for r in line.records if r.name in document["sealed"]]
     (place,) = document["shown"]["places"]
     heights = np.concatenate([r.measured[0] for r in sealed])  # the baseline says 0 everywhere
@@ -91,10 +99,10 @@ def test_what_is_shown_are_the_sealed_episodes():
 
 
 def test_nothing_is_named_where_nothing_is():
-    account = close(Line(bend=0.0), simulations=5)
-    assert (account.verdict, account.effects) == ("none", ())
+    document = concluded(Line(bend=0.0))
+    assert (document["verdict"], document["effects"]) == ("none", [])
 
 
 def test_three_episodes_are_too_few():
     with pytest.raises(Exception, match="at least 4"):
-        close(Line(bend=0.4, episodes=3))
+        concluded(Line(bend=0.4, episodes=3))

@@ -6,6 +6,7 @@ import numpy as np
 
 from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects import Effect as Shape
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig
 
@@ -40,6 +41,11 @@ def with_effects(rig: Rig, **effects: Mapping[str, float]) -> Rig:
             )
         )
     return rig.model_copy(update={"effect": tuple(entries)})
+
+
+def neutral_values(shape: Shape, constants: Mapping[str, float]) -> dict[str, float]:
+    """An effect's values at which it changes nothing on a rig with these constants."""
+    return {p.name: p.neutral_on(constants) for p in shape.parameters}
 
 
 def flown(

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from effect_rigs import neutral_values
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -9,7 +10,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Wake
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, STAGES, Effect, Motion, effect
-from wakedeploy.physics.effects.chain import METHODS, Chain, neutral_values, setting_of
+from wakedeploy.physics.effects.chain import METHODS, Chain, setting_of
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()

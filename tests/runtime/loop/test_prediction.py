@@ -117,3 +117,34 @@ def test_a_force_that_training_never_came_near_is_not_possible(model, worker):
     assert not worker.is_possible(worker.step(OBSERVATION, soon()).force_n)  # 1, a width away
     assert worker.is_possible(0.4)
     assert not worker.is_possible(math.nan)
+
+
+def where(model):
+    """The threads that step a model, as it is used from now on."""
+    found, step = set(), model.step
+
+    def noted(observation):
+        found.add(threading.current_thread().name)
+        return step(observation)
+
+    model.step = noted
+    return found
+
+
+@pytest.mark.parametrize(("bounded", "takes_s"), [(True, 0.0), (True, 0.002), (False, 0.0)])
+def test_only_bounded_steps_that_are_short_are_done_by_the_loop_itself(bounded, takes_s):
+    model = Model()
+    step = model.step
+    model.step = lambda observation: (time.sleep(takes_s), step(observation))[1]
+    worker = PredictionWorker(model, 0.001, bounded=bounded)
+    worker.wait_until_warm()
+    threads = where(model)
+    here = bounded and takes_s == 0.0
+    assert [worker.step(OBSERVATION, soon()).force_n for _ in range(2)] == [1.0, 2.0]
+    assert threads == {threading.current_thread().name if here else "prediction"}
+    worker.reset()
+    assert worker.step(OBSERVATION, soon()).force_n == 1.0
+    late = worker.step(OBSERVATION, time.monotonic())
+    assert late is None
+    worker.close()
+    assert not worker._thread.is_alive()

@@ -7,10 +7,11 @@ import numpy as np
 from runtime.loop.estimator import Estimate, initial_estimate
 from runtime.loop.settling import Stage, begun
 from runtime.loop.stops import LOWER_MPS, Stops
+from wakedeploy.physics.rail import GRAVITY_MPS2
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
-WEIGHT_N = RIG.sufferer.mass_kg * 9.80665
+WEIGHT_N = RIG.sufferer.mass_kg * GRAVITY_MPS2
 
 
 def at(z_m: float, vz_mps: float) -> Estimate:

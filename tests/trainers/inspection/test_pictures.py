@@ -1,7 +1,9 @@
 """The pictures that a training leaves: what they show, when they are drawn, what they cost."""
 
 import dataclasses
+import html
 import json
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -15,11 +17,13 @@ from click.testing import CliRunner, Result
 from trainers.inspection import pictures
 from trainers.inspection.curves import draw_curves
 from trainers.inspection.pictures import draw_prediction, write_pictures
+from trainers.inspection.report import write_run_report
 from trainers.training.fit import Fit, FitSettings
 from trainers.training.runs import BEST, METRICS, RidgeErrors, TrainedRun, load_run, new_predictor
 from trainers.training.trainer import configure, new_fit, tapes, train
 from wakedeploy.cli import main
 from wakedeploy.core.episodes import Channel, Episode, EpisodeSet, read_episode_set
+from wakedeploy.core.manifest import Scores
 
 SHORT = FitSettings(epochs=5, lanes=4, chunk_steps=32)
 NAMES = ("curves.png", "prediction.png")
@@ -51,12 +55,28 @@ def test_training_leaves_both_pictures_with_each_seed(data_folder: Path, tmp_pat
         "--hyper", "esn.neurons=40", "--out", tmp_path,
     )  # fmt: skip
     assert done.exit_code == 0, done.output
-    assert "curves.png and prediction.png in the folder of each run" in done.output
+    assert "report.html in the folder of each run" in done.output
     for arch in ("agile-mlp", "esn"):
         for name in NAMES:
             for seed in (0, 1):
                 path = tmp_path / "echo" / arch / f"s{seed}" / name
                 assert path.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_run_leaves_a_page_that_says_how_well_it_predicts(echo: EpisodeSet, tmp_path) -> None:
+    run = trained(echo, tmp_path)
+    kept = run.metrics.model_copy(update={"test": Scores(rmse={"f_n": 0.006}, r2={"f_n": 0.91})})
+    run = dataclasses.replace(run, metrics=kept)
+    text = html.unescape(write_run_report(run).read_text("utf-8"))
+    assert "It predicts f_n to within 0.006 N (RMS): well." in text
+    assert "naming the mean would be off by 0.02 N" in text  # 0.02² × 0.09 = 0.006²
+    assert "explains 91 % of the force's variance" in text
+    assert f"wakedeploy export --run {run.folder}" in text
+    assert "run-gantry" not in text  # no gantry
+    dots = re.findall(r"<title>validation: ([\d.]+) at epoch (\d+)</title>", text)
+    assert [float(error) ** 2 for error, _ in dots] == pytest.approx(run.metrics.history, rel=1e-3)
+    before = write_run_report(run).stat().st_mtime_ns
+    assert write_run_report(run).stat().st_mtime_ns == before
 
 
 def test_curves_are_the_errors_of_each_epoch_with_the_best_marked() -> None:
@@ -227,7 +247,9 @@ def test_a_finished_run_is_drawn_once_and_again_when_it_is_replaced(
     assert wakedeploy(*asked).exit_code == 0
     assert drawn == {name: (folder / name).stat().st_mtime_ns for name in NAMES}
     assert wakedeploy(*asked, "--fresh", "--no-pictures").exit_code == 0
-    assert not any((folder / name).exists() for name in NAMES)  # they were of another run
+    assert not any(
+        (folder / name).exists() for name in (*NAMES, "report.html")
+    )  # they were of another run
 
 
 def test_a_run_of_before_keeps_what_it_has_and_is_drawn(echo: EpisodeSet, tmp_path: Path) -> None:

@@ -14,10 +14,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import hesitant
 import needs
 import optuna
 import pytest
 import sqlalchemy
+import warm
 from click.testing import CliRunner, Result
 from optuna.trial import TrialState
 from small_study import TINY, tuned, work_of
@@ -170,51 +172,30 @@ def test_two_machines_share_a_study_in_the_database(
     )
 
 
-# A tune in which much may happen between a look at the study and what follows from it.
-HESITANT = """
-import os, sys, time
-from pathlib import Path
-import optuna
-from trainers.tuning import workers
-from wakedeploy.cli import main
-counted, enqueued = workers._left, optuna.Study.enqueue_trial
-def left(study, wanted):
-    found = counted(study, wanted)
-    time.sleep(0.5)
-    return found
-def enqueue_trial(*arguments, **others):
-    time.sleep(1)
-    enqueued(*arguments, **others)
-workers._left, optuna.Study.enqueue_trial = left, enqueue_trial
-ready = Path(sys.argv[1])
-(ready / str(os.getpid())).touch()
-while len(list(ready.iterdir())) < 2:
-    time.sleep(0.05)
-main(sys.argv[2:])
-"""
-
-
 def test_two_machines_at_once_do_neither_more_trials_nor_the_paper_s_shape_twice(
     echo: EpisodeSet, tmp_path: Path, address: str
 ) -> None:
     echo.write(tmp_path / "set")
     (tmp_path / "ready").mkdir()
-    asked = [tmp_path / "ready", "tune", "--arch", "agile-mlp", "--data", tmp_path / "set",
-             "--storage", address, "--epochs", 1, "--trials", 3, "--seed", 0,
-             "--dimension", "batch=256"]  # fmt: skip
+    asked = ["tune", "--arch", "agile-mlp", "--data", tmp_path / "set", "--storage", address,
+             "--epochs", 1, "--trials", 3, "--seed", 0, "--dimension", "batch=256"]  # fmt: skip
     machines = [
-        subprocess.Popen(
-            [sys.executable, "-c", HESITANT, *map(str, asked), "--out", tmp_path / name],
-            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        warm.started(
+            tmp_path / f"{name}.log",
+            hesitant.tune,
+            tmp_path / "ready",
+            [str(part) for part in [*asked, "--out", tmp_path / name]],
         )
         for name in ("here", "there")
-    ]  # fmt: skip
+    ]
     try:
-        told = [machine.communicate(timeout=LIMIT_S)[0] for machine in machines]
+        for machine in machines:
+            machine.join(LIMIT_S)
     finally:
         for machine in machines:
             machine.kill()
-    assert [machine.returncode for machine in machines] == [0, 0], told
+    told = [(tmp_path / f"{name}.log").read_text() for name in ("here", "there")]
+    assert [machine.exitcode for machine in machines] == [0, 0], told
     work = work_of(echo, tmp_path / "look", address=address, epochs=1, asked=("batch=256",))
     trials = work.open().trials
     assert len({trial.user_attrs["worker"]["pid"] for trial in trials}) == 2

@@ -14,7 +14,6 @@ from pydantic import Field, StringConstraints
 
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import text_of, toml_of
-from wakedeploy.core.units import si_unit
 from wakedeploy.core.validation import first_problem
 
 VERSION = 1
@@ -151,11 +150,6 @@ class Column(_Table):
     def roles(self) -> tuple[Role, ...]:
         """All of its roles."""
         return self.role if isinstance(self.role, tuple) else (self.role,)
-
-    @property
-    def target_unit(self) -> str:
-        """The unit of the numbers that come out."""
-        return self.to if self.to is not None else si_unit(self.unit)
 
 
 class Columns(_Table):

@@ -17,13 +17,19 @@ import numpy.typing as npt
 from scipy.stats import t as student_t
 
 FloatArray = npt.NDArray[np.float64]
+LOST_NATS = -1e6  # log density of a sample whose state has left the model
 Hypothesis = tuple[str, ...]
 
 _ITERATIONS = 24  # most climbs take under ten; from far away, with loud noise, twelve do not do
 _FARTHEST = 16.0  # square of a leave-one-out step in standard deviations, all directions together
 _ENOUGH_NATS = 0.05  # a step that promises less ends a fit
-_FORM_SETTLED_NATS = 20.0  # below this a step keeps those of the form, which is nearly linear
-_SETTLED_NATS = 2.0  # below this a step keeps the slopes of the parameters that hardly moved
+# Steps keep slopes until they have gained so much together; those of the form, nearly linear, for
+# longer, and in any case while the climb is far away.
+_SETTLED_NATS, _FORM_SETTLED_NATS, _FAR_NATS = 2.0, 20.0, 200.0
+# A climb that slows to steps of so many nats is given up where it promises, times the optimism,
+# less than what it has to reach. Faster ones come from far away, where promises are too small.
+_SLOW_NATS, _OPTIMISM = 30.0, 3.0
+_RISEN_NATS, _MOST_REFITS = 0.1, 4  # what a repeated fit may rise by, and how often it is repeated
 
 
 @dataclass(frozen=True)
@@ -62,13 +68,15 @@ class Score:
     """One episode under one hypothesis, sample by sample in order of time, arrays (n,).
 
     `log_density` in nats; `innovation` and its `variance` in the channel's unit; `weight` is the
-    probability that the sample is no outlier.
+    probability that the sample is no outlier. `channels` are where each channel's samples lie, in
+    order of time; what lies in none is auxiliary, as a mean at rest.
     """
 
     log_density: FloatArray
     innovation: FloatArray
     variance: FloatArray
     weight: FloatArray
+    channels: tuple[slice, ...] = (slice(None),)
 
     @property
     def white(self) -> FloatArray:
@@ -93,20 +101,13 @@ class Model(Protocol):
         ...
 
 
-class BatchedModel(Model, Protocol):
-    """A model that scores many parameter sets in about the time of one."""
-
-    def scores(
-        self, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
-    ) -> list[tuple[Score, ...]]:
-        """Episodes under parameter sets (K, p): for each set a score of each episode."""
-        ...
-
-
 def scores_of(
     model: Model, hypothesis: Hypothesis, thetas: FloatArray, episodes: Sequence[int]
 ) -> list[tuple[Score, ...]]:
-    """Episodes under parameter sets (K, p), at once where the model can."""
+    """Episodes under parameter sets (K, p): for each set a score of each episode.
+
+    A model that has a `scores` of the same arguments scores them all in about the time of one.
+    """
     together = getattr(model, "scores", None)
     if together is not None:
         found: list[tuple[Score, ...]] = together(hypothesis, thetas, episodes)
@@ -252,18 +253,30 @@ def fit(
     start: FloatArray | None = None,
     slopes: Slopes | None = None,
     moving: Sequence[int] | None = None,
+    least: float = -np.inf,
 ) -> Fit:
     """Maximise log likelihood plus log priors over the hypothesis's parameters.
 
     `start` (p,) is where to begin (the neutral values if None). `slopes`, if they are known there,
     save a round; with `moving`, only those parameters' slopes are renewed on the way, which is
-    enough to tell a contender from the rest.
+    enough to tell a contender from the rest. A climb that will not come to an objective of `least`
+    is given up, not converged.
     """
     free = model.free(hypothesis)
     theta = neutral(free) if start is None else np.clip(start, *_bounds(free))
     chosen = tuple(episodes)
-    ascent = _Ascent(model, hypothesis, free, chosen, moving)
+    ascent = _Ascent(model, hypothesis, free, chosen, moving, least)
     return ascent.run(theta, slopes)
+
+
+def settled(model: Model, fitted: Fit) -> tuple[Fit, bool]:
+    """A fit repeated from where it ended, and whether it no longer rises."""
+    for _ in range(_MOST_REFITS):
+        again = fit(model, fitted.hypothesis, fitted.episodes, fitted.theta)
+        rise, fitted = again.objective - fitted.objective, again
+        if rise < _RISEN_NATS:
+            return fitted, True
+    return fitted, False
 
 
 def applied(model: Model, fitted: Fit, episodes: Sequence[int] | None = None) -> Fit:
@@ -334,7 +347,7 @@ def slopes_at(
 ) -> Slopes:
     """Scores and derivatives at some parameters; of `known` ones only some columns are renewed."""
     free = model.free(hypothesis)
-    return _Ascent(model, hypothesis, free, tuple(episodes), None).slopes(theta, known)
+    return _Ascent(model, hypothesis, free, tuple(episodes), None, -np.inf).slopes(theta, known)
 
 
 def extended(base: Fit, free: Sequence[Free]) -> FloatArray:
@@ -359,20 +372,24 @@ class _Ascent:
         free: tuple[Free, ...],
         episodes: tuple[int, ...],
         moving: Sequence[int] | None,
+        least: float,
     ) -> None:
         self._model, self._hypothesis, self._free = model, hypothesis, free
-        self._episodes, self._moving = episodes, moving
+        self._episodes, self._moving, self._least = episodes, moving, least
+        self._gained = np.zeros(len(free))  # nats since each parameter's slopes were renewed
         self._precision = prior_precision(free)
         self._centre = neutral(free)
 
     def run(self, theta: FloatArray, slopes: Slopes | None) -> Fit:
         slopes = slopes if slopes is not None else self.slopes(theta, None)
         value = self._objective(slopes.scores, theta)
-        damping, converged = 1e-3, False
+        damping, converged, gained = 1e-3, False, np.inf
         for _ in range(_ITERATIONS):
             step, promised = self._step(slopes, theta, damping)
             if promised < _ENOUGH_NATS:
                 converged = True
+                break
+            if gained < _SLOW_NATS and value + _OPTIMISM * promised < self._least:
                 break
             tried = np.clip(theta + step, *_bounds(self._free))
             scores = self._scores(tried)
@@ -399,14 +416,18 @@ class _Ascent:
     def _renewed(
         self, slopes: Slopes, theta: FloatArray, scores: tuple[Score, ...], gained: float
     ) -> Slopes:
-        renew: Sequence[int] | None = self._moving
-        if renew is None and gained < _SETTLED_NATS:
-            renew = ()  # hardly moved: the slopes still hold
-        if renew is None and gained < _FORM_SETTLED_NATS:
-            renew = [i for i, f in enumerate(self._free) if not f.is_form]
-        if renew is None:
-            return self.slopes(theta, None, scores)
-        return self.slopes(theta, (slopes, renew), scores)
+        """Slopes of what has moved far enough to bend; all scores are new.
+
+        Of the form, which is nearly linear, only once the climb is no longer far away.
+        """
+        if self._moving is not None:
+            return self.slopes(theta, (slopes, self._moving), scores)
+        self._gained += gained
+        is_form = np.array([f.is_form for f in self._free])
+        due = self._gained > np.where(is_form, _FORM_SETTLED_NATS, _SETTLED_NATS)
+        due &= ~(is_form & (gained > _FAR_NATS))
+        self._gained[due] = 0.0
+        return self.slopes(theta, (slopes, np.flatnonzero(due).tolist()), scores)
 
     def _step(self, slopes: Slopes, theta: FloatArray, damping: float) -> tuple[FloatArray, float]:
         gradient = slopes.gradient().sum(0) - self._precision * (theta - self._centre)

@@ -34,9 +34,9 @@ _SIZES_RELEASED = 3  # from which effects of several summits are climbed with un
 _FEW_STARTS = 2
 _MOST_OTHERS = 2
 _BETTERED_NATS = 0.5
-_LEDGE_NATS = 3.0
+LEDGE_NATS = 3.0  # a base that is better by less is no other
 _MOST_RESETTLED = 3
-_GLANCED_AT = 2  # flights are enough to choose a start
+_GLANCED_AT = 2  # flights are enough to choose a start, and to come near a summit
 _ROW = (-1.0, -0.4, -0.15, 0.15, 0.3, 0.6, 1.2)  # sizes tried, in widths of the prior
 _APART = 0.03  # sizes nearer than that are one place to begin
 # A scan before a first climb: of how many episodes, how many sizes are kept, and how far apart.
@@ -48,6 +48,8 @@ _ROUGH_SHARE = 0.75  # of a ranking's time, before any effect is climbed again
 _WORTH_NATS = 4.0  # of a jagged effect's rough fit; below, no summit of it is climbed to the end
 _SUMMIT_NATS = 6.0  # behind the highest, roughly, a summit may yet be higher
 _MOST_SUMMITS = 3
+_SIZES_APIECE = 3  # scanned sizes that lie on one summit
+_MOVED_SD = 1.0  # a constant nearer to its calibration has taken nobody's place
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
 
 
@@ -63,15 +65,17 @@ class Candidate:
     gains: FloatArray  # (E,) nats, held out
     prior_gain: float = 0.0  # nats that the calibration no longer has to be bent
     fitted_gain: float = np.inf  # nats on the episodes of the fit, priors included
+    looked_nats: float = 0.0  # what the best of so many summits gains by chance
 
     @property
     def gain_nats(self) -> float:
         """The sum over the episodes, and what the priors say.
 
         A calibration is a measurement, too: a base that only explains the flights with constants
-        far from their calibrated values pays for it.
+        far from their calibrated values pays for it. So does an effect that was looked for at
+        hundreds of sizes, each of which fits by chance as well as one parameter may.
         """
-        return float(self.gains.sum()) + self.prior_gain
+        return float(self.gains.sum()) + self.prior_gain - self.looked_nats
 
     def gain_interval(self, level: float = 0.9) -> tuple[float, float]:
         """Student's interval of the sum, from the spread between episodes."""
@@ -91,13 +95,17 @@ def rank(
     least_nats: float = 0.0,
     steps: Steps = uncounted,
     scans: Scans | None = None,
+    known: Sequence[Candidate] = (),
+    released: bool = True,
 ) -> list[Candidate]:
     """Each candidate on top of `base`, best held-out gain first.
 
     All are fitted with the base's slopes for what they share; those near the best are then fitted
     to the end, if they gain at least `least_nats` on the episodes that they are fitted to.
     `steps` are of about the same length, but not an effect each. `scans` keeps the sizes that were
-    looked at, for another ranking on nearly the same base.
+    looked at, for another ranking on nearly the same base; `known` are an earlier ranking's
+    candidates, of which the better fits are kept, climbs from the calibration among them. Only with
+    `released` are there such climbs.
     """
     scans = {} if scans is None else scans
     costs = [_cost(model, base, name) for name in candidates]
@@ -106,7 +114,11 @@ def rank(
     for i, name in enumerate(candidates):
         rough.append(_rough(model, base, name, scans))
         steps(sum(costs[: i + 1]), total)
-    if base.calibration_log_prior < BENT_NATS:
+    before = {c.name: c.fit for c in known}
+    if before:
+        pairs = zip(rough, candidates, strict=True)
+        rough = [max(f, before.get(n, f), key=_objective) for f, n in pairs]
+    elif released and base.calibration_log_prior < BENT_NATS:
         left = functools.partial(_advanced, steps, sum(costs), total)
         rough = _from_calibration(model, base, candidates, rough, left)
     best = max((f.objective for f in rough), default=0.0)
@@ -132,9 +144,15 @@ def rank_fairly(
 
     A climb may end short of the best base; every effect then seems to gain what any new climb does.
     """
-    scans = {} if scans is None else scans
+    scans, ranked = {} if scans is None else scans, list[Candidate]()
     for _ in range(_MOST_RESETTLED):
-        ranked = rank(model, base, candidates, least_nats=least_nats, steps=steps, scans=scans)
+        ranked = rank(
+            *(model, base, candidates),
+            least_nats=least_nats,
+            steps=steps,
+            scans=scans,
+            known=ranked,
+        )
         if ranked[0].fitted_gain < _BETTERED_NATS:
             break
         known = dict(zip(ranked[0].fit.names, ranked[0].fit.theta, strict=True))
@@ -142,7 +160,7 @@ def rank_fairly(
         again = fit(model, base.hypothesis, base.episodes, start)
         again = replace(again, summits=base.summits)  # which its interval goes on spanning
         bettered, base = again.objective - base.objective, max(base, again, key=_objective)
-        if bettered < _LEDGE_NATS:  # no other valley, in which others would climb elsewhere
+        if bettered < LEDGE_NATS:  # no other valley, in which others would climb elsewhere
             break
     return base, sorted(
         (candidate(base, c.name, c.fit) for c in ranked), key=lambda c: -c.gain_nats
@@ -167,7 +185,13 @@ def scanned_starts(model: Model, found: Fit) -> list[FloatArray]:
 def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
     """What a fit with an effect gains over a base, each around whichever motion it was fitted."""
     unbent, gained = fitted.log_prior - base.log_prior, fitted.objective - base.objective
-    return Candidate(name, fitted, held_out(base, fitted), unbent, gained)
+    return Candidate(name, fitted, held_out(base, fitted), unbent, gained, _looked(fitted, name))
+
+
+def _looked(fitted: Fit, name: str) -> float:
+    """The logarithm of how many summits an effect's parameters were scanned for [nats]."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    return sum(math.log(max(len(f.scanned) / _SIZES_APIECE, 1.0)) for f in own)
 
 
 def _cost(model: Model, base: Fit, name: str) -> int:
@@ -192,10 +216,11 @@ def _rough(model: Model, base: Fit, name: str, scans: Scans) -> Fit:
     own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     if not own:
         raise ValueError(f"{name!r} has no parameters")
-    fits = []
+    fits, least = list[Fit](), -np.inf
     for theta in _starts(model, base, hypothesis, free, own, scans):
         slopes = _carried_over(model, base, hypothesis, free, theta, own)
-        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own))
+        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own, least))
+        least = max(f.objective for f in fits) - _SUMMIT_NATS
     best = max(fits, key=_objective)
     if any(free[i].scanned for i in own) and best.objective > base.objective + _WORTH_NATS:
         best = max((best, *_climbed(model, fits, own)), key=_objective)
@@ -246,7 +271,10 @@ def _from_calibration(
     climbed = [*chosen, *others]
     for done, i in enumerate(climbed, 1):
         for _, theta in sizes[i][: _summits(fits[i], candidates[i])]:
-            again = fit(model, fits[i].hypothesis, base.episodes, theta)
+            best = max(f.objective for f in fits)
+            least = max(fits[i].objective, best - _CONTENDERS_NATS)
+            near = fit(model, fits[i].hypothesis, base.episodes[:_GLANCED_AT], theta)
+            again = fit(model, near.hypothesis, base.episodes, near.theta, least=least)
             fits[i] = max(fits[i], again, key=_objective)
         steps(done, len(climbed))
     return fits
@@ -313,7 +341,13 @@ def _starts(
             starts.append(theta)
     points = [neutral_point]
     confusable = _constants_of_confused(hypothesis[-1])
-    bent = [i for i, f in enumerate(free) if f.quantity in confusable and i not in own]
+    bent = [
+        i
+        for i, f in enumerate(free)
+        if f.quantity in confusable
+        and i not in own
+        and abs(neutral_point[i] - f.neutral) > _MOVED_SD * f.prior_sd
+    ]
     if bent:
         # A base may have bent a constant for what the effect would explain, as a range sensor's
         # delay for the age of held readings: with both, the right size looks absurd.

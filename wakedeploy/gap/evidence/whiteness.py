@@ -19,44 +19,57 @@ FloatArray = npt.NDArray[np.float64]
 
 LAGS = 16  # half a second of samples
 REFERENCE_SAMPLES = 3200  # a limit is stated for five flights of 20 s at 32 Hz
-_OF_WHITE_NOISE = float(chi2.ppf(0.999, LAGS))
+_SURE = 0.999
 _BANDS = 48
-_TAIL = 3  # pseudo-samples that a score may end with: two rests, repeats
 
 
 @dataclass(frozen=True, eq=False)
 class Whiteness:
-    """Autocorrelation (LAGS,) at lags 1…, the statistic over them and its nominal p value.
+    """Autocorrelation of each channel (C, LAGS) at lags 1…, the statistic, its nominal p value.
 
-    `samples` is how many innovations they come from.
+    `samples` is how many innovations of a channel they come from.
     """
 
-    autocorrelation: FloatArray
+    by_channel: FloatArray
     statistic: float
     p_value: float
     samples: int
 
     @property
+    def autocorrelation(self) -> FloatArray:
+        """The mean over the channels (LAGS,)."""
+        return np.asarray(self.by_channel.mean(0))
+
+    @property
+    def freedom(self) -> int:
+        """What the statistic of white noise is on the average."""
+        return self.by_channel.size
+
+    @property
     def at_reference(self) -> float:
         """The statistic that as many samples as the reference's would be expected to give."""
-        return LAGS + (self.statistic - LAGS) * REFERENCE_SAMPLES / self.samples
+        left = (self.statistic - self.freedom) * REFERENCE_SAMPLES / self.samples
+        return self.freedom + left
 
-    def limit(self, of_reference: float) -> float:
+    def limit(self, of_reference: float | None = None) -> float:
         """What the statistic may be with so many samples, if it may be `of_reference` with others.
 
         The statistic of white noise does not depend on their number; what a model leaves in any
-        case, friction's fine structure, say, grows in proportion to it.
+        case, friction's fine structure, say, grows in proportion to it. None asks for white noise.
         """
-        left = (of_reference - LAGS) * self.samples / REFERENCE_SAMPLES
-        return max(LAGS + left, _OF_WHITE_NOISE)
+        of_white_noise = float(chi2.ppf(_SURE, self.freedom))
+        if of_reference is None:
+            return of_white_noise
+        left = (of_reference - self.freedom) * self.samples / REFERENCE_SAMPLES
+        return max(self.freedom + left, of_white_noise)
 
-    def passes(self, of_reference: float) -> bool:
-        """Whether the innovations are as white as the reference's."""
+    def passes(self, of_reference: float | None = None) -> bool:
+        """Whether the innovations are as white as the reference's, or as noise."""
         return self.statistic <= self.limit(of_reference)
 
-    def as_json(self, of_reference: float) -> dict[str, Any]:
+    def as_json(self, of_reference: float | None = None) -> dict[str, Any]:
         """As the artefacts hold it, with the limit for so many samples."""
-        return {
+        told: dict[str, Any] = {
             "p_value": self.p_value,
             "statistic": self.statistic,
             "limit": self.limit(of_reference),
@@ -64,22 +77,30 @@ class Whiteness:
             "lags": list(range(1, LAGS + 1)),
             "autocorrelation": self.autocorrelation.tolist(),
         }
+        if len(self.by_channel) > 1:
+            told["by_channel"] = self.by_channel.tolist()
+        return told | {"samples": self.samples}
 
 
 def whiteness(fitted: Fit) -> Whiteness:
-    """Of the innovations that a fit leaves, all flights together."""
-    white = [samples(score) for score in fitted.slopes.scores]
-    products = np.array([[float(w[k:] @ w[: len(w) - k]) for k in range(LAGS + 1)] for w in white])
-    total = products.sum(0)
-    correlation = total[1:] / total[0]
-    count = sum(len(w) for w in white)
-    statistic = count * float((correlation**2).sum())
-    return Whiteness(correlation, statistic, float(chi2.sf(statistic, LAGS)), count)
+    """Of the innovations that a fit leaves, all episodes together, channel by channel."""
+    scores = [samples(score) for score in fitted.slopes.scores]
+    rows, statistic = [], 0.0
+    for white in zip(*scores, strict=True):  # one channel in every episode
+        products = np.array(
+            [[float(w[k:] @ w[: len(w) - k]) for k in range(LAGS + 1)] for w in white]
+        )
+        total = products.sum(0)
+        rows.append(total[1:] / total[0])
+        count = sum(len(w) for w in white)
+        statistic += count * float((rows[-1] ** 2).sum())
+    freedom = LAGS * len(rows)
+    return Whiteness(np.array(rows), statistic, float(chi2.sf(statistic, freedom)), count)
 
 
-def samples(score: Score) -> FloatArray:
-    """Whitened innovations of a flight's own samples, in order of time."""
-    return score.white[:-_TAIL]
+def samples(score: Score) -> list[FloatArray]:
+    """Whitened innovations of an episode's own samples, channel by channel, in order of time."""
+    return [score.white[channel] for channel in score.channels]
 
 
 def spectrum(white: Sequence[FloatArray], rate_hz: float) -> dict[str, Any]:

@@ -8,14 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.core import figures
+from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.core.markup import Markup, element, page, picture, together
 from wakedeploy.gap.few_flights import cannot_tell, caution, in_words, unconfirmed
 from wakedeploy.gap.folder import TITLE, Steps, read_steps
 from wakedeploy.gap.report import charts
 from wakedeploy.gap.report import maps as report_maps
-from wakedeploy.gap.report.advice import Advice, advice
+from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.shrinkage import (
     closed_words,
@@ -31,7 +30,7 @@ from wakedeploy.gap.report.tables import (
     added_effects,
     detectable_table,
     gap_table,
-    log_table,
+    log_rows,
     noise_table,
     place_table,
     ranking_table,
@@ -165,15 +164,16 @@ def write_report(out: Path) -> Path:
     """
     steps = read_steps(out)
     pictures = draw_pictures(steps, out / "figures")
-    body = [_opening(steps, out), _where(steps, pictures), _which(steps, pictures)]
-    body += [_added(steps), _shown(steps, pictures), _data(steps)]
+    told = _opening(steps, out) | _data(steps) | {"pictures": pictures, "title": TITLE}
+    told |= {"where": _where(steps), "which": _which(steps), "shown": _shown(steps)}
+    told |= {"added": _added(steps), "nothing_added": _nothing_added(steps)}
     path = out / "report.html"
-    write_text_whole(path, page(TITLE, *body))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "report.html", **told))
     return path
 
 
-def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
-    """Draw every figure there is something for, as PNG, and embed it; others are removed."""
+def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
+    """Draw every figure there is something for, as PNG; others are removed."""
     drawn = {}
     few = cannot_tell(steps.flights)
     left_out = () if not few or steps.add else {each.name for each in PICTURES} - {*_OF_FEW}
@@ -186,36 +186,30 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, Markup]:
             continue
         figures.save(figure, path)
         caption = _RANKED_ON_FEW if few and each.name == "ranking" else each.caption
-        drawn[each.name] = picture(path, caption)
+        drawn[each.name] = pages.Picture(path, caption)
     return drawn
 
 
-def _opening(steps: Steps, out: Path) -> Markup:
+def _opening(steps: Steps, out: Path) -> dict[str, Any]:
     """The first screen, the numbers that matter, what comes next; then the account in detail."""
     summary = steps.summary
-    asked = [element("p", f"{question} {answer}") for question, answer in first_screen(summary)]
-    apart = [element("p", "In detail:", class_="soft")] if asked else []
-    links = [("where", "Where"), ("which", "Which"), ("added", "Added"), ("shown", "Shown")]
-    return together(
-        element("h1", TITLE),
-        _flights(steps),
-        element("nav", *(element("a", text, href=f"#{to}") for to, text in links)),
-        element("div", element("p", verdict_sentence(summary)), *asked, class_="account"),
-        _tiles(summary),
-        _next(advice(steps, out)),
-        *apart,
-        *(element("p", each) for each in evidence(summary)),
-    )
+    return {
+        "flights": _flights(steps),
+        "verdict": verdict_sentence(summary),
+        "answers": first_screen(summary),
+        "tile_pairs": _tiles(summary),
+        "next": advice(steps, out),
+        "evidence": evidence(summary),
+    }
 
 
-def _flights(steps: Steps) -> Markup:
+def _flights(steps: Steps) -> str:
     logs = entries(steps.find.get("logs"))
     seconds = quantity(sum(number(log.get("seconds")) for log in logs), "s")
-    told = f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
-    return element("p", told, class_="soft")
+    return f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
 
 
-def _tiles(summary: Mapping[str, Any]) -> Markup:
+def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
     tiles = []
     for effect in entries(summary.get("effects")):
         for parameter, value in parameters_of(effect):
@@ -233,64 +227,43 @@ def _tiles(summary: Mapping[str, Any]) -> Markup:
         if unchanged(channel):
             noise = [] if noise_unknown(summary) else [tiles[-2]]
             tiles[-4:] = [(f"error of the {name}", gap_value(channel, "before")), *noise]
-    boxes = [
-        element("div", element("b", value), element("span", label, class_="soft"), class_="tile")
-        for label, value in tiles
-    ]
-    return element("div", *boxes, class_="tiles") if boxes else Markup()
+    return tiles
 
 
-def _next(after: Advice | None) -> Markup:
-    if after is None:
-        return Markup()
-    commands = element("pre", element("code", "\n".join(after.commands)))
-    why = element("p", f"Next step: {after.why}.")
-    return element("div", why, commands, class_="next")
-
-
-def _where(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+def _where(steps: Steps) -> dict[str, Any]:
     find = steps.find
     if not find:
-        return _not_yet("where", "Where they disagree")
-    return _section(
-        "where",
-        "Where they disagree",
-        _paragraph(find.get("sentence")),
-        place_table(entries(find.get("places"))),
-        _shown_pictures(pictures, "maps_exogenous", "maps_fed_back", "replay"),
-        element("h3", "Is anything but noise left?"),
-        whiteness(mapping(find.get("white")), "the rig as it is"),
-        _shown_pictures(pictures, "spectrum"),
-    )
+        return {}
+    return {
+        "sentence": find.get("sentence"),
+        "places": place_table(entries(find.get("places"))),
+        "white": whiteness(mapping(find.get("white")), "the rig as it is"),
+    }
 
 
-def _which(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+def _which(steps: Steps) -> dict[str, Any]:
     name = steps.name
     if not name:
-        return _not_yet("which", "Which effect explains it")
-    return _section(
-        "which",
-        "Which effect explains it",
-        _paragraph(verdict_sentence(steps.summary)),
-        _rest_white(steps),
-        _paragraph(_untried(name)),
-        unknown_effect(mapping(name.get("unknown"))),
-        _shown_pictures(pictures, "ranking"),
-        ranking_table(name),
-        _shown_pictures(pictures, "confusion"),
-        noise_table(mapping(name.get("noise"))),
-        detectable_table(name),
-    )
+        return {}
+    return {
+        "rest_white": _rest_white(steps),
+        "untried": _untried(name),
+        "unknown": unknown_effect(mapping(name.get("unknown"))),
+        "ranking": ranking_table(name),
+        "noise": noise_table(mapping(name.get("noise"))),
+        "detectable": detectable_table(name),
+        "folds_detectable": name.get("verdict") != "none",
+    }
 
 
-def _rest_white(steps: Steps) -> Markup:
+def _rest_white(steps: Steps) -> str:
     """Whether the answer leaves more than noise; nothing where the answer is the rig as it is."""
     white, leading = mapping(steps.name.get("white")), mapping(steps.name.get("leading"))
     if not cannot_tell(steps.flights):
         fitted = "the rig as it is, fitted anew" if steps.name.get("verdict") == "none" else ""
         return whiteness(white, fitted or "the model with what was found")
     if not leading.get("clear"):
-        return Markup()
+        return ""
     return whiteness(white, f"the rig as if {texts(leading.get('names'))[0]} were in it")
 
 
@@ -304,25 +277,24 @@ def _untried(name: Mapping[str, Any]) -> str:
     )
 
 
-def _added(steps: Steps) -> Markup:
+def _added(steps: Steps) -> dict[str, Any]:
     add = steps.add
     if not add:
-        if steps.missing in ("find", "name", "add"):
-            return _not_yet("added", "What was added")
-        return _section("added", "What was added", _paragraph(_nothing_added(steps)))
-    hashes = (str(add.get(f"{which}_sha256") or "–")[:12] for which in ("old", "new"))
-    old, new = (element("code", short) for short in hashes)
-    rig = element("code", str(add.get("rig")))
-    return _section(
-        "added",
-        "What was added",
-        element("p", "New rig file ", rig, " (", old, " → ", new, "); the old one stays as it is."),
-        added_effects(entries(add.get("effects"))),
-        _paragraph(caution(steps.flights)),
-    )
+        return {}
+    old, new = (str(add.get(f"{which}_sha256") or UNKNOWN)[:12] for which in ("old", "new"))
+    return {
+        "rig": add.get("rig"),
+        "old": old,
+        "new": new,
+        "effects": added_effects(entries(add.get("effects"))),
+        "caution": caution(steps.flights),
+    }
 
 
 def _nothing_added(steps: Steps) -> str:
+    """Why not; "" where something was added, or the step has still to come."""
+    if steps.add or steps.missing in ("find", "name", "add"):
+        return ""
     if cannot_tell(steps.flights):
         why = f"{in_words(steps.flights)} cannot confirm what to add"
     elif unconfirmed(steps.flights) and steps.name.get("verdict") != "none":
@@ -332,27 +304,22 @@ def _nothing_added(steps: Steps) -> str:
     return f"Nothing: {why}. The rig file stays."
 
 
-def _shown(steps: Steps, pictures: Mapping[str, Markup]) -> Markup:
+def _shown(steps: Steps) -> dict[str, Any]:
     show = steps.show
     if not show:
-        if steps.missing is None:
-            nothing = "Nothing was added, so there is nothing to compare."
-            return _section("shown", "The gap before and after", _paragraph(nothing))
-        return _not_yet("shown", "The gap before and after")
+        nothing = "Nothing was added, so there is nothing to compare."
+        return {"sentences": [nothing]} if steps.missing is None else {}
     if cannot_tell(steps.flights) and not steps.add:
-        told = (_paragraph(each) for each in shrinking(steps.summary))
-        return _section("shown", "The gap before and after", *told)
+        return {"sentences": shrinking(steps.summary)}
     white = mapping(show.get("white"))
-    return _section(
-        "shown",
-        "The gap before and after",
-        _paragraph(_judging(show)),
-        gap_table(_gap(steps)),
-        _shown_pictures(pictures, "before_after", "places", "forecasts"),
-        whiteness(mapping(white.get("before")), "these flights before"),
-        whiteness(mapping(white.get("after")), "these flights after"),
-        _shown_pictures(pictures, "placebo", "retraining"),
-    )
+    return {
+        "sentences": [_judging(show)],
+        "gap": gap_table(_gap(steps)),
+        "white": [
+            whiteness(mapping(white.get("before")), "these flights before"),
+            whiteness(mapping(white.get("after")), "these flights after"),
+        ],
+    }
 
 
 def _gap(steps: Steps) -> Mapping[str, Any]:
@@ -380,30 +347,9 @@ def _judging(show: Mapping[str, Any]) -> str:
     return f"Judged on {listed(sealed)}, which {verb} not looked at before."
 
 
-def _data(steps: Steps) -> Markup:
-    logs = entries(steps.find.get("logs"))
-    if not logs:
-        return Markup()
-    rig = element("code", str(steps.find.get("rig_sha256") or "–"))
-    return _section(
-        "data",
-        "The flights",
-        log_table(logs, texts(mapping(steps.find.get("split")).get("sealed"))),
-        element("p", "Rig file, SHA-256: ", rig, class_="soft"),
-    )
-
-
-def _section(anchor: str, title: str, *inside: str) -> Markup:
-    return element("section", element("h2", title), *inside, id=anchor)
-
-
-def _not_yet(anchor: str, title: str) -> Markup:
-    return _section(anchor, title, element("p", "This step has not run yet.", class_="soft"))
-
-
-def _paragraph(text: object) -> Markup:
-    return element("p", str(text)) if text else Markup()
-
-
-def _shown_pictures(pictures: Mapping[str, Markup], *names: str) -> Markup:
-    return together(*(pictures[name] for name in names if name in pictures))
+def _data(steps: Steps) -> dict[str, Any]:
+    sealed = texts(mapping(steps.find.get("split")).get("sealed"))
+    return {
+        "logs": log_rows(entries(steps.find.get("logs")), sealed),
+        "rig_sha256": steps.find.get("rig_sha256") or UNKNOWN,
+    }

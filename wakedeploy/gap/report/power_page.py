@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from wakedeploy.core import figures
+from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.core.markup import Markup, element, page, picture, table, together
 from wakedeploy.gap.evidence.separation import ENOUGH_NATS
-from wakedeploy.gap.planning.plan import MARGIN_NATS
-from wakedeploy.gap.planning.power import EffectPower, Power
-from wakedeploy.gap.planning.rates import SURE
-from wakedeploy.gap.planning.sensors import SENSORS
-from wakedeploy.gap.planning.tracking import CONTROLLER
+from wakedeploy.gap.systems.gantry.planning.plan import MARGIN_NATS
+from wakedeploy.gap.systems.gantry.planning.power import EffectPower, Power
+from wakedeploy.gap.systems.gantry.planning.rates import SURE
+from wakedeploy.gap.systems.gantry.planning.sensors import SENSORS
+from wakedeploy.gap.systems.gantry.planning.tracking import CONTROLLER
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -67,9 +66,10 @@ def write_page(power: Power, folder: Path) -> Path:
     for name, figure in drawn.items():
         path = folder / "figures" / f"power-{name}.png"
         figures.save(figure, path)
-        pictures[name] = picture(path, _CAPTIONS[name])
+        pictures[name] = pages.Picture(path, _CAPTIONS[name])
     path = folder / "power.html"
-    write_text_whole(path, page("What these flights can tell", *_body(power, pictures)))
+    text = pages.page("wakedeploy.gap.report", "power.html", pictures=pictures, **_told(power))
+    write_text_whole(path, text)
     return path
 
 
@@ -268,27 +268,21 @@ def _explain_colours(drawn: "Figure") -> None:
     drawn.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=7.5)
 
 
-def _body(power: Power, pictures: dict[str, Markup]) -> list[Markup]:
-    return [
-        element("h1", "What these flights can tell"),
-        element("p", _subtitle(power), class_="soft"),
-        element("div", *(element("p", s) for s in sentences(power)), class_="account"),
-        element("h2", "Every effect"),
-        table(COLUMNS, rows(power)),
-        pictures["sizes"],
-        element("h2", "Before buying a sensor"),
-        table(["sensor", "what it is", "noise", "gain known to", "about"], _sensor_rows()),
-        pictures["sensors"],
-        element("h2", "What looks like what"),
-        pictures["confusion"],
-        table(["class", "cheapest sensor that names each", "what splits it"], _class_rows(power)),
-        element("h2", "What ignoring an effect costs"),
-        element("p", f"Flown by {CONTROLLER}; the rig file does not know the effect, the plant "
-                f"has it. Without any effect the error is {power.tracking_mm:.1f} mm."),
-        pictures["cost"],
-        element("h2", "How this was computed"),
-        _method(power),
-    ]  # fmt: skip
+def _told(power: Power) -> dict[str, Any]:
+    """What the page says."""
+    sensors = ["sensor", "what it is", "noise", "gain known to", "about"]
+    classes = ["class", "cheapest sensor that names each", "what splits it"]
+    return {
+        "title": "What these flights can tell",
+        "subtitle": _subtitle(power),
+        "sentences": sentences(power),
+        "effects": pages.Table(COLUMNS, rows(power)),
+        "sensors": pages.Table(sensors, _sensor_rows()),
+        "classes": pages.Table(classes, _class_rows(power)),
+        "flown": f"Flown by {CONTROLLER}; the rig file does not know the effect, the plant has it. "
+        f"Without any effect the error is {power.tracking_mm:.1f} mm.",
+        "method": _method(power),
+    }
 
 
 def _subtitle(power: Power) -> str:
@@ -323,8 +317,8 @@ def _class_rows(power: Power) -> list[list[str]]:
     return told
 
 
-def _method(power: Power) -> Markup:
-    texts = (
+def _method(power: Power) -> tuple[str, ...]:
+    return (
         "Flights of the rig file are simulated closed loop, with turbulence, outliers and clock "
         "jitter. The likelihood that names effects from measured flights then tells how each "
         "effect, at its plausible size (one prior scale of the library), would move the range "
@@ -348,4 +342,3 @@ def _method(power: Power) -> Markup:
         "acts, as held readings do, is judged on flights that do not have it yet, and will be told "
         "apart better than is said here.",
     )
-    return together(*(element("p", text) for text in texts))

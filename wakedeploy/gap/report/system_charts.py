@@ -56,14 +56,14 @@ def draw_autocorrelation(document: Part) -> "Figure | None":
     both = [(mapping(white.get("before")), BEFORE, "baseline"),
             (mapping(white.get("after")), AFTER, "with what was found")]  # fmt: skip
     channels = list(mapping(document.get("gap")))
-    if not all(len(told.get("autocorrelation") or []) == len(channels) > 0 for told, *_ in both):
+    if not channels or not all(len(_by_channel(told)) == len(channels) for told, *_ in both):
         return None
     drawn, grid = figures.figure(
         1, len(channels), size=(_WIDTH_IN, 2.4), sharey=True, squeeze=False
     )
     for row, (axes, channel) in enumerate(zip(grid[0], channels, strict=True)):
         for told, colour, label in both:
-            axes.plot(numbers(told.get("lags")), numbers(told["autocorrelation"][row]), "o-",
+            axes.plot(numbers(told.get("lags")), _by_channel(told)[row], "o-",
                       color=colour, markersize=3, label=label)  # fmt: skip
         half = 1.96 / math.sqrt(number(both[0][0].get("samples")))
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
@@ -72,6 +72,12 @@ def draw_autocorrelation(document: Part) -> "Figure | None":
     grid[0, 0].set_ylabel("autocorrelation")
     _legend(drawn, grid[0, 0])
     return drawn
+
+
+def _by_channel(white: Part) -> "list[FloatArray]":
+    """Autocorrelations, a row for each channel."""
+    rows = white.get("by_channel") or [white.get("autocorrelation")]
+    return [numbers(row) for row in rows]
 
 
 def draw_delay_profile(profile: Part) -> "Figure | None":

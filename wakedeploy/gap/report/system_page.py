@@ -4,13 +4,12 @@ In: the document of `closing.close` with what the domain itself adds, as in `dom
 `report.html` and `figures/*.png` in the same folder. May import what `wakedeploy.gap` may.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from wakedeploy.core import figures
+from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
-from wakedeploy.core.markup import Markup, element, page, picture, table, together
 from wakedeploy.gap.report import system_charts
 from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
 from wakedeploy.gap.report.maps import draw_places
@@ -34,23 +33,50 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PLACES = 12
+_CAPTIONS = {
+    "places": (
+        "The mean residual on the sealed episodes over every coordinate, before and after; the six "
+        "that change most."
+    ),
+    "ranking": (
+        "What each effect gains on episodes that it was not fitted to, with 90 % intervals over "
+        "the episodes. Left of the threshold is what simulations of the baseline gain by chance. "
+        "Orange: accepted; blue: above the threshold and not chosen."
+    ),
+    "gap": "Error per channel, noise not removed.",
+    "trace": "The sealed episode whose error fell by the median share.",
+    "autocorrelation": (
+        "Whitened innovations of the fitted episodes: noise alone stays within the band 19 times "
+        "in 20."
+    ),
+}
 
 Document = Mapping[str, Any]
 Drawing = Callable[[Document], "Figure | None"]
 
 
-def write_page(document: Document, out: Path) -> Path:
+def write_page(
+    document: Document,
+    out: Path,
+    *,
+    said: Sequence[str] = (),
+    next_commands: Sequence[str] = (),
+) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
+
+    `said` is the answer in sentences, where there is more to say than the verdict; `next_commands`
+    stand on the page, to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
-    title = f"The gap in the domain {document.get('domain')}"
-    body = [element("h1", title), *_steps(document, out, "")]
+    title = f"Simulation against measurement: {document.get('domain')}"
+    accounts = [_account(title, document, out, "")]
     if far := mapping(document.get("far")):
-        body += [element("h1", "The same, where no wake is"), *_steps(far, out, "far_")]
-    body.append(_further(document, out))
+        accounts.append(_account("The same, where no wake is", far, out, "far_"))
+    told = {"title": title, "accounts": accounts, "further": _further(document, out)}
+    told |= {"next": next_commands, "said": said}
     path = out / "report.html"
-    write_text_whole(path, page(title, *body))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
     return path
 
 
@@ -62,62 +88,36 @@ def doubt_sentence(document: Document) -> str:
     return f"Doubt {listed(doubted)}: with it, the error on the sealed episodes grew."
 
 
-def _steps(document: Document, out: Path, prefix: str) -> list[Markup]:
-    """Verdict, where, which, how much smaller: one section each."""
-    names = [str(effect.get("name")) for effect in entries(document.get("effects"))]
+def _account(title: str, document: Document, out: Path, prefix: str) -> dict[str, Any]:
+    """Verdict, where, which, how much smaller."""
     shown = mapping(document.get("shown"))
 
-    def draw(name: str, caption: str, drawing: Drawing, of: Document = document) -> Markup:
-        return _picture(out / "figures" / f"{prefix}{name}.png", caption, drawing, of)
+    def draw(name: str, drawing: Drawing, of: Document = document) -> pages.Picture | None:
+        return _picture(out / "figures" / f"{prefix}{name}.png", _CAPTIONS[name], drawing, of)
 
-    return [
-        _opening(document, names),
-        _section(
-            "Where they disagree",
-            _places(document),
-            draw(
-                "places",
-                "The mean residual on the sealed episodes over every coordinate, before and after; "
-                "the six that change most.",
-                lambda told: draw_places(told, {}),
-                shown,
-            ),
-        ),
-        _section(
-            "Which effect explains it",
-            draw(
-                "ranking",
-                "What each effect gains on episodes that it was not fitted to, with 90 % intervals "
-                "over the episodes. Left of the threshold is what simulations of the baseline gain "
-                "by chance. Orange: accepted; blue: above the threshold and not chosen.",
-                draw_ranking,
-            ),
-            _alone(document),
-        ),
-        _section(
-            "The gap before and after, on sealed episodes",
-            draw("gap", "Error per channel, noise not removed.", draw_gaps),
-            _placebo(document),
-            element("p", doubt) if (doubt := doubt_sentence(document)) else Markup(),
-            draw(
-                "trace",
-                "The sealed episode whose error fell by the median share.",
-                system_charts.draw_trace,
-                mapping(shown.get("trace")),
-            ),
-            *_white(document),
-            draw(
-                "autocorrelation",
-                "Whitened innovations of the fitted episodes: noise alone stays within the band 19 "
-                "times in 20.",
-                system_charts.draw_autocorrelation,
-            ),
-        ),
-    ]
+    episodes, sealed = (len(texts(document.get(key))) for key in ("episodes", "sealed"))
+    return {
+        "title": title,
+        "counts": f"{counted(episodes, 'episode')}, {sealed} of them sealed",
+        "verdict": _verdict(document),
+        "sizes": _sizes(document),
+        "places": _places(document),
+        "alone": _alone(document),
+        "placebo": _placebo(document),
+        "doubt": doubt_sentence(document),
+        "white": _white(document),
+        "pictures": {
+            "places": draw("places", lambda told: draw_places(told, {}), shown),
+            "ranking": draw("ranking", draw_ranking),
+            "gap": draw("gap", draw_gaps),
+            "trace": draw("trace", system_charts.draw_trace, mapping(shown.get("trace"))),
+            "autocorrelation": draw("autocorrelation", system_charts.draw_autocorrelation),
+        },
+    }
 
 
-def _opening(document: Document, names: list[str]) -> Markup:
-    """The verdict in words, and the sizes."""
+def _verdict(document: Document) -> str:
+    names = [str(effect.get("name")) for effect in entries(document.get("effects"))]
     rivals = texts(document.get("class"))
     too_many = f"The baseline lacks one of {listed(rivals, 'or')}: too many to call it a class."
     told = {
@@ -126,23 +126,20 @@ def _opening(document: Document, names: list[str]) -> Markup:
         "unknown": too_many if rivals else "The baseline lacks what no single effect explains.",
         "none": "Nothing is missing from the baseline beyond noise.",
     }
-    episodes, sealed = (len(texts(document.get(key))) for key in ("episodes", "sealed"))
+    return told.get(str(document.get("verdict")), "No verdict.")
+
+
+def _sizes(document: Document) -> pages.Table:
     rows = [
         [str(effect.get("name")), parameter, value]
         for effect in entries(document.get("effects"))
         for parameter, value in parameters_of(effect)
     ]
-    return together(
-        element("p", f"{counted(episodes, 'episode')}, {sealed} of them sealed", class_="soft"),
-        element("p", told.get(str(document.get("verdict")), "No verdict."), class_="account"),
-        table(["effect", "parameter", "value (90 % interval)"], rows),
-    )
+    return pages.Table(["effect", "parameter", "value (90 % interval)"], rows)
 
 
-def _places(document: Document) -> Markup:
+def _places(document: Document) -> pages.Table:
     found = entries(document.get("where"))
-    if not found:
-        return element("p", "Nowhere beyond noise.")
     rows = [
         [
             place_words(place).split(":")[0],
@@ -154,14 +151,14 @@ def _places(document: Document) -> Markup:
     ]
     if len(found) > _MOST_PLACES:
         rows.append([f"and {len(found) - _MOST_PLACES} more in domain.json", "", "", ""])
-    return table(["place", "channel", "mean residual", "significance"], rows)
+    return pages.Table(["place", "channel", "mean residual", "significance"], rows)
 
 
-def _alone(document: Document) -> Markup:
+def _alone(document: Document) -> pages.Table | None:
     """The first ranking as a table; the parameters without their effect's name."""
     rounds = entries(document.get("rounds"))
     if not rounds:
-        return Markup()
+        return None
     ranking = [
         {
             **each,
@@ -175,10 +172,10 @@ def _alone(document: Document) -> Markup:
     return ranking_table({"rounds": [{"ranking": ranking}]})
 
 
-def _placebo(document: Document) -> Markup:
+def _placebo(document: Document) -> str:
     placebo = mapping(document.get("placebo"))
     if not placebo:
-        return Markup()
+        return ""
     channels = [(str(n), str(mapping(c).get("unit"))) for n, c in mapping(document["gap"]).items()]
     left = [
         f"{name} {quantity(before, unit)} → {quantity(after, unit)}"
@@ -187,14 +184,13 @@ def _placebo(document: Document) -> Markup:
         )
     ]
     nats = [number(of.get("sealed_gain_nats")) for of in (placebo, document)]
-    return element(
-        "p",
+    return (
         f"The best other effect instead, {placebo.get('name')}: {'; '.join(left)}. On the sealed "
-        f"episodes it gains {nats[0]:.1f} nats, what was found {nats[1]:.1f}.",
+        f"episodes it gains {nats[0]:.1f} nats, what was found {nats[1]:.1f}."
     )
 
 
-def _white(document: Document) -> list[Markup]:
+def _white(document: Document) -> list[str]:
     white = mapping(document.get("white"))
     return [
         whiteness(mapping(white.get("before")), "the baseline"),
@@ -202,7 +198,7 @@ def _white(document: Document) -> list[Markup]:
     ]
 
 
-def _further(document: Document, out: Path) -> Markup:
+def _further(document: Document, out: Path) -> list[object]:
     """What only this domain tells: an independent estimate, a profile, an audit, the truth."""
     folder = out / "figures"
     parts = [
@@ -224,10 +220,10 @@ def _further(document: Document, out: Path) -> Markup:
         _label(mapping(document.get("label"))),
         _hidden(mapping(document.get("hidden"))),
     ]
-    return _section("Told independently", *parts) if any(parts) else Markup()
+    return [part for part in parts if part]
 
 
-def _single_steps(steps: Document) -> Markup:
+def _single_steps(steps: Document) -> pages.Table:
     """Motor: an exponential fitted to each step alone."""
     rows = [
         [way, str(mapping(steps.get(way)).get("steps")),
@@ -235,34 +231,34 @@ def _single_steps(steps: Document) -> Markup:
         for way in ("up", "down")
         if way in steps
     ]  # fmt: skip
-    return table(["exponential fitted to each step alone", "steps", "median time constant"], rows)
+    return pages.Table(
+        ["exponential fitted to each step alone", "steps", "median time constant"], rows
+    )
 
 
-def _label(groups: Document) -> Markup:
+def _label(groups: Document) -> pages.Table:
     """Quadrotor: the label as published, and with what turning axes keep back given back to it."""
     columns = (("seconds", "s"), ("label_rms_n", "N"), ("corrected_rms_n", "N"))
     rows = [
         [name, *(quantity(mapping(group).get(key), unit) for key, unit in columns)]
         for name, group in groups.items()
     ]
-    return table(["flights", "recorded", "vertical label, rms", "axes not turning, rms"], rows)
+    return pages.Table(
+        ["flights", "recorded", "vertical label, rms", "axes not turning, rms"], rows
+    )
 
 
-def _hidden(truth: Document) -> Markup:
+def _hidden(truth: Document) -> pages.Table:
     """Downwash: what had been put in."""
     rows = [[name, f"{number(value):g}"] for name, value in truth.items()]
-    return table(["what had been hidden", "value"], rows)
+    return pages.Table(["what had been hidden", "value"], rows)
 
 
-def _picture(path: Path, caption: str, drawing: Drawing, of: Document) -> Markup:
+def _picture(path: Path, caption: str, drawing: Drawing, of: Document) -> pages.Picture | None:
     with figures.style():
         figure = drawing(of)
     if figure is None:
         path.unlink(missing_ok=True)  # of an earlier run
-        return Markup()
+        return None
     figures.save(figure, path)
-    return picture(path, caption)
-
-
-def _section(title: str, *inside: str) -> Markup:
-    return element("section", element("h2", title), *inside)
+    return pages.Picture(path, caption)

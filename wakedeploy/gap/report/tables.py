@@ -1,13 +1,14 @@
 """The report's tables: places, ranking, noise, what could be detected, what was added, logs.
 
-In: parts of the artefacts. Out: markup; empty where there is nothing to say.
+In: parts of the artefacts. Out: tables and sentences for the template; empty where there is nothing
+to say.
 """
 
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from wakedeploy.core.markup import Markup, element, table, together
+from wakedeploy.core.pages import Table
 from wakedeploy.gap.report.shrinkage import closed_words, gap_value, unchanged
 from wakedeploy.gap.report.summary import (
     coordinate,
@@ -35,11 +36,12 @@ from wakedeploy.gap.wording import (
 )
 
 _MOST_PLACES, _MOST_RANKED = 16, 10
+_NO_NATS = 0.05
 
 Artefact = Mapping[str, Any]
 
 
-def place_table(places: Sequence[Artefact]) -> Markup:
+def place_table(places: Sequence[Artefact]) -> Table:
     """The places where the disagreement is significant, the strongest first."""
     rows = [
         [
@@ -53,10 +55,10 @@ def place_table(places: Sequence[Artefact]) -> Markup:
     ]
     if len(places) > _MOST_PLACES:
         rows.append([f"and {len(places) - _MOST_PLACES} more in find.json", "", "", "", ""])
-    return table(["place", "channel", "coordinate", "residual", "significance"], rows)
+    return Table(["place", "channel", "coordinate", "residual", "significance"], rows)
 
 
-def ranking_table(name: Artefact) -> Markup:
+def ranking_table(name: Artefact) -> Table:
     """The best of the first round with gain, confidence and fitted values."""
     rounds = entries(name.get("rounds"))
     ranking = ranked(rounds[0]) if rounds else []
@@ -64,7 +66,7 @@ def ranking_table(name: Artefact) -> Markup:
     titles = ["effect alone", "gain [nats]", "confidence", "values"]
     if all(math.isnan(number(each.get("confidence"))) for each in ranking):
         titles, rows = [*titles[:2], titles[3]], [[*row[:2], row[3]] for row in rows]
-    return table(titles, rows)
+    return Table(titles, rows)
 
 
 def ranked(round_: Artefact) -> list[Artefact]:
@@ -76,64 +78,58 @@ def ranked(round_: Artefact) -> list[Artefact]:
 
 def _ranked(candidate: Artefact) -> list[str]:
     values = ", ".join(f"{spoken(name)} {value}" for name, value in parameters_of(candidate))
-    gain = measured(candidate.get("gain_nats"), *interval(candidate.get("interval")), "")
+    gain = _gain(candidate)
     return [str(candidate.get("name")), gain, confidence(candidate.get("confidence")), values]
 
 
-def noise_table(noise: Artefact) -> Markup:
+def _gain(candidate: Artefact) -> str:
+    """A gain in nats with its interval; below a twentieth of one it says nothing."""
+    nats, ends = number(candidate.get("gain_nats")), interval(candidate.get("interval"))
+    if max(map(abs, (nats, *ends))) < _NO_NATS:
+        return "0.0"
+    return measured(nats, *ends, "")
+
+
+def noise_table(noise: Artefact) -> Table:
     """The noise model as fitted together with what was found."""
     rows = [
         [spoken(str(name)), quantity(mapping(value).get("value"), unit_of(mapping(value)))]
         for name, value in noise.items()
     ]
-    return _titled("The noise as fitted", table(["noise", "value"], rows), bool(rows))
+    return Table(["noise", "value"], rows)
 
 
-def detectable_table(name: Artefact) -> Markup:
-    """The smallest size of each effect that would have shown: the answer where nothing is missing.
-
-    Under any other verdict it is folded away.
-    """
+def detectable_table(name: Artefact) -> Table:
+    """The smallest size of each effect that would have shown; the answer if nothing is missing."""
     rows = [list(row) for row in detectable_sizes(name)]
     rows += [[hidden, UNKNOWN, "no plausible size"] for hidden in undetectable(name)]
     rows += [[bent, UNKNOWN, "not known: far from linear"] for bent in untold(name)]
-    inside = table(["effect", "parameter", "off by"], rows)
-    title = "What these flights would have shown"
-    if not rows or name.get("verdict") == "none":
-        return _titled(title, inside, bool(rows))
-    return element("details", element("summary", title), inside)
+    return Table(["effect", "parameter", "off by"], rows)
 
 
-def unknown_effect(unknown: Artefact) -> Markup:
+def unknown_effect(unknown: Artefact) -> dict[str, object]:
     """The expression for an effect without a name, and what it depends on."""
     if not unknown:
-        return Markup()
-    parts = []
-    coordinates = texts(unknown.get("coordinates"))
-    if coordinates:
-        parts.append(
-            element(
-                "p", f"What is left depends on the {listed([coordinate(c) for c in coordinates])}."
-            )
-        )
-    lines = [str(unknown[key]) for key in ("text", "expression") if unknown.get(key)]
-    if lines:
-        parts.append(element("pre", element("code", "\n".join(lines))))
-    parts.append(table(["coefficient", "value (90 % interval)"], parameters_of(unknown)))
-    return together(element("h3", "An effect without a name"), *parts)
+        return {}
+    names = [coordinate(each) for each in texts(unknown.get("coordinates"))]
+    return {
+        "depends": f"What is left depends on the {listed(names)}." if names else "",
+        "lines": [str(unknown[key]) for key in ("text", "expression") if unknown.get(key)],
+        "coefficients": Table(["coefficient", "value (90 % interval)"], parameters_of(unknown)),
+    }
 
 
-def added_effects(effects: Sequence[Artefact]) -> Markup:
+def added_effects(effects: Sequence[Artefact]) -> Table:
     """The values that the new rig file states."""
     rows = [
         [str(effect.get("name")), parameter, value]
         for effect in effects
         for parameter, value in parameters_of(effect) or [(UNKNOWN, UNKNOWN)]
     ]
-    return table(["effect", "parameter", "value (90 % interval)"], rows)
+    return Table(["effect", "parameter", "value (90 % interval)"], rows)
 
 
-def gap_table(gap: Artefact) -> Markup:
+def gap_table(gap: Artefact) -> Table:
     """Every channel before, after, floor, and the share of the gap that is closed."""
     channels = [(str(name), mapping(channel)) for name, channel in gap.items()]
     rows = [
@@ -144,40 +140,35 @@ def gap_table(gap: Artefact) -> Markup:
         ]
         for name, channel in channels
     ]
-    return table(["channel", "before", "after", "noise alone", "closed"], rows)
+    return Table(["channel", "before", "after", "noise alone", "closed"], rows)
 
 
-def whiteness(white: Artefact, of: str) -> Markup:
+def whiteness(white: Artefact, of: str) -> str:
     """One sentence: whether what is left looks like noise, which is no proof that it is."""
     if white.get("passes") is None:
-        return Markup()
+        return ""
     left = "cannot be told from noise" if white["passes"] else "are more than noise"
-    return element("p", f"For {of}, the innovations {left} ({whiteness_words(white)}).")
+    return f"For {of}, the innovations {left} ({whiteness_words(white)})."
 
 
-def log_table(logs: Sequence[Artefact], sealed: Sequence[str]) -> Markup:
+def log_rows(logs: Sequence[Artefact], sealed: Sequence[str]) -> list[dict[str, str]]:
     """Every log read: length, use, notes, hash."""
-    rows = []
-    for log in logs:
-        path = str(log.get("path"))
-        rows.append(
-            [
-                path,
-                quantity(log.get("seconds"), "s"),
-                f"{number(log.get('samples')):.0f}".replace("nan", UNKNOWN),
-                "sealed" if any(_same(path, name) for name in sealed) else "fitted",
-                "; ".join(texts(log.get("notes"))),
-                element("code", str(log.get("sha256") or UNKNOWN)[:12]),
-            ]
-        )
-    return table(["log", "length", "samples", "use", "notes", "SHA-256"], rows)
+    return [_log_row(log, sealed) for log in logs]
+
+
+def _log_row(log: Artefact, sealed: Sequence[str]) -> dict[str, str]:
+    path = str(log.get("path"))
+    return {
+        "path": path,
+        "length": quantity(log.get("seconds"), "s"),
+        "samples": f"{number(log.get('samples')):.0f}".replace("nan", UNKNOWN),
+        "use": "sealed" if any(_same(path, name) for name in sealed) else "fitted",
+        "notes": "; ".join(texts(log.get("notes"))),
+        "sha256": str(log.get("sha256") or UNKNOWN)[:12],
+    }
 
 
 def _same(path: str, name: str) -> bool:
     """A split names logs by path or by file name, with or without the ending."""
     last = path.replace("\\", "/").rsplit("/", 1)[-1]
     return name in (path, last, last.rsplit(".", 1)[0])
-
-
-def _titled(title: str, inside: Markup, there: bool) -> Markup:
-    return together(element("h3", title), inside) if there else Markup()

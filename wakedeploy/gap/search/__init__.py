@@ -1,6 +1,5 @@
-"""What is missing: where it shows, its name or expression, how sure that is, what it closes.
+"""What a system's model lacks, whatever the system: where it shows, and which effect explains it.
 
-In: a system's model and episodes. Out: places, an answer, a corrected rig, the gap before and
-after. Thresholds and detectability lie here, since they repeat the search on simulated flights. May
-import the systems and the evidence; never plans or reports.
+In: a model and a fit of it. Out: places, a ranking, what is named and how much that removes. May
+import the evidence; never a system, plans or reports.
 """

@@ -1,47 +1,30 @@
-"""Where simulation and measurement disagree, beyond noise.
+"""Where simulation and measurement disagree, beyond noise, in any system.
 
-In: a model and its fitted base. Out: maps of the residuals over each coordinate, and a ranked list
-of places in words. Residuals are permuted in blocks longer than their correlation and within each
-flight, so that a map's p value holds for coloured residuals and for flights that differ as a whole;
-false discoveries are controlled over all maps (Benjamini and Hochberg 1995).
+In: series of residuals with the coordinates that they may depend on. Out: maps of the residuals
+over each coordinate, and a ranked list of places in words. Residuals are permuted in blocks longer
+than their correlation and within each episode, so that a map's p value holds for coloured residuals
+and for episodes that differ as a whole; false discoveries are controlled over all maps (Benjamini
+and Hochberg 1995).
 """
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from wakedeploy.gap.evidence.inference import Fit
-from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
-from wakedeploy.gap.few_flights import cannot_tell, these
-from wakedeploy.gap.systems.gantry.flight import FloatArray
-from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.residuals import (
-    CHANNELS,
-    COORDINATES,
-    INNOVATION,
-    Residuals,
-    mean_square,
-    residuals,
-)
+from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.wording import number, signs
 
 IntArray = npt.NDArray[np.int64]
 Orders = npt.NDArray[np.int32]
 BoolArray = npt.NDArray[np.bool_]
 
+INNOVATION = "innovation"  # of no unit that a system has: it tells that, and not by how much
 FALSE_DISCOVERIES = 0.05
 FORBIDS_NONE = 0.02  # a place at this q or below; one in fifty sets of flights has it by chance
-HORIZONS_S = (0.25, 0.5, 1.0)
-# At least four times as long as the channel's own window correlates what it measures.
-BLOCK_S = {
-    "force": 3.0,
-    "control effort": 4.0,
-    "height 0.25 s ahead": 3.0,
-    INNOVATION: 2.0,
-}
 _BINS = 8
 _FEWEST = 80  # residuals, to make a map of
 _PERMUTATIONS = 999  # the fewest with which one map alone can be significant among all
@@ -50,51 +33,44 @@ _MOST_PLACES = 12
 _MOST_OF_INNOVATIONS = 4
 
 
-def find_places(
-    model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
-) -> dict[str, Any]:
-    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
+@dataclass(frozen=True, eq=False)
+class Residuals:
+    """One episode's residuals of one channel at some times (n,), and the coordinates there (n,)."""
 
-    A place counts from the size `least` of its channel on, in its unit: so much the model's own
-    approximations leave on this rig when nothing is missing (see `threshold`). A channel without
-    one, as the innovations, counts by its q value alone. Places come by q value, then by
-    how far their map stands out of its shuffles, innovations after the other channels.
+    channel: str
+    at_s: FloatArray
+    value: FloatArray
+    coordinates: dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class Axes:
+    """What residuals are of and over: units of channels, unit of each coordinate, blocks' lengths.
+
+    A coordinate also says whether it is known whatever the system does. A block [s] is longer than
+    the channel's residuals stay alike.
     """
-    limits = dict(least or {})
-    maps: list[dict[str, Any]] = []
-    for channel in CHANNELS:
-        series = [residuals(model, base, channel, i) for i in range(model.episodes)]
-        maps += _maps(series)
+
+    channels: Mapping[str, str]
+    coordinates: Mapping[str, tuple[str, bool]]
+    block_s: Mapping[str, float]
+
+
+def disagreements(
+    series: Mapping[str, Sequence[Residuals]], axes: Axes, least: Mapping[str, float] | None = None
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Maps of every channel's residuals, and the places that stand out of them.
+
+    A place counts from the size `least` of its channel on, in its unit; a channel without one
+    counts by its q value alone. Places come by q value, then by how far their map stands out of its
+    shuffles, innovations after the other channels.
+    """
+    maps = [m for each in series.values() for m in _maps(each, axes)]
     for m, q in zip(maps, q_values([m["p_value"] for m in maps]), strict=True):
         m["q_value"] = q
     maps.sort(key=lambda m: (m["q_value"], -m["clarity"]))
-    places = _ranked(
-        [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)], limits
-    )
-    white = [samples(score) for score in base.slopes.scores]
-    rest = whiteness(base)
-    return {
-        "white": rest.as_json(limit),
-        "places": places,
-        "maps": maps,
-        "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
-        "replay": [_replay(model, base, h) for h in HORIZONS_S],
-        "noise_floor": _noise_floors(maps),
-        "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
-        "sentence": _sentence(places, rest.passes(limit), model.episodes),
-    }
-
-
-def _noise_floors(maps: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """What noise alone puts into a bin of a channel's maps: the median reach of 90 % intervals."""
-    reaches: dict[str, list[float]] = {}
-    for m in maps:
-        own = 0.5 * (np.array(m["high"]) - np.array(m["low"]))
-        reaches.setdefault(m["channel"], []).extend(own.tolist())
-    return {
-        channel: {"value": float(np.median(own)), "unit": CHANNELS[channel]}
-        for channel, own in reaches.items()
-    }
+    found = [p for m in maps if m["q_value"] <= FALSE_DISCOVERIES for p in _places(m)]
+    return maps, _ranked(found, dict(least or {}))
 
 
 def _ranked(places: Sequence[dict[str, Any]], limits: Mapping[str, float]) -> list[dict[str, Any]]:
@@ -125,21 +101,26 @@ def q_values(p: Sequence[float]) -> list[float]:
     return [float(v) for v in result]
 
 
-def _maps(series: Sequence[Residuals]) -> list[dict[str, Any]]:
+def _maps(series: Sequence[Residuals], axes: Axes) -> list[dict[str, Any]]:
     """A channel's maps over every coordinate that varies, and its mean over all places."""
-    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
-    length = max(round(BLOCK_S[series[0].channel] / float(spacing_s)), 1)
+    length = block_length(series, axes)
     rng = np.random.default_rng([len(s.value) for s in series])
     orders = _orders([len(s.value) for s in series], length, rng)
-    each = (_map(series, name, length, orders) for name in COORDINATES)
-    return [*(m for m in each if m is not None), _everywhere(series, length)]
+    each = (_map(series, name, length, orders, axes) for name in axes.coordinates)
+    return [*(m for m in each if m is not None), _everywhere(series, length, axes)]
+
+
+def block_length(series: Sequence[Residuals], axes: Axes) -> int:
+    """Samples of a block of a channel's residuals."""
+    spacing_s = np.median(np.concatenate([np.diff(s.at_s) for s in series]))
+    return max(round(axes.block_s[series[0].channel] / float(spacing_s)), 1)
 
 
 def _map(
-    series: Sequence[Residuals], name: str, length: int, orders: Orders
+    series: Sequence[Residuals], name: str, length: int, orders: Orders, axes: Axes
 ) -> dict[str, Any] | None:
     """Mean residual in bins of one coordinate, with a permutation test of "depends on it"."""
-    unit, exogenous = COORDINATES[name]
+    unit, exogenous = axes.coordinates[name]
     coordinate = np.concatenate([s.coordinates[name] for s in series])
     value = np.concatenate([s.value for s in series])
     known = np.isfinite(coordinate) & np.isfinite(value)
@@ -149,11 +130,15 @@ def _map(
     if len(edges) < 3:
         return None
     bins = np.where(known, np.clip(np.digitize(coordinate, edges[1:-1]), 0, len(edges) - 2), -1)
-    centred = _centred(value, known, [len(s.value) for s in series])
     inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
+    if any(_varies(s.coordinates[name]) for s in series):
+        centred = _centred(value, known, [len(s.value) for s in series])
+        # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
+        shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
+    else:
+        centred = _centred(value, known, [len(value)])
+        shuffled = _between_episodes(centred, bins, series)
     strength = float(_strength(centred[None, :], inside)[0])
-    # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
-    shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
     p_value, clarity = _judged(strength, shuffled)
     blocks = blocks_of(series, length)
     means, errors, counts = bin_means(value, bins, blocks, len(edges) - 1)
@@ -164,7 +149,7 @@ def _map(
         "channel": series[0].channel,
         "coordinate": name,
         "exogenous": exogenous,
-        "unit": CHANNELS[series[0].channel],
+        "unit": axes.channels[series[0].channel],
         "coordinate_unit": unit,
         "edges": edges.tolist(),
         "mean": means.tolist(),
@@ -174,7 +159,7 @@ def _map(
         "blocks": (visits > 0).sum(0).tolist(),
         "p_value": p_value,
         "clarity": clarity,
-        "strength": strength / max(mean_square(centred) * len(value), 1e-300),
+        "strength": strength / max(_mean_square(centred) * len(value), 1e-300),
     }
 
 
@@ -189,7 +174,25 @@ def _judged(strength: float, shuffled: FloatArray) -> tuple[float, float]:
     return (beaten + 1) / (len(shuffled) + 1), (strength - float(shuffled.mean())) / deviation
 
 
-def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
+def _varies(values: FloatArray) -> bool:
+    finite = values[np.isfinite(values)]
+    return len(finite) > 0 and bool(np.ptp(finite) > 0.0)
+
+
+def _between_episodes(value: FloatArray, bins: IntArray, series: Sequence[Residuals]) -> FloatArray:
+    """Strengths where episodes exchange a coordinate that each of them holds still."""
+    firsts = np.cumsum([0, *(len(s.value) for s in series[:-1])])
+    sums, counts = np.add.reduceat(value, firsts), [len(s.value) for s in series]
+    rng = np.random.default_rng(len(value))
+    shuffled = []
+    for _ in range(_PERMUTATIONS):
+        of = rng.permutation(bins[firsts])
+        number = np.maximum(np.bincount(of, counts), 1.0)
+        shuffled.append(float((np.bincount(of, sums) ** 2 / number).sum()))
+    return np.array(shuffled)
+
+
+def _everywhere(series: Sequence[Residuals], length: int, axes: Axes) -> dict[str, Any]:
     """The mean over all places, against the spread of its blocks (each block's sign flipped).
 
     It asks whether these flights as a whole are off by more than noise, so a flight's own mean
@@ -205,7 +208,7 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
         "channel": series[0].channel,
         "coordinate": "everywhere",
         "exogenous": True,
-        "unit": CHANNELS[series[0].channel],
+        "unit": axes.channels[series[0].channel],
         "coordinate_unit": "",
         "edges": [0.0, 1.0],
         "mean": [mean],
@@ -214,7 +217,7 @@ def _everywhere(series: Sequence[Residuals], length: int) -> dict[str, Any]:
         "count": [len(value)],
         "p_value": p_value,
         "clarity": clarity,
-        "strength": mean**2 / mean_square(value) if len(value) else 0.0,
+        "strength": mean**2 / _mean_square(value) if len(value) else 0.0,
     }
 
 
@@ -341,22 +344,6 @@ def _short(value: float) -> str:
     return (f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}").replace("-", "−")
 
 
-def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:
-    errors, expected = [], []
-    for episode in range(model.episodes):
-        ahead = model.forecasts(base, episode, (horizon_s,))
-        errors.append(ahead.measured_m[0] - ahead.forecast_m[0])
-        expected.append(ahead.variance_m2[0])
-    error, variance = np.concatenate(errors), np.concatenate(expected)
-    known = np.isfinite(error) & np.isfinite(variance)
-    typical = np.abs(error[known]) < 6.0 * np.median(np.abs(error[known]))
-    return {
-        "horizon_s": horizon_s,
-        "rmse_m": float(np.sqrt((error[known][typical] ** 2).mean())),
-        "expected_m": float(np.sqrt(variance[known].mean())),
-    }
-
-
 def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
     """Whether a place disagrees too clearly for "nothing is missing".
 
@@ -367,16 +354,7 @@ def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
     )
 
 
-def _sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:
-    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
-    if not places and is_white:
-        told = "no place stands out from noise"
-    elif not places:
-        told = "no single place stands out, but as a whole more than noise is left"
-    elif forbids_none(places):
-        told = f"they disagree beyond noise: {places[0]['words']}"
-    else:
-        told = f"no place disagrees clearly beyond noise; the clearest is {places[0]['words']}"
-    scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
-    told = scope + told
-    return f"{told[0].upper()}{told[1:]}."
+def _mean_square(values: FloatArray) -> float:
+    """Of finite values; 0 for none."""
+    finite = values[np.isfinite(values)]
+    return float((finite**2).mean()) if len(finite) else 0.0

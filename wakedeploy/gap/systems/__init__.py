@@ -1,8 +1,8 @@
 """The systems whose simulation is compared with measurements: a baseline and its effects for each.
 
 In: public recordings in their original layout, flights of a gantry, or a small simulation. Out: a
-`Model` for `wakedeploy.gap.evidence.inference`. `response` makes one of a response and a noise;
-`closing` fits, ranks, names and shows with it; `gantry` has a folder, every other system a file.
+`Comparison` for `wakedeploy.gap.search`. `response` makes one of a response and a noise,
+`logs` one of a user's system; `gantry` has a folder, every other system a file.
 """
 
 import importlib
@@ -25,10 +25,8 @@ def open_domain(name: str, path: Path | None) -> ResponseModel:
     return model
 
 
-def further(
-    name: str, model: ResponseModel, simulations: int, seed: int, progress: Progress
-) -> dict[str, Any]:
+def further(name: str, model: ResponseModel, progress: Progress) -> dict[str, Any]:
     """What a domain adds to the account: independent estimates, profiles, an audit of labels."""
     module = importlib.import_module(f"wakedeploy.gap.systems.{name}")
-    result: dict[str, Any] = module.further(model, simulations, seed, progress)
+    result: dict[str, Any] = module.further(model, progress)
     return result

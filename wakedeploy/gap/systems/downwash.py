@@ -17,7 +17,8 @@ import numpy as np
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import FloatArray, Free
 from wakedeploy.gap.progress import Progress
-from wakedeploy.gap.systems.response import Record, ResponseModel, Values, covariance
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.response import ResponseModel, Values, covariance
 from wakedeploy.physics.body import PlanarBody
 from wakedeploy.physics.field import FieldGrid, FieldPhysics, WakeField
 from wakedeploy.physics.field_grid import drag_force_n
@@ -107,9 +108,7 @@ def open_model(path: Path | None) -> DownwashModel:
     return fly(HIDDEN)
 
 
-def further(
-    model: DownwashModel, simulations: int, seed: int, progress: Progress
-) -> dict[str, Any]:
+def further(model: DownwashModel, progress: Progress) -> dict[str, Any]:
     """What had been hidden; told after everything else is settled."""
     return {"hidden": dict(HIDDEN)}
 

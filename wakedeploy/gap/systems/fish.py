@@ -17,8 +17,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.fish import RATE_HZ, import_set
 from wakedeploy.gap.evidence.inference import FloatArray, Free, fit
 from wakedeploy.gap.progress import Progress, Steps, uncounted
-from wakedeploy.gap.systems.closing import required
-from wakedeploy.gap.systems.response import Record, ResponseModel, Values
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.response import ResponseModel, Values, required
 
 PIECE_S = 10.0
 HISTORY_S = 1.0  # of inputs before a piece, so that delays look back at what was measured
@@ -135,7 +135,7 @@ def open_model(path: Path | None) -> FishModel:
     return model
 
 
-def further(model: FishModel, simulations: int, seed: int, progress: Progress) -> dict[str, Any]:
+def further(model: FishModel, progress: Progress) -> dict[str, Any]:
     """The likelihood over the delay, in steps of a sixtieth of a second."""
     delays_s = np.arange(0, 37) / 60.0
     stage = "refitting at each delay"

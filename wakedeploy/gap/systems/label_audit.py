@@ -15,6 +15,7 @@ from wakedeploy.domains.quadrotor_files import (
     MASS_KG,
     THRUST_VALID_RADPS,
     Flight,
+    corrected_label,
     differentiated,
     smoothed,
     transport_term,
@@ -34,11 +35,6 @@ def audit(flights: Sequence[Flight]) -> dict[str, Any]:
     for flight in flights:
         groups.setdefault(flight.name.split("@")[0], []).append(flight)
     return {name: _numbers(group) for name, group in groups.items()}
-
-
-def corrected_label(flight: Flight) -> FloatArray:
-    """The label (n, 3) [N] with m ω × v, which turning axes keep back, given back to it."""
-    return np.asarray(flight.label + MASS_KG * transport_term(flight.sufferer))
 
 
 def _numbers(flights: Sequence[Flight]) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from scipy.optimize import curve_fit
 from wakedeploy.domains.motor import Step, read_steps
 from wakedeploy.gap.evidence.inference import FloatArray, Free
 from wakedeploy.gap.progress import Progress
-from wakedeploy.gap.systems.closing import required
-from wakedeploy.gap.systems.response import Record, ResponseModel, Values
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.systems.response import ResponseModel, Values, required
 
 _SHOWN_S = 0.25  # how long after a step the models differ
 # Records arrive in bursts, with the time of arrival: a step lies up to one burst before its record.
@@ -52,6 +52,11 @@ class MotorModel(ResponseModel):
     def __init__(self, steps: tuple[Step, ...]) -> None:
         self.steps = steps
         self.records = [Record(s.name, s.time_s, s.rpm[None, :]) for s in steps]
+
+    @property
+    def horizon(self) -> int:
+        """A few samples: errors are those of a quarter of a second."""
+        return 2
 
     def nuisances(self) -> tuple[Free, ...]:
         """A straight curve from duty to speed, how far levels lie from it, and the log's clock."""
@@ -100,11 +105,14 @@ class MotorModel(ResponseModel):
         return np.asarray(step.rpm - predicted)[None]
 
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
-        """Time since the step, the step's size, and the duty after it."""
+        """Time since a step up or down, the step's size, and the duty after it."""
         step = self.steps[episode]
         same = np.ones(len(step.time_s))
+        since_s = step.time_s - step.step_s
+        rising = step.after > step.before
         return {
-            "time since step": ("s", step.time_s - step.step_s),
+            "time since step up": ("s", np.where(rising, since_s, np.nan)),
+            "time since step down": ("s", np.where(rising, np.nan, since_s)),
             "size of step": ("%", same * (step.after - step.before)),
             "duty": ("%", same * step.after),
         }
@@ -138,7 +146,7 @@ class MotorModel(ResponseModel):
         return np.asarray(sag * warm)
 
 
-def further(model: MotorModel, simulations: int, seed: int, progress: Progress) -> dict[str, Any]:
+def further(model: MotorModel, progress: Progress) -> dict[str, Any]:
     """An exponential fitted to each step alone, by least squares: an independent estimate."""
     progress("fitting single steps")
     steps = [step_response(s) for s in model.steps]

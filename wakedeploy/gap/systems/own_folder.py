@@ -14,10 +14,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
 from wakedeploy.gap.evidence.inference import Fit, slopes_at
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.systems.correction import correction_of, write_correction
-from wakedeploy.gap.systems.logs import LogModel
-from wakedeploy.gap.systems.searching import Weight
-from wakedeploy.gap.systems.steps import (
+from wakedeploy.gap.search.rounds import (
     Named,
     fitted_base,
     found_document,
@@ -25,6 +22,9 @@ from wakedeploy.gap.systems.steps import (
     named_document,
     shown_document,
 )
+from wakedeploy.gap.search.weighing import Weight
+from wakedeploy.gap.systems.correction import correction_of, write_correction
+from wakedeploy.gap.systems.logs import LogModel
 
 CORRECTION = "correction.toml"
 _UP_TO = {"find": 1, "name": 2, "add": 3, "show": 4, "close": 4}
@@ -36,6 +36,7 @@ class Folder:
     def __init__(self, model: LogModel, out: Path, progress: Progress = quiet) -> None:
         self.model, self.out, self.progress = model, out, progress
         self.key = _key(model)
+        self.exported: list[str] = []  # sentences about further files that `add` wrote
 
     def run(self, step: str) -> dict[str, Any]:
         """The step and those that it needs; returns what all of them told."""
@@ -71,10 +72,12 @@ class Folder:
 
     def _add(self) -> None:
         write_correction(correction_of(self.model, self._found().found), self.out / CORRECTION)
+        self.exported = self.model.system.export(self._name(), self.out)
 
     def _show(self, told: dict[str, Any]) -> dict[str, Any]:
         self.progress("forecasting the sealed blocks")
         document = told | shown_document(self.model, self._found())
+        document["forecast_s"] = self.model.horizon * self.model.dt_s
         self._write("domain.json", document)
         return document
 

@@ -29,9 +29,10 @@ from wakedeploy.domains.quadrotor_files import (
 )
 from wakedeploy.gap.evidence.inference import FloatArray, Free
 from wakedeploy.gap.progress import Progress
-from wakedeploy.gap.systems.closing import close, required
+from wakedeploy.gap.search.comparison import Record
+from wakedeploy.gap.search.rounds import concluded
 from wakedeploy.gap.systems.label_audit import FAR_M, audit
-from wakedeploy.gap.systems.response import Record, ResponseModel, Values
+from wakedeploy.gap.systems.response import ResponseModel, Values, required
 
 _STRIDE = 20
 _MARGIN = 20  # samples at either end, where the label's smoother looks across the cut
@@ -164,9 +165,7 @@ def open_model(path: Path | None) -> QuadrotorModel:
     return QuadrotorModel(read_flights(required(path, "quadrotor")))
 
 
-def further(
-    model: QuadrotorModel, simulations: int, seed: int, progress: Progress
-) -> dict[str, Any]:
+def further(model: QuadrotorModel, progress: Progress) -> dict[str, Any]:
     """The label where no wake is: a plain audit, and the same four steps beyond 2 m."""
     progress("auditing the label")
     flights = model.flights
@@ -175,8 +174,7 @@ def further(
         progress(f"far: {stage}", done, total)
 
     far = QuadrotorModel(flights, beyond_m=FAR_M)
-    told = close(far, simulations=simulations, seed=seed, progress=far_progress)
-    return {"label": audit(flights), "far": told.document}
+    return {"label": audit(flights), "far": concluded(far, far_progress)}
 
 
 def _inputs(flight: Flight, beyond_m: float | None) -> _Inputs:

@@ -8,30 +8,23 @@ Gaussian Processes for Machine Learning, 2006, algorithm 2.1), and outliers are 
 
 import abc
 import copy
-import dataclasses
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Score
+from wakedeploy.gap.search.comparison import Record
 
 Values = Mapping[str, float]
 
+_SEALED_EVERY = 4
 _OUTLIERS = 0.02  # share of samples
 _NO_NOISE = -40.0  # logarithm of a standard deviation that is nothing
 _OUTLIER_SPREAD = 6.0  # their standard deviation over that of the others
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """What was measured in one episode: times (n,) [s] and channels (c, n)."""
-
-    name: str
-    time_s: FloatArray
-    measured: FloatArray
 
 
 class ResponseModel(abc.ABC):
@@ -73,6 +66,20 @@ class ResponseModel(abc.ABC):
         """Measured less predicted (c, n)."""
         return self.records[episode].measured - self.response(values, episode)
 
+    def disagreements(self, fitted: Fit, episodes: Sequence[int]) -> list[FloatArray]:
+        """What is shown as the error (c, m) of each episode."""
+        values = self.values(fitted.hypothesis, fitted.theta)
+        return [self.residual(values, e) for e in episodes]
+
+    @property
+    def horizon(self) -> int:
+        """A sixth of an episode: each sealed one speaks in three parts."""
+        return max(min(len(r.time_s) for r in self.records) // 6, 1)
+
+    def sealed(self) -> tuple[int, ...]:
+        """Every fourth episode: recordings follow each other by vehicle and by manoeuvre."""
+        return tuple(range(_SEALED_EVERY - 1, self.episodes, _SEALED_EVERY))
+
     def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
         """Where a sample lies: unit and values (n,) by name, for finding places."""
         time_s = self.records[episode].time_s
@@ -98,23 +105,12 @@ class ResponseModel(abc.ABC):
         for channel in range(len(self.channels)):
             factor = self._factor(values, episode, channel, levels)
             parts.append(scored(residual[channel], factor))
-        return Score(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-
-    def simulated(
-        self, hypothesis: Hypothesis, theta: FloatArray, rng: np.random.Generator
-    ) -> "ResponseModel":
-        """The same episodes, measured anew in a world in which the hypothesis is true."""
-        values = self.values(hypothesis, theta)
-        records = []
-        for episode, record in enumerate(self.records):
-            measured = self.response(values, episode).copy()
-            for channel in range(len(self.channels)):
-                factor = self._factor(values, episode, channel, self.levels(values, episode))
-                measured[channel] += factor @ rng.standard_normal(len(factor))
-            records.append(dataclasses.replace(record, measured=measured))
-        twin = copy.copy(self)
-        twin.records = records
-        return twin
+        n = len(record.time_s)
+        channels = tuple(slice(c * n, (c + 1) * n) for c in range(len(parts)))
+        density, innovation, variance, weight = (
+            np.concatenate(column) for column in zip(*parts, strict=True)
+        )
+        return Score(density, innovation, variance, weight, channels)
 
     def unweighted(self) -> "ResponseModel":
         """The same episodes with white noise alone: its fits are those of least squares."""
@@ -181,3 +177,12 @@ def scored(
 def _cached_factor(noise: tuple[float, ...], time_bytes: bytes) -> FloatArray:
     """Episodes that were sampled alike share their factor."""
     return np.asarray(np.linalg.cholesky(covariance(noise, np.frombuffer(time_bytes))))
+
+
+def required(path: Path | None, domain: str) -> Path:
+    """The path, or UnusableInput for none."""
+    if path is None:
+        raise UnusableInput(
+            f"{domain}: no path given; give the folder of its recordings, or set WAKEDEPLOY_DATA."
+        )
+    return path

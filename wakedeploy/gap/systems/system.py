@@ -26,7 +26,6 @@ _System = TypeVar("_System", bound="System")
 FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
-ROLES = ("input", "force", "output", "constant", "custom")
 _HOLDS = ("step", "linear")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
 
@@ -37,13 +36,16 @@ class Input:
 
     `hold` says what the input does between two samples: "step" keeps the older one, as a digital
     controller does; "linear" goes straight to the next, as a sampled signal does. `unit` is one of
-    the project's, "" for none; a log's column (T,) is converted to it. A name or a unit that is not
-    known raises UnusableInput when the system is loaded.
+    the project's, "" for none; a log's column (T,) is converted to it. `low` and `high` are limits
+    that `gap plan` keeps to, without them those of the logs. A name or a unit that is not known and
+    limits in the wrong order raise UnusableInput when the system is loaded.
     """
 
     name: str
     unit: str
     hold: str = "step"
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True)
@@ -169,6 +171,8 @@ class System:
     `step(state, inputs, c)` the states one sample later. `measure(state, inputs, c)` is needed for
     outputs that are not states; `start(measured)` for states that the first samples do not give:
     it is called with the first measured values and returns states by name.
+    `derivative_under(state, inputs, c, forces)` is for a mechanism in which a force at one state's
+    port moves others too; `forces` are by the ports' states, and without it a force moves its own.
     `process_noise` and `start_spread` override the library's guesses for states, by name; a
     process noise of 0 is none, and stays none. `outlier_share` of the samples may be outliers,
     `forecast_s` is how far ahead a forecast has to be right for an effect to matter.
@@ -216,6 +220,13 @@ class System:
 
         return simulated(self, recording)
 
+    def export(self, told: Mapping[str, Any], out: Path) -> list[str]:
+        """Write what `gap name` found in further formats; none unless overridden.
+
+        `told` is what name.json has. Returns a sentence for each file in the folder `out`.
+        """
+        return []
+
     def start(self, measured: Point) -> Mapping[str, Any]:
         """States at the first sample that the outputs do not show; none unless overridden."""
         return {}
@@ -224,6 +235,11 @@ class System:
     def has_step(self) -> bool:
         """Whether the model is discrete."""
         return hasattr(self, "step")
+
+    @property
+    def takes_forces(self) -> bool:
+        """Whether it has a `derivative_under`, which lets forces at ports act as in a mechanism."""
+        return hasattr(self, "derivative_under")
 
     @property
     def name(self) -> str:
@@ -286,10 +302,18 @@ class System:
         told = self.rates(state, inputs, self.values())
         return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in told.items()}
 
-    def rates(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
-        """What `derivative` or `step` returns, with what fails in it said by name."""
+    def rates(
+        self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any] | None = None
+    ) -> dict[str, Any]:
+        """What `derivative` or `step` returns, with what fails in it said by name.
+
+        `forces` by the states whose rates they change, for a system that `takes_forces`.
+        """
         method = "step" if self.has_step else "derivative"
-        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c)
+        if forces is not None:
+            method = "derivative_under"
+        extra = () if forces is None else (forces,)
+        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
         return _complete(told, self.states, f"{self.name}.{method}", "state")
 
     def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
@@ -348,6 +372,11 @@ def _check_names(system: System) -> None:
     for name in {i.name for i in system.inputs} & {*system.states, *_names(system.outputs)}:
         raise UnusableInput(f"{system.name}: {name!r} is an input and a state; rename one.")
     for i in system.inputs:
+        if i.low is not None and i.high is not None and not i.low < i.high:
+            raise UnusableInput(
+                f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
+                "lower one first."
+            )
         if i.hold not in _HOLDS:
             raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {_HOLDS}.")
     for o in system.outputs:
@@ -445,7 +474,7 @@ def _method(system: System, method: Callable[..., Any]) -> str:
     return f"{system.name}.{'measure' if method == system.readings else own}"
 
 
-def _called(where: str, method: Callable[..., Any], *points: Point) -> Mapping[str, Any]:
+def _called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
     try:
         told = method(*points)
     except UnusableInput:

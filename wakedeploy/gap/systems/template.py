@@ -33,7 +33,11 @@ class CLASS(System):
 
 def template(stem: str) -> str:
     """The file's text; `stem` is its name without the ending."""
+    return TEMPLATE.replace("NAME", stem).replace("CLASS", class_name(stem))
+
+
+def class_name(stem: str) -> str:
+    """What a file's class is called: `my_robot` has `MyRobot`."""
     words = [w for w in stem.replace("-", "_").split("_") if w]
     name = "".join(w[:1].upper() + w[1:] for w in words) or "Robot"
-    name = name if name.isidentifier() else f"System{name}"
-    return TEMPLATE.replace("NAME", stem).replace("CLASS", name)
+    return name if name.isidentifier() else f"System{name}"

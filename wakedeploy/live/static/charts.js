@@ -45,7 +45,7 @@ export class Strip {
         ...this.size(),
         legend: { show: false },
         cursor: { show: false },
-        padding: [8, 6, 0, 0],
+        padding: [8, 14, 0, 0],
         scales: { x: { time: false, auto: false }, y: { auto: false, min: this.low, max: this.high } },
         axes: chartAxes((value) => value.toFixed(this.digits)),
         series: [

@@ -86,7 +86,7 @@ export class FlightView {
         width: Math.max(this.root.clientWidth, 200),
         height: strip.height,
         legend: { show: false },
-        padding: [6, 6, 0, 0],
+        padding: [6, 14, 0, 0],
         cursor: { sync: { key: this.key }, points: { size: 6 }, drag: { x: true, y: false } },
         scales: { x: { time: false } },
         axes: chartAxes((v) => `${+v.toFixed(6)}`),

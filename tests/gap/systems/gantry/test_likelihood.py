@@ -7,12 +7,12 @@ from recorded import RIG, flown, with_effects
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.evidence.inference import Fit, fit
 from wakedeploy.gap.evidence.ranking import rank, scanned_starts
-from wakedeploy.gap.planning.sensors import _carriage_error
-from wakedeploy.gap.search.naming import fitted_base, settled
 from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import DT_S
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.parameters import NOISE
+from wakedeploy.gap.systems.gantry.planning.sensors import _carriage_error
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, settled
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import parse_rig
@@ -116,6 +116,7 @@ def test_miscalibrated_constants_are_found(base) -> None:
     assert low < 420.0 < high
 
 
+@pytest.mark.slow
 def test_the_play_of_a_belt_is_found() -> None:
     """Its size, and in it the carriage's errors, which an encoder would read."""
     truth = with_effects(belt_backlash={"backlash_m": (0.05, "m")})
@@ -237,6 +238,7 @@ def test_an_unknown_effect_is_a_key_error() -> None:
         GantryModel(RIG, [flown(SEEDS[0])]).free(("phlogiston",))
 
 
+@pytest.mark.slow
 def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
     truth = with_effects(pwm_quantisation={"step_us": (25.3, "us")})
     model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS[:2]])
@@ -246,6 +248,7 @@ def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
     assert found.fit.value("pwm-quantisation.step_us") == pytest.approx(25.3, abs=0.05)
 
 
+@pytest.mark.slow
 def test_summits_of_a_dead_band_are_compared_around_their_own_motions() -> None:
     truth = with_effects(pwm_dead_band={"band_us": (9.0, "us")})
     model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS])

@@ -5,10 +5,10 @@ import pytest
 from recorded import RIG, flown, with_effects
 
 from wakedeploy.gap.evidence.inference import Fit, extended, fit
-from wakedeploy.gap.search.before_after import Shown, gaps
-from wakedeploy.gap.search.naming import fitted_base, ranked_by_own_motion
-from wakedeploy.gap.search.refitting import refitted
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.before_after import Shown, gaps
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, ranked_by_own_motion
+from wakedeploy.gap.systems.gantry.search.refitting import refitted
 
 FRICTION_N = 0.5
 TRUTH = with_effects(coulomb_friction={"coulomb_n": (FRICTION_N, "N")})

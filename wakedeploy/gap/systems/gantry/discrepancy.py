@@ -11,7 +11,7 @@ vertical speed.
 """
 
 import functools
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.inference import Free
 from wakedeploy.gap.systems.gantry.flight import FloatArray
+from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet
 
@@ -50,27 +51,25 @@ _ALONG = (f"{PREFIX}friction.along",)
 _FRICTION = (*_SPEED, *_ALONG)
 
 
-def is_discrepancy(name: str) -> bool:
-    """Whether a free parameter is of the model's form, and not a constant that was calibrated."""
-    return name.startswith(PREFIX)
-
-
 def free_terms(rig: Rig) -> tuple[Free, ...]:
     """The correction's parameters, each N(0, sd²); none where the rig file states no size.
 
     Together the bumps give the wake's force at any place the stated share of its size on the axis.
-    The air's speed counts twice in the force.
+    The air's speed counts twice in the force. What reference flights have shown is the centre.
     """
     wake, friction = rig.discrepancy.wake, rig.discrepancy.friction
     bump = 0.5 * wake / _OVERLAP**0.5
     sizes = dict.fromkeys(_EVEN, bump) | dict.fromkeys(_ODD, _ODD_SHARE * bump)
     sizes |= dict.fromkeys(_HEIGHT, _HEIGHT_SHARE * wake)
     sizes |= dict.fromkeys(_FRICTION, friction)
-    return tuple(_free(name, sd) for name, sd in sizes.items() if sd > 0.0)
+    known = {f"{PREFIX}{name}": told for name, told in rig.discrepancy.fitted.items()}
+    terms = {name: known.get(name, (0.0, sd)) for name, sd in sizes.items() if sd > 0.0}
+    return tuple(_free(name, *told) for name, told in terms.items())
 
 
-def _free(name: str, sd: float) -> Free:
-    return Free(name, "", 0.0, sd, -6.0 * sd, 6.0 * sd, 0.1 * sd, is_form=True)
+def _free(name: str, size: float, sd: float) -> Free:
+    low, high = size - 6.0 * sd, size + 6.0 * sd
+    return Free(name, "", size, sd, low, high, 0.1 * sd, is_form=True)
 
 
 def wake_factor(constants: Mapping[str, float], basis: FloatArray) -> FloatArray:
@@ -151,12 +150,6 @@ def heights_of(travel_m: float, z_m: FloatArray) -> FloatArray:
     return np.asarray(np.clip(2.0 * z_m / travel_m - 1.0, -1.0, 1.0))
 
 
-def fitted_sizes(free: Sequence[Free], theta: FloatArray) -> dict[str, float]:
-    """The correction's parameters in a fit, by name."""
-    pairs = zip(free, theta, strict=True)
-    return {f.name: float(value) for f, value in pairs if is_discrepancy(f.name)}
-
-
 @dataclass(eq=False)
 class FormedWorld:
     """A simulated gantry's wake and friction with a correction drawn or fitted: its two hooks.
@@ -191,4 +184,13 @@ class FormedWorld:
 
 def drawn(rig: Rig, rng: np.random.Generator) -> dict[str, float]:
     """A correction as its prior has it, by name."""
-    return {f.name: f.prior_sd * float(rng.standard_normal()) for f in free_terms(rig)}
+    terms = free_terms(rig)
+    return {f.name: f.neutral + f.prior_sd * float(rng.standard_normal()) for f in terms}
+
+
+def form_hooks(rig: Rig) -> dict[str, Any]:
+    """The hooks of a simulated flight in the form that reference flights have shown; {} without."""
+    if not rig.discrepancy.fitted:
+        return {}
+    sizes = {f.name: f.neutral for f in free_terms(rig)}
+    return FormedWorld(rig, sizes, constants_of(rig)).hooks()

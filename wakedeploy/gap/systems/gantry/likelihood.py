@@ -9,6 +9,7 @@ file's spreads as priors) are free in every hypothesis, the base one included.
 Everything but the filter is a sum along the flight, linear around the smoothed motion.
 """
 
+import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,14 +17,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.evidence.inference import Fit, Free, Hypothesis, Score
+from wakedeploy.gap.evidence.inference import Fit, Free, Hypothesis, Score, Slopes, neutral
 from wakedeploy.gap.systems.gantry.flight import DT_S, OUTLIER, Flight, FloatArray, placed
 from wakedeploy.gap.systems.gantry.forces import Forces, Physics
-from wakedeploy.gap.systems.gantry.parameters import HOLD, Layout, own_effects
+from wakedeploy.gap.systems.gantry.parameters import HOLD, NOISE, Layout, own_effects
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, likely_periods_s
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
+from wakedeploy.gap.systems.gantry.varying import (
+    freed,
+    own_amounts,
+    shifted,
+    varying,
+)
 from wakedeploy.physics.constants import Constants
 from wakedeploy.physics.effects import LIBRARY, Effect, replacing
+from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.physics.series import filtered, smoothed
 
 _FAINTEST = 1e-3  # [m/s²] of coloured acceleration, so that its state is always observable
@@ -31,6 +39,8 @@ _NO_HORIZON = np.zeros(0, np.int64)
 _SHARE = 0.5  # of the way to a new motion, in one turn
 _STILL_MPS = 2e-4  # root mean square; the speed itself is known to some 20 times as much
 _MOST_MOTIONS = 20
+_STANDING_TURNS = 3
+_OWN_STEP = 0.05  # of what varies, for its slope: with more, samples become outliers on the way
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +75,10 @@ class GantryModel:
         self._layouts: dict[Hypothesis, Layout] = {}
         self._own = own_effects(rig)
         self._held_s: tuple[float, ...] | None = None
+        self._varying = varying(rig)
+        self._directions: dict[int, FloatArray] = {}
+        self._stand: dict[int, FloatArray] = {}  # each flight's own deviations, to begin with
+        self._noise: FloatArray | None = None  # under which their directions are looked at
 
     @property
     def episodes(self) -> int:
@@ -84,9 +98,76 @@ class GantryModel:
         return np.array([f.neutral if f.first is None else f.first for f in self.free(hypothesis)])
 
     def score(self, hypothesis: Hypothesis, theta: FloatArray, episode: int) -> Score:
-        """One flight: a score per airborne sample and one per rest on the stop."""
-        layout, flight = self._layout(hypothesis), self.flights[episode]
-        constants, effects = layout.read(theta)
+        """One flight: a score per airborne sample and one per rest on the stop.
+
+        What the rig file says to differ from flight to flight is this flight's own.
+        """
+        constants, effects = self._layout(hypothesis).read(theta)
+        if not self._varying:
+            return self._scored(episode, constants, effects, theta)
+        score = self._scored(episode, *self._of_flight(constants, effects, episode), theta)
+        return freed(score, self._own_directions(episode), self._stood(episode))
+
+    def own(self, fitted: Fit, episode: int) -> dict[str, tuple[float, float]]:
+        """What a flight has of its own under a fit: value and standard error, by quantity.
+
+        As its own samples alone tell it, without the prior that it is like the others.
+        """
+        amounts, precision = self._amounts(fitted, episode)
+        alone = np.linalg.inv(precision - np.eye(len(amounts)))
+        values = alone @ precision @ amounts
+        errors = np.sqrt(np.diag(alone))
+        return {
+            one.name: (float(v) * one.sd, float(e) * one.sd)
+            for one, v, e in zip(self._varying, values, errors, strict=True)
+        }
+
+    def _own_directions(self, episode: int) -> FloatArray:
+        """What one deviation of each varying quantity does to a flight's innovations, (n, K)."""
+        if episode not in self._directions:
+            layout = self._layout(())
+            theta = neutral(layout.free)
+            if self._noise is not None:
+                theta[: len(NOISE)] = self._noise
+            at = self._of_flight(*layout.read(theta), episode)
+            here = self._scored(episode, *at, theta).innovation
+            beside = [
+                self._scored(episode, *one.moved(*at, _OWN_STEP * one.sd), theta).innovation
+                for one in self._varying
+            ]
+            columns = [(there - here) / _OWN_STEP for there in beside]
+            self._directions[episode] = np.stack(columns, axis=1)
+        return self._directions[episode]
+
+    def _stood(self, episode: int) -> FloatArray:
+        return self._stand.get(episode, np.zeros(len(self._varying)))
+
+    def _of_flight(
+        self, constants: Constants, effects: Chain, episode: int
+    ) -> tuple[Constants, Chain]:
+        """Constants and effects with the deviations that a flight stands at."""
+        return shifted(constants, effects, self._varying, self._stood(episode))
+
+    def _amounts(self, fitted: Fit, episode: int) -> tuple[FloatArray, FloatArray]:
+        """A flight's own deviations under a fit, and their precision; see `own_amounts`."""
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        at = self._of_flight(constants, effects, episode)
+        score = self._scored(episode, *at, fitted.theta)
+        return own_amounts(score, self._own_directions(episode), self._stood(episode))
+
+    def _read(self, fitted: Fit, episode: int) -> tuple[Constants, Chain]:
+        """Constants and effects under a fit, a flight's own deviations included."""
+        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        if not self._varying:
+            return constants, effects
+        amounts, _ = self._amounts(fitted, episode)
+        return shifted(constants, effects, self._varying, amounts)
+
+    def _scored(
+        self, episode: int, constants: Constants, effects: Chain, theta: FloatArray
+    ) -> Score:
+        """One flight with these constants and effects; of `theta` only the noise counts."""
+        flight = self.flights[episode]
         forces = self._physics[episode].forces(constants, effects)
         samples = self._filter(flight, forces, constants, theta, _NO_HORIZON, False)[0]
         e, v, density, weight = samples[:, flight.counted]
@@ -102,11 +183,12 @@ class GantryModel:
             np.concatenate([e, rest_e, repeat_e]),
             np.concatenate([np.maximum(v, 1e-12), rest_v, repeat_v]),
             np.concatenate([weight, np.ones(len(rest_e) + 1)]),
+            (slice(0, len(density)),),
         )
 
     def forces(self, fitted: Fit, episode: int) -> Forces:
         """Every force along one flight under a fit."""
-        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        constants, effects = self._read(fitted, episode)
         return self._physics[episode].forces(constants, effects)
 
     def forecasts(self, fitted: Fit, episode: int, horizons_s: Sequence[float]) -> Forecasts:
@@ -116,7 +198,7 @@ class GantryModel:
         on the motion with a corner, friction's sign, is known ahead a little too well.
         """
         flight = self.flights[episode]
-        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
+        constants, effects = self._read(fitted, episode)
         forces = self._physics[episode].forces(constants, effects)
         steps = np.array([round(h / DT_S) for h in horizons_s], np.int64)
         _, ahead, _, _ = self._filter(flight, forces, constants, fitted.theta, steps, False)
@@ -130,9 +212,10 @@ class GantryModel:
         take turns, flight by flight, until the speed stays where it is. Half-way each time, or
         friction's corners would throw it to and fro. Nothing is fitted.
         """
-        constants, effects = self._layout(fitted.hypothesis).read(fitted.theta)
         flights = []
-        for flight, known in zip(self.flights, self._physics, strict=True):
+        begun = self.standing(fitted)
+        for episode, (flight, known) in enumerate(zip(self.flights, self._physics, strict=True)):
+            constants, effects = begun._read(fitted, episode)
             physics, airborne = known, _airborne(flight)
             for _ in range(_MOST_MOTIONS):
                 forces = physics.forces(constants, effects)
@@ -144,7 +227,27 @@ class GantryModel:
             flights.append(flight)
         moved = GantryModel(self.rig, flights, self.extra)
         moved._held_s = self._held_s  # the samples are the same
+        moved._noise, moved._stand = begun._noise, begun._stand
         return moved
+
+    def standing(self, fitted: Fit) -> "GantryModel":
+        """The same flights, each with the deviations of its own that it has under a fit.
+
+        Scores are linear around them: from far away, a few turns come there.
+        """
+        model = self
+        for _ in range(_STANDING_TURNS if self._varying else 0):
+            known, model = model, copy.copy(model)
+            model._noise, model._directions = fitted.theta[: len(NOISE)], {}
+            every = range(self.episodes)
+            model._stand = {episode: known._amounts(fitted, episode)[0] for episode in every}
+        return model
+
+    def neutral(self) -> Fit:
+        """The rig file as it is, fitted to nothing: all parameters at their priors' centres."""
+        free = self.free(())
+        nowhere = Slopes((), (), ())
+        return Fit((), free, tuple(range(self.episodes)), neutral(free), nowhere, np.zeros(0))
 
     def only(self, episodes: Sequence[int]) -> "GantryModel":
         """The model of some of the flights."""

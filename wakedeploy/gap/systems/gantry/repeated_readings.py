@@ -30,6 +30,7 @@ _FINER = np.linspace(-0.001, 0.001, 21)
 _JITTER_S = 0.0015  # of either clock
 _WANDER_S = 0.0004  # by which their phase may move from sample to sample
 _FAR_S = 0.002
+_RULED_OUT_NATS = 25.0
 _ALIKE_NATS = 20.0  # a flight may tell the two apart by where the readings lie
 
 
@@ -75,10 +76,28 @@ def held(
     """
     if hold_s <= 0.0:
         return not_held(len(sample_s))
-    bins = max(_BINS, round(hold_s / _BIN_S))
+    bins = _bins(hold_s)
     kernel = _wander(wander_s * bins / hold_s)
-    told = _ages(sample_s, repeated, hold_s, bins, _JITTER_S, chance, kernel)
-    return Held(np.minimum(told[0], _SURE), told[1], told[2])
+    repeats, age_s = _phases(sample_s, hold_s, bins, _JITTER_S)
+    probability, forward = _forward(repeats, repeated, chance, kernel)
+    age, variance = _ages(repeats, age_s, forward, repeated, chance, kernel)
+    return Held(np.minimum(probability, _SURE), age, variance)
+
+
+def _evidence(
+    sample_s: FloatArray, repeated: BoolArray, hold_s: float, chance: float, wander_s: float
+) -> float:
+    """How likely the repeats (n,) of one flight are under a clock of this period [nats]."""
+    bins = _bins(hold_s)
+    repeats, _ = _phases(sample_s, hold_s, bins, _JITTER_S)
+    share, _ = _forward(repeats, repeated, chance, _wander(wander_s * bins / hold_s))
+    share = np.minimum(share, _SURE)
+    equal = share + (1.0 - share) * chance
+    return float(np.log(np.where(repeated, equal, 1.0 - equal)).sum())
+
+
+def _bins(hold_s: float) -> int:
+    return max(_BINS, round(hold_s / _BIN_S))
 
 
 def _wander(deviation_bins: float) -> FloatArray:
@@ -100,18 +119,17 @@ def likely_periods_s(
     to a tenth of a millisecond, and is jagged in it: no climb would find it from far away. A phase
     that may wander far makes it smooth enough to look at every millisecond first. There may be a
     second one: samples that come at a steady rate repeat almost alike under a clock and under its
-    mirror image about half that rate (39 and 41 ms for samples every 20 ms).
+    mirror image about half that rate (39 and 41 ms for samples every 20 ms). Periods that the first
+    flight all but rules out are not looked at in the others.
     """
 
-    def evidence(hold_s: float, wander_s: float) -> float:
-        total = 0.0
-        for sample_s, repeated in samples:
-            share = held(sample_s, repeated, hold_s, chance, wander_s).probability
-            equal = share + (1.0 - share) * chance
-            total += float(np.log(np.where(repeated, equal, 1.0 - equal)).sum())
-        return total
+    def evidence(hold_s: float, wander_s: float, flights: slice = slice(None)) -> float:
+        return sum(_evidence(*one, hold_s, chance, wander_s) for one in samples[flights])
 
-    coarse = np.array([evidence(one, _FAR_S) for one in _PERIODS_S])
+    first = np.array([evidence(one, _FAR_S, slice(1)) for one in _PERIODS_S])
+    coarse = np.full(len(first), -np.inf)
+    for left in np.flatnonzero(first > first.max() - _RULED_OUT_NATS).tolist():
+        coarse[left] = first[left] + evidence(_PERIODS_S[left], _FAR_S, slice(1, None))
     found = []
     for k in _highest_two(coarse):
         finer = [(evidence(one, _WANDER_S), one) for one in _PERIODS_S[k] + _FINER]
@@ -128,21 +146,11 @@ def _highest_two(values: FloatArray) -> list[int]:
 
 
 @compiled
-def _ages(
-    sample_s: FloatArray,  # (n,)
-    repeated: BoolArray,  # (n,)
-    hold_s: float,
-    bins: int,
-    jitter_s: float,
-    chance: float,
-    kernel: FloatArray,  # (2 r + 1,) of the phase's wandering, in bins
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Forward and backward passes over the phase of the sensor's clock, in `bins` of `hold_s`.
-
-    Returns per sample (n,) the probability of a repeat as told by those before, the mean age [s]
-    and its variance [s²] as told by all.
-    """
-    n = len(repeated)
+def _phases(
+    sample_s: FloatArray, hold_s: float, bins: int, jitter_s: float
+) -> tuple[FloatArray, FloatArray]:
+    """Per sample and phase of the sensor's clock: how probable a repeat is, and the age [s]."""
+    n = len(sample_s)
     repeats, age_s = np.zeros((n, bins)), np.empty((n, bins))
     for k in range(n):
         into_s = sample_s[k] % hold_s
@@ -154,21 +162,47 @@ def _ages(
                 older = (age_s[k, b] - (sample_s[k] - sample_s[k - 1])) / jitter_s
                 due = (hold_s - age_s[k, b]) / jitter_s
                 repeats[k, b] = _logistic(1.7 * min(older, due))
-    probability, age, variance = np.zeros(n), np.empty(n), np.empty(n)
-    forward, backward = np.empty((n, bins)), np.ones(bins)
+    return repeats, age_s
+
+
+@compiled
+def _forward(
+    repeats: FloatArray,  # (n, b) as `_phases` has them
+    repeated: BoolArray,  # (n,)
+    chance: float,
+    kernel: FloatArray,  # (2 r + 1,) of the phase's wandering, in bins
+) -> tuple[FloatArray, FloatArray]:
+    """The probability of a repeat as told by the samples before (n,), and the phase's (n, b)."""
+    n, bins = repeats.shape
+    probability, forward = np.zeros(n), np.empty((n, bins))
     forward[0] = 1.0 / bins
     for k in range(1, n):
         before = _wandered(forward[k - 1], kernel)
         probability[k] = before @ repeats[k]
         forward[k] = before * _seen(repeats[k], repeated[k], chance)
         forward[k] /= forward[k].sum()
+    return probability, forward
+
+
+@compiled
+def _ages(
+    repeats: FloatArray,  # (n, b)
+    age_s: FloatArray,  # (n, b)
+    forward: FloatArray,  # (n, b)
+    repeated: BoolArray,  # (n,)
+    chance: float,
+    kernel: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Per sample (n,) the mean age [s] and its variance [s²] as told by all samples."""
+    n, bins = repeats.shape
+    age, variance, backward = np.empty(n), np.empty(n), np.ones(bins)
     for k in range(n - 1, -1, -1):
         both = forward[k] * backward / (forward[k] @ backward)
         age[k] = both @ age_s[k]
         variance[k] = both @ (age_s[k] - age[k]) ** 2
         backward = _wandered(backward * _seen(repeats[k], repeated[k], chance), kernel)
         backward /= backward.sum()
-    return probability, age, variance
+    return age, variance
 
 
 @compiled

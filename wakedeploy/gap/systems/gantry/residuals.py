@@ -13,15 +13,13 @@ reference, which the model knows.
 *Innovation*: each reading less what the filter predicts of it, over its standard deviation.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.search.places import INNOVATION, Residuals
 from wakedeploy.gap.systems.gantry.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 
-INNOVATION = "innovation"  # of no unit that a rig has: it tells that, and not by how much
 CHANNELS = {"force": "N", "control effort": "N", "height 0.25 s ahead": "m", INNOVATION: "sd"}
 AHEAD_S = 0.25
 _WINDOW_S = {"force": 0.25, "control effort": 1.0}
@@ -45,22 +43,12 @@ COORDINATES = {
 }
 
 
-@dataclass(frozen=True, eq=False)
-class Residuals:
-    """One flight's residuals of one channel at some times (n,), and the coordinates there.
+def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Residuals:
+    """A channel of `CHANNELS` along one flight, in its unit; KeyError for another channel.
 
     Fed-back coordinates are those known before the channel's window began, or the reading was
     taken; exogenous ones, which no disturbance can change, those in its middle.
     """
-
-    channel: str
-    at_s: FloatArray
-    value: FloatArray
-    coordinates: dict[str, FloatArray]
-
-
-def residuals(model: GantryModel, fitted: Fit, channel: str, episode: int) -> Residuals:
-    """A channel of `CHANNELS` along one flight, in its unit; KeyError for another channel."""
     if channel not in CHANNELS:
         raise KeyError(f"{channel!r} is none of {', '.join(CHANNELS)}")
     if channel == INNOVATION:
@@ -165,9 +153,3 @@ def _steps(flight: Flight, t_s: FloatArray) -> np.typing.NDArray[np.int64]:
     """The grid's steps in which these times lie."""
     at = ((t_s - flight.grid_s[0]) * GRID_HZ).astype(np.int64)
     return np.asarray(np.clip(at, 0, len(flight.grid_s) - 1))
-
-
-def mean_square(values: FloatArray) -> float:
-    """Of finite values; 0 for none."""
-    finite = values[np.isfinite(values)]
-    return float((finite**2).mean()) if len(finite) else 0.0

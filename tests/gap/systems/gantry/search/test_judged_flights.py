@@ -1,0 +1,68 @@
+"""Flights of the virtual gantry, answered and judged: what matters, what does not, and halves."""
+
+import numpy as np
+import pytest
+from recorded import RIG, flown, with_effects
+
+from wakedeploy.gap.folder import to_add
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.answer import write_answer
+from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
+from wakedeploy.gap.systems.gantry.search.naming import (
+    Thresholds,
+    fitted_base,
+    name_effects,
+    with_terms,
+)
+from wakedeploy.gap.systems.gantry.search.repeatability import FEWEST, repeated
+from wakedeploy.gap.systems.gantry.steps import Case, _judged
+
+LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
+TRIED = ("crosswind-offset", "added-mass", "range-drift")
+SHIFTED = with_effects(crosswind_offset={"offset_m": (0.06, "m")})
+
+
+@pytest.fixture(scope="module")
+def shifted():
+    """The search's answer about a shifted wake, and a sealed flight."""
+    flights = [flown(seed, SHIFTED) for seed in (51, 52, 53)]
+    answer = name_effects(RIG, GantryModel(RIG, flights), LIMITS, candidates=TRIED)
+    return answer, flights, flown(54, SHIFTED)
+
+
+@pytest.mark.slow
+def test_an_effect_that_matters_is_told_to_and_is_added(shifted, tmp_path) -> None:
+    answer, flights, sealed = shifted
+    case = Case(RIG, tuple(flights), (sealed,), LIMITS)
+    told = _judged(case, tmp_path, answer, write_answer(answer, tmp_path, 0.0), lambda *_: None)
+    assert told["verdict"] == "named"
+    (effect,) = told["effects"]
+    assert effect["name"] == "crosswind-offset"
+    worth = effect["worth"]
+    assert worth["matters"]
+    assert worth["removed"]["0.25 s ahead"]["share"] > 0.05
+    assert worth["force_n"] > 0.02
+    assert 0.0 < worth["tracking_m"]["low"] <= worth["tracking_m"]["value"]
+    assert to_add(told["effects"]) == told["effects"]
+    assert told["repeated"] is None  # four flights have no halves of three
+
+
+@pytest.mark.slow
+def test_halves_of_the_flights_agree_on_a_strong_effect(shifted) -> None:
+    answer, flights, sealed = shifted
+    others = [sealed, *(flown(seed, SHIFTED) for seed in (55, 56))]
+    assert len(flights) + len(others) == FEWEST
+    assert repeated(answer, others[1:]) is None
+    again = repeated(answer, others)
+    assert again is not None
+    assert again.agree
+    assert all(half.low < 0.06 < half.high for half in again.halves)
+    assert set(again.halves[0].flights).isdisjoint(again.halves[1].flights)
+
+
+def test_of_flights_that_lack_nothing_hardly_anything_could_be_explained() -> None:
+    model, base = fitted_base(with_terms(GantryModel(RIG, [flown(51), flown(52)])))
+    worth = explainable(model, base, None)
+    assert worth.share < 0.05
+    assert np.isfinite([worth.low, worth.high]).all()
+    assert not worth.clearly

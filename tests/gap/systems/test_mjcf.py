@@ -1,0 +1,246 @@
+"""A MuJoCo model as a system, held against MuJoCo's own forward dynamics and simulation."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.systems.augmented import Acting
+from wakedeploy.gap.systems.files import read_system
+from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.mjcf.corrected import CORRECTED, RANGES
+from wakedeploy.gap.systems.mjcf.elements import read_elements
+from wakedeploy.gap.systems.mjcf.system import MjcfSystem
+from wakedeploy.gap.systems.mjcf.template import mjcf_template
+
+ARM = """
+<mujoco model="arm">
+  <compiler angle="radian"/>
+  <option timestep="0.001" integrator="implicitfast"/>
+  <worldbody>
+    <body name="upper">
+      <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01" {shoulder}/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.5"/>
+      <body name="lower" pos="0.3 0 0">
+        <joint name="elbow" axis="0 1 0" damping="0.03" armature="0.005"/>
+        <geom type="capsule" fromto="0 0 0 0.25 0 0" size="0.02" mass="0.3"/>
+      </body>
+    </body>
+  </worldbody>
+  <actuator>
+    <position name="shoulder" joint="shoulder" kp="30" kv="1.0" forcerange="-20 20"/>
+    <position name="elbow" joint="elbow" kp="15" kv="0.5" {elbow}/>
+  </actuator>
+  <sensor><jointpos joint="shoulder"/><jointpos joint="elbow"/></sensor>
+</mujoco>
+"""
+
+
+_ALL_BUT_SENSORS = ARM[: ARM.index("  <actuator>")] + "</mujoco>"
+
+
+def written(folder: Path, **more: str) -> Path:
+    path = folder / "arm.xml"
+    path.write_text(ARM.format(**{"shoulder": "", "elbow": "", **more}))
+    return path
+
+
+def system_of(folder: Path, **more: str) -> MjcfSystem:
+    target = folder / "my_arm.py"
+    target.write_text(mjcf_template(written(folder, **more), target))
+    system = read_system(target)
+    assert isinstance(system, MjcfSystem)
+    return system
+
+
+def test_the_written_file_asks_for_the_kinds_that_it_names(tmp_path: Path) -> None:
+    ports = {port.name: port.kinds for port in system_of(tmp_path).ports}
+    assert "dead-time" in ports["shoulder_command"]
+    assert "coulomb-friction" in ports["elbow_radps"]
+    assert "upper-stop" not in ports["elbow_radps"]
+    assert "sensor-lag" in ports["elbow_rad"]
+
+
+def test_rates_are_mujoco_s_own(tmp_path: Path) -> None:
+    system = system_of(tmp_path, shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    data, random = mujoco.MjData(model), np.random.default_rng(0)
+    assert system.kinematic() == {"shoulder_rad": "shoulder_radps", "elbow_rad": "elbow_radps"}
+    for _ in range(5):
+        mujoco.mj_resetData(model, data)
+        x, u, tau = random.normal(0, 0.5, 5), random.normal(0, 0.5, 2), random.normal(0, 0.5, 2)
+        damping = random.uniform(0.01, 0.2)
+        model.dof_damping[1] = damping
+        data.qpos[:], data.qvel[:], data.act[:], data.ctrl[:] = x[:2], x[2:4], x[4:], u
+        data.qfrc_applied[:] = tau
+        mujoco.mj_forward(model, data)
+        told = system.derivative_under(
+            system.point("state", dict(zip(system.states, x, strict=True))),
+            system.point("input", dict(zip([i.name for i in system.inputs], u, strict=True))),
+            system.values({"elbow_damping": damping}),
+            {"shoulder_radps": tau[0], "elbow_radps": tau[1]},
+        )
+        assert [told["shoulder_radps"], told["elbow_radps"]] == pytest.approx(data.qacc, rel=1e-6)
+        assert told["elbow_activation"] == pytest.approx(data.act_dot[0], rel=1e-6)
+
+
+def test_a_force_at_a_port_moves_the_whole_chain(tmp_path: Path) -> None:
+    """Friction of the search is MuJoCo's damping, which the mass matrix hands on to both joints."""
+    system = system_of(tmp_path)
+    sizes = dict.fromkeys((*system.states, *(f"d {n}" for n in system.states)), 1.0)
+    sizes |= {i.name: 1.0 for i in system.inputs} | {f"y {o.name}": 1.0 for o in system.outputs}
+    effect = offered(system, sizes, (0.01, 30.0))["viscous-friction@elbow_radps"]
+    acting = Acting(system, [effect], sizes)
+    x = np.array([0.2, -0.4, 1.0, -2.0])
+    u = {i.name: 0.1 for i in system.inputs}
+    told = acting.rates(
+        x, u, acting.constants({}, np.zeros(1)), {f"{effect.name}.coefficient": 0.2}, np.zeros(1)
+    )
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
+    model.dof_damping[1] += 0.2
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:], data.ctrl[:] = x[:2], x[2:], 0.1
+    mujoco.mj_forward(model, data)
+    assert told[2:] == pytest.approx(data.qacc, rel=1e-6)
+
+
+def test_an_answer_is_written_as_the_model_that_it_is(tmp_path: Path) -> None:
+    """The corrected file moves as the one from which the answer was made up."""
+    system = system_of(tmp_path)
+
+    def size(value: float, unit: str = "s") -> dict[str, object]:
+        return {"value": value, "low": 0.9 * value, "high": 1.1 * value, "unit": unit}
+
+    told = {
+        "constants": {
+            "elbow_kp": size(16.0),
+            "lower_mass_kg": size(0.35),
+            "elbow_damping": size(0.04),
+        },
+        "effects": [
+            {"name": "coulomb-friction@shoulder_radps", "parameters": {"force": size(0.4, "N m")}},
+            {"name": "viscous-friction@elbow_radps", "parameters": {"coefficient": size(0.02)}},
+            {"name": "lag@elbow_command", "parameters": {"tau_s": size(0.06)}},
+            {"name": "dead-time@shoulder_command", "parameters": {"delay_s": size(0.025)}},
+            {"name": "gravity@elbow_radps", "parameters": {"sine": size(0.1), "cosine": size(0.1)}},
+        ],
+    }
+    (tmp_path / "out").mkdir()
+    said = system.export(told, tmp_path / "out")
+    assert "gravity@elbow_radps" in said[-1]
+    ranges = (tmp_path / "out" / RANGES).read_text()
+    assert 'attribute = "damping"\nnominal = 0.06\nlow = 0.054' in ranges
+
+    direct = written(
+        tmp_path,
+        shoulder='frictionloss="0.4"',
+        elbow='timeconst="0.06"',
+    ).read_text()
+    direct = direct.replace('damping="0.03"', 'damping="0.06"').replace('kp="15"', 'kp="16"')
+    direct = direct.replace('mass="0.3"', 'mass="0.35"')
+    direct = direct.replace('forcerange="-20 20"', 'forcerange="-20 20" delay="0.025" nsample="26"')
+    models = [
+        mujoco.MjModel.from_xml_path(str(tmp_path / "out" / CORRECTED)),
+        mujoco.MjModel.from_xml_string(direct),
+    ]
+    ends = []
+    for model in models:
+        data = mujoco.MjData(model)
+        for k in range(500):
+            data.ctrl[:] = 0.3 * np.sin(0.02 * k), 0.5
+            mujoco.mj_step(model, data)
+        ends.append(data.qpos.copy())
+    assert ends[0] == pytest.approx(ends[1], abs=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<mujoco", "MuJoCo cannot read it (XML parse error"),
+        (_ALL_BUT_SENSORS.replace('axis="0 1 0"', 'type="ball"', 1),
+         "joint 'shoulder' is free or a ball"),
+        (ARM.replace('name="elbow" axis', "axis").replace('joint="elbow"', 'joint="shoulder"'),
+         "a joint has no name"),
+        (ARM.replace("{elbow}", 'delay="0.02" nsample="30"'), "actuator 'elbow' has a delay"),
+    ],
+)  # fmt: skip
+def test_what_no_system_can_have_is_said_in_a_sentence(
+    tmp_path: Path, text: str, said: str
+) -> None:
+    path = tmp_path / "bad.xml"
+    path.write_text(text.replace("{shoulder}", "").replace("{elbow}", ""))
+    with pytest.raises(UnusableInput) as error:
+        read_elements(path)
+    assert str(error.value).startswith(f"{path}: ")
+    assert said in str(error.value)
+
+
+def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:
+    target = tmp_path / "my_arm.py"
+    text = mjcf_template(written(tmp_path), target)
+    target.write_text(text.replace('Constant("elbow_kp"', 'Constant("wrist_kp"'))
+    with pytest.raises(UnusableInput, match=r"constant 'wrist_kp' is no attribute of .*elbow_kp"):
+        read_system(target)
+
+
+_FEWER = """
+COMMAND = ["dead-time", "lag", "gain"]
+JOINT = ["viscous-friction", "coulomb-friction", "added-inertia", "offset"]
+SENSOR = ["sensor-bias"]
+
+
+class MyArm"""
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3000)
+def test_hidden_friction_and_lag_are_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
+    system_of(tmp_path)
+    file = tmp_path / "my_arm.py"
+    text = file.read_text().replace("rate_hz = 100.0", "rate_hz = 50.0")
+    file.write_text(text.replace("\n\nclass MyArm", _FEWER))
+    hidden = ARM.format(shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
+    first, second = (_log(tmp_path / f"{seed}.csv", hidden, seed) for seed in (0, 1))
+    command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]
+    told = subprocess.run(
+        [*command, "--measured", first.name, "--out", "gap"],
+        cwd=tmp_path, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    assert "coulomb-friction@shoulder_radps" in told
+    assert "lag@elbow_command" in told
+    rows = np.genfromtxt(second, delimiter=",", names=True)
+    model = mujoco.MjModel.from_xml_path(str(tmp_path / "gap" / CORRECTED))
+    commands = np.column_stack([rows["shoulder_command"], rows["elbow_command"]])
+    off = _played(model, commands) - np.column_stack([rows["shoulder_rad"], rows["elbow_rad"]])
+    assert np.sqrt(np.mean(off**2, axis=0)) == pytest.approx([1e-3, 1e-3], rel=0.5)
+
+
+def _log(path: Path, text: str, seed: int) -> Path:
+    random = np.random.default_rng(seed)
+    time_s = np.arange(2000) / 100.0
+    waves = zip(random.uniform(0.1, 1.5, (8, 2)), random.uniform(0, 6.28, (8, 2)), strict=True)
+    commands = sum(
+        0.25 * np.sin(2 * np.pi * f * time_s[:, None] + p) / (1 + f) for f, p in waves
+    ) + np.repeat(random.uniform(-0.4, 0.4, (10, 2)), 200, axis=0)
+    shown = _played(mujoco.MjModel.from_xml_string(text), commands)
+    shown += 1e-3 * random.standard_normal(shown.shape)
+    table = np.column_stack([time_s, commands, shown])
+    header = "time_s,shoulder_command,elbow_command,shoulder_rad,elbow_rad"
+    np.savetxt(path, table, "%.6f", ",", header=header, comments="")
+    return path
+
+
+def _played(model: mujoco.MjModel, commands: np.ndarray) -> np.ndarray:
+    data = mujoco.MjData(model)
+    data.qpos[:] = commands[0]
+    shown = []
+    for command in commands:
+        shown.append(data.qpos.copy())
+        data.ctrl[:] = command
+        for _ in range(10):
+            mujoco.mj_step(model, data)
+    return np.array(shown)

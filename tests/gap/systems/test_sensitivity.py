@@ -1,0 +1,62 @@
+"""What `gap check` says of a system and its logs, before any fit."""
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.systems.kinds.kind import Parameter, Scales
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.sensitivity import checked_base, rows
+
+
+class Rail(System):
+    """A carriage far from where its sensor counts from, so precise that any cut is seen."""
+
+    rate_hz = 100.0
+    inputs = [Input("force_n", "N")]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-6)]
+    constants = [Constant("mass_kg", 2.0, spread=0.1)]
+    ports = [Port.output("position_m", kinds=["sensor-saturation", "sensor-bias"])]
+
+    def derivative(self, state, inputs, c):
+        return {"position_m": state.speed_mps, "speed_mps": inputs.force_n / c.mass_kg}
+
+
+@pytest.fixture(scope="module")
+def model():
+    time_s = np.arange(400) / 100.0
+    force = 8.0 * np.cos(4.0 * time_s)
+    position = 10.0 + 0.25 * (1.0 - np.cos(4.0 * time_s))
+    return LogModel(Rail(), [Recording("made", time_s, {"force_n": force, "position_m": position})])
+
+
+def test_a_sensor_s_limit_is_looked_for_near_its_largest_reading(model):
+    (limit,) = model.effects["sensor-saturation@position_m"]
+    assert 9.0 < min(limit.starts) < 10.5 < limit.neutral
+    assert limit.unit == "m"
+
+
+def test_no_effect_moves_outputs_by_more_than_they_could_move(model):
+    """All samples off by the whole range are 400 times 0.5 m over the noise, together."""
+    told = {row.name: row for row in rows(model, checked_base(model))}
+    assert told["sensor-saturation@position_m"].moved < 1e9
+
+
+@pytest.mark.parametrize(
+    ("of", "unit"),
+    [
+        ({"force": 1}, "N"),
+        ({"force": 1, "speed": -1}, "N/(m/s)"),
+        ({"force": 1, "speed": -2}, "N/(m/s)²"),
+        ({"force": 1, "position": -3}, "N/m³"),
+        ({"force": 1, "speed": -2, "position": -1}, "N/((m/s)² m)"),
+        ({"time": 1, "input": -1}, "s/V"),
+        ({"span": -1}, "1/s"),
+        ({}, "1"),
+    ],
+)
+def test_a_unit_says_what_is_divided_by_what(of, unit):
+    units = {"force": "N", "speed": "m/s", "position": "m", "time": "s", "span": "s", "input": "V"}
+    assert Parameter("one", of).unit(Scales({}, units)) == unit

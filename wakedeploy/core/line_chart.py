@@ -1,0 +1,109 @@
+"""Curves as SVG whose points say their values under the pointer, for reports, without a script.
+
+In: numbers. Out: places in a drawing of fixed size, for the macro `chart` of the common templates.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+WIDTH, HEIGHT = 720, 260
+_LEFT, _RIGHT, _TOP, _BOTTOM = 58, 12, 30, 40
+_MOST_POINTS = 300  # of a curve: more cannot be told apart
+_TICKS = 5
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A named line; None or NaN leaves a gap."""
+
+    name: str
+    x: Sequence[float]
+    y: Sequence[float | None]
+
+
+@dataclass(frozen=True)
+class LineChart:
+    """Up to three curves over one axis; `x_label` and `y_label` also name a point's values."""
+
+    curves: Sequence[Curve]
+    x_label: str
+    y_label: str
+
+    width, height = WIDTH, HEIGHT
+    left, right = _LEFT, WIDTH - _RIGHT
+    top, bottom = _TOP, HEIGHT - _BOTTOM
+
+    @property
+    def _points(self) -> list[tuple[float, float]]:
+        return [point for curve in self.curves for point in _known(curve)]
+
+    def __bool__(self) -> bool:
+        """A chart without two points is none."""
+        return len(self._points) > 1
+
+    @property
+    def _x_range(self) -> tuple[float, float]:
+        known = [x for x, _ in self._points]
+        return min(known), max(known)
+
+    @property
+    def _y_range(self) -> tuple[float, float]:
+        """From zero, or from the ticks around the values where these are far from zero."""
+        known = [y for _, y in self._points]
+        low, high = min(0.0, *known), max(known)
+        step = _step(low, high)
+        return step * math.floor(low / step), step * math.ceil(high / step)
+
+    @property
+    def x_ticks(self) -> list[tuple[float, str]]:
+        """Places and words below the axis."""
+        return [(self._across(x), f"{x:g}") for x in _ticks(*self._x_range)]
+
+    @property
+    def y_ticks(self) -> list[tuple[float, str]]:
+        """Places and words beside the axis."""
+        return [(self._up(y), f"{y:g}") for y in _ticks(*self._y_range)]
+
+    @property
+    def lines(self) -> list[tuple[str, str, list[tuple[float, float, str]]]]:
+        """Name, path and dots (x, y, what is said there) of each curve."""
+        return [(curve.name, self._path(curve), self._dots(curve)) for curve in self.curves]
+
+    def _path(self, curve: Curve) -> str:
+        places = (f"{self._across(x):.1f},{self._up(y):.1f}" for x, y in _known(curve))
+        return "M" + "L".join(places)
+
+    def _dots(self, curve: Curve) -> list[tuple[float, float, str]]:
+        return [
+            (self._across(x), self._up(y), f"{curve.name}: {y:.4g} at {self.x_label} {x:g}")
+            for x, y in _known(curve)
+        ]
+
+    def _across(self, x: float) -> float:
+        low, high = self._x_range
+        return round(self.left + (self.right - self.left) * (x - low) / ((high - low) or 1.0), 1)
+
+    def _up(self, y: float) -> float:
+        low, high = self._y_range
+        return round(self.bottom - (self.bottom - self.top) * (y - low) / ((high - low) or 1.0), 1)
+
+
+def _known(curve: Curve) -> list[tuple[float, float]]:
+    pairs = zip(curve.x, curve.y, strict=True)
+    known = [(x, y) for x, y in pairs if y is not None and math.isfinite(y)]
+    every = -(-len(known) // _MOST_POINTS) or 1
+    return known[::every]
+
+
+def _step(low: float, high: float) -> float:
+    """A round distance between some five ticks."""
+    rough = max(high - low, 1e-12) / _TICKS
+    decade = 10.0 ** math.floor(math.log10(rough))
+    return decade * next(step for step in (1, 2, 5, 10) if step * decade >= rough * (1 - 1e-9))
+
+
+def _ticks(low: float, high: float) -> list[float]:
+    step = _step(low, high)
+    first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
+    return [round(number * step, 12) for number in range(first, last + 1)]

@@ -1,0 +1,108 @@
+"""A system and its recordings, as the search sees them: whatever a user or a domain provides.
+
+A `Comparison` is a `Model` (parameters, likelihood) that also says what its channels and
+coordinates are, which episodes are sealed, and what it predicts wrongly on them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Hypothesis, Model
+from wakedeploy.gap.search.places import Axes, Residuals
+
+_CORRELATIONS = 5.0  # times the noise's time constant: how long a block of residuals is
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """What was measured in one episode: times (n,) [s] and channels (c, n)."""
+
+    name: str
+    time_s: FloatArray
+    measured: FloatArray
+
+
+class Comparison(Model, Protocol):
+    """What is compared: channels, coordinates, effects, likelihood, prediction."""
+
+    @property
+    def name(self) -> str:
+        """Of the system."""
+        ...
+
+    @property
+    def channels(self) -> Sequence[tuple[str, str]]:
+        """Names and units of what is measured."""
+        ...
+
+    @property
+    def effects(self) -> Mapping[str, tuple[Free, ...]]:
+        """The effects that the model may lack, with their parameters."""
+        ...
+
+    @property
+    def records(self) -> Sequence[Record]:
+        """The episodes."""
+        ...
+
+    @property
+    def horizon(self) -> int:
+        """Samples over which errors are alike."""
+        ...
+
+    def sealed(self) -> tuple[int, ...]:
+        """The episodes to which nothing is fitted."""
+        ...
+
+    def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
+        """Parameters by name."""
+        ...
+
+    def disagreement(self, values: Mapping[str, float], episode: int) -> FloatArray:
+        """Measured less predicted (c, n), 0 where nothing is predicted."""
+        ...
+
+    def disagreements(self, fitted: Fit, episodes: Sequence[int]) -> list[FloatArray]:
+        """The errors that count, (c, m) for each episode, NaN where nothing is predicted."""
+        ...
+
+    def coordinates(self, episode: int) -> dict[str, tuple[str, FloatArray]]:
+        """Where a sample lies: unit and values (n,) by name."""
+        ...
+
+    def noise_time_s(self, fitted: Fit, channel: int) -> float:
+        """How long a channel's noise stays the same [s]."""
+        ...
+
+
+def residual_series(
+    model: Comparison, fitted: Fit, episodes: Sequence[int]
+) -> tuple[dict[str, list[Residuals]], Axes]:
+    """Residuals of every channel in some episodes, and what they are over."""
+    values = model.values(fitted.hypothesis, fitted.theta)
+    left = [model.disagreement(values, e) for e in episodes]
+    where = [model.coordinates(e) for e in episodes]
+    series = {
+        name: [
+            Residuals(
+                name, model.records[e].time_s, residual[c], {k: v for k, (_, v) in at.items()}
+            )
+            for e, residual, at in zip(episodes, left, where, strict=True)
+        ]
+        for c, (name, _) in enumerate(model.channels)
+    }
+    blocks = {
+        name: _CORRELATIONS * model.noise_time_s(fitted, c)
+        for c, (name, _) in enumerate(model.channels)
+    }
+    coordinates = {name: (unit, False) for name, (unit, _) in where[0].items()}
+    return series, Axes(dict(model.channels), coordinates, blocks)
+
+
+def errors(model: Comparison, fitted: Fit, episodes: Sequence[int]) -> list[float]:
+    """Root mean square of measured less predicted, by channel."""
+    parts = np.concatenate(model.disagreements(fitted, episodes), axis=1)
+    return [float(np.sqrt(np.nanmean(row**2))) for row in parts]

@@ -1,0 +1,127 @@
+"""Which effect a system lacks: all candidates looked at around the base, the best ones climbed.
+
+In: a `Comparison` and a fit of what is known. Out: candidates ranked by what they gain on episodes
+that they were not fitted to, and the gain that chance alone would bring.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.ranking import Candidate, candidate
+from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.search.climbing import begun, climbed, raced
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
+
+CLIMBED = 6  # candidates that are fitted to the end
+DRAWS = 200  # of what chance would bring
+_AT_ONCE = 25
+CHANCE = 0.95  # of which this quantile has to be passed
+LEAST_NATS = 3.0
+SIMPLER = 0.8  # of a gain that a simpler kind has to reach to be named first
+WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
+_TURNED = 50  # samples of a block whose sign chance turns, at least
+_SIMPLER_KINDS = {
+    "pre-sliding-friction": ("coulomb-friction",),
+    "stribeck-friction": ("coulomb-friction",),
+    "hysteresis": ("coulomb-friction", "pre-sliding-friction"),
+    "second-order-lag": ("lag", "dead-time"),
+    "periodic-force": ("offset", "gravity"),
+}
+
+
+def ranked(
+    model: Comparison, base: Fit, names: Sequence[str], steps: Steps = uncounted
+) -> tuple[list[Candidate], float]:
+    """Candidates on top of `base`, best first, and the gain that chance brings [nats]."""
+    ground, total = Ground.of(base), len(names) + CLIMBED
+    seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
+    order = sorted(seen_all, key=lambda one: -one.prospect(base))
+    least = max(LEAST_NATS, WORTH * order[0].prospect(base)) if order else LEAST_NATS
+    chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
+    fits = raced(model, base, [seen.fit for seen in chosen])
+    steps(total, total)
+    fitted = {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
+    found = [candidate(base, seen.name, fitted.get(seen.name, seen.fit)) for seen in order]
+    best_first = sorted(found, key=lambda c: -c.gain_nats)
+    leader = best_first[0].fit if best_first else base
+    return best_first, chance_nats(ground, seen_all, leader)
+
+
+def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0) -> float:
+    """The best gain of any candidate that innovations of noise alone would bring, in 19 of 20.
+
+    Noise is drawn anew around the base, with form and constants wrong by what their priors allow.
+    Beside it signs of whole blocks of innovations are turned, which keeps what colours them: those
+    of the best candidate, as what it explains is no noise where it is the truth.
+    """
+    rng = np.random.default_rng(seed)
+    bases = [_basis(own, ground) for seen in candidates for own in seen.columns]
+    best = np.zeros((2, DRAWS))
+    for first in range(0, DRAWS, _AT_ONCE):
+        for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng))):
+            gains = [0.5 * ((own.T @ draws) ** 2).sum(0) - own.shape[1] for own in bases]
+            best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
+    return max(*(float(np.quantile(row, CHANCE)) for row in best), LEAST_NATS)
+
+
+def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
+    """Noise in the units of whitened slopes, and nuisances as far off as their priors say."""
+    base = ground.base
+    told = np.concatenate([
+        np.concatenate([np.sqrt(s.weight) * (s.log_density != 0.0)] * 2) for s in base.slopes.scores
+    ])  # fmt: skip
+    noise = rng.standard_normal((len(told), _AT_ONCE)) * told[:, None]
+    formal = [i for i, f in enumerate(base.free) if f.name.startswith("form.")]
+    sd = np.array([base.free[i].prior_sd for i in formal])
+    known = (ground.q @ ground.r[:, formal])[: len(told)]
+    return np.asarray(noise + known @ (sd[:, None] * rng.standard_normal((len(sd), _AT_ONCE))))
+
+
+def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
+    """A fit's own whitened innovations, blocks of them with signs turned, (2n, draws)."""
+    parts = []
+    for score in leader.slopes.scores:
+        rest = white_rest(score)
+        n = len(rest) // 2
+        count = max(n // _TURNED, 4)
+        signs = rng.choice((-1.0, 1.0), (count, _AT_ONCE))
+        of = np.minimum(np.arange(n) * count // n, count - 1)
+        parts += [rest[:n, None] * signs[of], rest[n:, None] * signs[of]]
+    return np.concatenate(parts)
+
+
+def _basis(own: FloatArray, ground: Ground) -> FloatArray:
+    """Orthonormal directions (2n, k) of what known ones leave of a candidate's columns."""
+    left = ground.left(own)
+    norm = np.linalg.norm(left, axis=0)
+    there = norm > 1e-8 * np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+    if not there.any():
+        return np.zeros((len(own), 0))
+    basis, _ = np.linalg.qr(left[:, there] / norm[there])
+    return np.asarray(basis[: len(own)])
+
+
+def elaborates(name: str, other: str) -> bool:
+    """Whether an effect is the same as another with more to it, at the same port."""
+    kind, _, port = name.partition("@")
+    plainer, _, there = other.partition("@")
+    return port == there and plainer in _SIMPLER_KINDS.get(kind, ())
+
+
+def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
+    """A simpler kind at the same port, from the best one's point, if it gains nearly as much."""
+    kind, _, port = best.name.partition("@")
+    for plainer in _SIMPLER_KINDS.get(kind, ()):
+        name = f"{plainer}@{port}"
+        if name not in model.effects or name in base.hypothesis:
+            continue
+        values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
+        hypothesis = (*base.hypothesis, name)
+        start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
+        one = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
+        if one.gain_nats >= SIMPLER * best.gain_nats:
+            return one
+    return best

@@ -1,0 +1,258 @@
+"""A system with effects that act: rates and readings of many points at once.
+
+In: a `System`, effects of its library, and values of constants and parameters. States are the
+user's, then the effects' own. Arrays are (…, L): lanes last, points beside the state before them.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import FloatArray
+from wakedeploy.gap.systems.kinds.forces import At, ForceKind
+from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
+from wakedeploy.gap.systems.kinds.library import Effect
+from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
+from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.physics.kalman import bumped
+
+Arrays = Mapping[str, Any]
+
+BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes of the state
+_BUMP_WIDTH = 0.75
+_CENTRES = np.array(BUMPS)
+_FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
+FORM_SD = 0.05  # of the model-form term, as a share of the rate
+FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
+FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
+
+
+class Acting:
+    """A system and the effects of a hypothesis.
+
+    `sizes` are usual sizes by name, `form` the states whose rate has a model-form term.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        effects: Sequence[Effect],
+        sizes: Mapping[str, float],
+        form: Sequence[str] = (),
+    ) -> None:
+        self.system, self.effects, self.sizes, self.form = system, tuple(effects), sizes, form
+        self.states = (*system.states, *(n for e in effects for n in e.own_states))
+        self._of = {
+            role: [e for e in effects if e.port.role == role]
+            for role in ("input", "force", "output", "constant", "custom")
+        }
+        self._constants = {c.name: c.value for c in system.constants}
+        self._held = {i.name: i.hold for i in system.inputs}
+
+    def column(self, name: str, logged: FloatArray, values: Arrays, dt_s: float) -> FloatArray:
+        """What of a logged input (n,) reaches the system in each sample, under scalar values."""
+        column = logged
+        for effect in self._of["input"]:
+            if effect.port.name == name:
+                kind = effect.kind
+                assert isinstance(kind, InputKind)
+                column = kind.filtered(column, effect.parameters(values), dt_s)
+        if self._held[name] == "linear":
+            column = 0.5 * (column + np.append(column[1:], column[-1]))
+        return shifted(column, float(values.get(f"clock.{name}", 0.0)) / dt_s)
+
+    def depends(self, name: str) -> tuple[str, ...]:
+        """The parameters that change an input's column."""
+        acting = (e for e in self._of["input"] if e.port.name == name)
+        own = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
+        return (f"clock.{name}", *own)
+
+    def formed(self, values: Arrays) -> dict[str, FloatArray]:
+        """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
+        lanes = next(iter(values.values())).shape[1]
+        none = np.zeros((1, lanes))
+        return {
+            f"form.{name}": np.vstack(
+                [values.get(f"form.{name}.{k}", none) for k in range(len(BUMPS))]
+            )
+            for name in self.form
+        }
+
+    def constants(self, values: Arrays, time_s: FloatArray) -> Point:
+        """Values of the constants, with what acts on them."""
+        told = {n: values.get(f"constant.{n}", v) for n, v in self._constants.items()}
+        for effect in self._of["constant"]:
+            kind, name = effect.kind, effect.port.name
+            assert isinstance(kind, ConstantKind)
+            told[name] = kind.value(told[name], time_s, effect.parameters(values))
+        return Point("constant", told)
+
+    def rates(
+        self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
+    ) -> FloatArray:
+        """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system."""
+        named = dict(zip(self.states, x, strict=True))
+        state = Point("state", {n: named[n] for n in self.system.states})
+        driven = Point("input", inputs)
+        own: dict[str, Any] = {}
+        if self.system.takes_forces and self._of["force"]:
+            told = self._loaded(named, state, driven, c, values, own)
+        else:
+            told = self.system.rates(state, driven, c)
+        base = dict(told)
+        for name in self.form:
+            told[name] = told[name] + self._form(name, named, told, values)
+        for effect in () if self.system.takes_forces else self._of["force"]:
+            self._force(effect, named, base, inputs, c, values, told, own)
+        for effect in self._of["custom"]:
+            self._custom(effect, state, driven, values, time_s, told)
+        if self._of["output"]:
+            self._sensed(state, driven, c, values, named, own)
+        result = np.empty_like(x)
+        for i, name in enumerate(self.states):
+            result[i] = told[name] if name in told else own[name]
+        return result
+
+    def readings(
+        self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
+    ) -> FloatArray:
+        """What the sensors show (m, …)."""
+        named = dict(zip(self.states, x, strict=True))
+        state = Point("state", {n: named[n] for n in self.system.states})
+        told = self.system.readings(state, Point("input", inputs), c)
+        for effect in self._of["output"]:
+            kind, name = effect.kind, effect.port.name
+            assert isinstance(kind, OutputKind)
+            own = tuple(named[n] for n in effect.own_states)
+            told[name] = kind.reading(told[name], own, time_s, effect.parameters(values))
+        result = np.empty((len(told), *x.shape[1:]))
+        for i, value in enumerate(told.values()):
+            result[i] = value
+        return result
+
+    @property
+    def _dt_s(self) -> float:
+        """What a rate is multiplied by to be added to what the system returns."""
+        return 1.0 / self.system.rate_hz if self.system.has_step else 1.0
+
+    def _base(self, name: str, named: Arrays, told: Arrays) -> Any:
+        """The rate that the system itself gives a state."""
+        if self.system.has_step:
+            return (told[name] - named[name]) / self._dt_s
+        return told[name]
+
+    def _form(self, name: str, named: Arrays, told: Arrays, values: Arrays) -> Any:
+        """A small smooth share of the rate, over the state itself; `formed` has its sizes."""
+        at = named[name] / self.sizes[name]
+        sizes = values.get(f"form.{name}")
+        if sizes is None:
+            return 0.0
+        flat = at.reshape(-1, at.shape[-1])
+        share = bumped(flat, sizes, _CENTRES, _BUMP_WIDTH, _FARTHEST_BUMP).reshape(at.shape)
+        return self._dt_s * share * self._base(name, named, told)
+
+    def _force(
+        self,
+        effect: Effect,
+        named: Arrays,
+        base: Arrays,
+        inputs: Arrays,
+        c: Point,
+        values: Arrays,
+        told: dict[str, Any],
+        own: dict[str, Any],
+    ) -> None:
+        port = effect.port
+        inertia = getattr(c, port.inertia) if port.inertia else 1.0
+        force = self._pull(effect, named, base, inputs, inertia, values, own)
+        told[port.name] = told[port.name] + force / inertia * self._dt_s
+
+    def _loaded(
+        self,
+        named: Arrays,
+        state: Point,
+        driven: Point,
+        c: Point,
+        values: Arrays,
+        own: dict[str, Any],
+    ) -> dict[str, Any]:
+        """Rates of a system that distributes forces itself, under those of the effects."""
+        effects = self._of["force"]
+        asks = any(e.kind.needs == ("inertia",) for e in effects)
+        base = self.system.rates(state, driven, c) if asks else {}
+        inputs = {i.name: getattr(driven, i.name) for i in self.system.inputs}
+        forces: dict[str, Any] = {}
+        for effect in effects:
+            inertia = getattr(c, effect.port.inertia) if effect.port.inertia else 1.0
+            pull = self._pull(effect, named, base, inputs, inertia, values, own)
+            forces[effect.port.name] = forces.get(effect.port.name, 0.0) + pull
+        return self.system.rates(state, driven, c, forces)
+
+    def _pull(
+        self,
+        effect: Effect,
+        named: Arrays,
+        base: Arrays,
+        inputs: Arrays,
+        inertia: Any,
+        values: Arrays,
+        own: dict[str, Any],
+    ) -> Any:
+        """The force of an effect; also the rates of its own states."""
+        port, kind = effect.port, effect.kind
+        assert isinstance(kind, ForceKind)
+        speed = named[port.name]
+        force = (
+            self._base(port.name, named, base) * inertia if kind.needs == ("inertia",) else speed
+        )
+        other = {**named, **inputs}[effect.other] if effect.other else speed
+        at = At(
+            speed=speed,
+            position=named.get(port.position, speed),
+            height=named.get(port.height, speed),
+            force=force,
+            other=other,
+            own=tuple(named[n] for n in effect.own_states),
+            sizes=effect.scales.sizes,
+        )
+        p = effect.parameters(values)
+        for name, rate in zip(effect.own_states, kind.own_rates(at, p), strict=True):
+            own[name] = self._advanced(named[name], rate)
+        return kind.force(at, p)
+
+    def _custom(
+        self,
+        effect: Effect,
+        state: Point,
+        inputs: Point,
+        values: Arrays,
+        time_s: FloatArray,
+        told: dict[str, Any],
+    ) -> None:
+        assert effect.port.function is not None
+        p = Point("parameter", effect.parameters(values))
+        for name, increment in effect.port.function(time_s, state, inputs, p).items():
+            told[name] = told[name] + increment
+
+    def _sensed(
+        self,
+        state: Point,
+        inputs: Point,
+        c: Point,
+        values: Arrays,
+        named: Arrays,
+        own: dict[str, Any],
+    ) -> None:
+        """Rates of the sensors' own states."""
+        shown = self.system.readings(state, inputs, c)
+        for effect in self._of["output"]:
+            kind = effect.kind
+            assert isinstance(kind, OutputKind)
+            mine = tuple(named[n] for n in effect.own_states)
+            rates = kind.own_rates(shown[effect.port.name], mine, effect.parameters(values))
+            for name, rate in zip(effect.own_states, rates, strict=True):
+                own[name] = self._advanced(named[name], rate)
+
+    def _advanced(self, value: Any, rate: Any) -> Any:
+        return value + self._dt_s * rate if self.system.has_step else rate

@@ -1,0 +1,180 @@
+"""After a class or an "unknown": the manoeuvre that splits it is flown, and the answer renewed.
+
+In: a folder that `gap close` left, and who can fly. Out: the manoeuvre as a file, its flights, the
+folder with the new answer, and `follow.json` with both answers.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.files import json_text, write_text_whole
+from wakedeploy.core.rig import Rig
+from wakedeploy.gap.folder import Steps, read_steps
+from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.systems.gantry.planning.plan import (
+    Option,
+    make_plan,
+    stated_sizes,
+    write_plan_reference,
+)
+from wakedeploy.gap.systems.gantry.search.naming import Thresholds
+from wakedeploy.gap.systems.gantry.steps import close
+from wakedeploy.gap.wording import entries, mapping, number, texts
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.rig.file import read_rig
+
+MOST_FLIGHTS = 4  # of one manoeuvre in a turn; what takes more is asked for a second time
+_LEADING = 2  # of a ranking, where nothing was named
+FLOWN = "flown"
+REFERENCE = "manoeuvre.csv"
+
+# Flies a reference file with this seed, and records it there.
+Fly = Callable[[Path, int, Path], None]
+
+
+@dataclass(frozen=True)
+class Open:
+    """What is still open: effects to tell apart, the flights so far, and the rig file."""
+
+    names: tuple[str, ...]
+    logs: tuple[Path, ...]
+    rig_path: Path
+    is_virtual: bool
+    next_seed: int
+    before: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Manoeuvre:
+    """What to fly, and how often; `path` is for `run-gantry --reference`."""
+
+    path: Path
+    name: str
+    description: str
+    flights: int
+    sentence: str
+
+
+def what_is_open(folder: Path) -> Open:
+    """Read it from the folder's artefacts; UnusableInput where nothing is open, or not known."""
+    steps = read_steps(folder)
+    if not steps.result:
+        raise UnusableInput(f"{folder}: there is no result.json; run `wakedeploy gap close` first.")
+    names = _names(steps)
+    if len(names) < 2:
+        verdict = steps.result.get("verdict")
+        raise UnusableInput(f"{folder}: the answer is {verdict!r}: nothing is left to tell apart.")
+    logs = entries(steps.find.get("logs"))
+    paths = tuple(Path(str(log.get("path"))) for log in logs)
+    missing = [path for path in paths if not path.is_file()]
+    if missing:
+        raise UnusableInput(f"{missing[0]}: this log of the first answer is gone; put it back.")
+    seeds = [number(log.get("seed")) for log in logs]
+    return Open(
+        names,
+        paths,
+        Path(str(steps.find.get("rig"))),
+        all(log.get("simulated") for log in logs),
+        round(max((seed for seed in seeds if seed == seed), default=0.0)) + 1,
+        _answer(steps),
+    )
+
+
+def _names(steps: Steps) -> tuple[str, ...]:
+    """The members of the class, or the effects that lead where nothing was named."""
+    members = texts(steps.result.get("class"))
+    if len(members) > 1:
+        return tuple(members)
+    if steps.result.get("verdict") != "unknown":
+        return ()
+    rounds = entries(steps.name.get("rounds"))
+    ranking = entries(rounds[0].get("ranking")) if rounds else []
+    return tuple(str(one.get("name")) for one in ranking if one.get("name") in LIBRARY)[:_LEADING]
+
+
+def _answer(steps: Steps) -> dict[str, Any]:
+    keys = ("verdict", "class", "headline")
+    told: dict[str, Any] = {key: steps.result.get(key) for key in keys}
+    return told | {"effects": [e.get("name") for e in entries(steps.result.get("effects"))]}
+
+
+def planned_manoeuvre(folder: Path, left: Open, rig: Rig, progress: Progress = quiet) -> Manoeuvre:
+    """The manoeuvre that splits them best, written beside the answer.
+
+    Raises UnusableInput where none does within the rig's limits; the sentence says what would.
+    """
+    stage = "looking for the manoeuvre that tells them apart"
+    progress(stage)
+    sizes = stated_sizes(read_steps(folder).name, left.names)
+    plan = make_plan(
+        rig, left.names, sizes=sizes, progress=lambda done, of: progress(stage, done, of)
+    )
+    best: Option | None = plan.best
+    if best is None or best.flights is None:
+        raise UnusableInput(plan.sentence)
+    path = folder / REFERENCE
+    write_plan_reference(path, rig, best)
+    kept = min(best.flights, MOST_FLIGHTS)
+    named = best.manoeuvre
+    return Manoeuvre(path, named.name, named.description, kept, plan.sentence)
+
+
+def flown(folder: Path, left: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
+    """The manoeuvre, as often as it takes, each flight with a seed of its own; their logs."""
+    place = folder / FLOWN
+    place.mkdir(parents=True, exist_ok=True)
+    logs = []
+    for i in range(planned.flights):
+        seed = left.next_seed + i
+        path = place / f"{planned.name}-{seed}.mcap"
+        fly(planned.path, seed, path)
+        logs.append(path)
+    return logs
+
+
+def answered_again(
+    folder: Path,
+    left: Open,
+    new: Sequence[Path],
+    *,
+    workers: int = 2,
+    thresholds: Thresholds | None = None,
+    report: bool = True,
+    progress: Progress = quiet,
+) -> dict[str, Any]:
+    """The answer of all flights, the new ones first; writes `follow.json`.
+
+    The last of the earlier flights stay sealed: they have confirmed nothing of the new answer.
+    """
+    logs = [*new, *left.logs]
+    result = close(
+        *(left.rig_path, logs, folder),
+        workers=workers,
+        report=report,
+        progress=progress,
+        thresholds=thresholds,
+    )
+    told = {
+        "split": list(left.names),
+        "new_logs": [str(path) for path in new],
+        "before": dict(left.before),
+        "after": _answer(read_steps(folder)),
+    }
+    write_text_whole(folder / "follow.json", json_text(told))
+    return {**told, "result": result}
+
+
+def rig_of(left: Open) -> Rig:
+    """The rig file of the first answer; UnusableInput where it is gone."""
+    if not left.rig_path.is_file():
+        raise UnusableInput(f"{left.rig_path}: the rig file of the first answer is gone.")
+    return read_rig(left.rig_path)
+
+
+def is_settled(told: Mapping[str, Any]) -> bool:
+    """Whether the new answer leaves no class and no "unknown"."""
+    after = mapping(told.get("after"))
+    return not texts(after.get("class")) and after.get("verdict") in ("named", "none")

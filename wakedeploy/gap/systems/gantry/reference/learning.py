@@ -1,0 +1,165 @@
+"""What ordinary flights tell of a rig beyond its file.
+
+In: a rig and flights in which nothing is new. Out: `Reference`: each flight's own thrust, battery
+and bias, which flights are unlike the others, and a fit of everything else, from which
+`corrected` makes a rig.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.rig import Repeatability, Rig
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended, fit
+from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.rules import FEWEST_FLIGHTS
+from wakedeploy.gap.systems.gantry.flight import Flight
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.reference.spread import (
+    Apart,
+    Variation,
+    farthest,
+    variation,
+    without,
+)
+from wakedeploy.gap.systems.gantry.search.naming import may_be_nothing
+from wakedeploy.gap.systems.gantry.search.refitting import reduced, refitted
+from wakedeploy.gap.systems.gantry.varying import SAG, Varying, varying
+
+# What flights may have of their own, before they are looked at: so loose that it says nothing.
+LOOSE = Repeatability(thrust=0.03, sag_per_s=0.003, bias_m=0.01)
+FREEDOMS = ("crosswind-offset", "battery-sag", "wake-decay")  # that no calibration measures
+SURE = 0.95  # of an interval that holds "nothing"
+_FIRST_TURNS = 2
+ODD = 0.01  # a flight is unlike the others where chance makes one so far away less often
+_FIELDS = {"thrust.sufferer.scale": "thrust", SAG: "sag_per_s", "range.bias_m": "bias_m"}
+
+
+@dataclass(frozen=True, eq=False)
+class Own:
+    """A quantity of which every flight has its own: values and errors (n,), and their variation.
+
+    The variation is that of the flights that are like one another.
+    """
+
+    quantity: Varying
+    values: FloatArray
+    errors: FloatArray
+    between: Variation
+
+
+@dataclass(frozen=True)
+class Odd:
+    """A flight that is unlike the others: in which quantity, by how much, p-value."""
+
+    flight: int
+    quantity: Varying
+    away: float
+    p_value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """What was learned; `fit` is of the flights that are like one another, `kept`, under `rig`."""
+
+    rig: Rig
+    flights: tuple[Flight, ...]
+    kept: tuple[int, ...]
+    own: tuple[Own, ...]
+    odd: tuple[Odd, ...]
+    model: GantryModel
+    fit: Fit
+
+    @property
+    def repeatability(self) -> Repeatability:
+        """The variation that is sure, of each quantity."""
+        sure = {_FIELDS[o.quantity.name]: o.between.sd for o in self.own if o.between.is_sure}
+        return Repeatability(**sure)
+
+
+def learn(rig: Rig, flights: Sequence[Flight], progress: Progress = quiet) -> Reference:
+    """Fit the flights, each with values of its own; then once more with what varies.
+
+    Raises UnusableInput for fewer flights than `FEWEST_FLIGHTS` and one.
+    """
+    if len(flights) <= FEWEST_FLIGHTS:
+        raise UnusableInput(
+            f"{len(flights)} reference flights: whether one differs from the others takes"
+            f" {FEWEST_FLIGHTS + 1}; fly more."
+        )
+    progress("letting each flight have thrust, battery and bias of its own")
+    loose = rig.model_copy(update={"repeatability": LOOSE})
+    model = GantryModel(loose, flights)
+    for _ in range(_FIRST_TURNS):  # a flight of another thrust is no noise
+        model = model.around_own_motion(model.neutral())
+    start = model.neutral().theta
+    model, base = refitted(model, fit(model, (), range(model.episodes), start))
+    told = [model.own(base, episode) for episode in range(len(flights))]
+    odd = odd_flights(varying(loose), told)
+    kept = tuple(i for i in range(len(flights)) if i not in {o.flight for o in odd})
+    own = tuple(_own(one, told, kept) for one in varying(loose))
+    first = Reference(rig, tuple(flights), kept, own, odd, model, base)
+    progress("fitting what they have in common")
+    return _settled(first)
+
+
+def odd_flights(
+    quantities: Sequence[Varying], told: Sequence[Mapping[str, tuple[float, float]]]
+) -> tuple[Odd, ...]:
+    """The flights that are unlike the others, the oddest first, as long as enough are left.
+
+    `told` are value and standard error per flight, by quantity.
+    """
+    found: list[Odd] = []
+    while len(told) - len(found) > FEWEST_FLIGHTS:
+        left = [i for i in range(len(told)) if i not in {o.flight for o in found}]
+        tried = len(left) * len(quantities)
+        each = [_farthest(one, told, left, tried) for one in quantities]
+        oddest = min(each, key=lambda o: o.p_value)
+        if oddest.p_value > ODD:
+            break
+        found.append(oddest)
+    return tuple(found)
+
+
+def _farthest(
+    quantity: Varying,
+    told: Sequence[Mapping[str, tuple[float, float]]],
+    left: Sequence[int],
+    tried: int,
+) -> Odd:
+    pairs = np.array([told[i][quantity.name] for i in left])
+    apart: Apart = farthest(pairs[:, 0], pairs[:, 1], tried)
+    return Odd(left[apart.flight], quantity, apart.away, apart.p_value)
+
+
+def _own(
+    quantity: Varying, told: Sequence[Mapping[str, tuple[float, float]]], kept: Sequence[int]
+) -> Own:
+    pairs = np.array([one[quantity.name] for one in told])
+    odd = [i for i in range(len(told)) if i not in kept]
+    between = variation(without(pairs[:, 0], odd), without(pairs[:, 1], odd))
+    return Own(quantity, pairs[:, 0], pairs[:, 1], between)
+
+
+def _settled(first: Reference) -> Reference:
+    """Everything that the flights have in common, fitted beside what varies."""
+    steady = first.rig.model_copy(update={"repeatability": first.repeatability})
+    flights = [first.model.flights[i] for i in first.kept]
+    near, base = refitted(*_from(GantryModel(steady, flights), first.fit))
+    names = tuple(n for n in FREEDOMS if n not in {e.name for e in first.rig.effect})
+    start = extended(base, near.free(names))
+    model, fitted = refitted(near, fit(near, names, base.episodes, start))
+    idle = [name for name in names if may_be_nothing(fitted, name, SURE)]
+    if idle:
+        rest = tuple(n for n in names if n not in idle)
+        model, fitted = reduced(model, fitted, rest)
+    return replace(first, model=model, fit=fitted)
+
+
+def _from(model: GantryModel, base: Fit) -> tuple[GantryModel, Fit]:
+    """The base hypothesis on the flights of a model, from where another fit of it stands."""
+    model = model.standing(base)
+    return model, fit(model, (), range(model.episodes), base.theta)

@@ -1,0 +1,98 @@
+"""What reference flights have told, as JSON and in words.
+
+In: a `Reference`. Out: `reference.json`'s content, and sentences with sizes and p-values.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from wakedeploy.gap.systems.gantry.reference.corrected import constants_learned, form_force_n
+from wakedeploy.gap.systems.gantry.reference.learning import Odd, Own, Reference
+from wakedeploy.gap.systems.gantry.search.answer import sizes_of
+from wakedeploy.gap.systems.gantry.varying import SAG, Varying
+
+_PERCENT, _MM = (100.0, "%"), (1e3, "mm")
+_SCALES = {"thrust.sufferer.scale": _PERCENT, SAG: (100.0, "%/s"), "range.bias_m": _MM}
+_MOVED_SD = 1.0  # a constant that moved by less is where the rig file has it
+
+
+def as_json(reference: Reference) -> dict[str, Any]:
+    """All that was learned, sizes in SI units."""
+    names = [flight.name for flight in reference.flights]
+    return {
+        "flights": names,
+        "learned_from": [names[i] for i in reference.kept],
+        "repeatability": [_own(one, names) for one in reference.own],
+        "odd": [
+            {
+                "flight": names[o.flight],
+                "quantity": o.quantity.name,
+                "away": o.away,
+                "unit": o.quantity.unit,
+                "p_value": o.p_value,
+            }
+            for o in reference.odd
+        ],
+        "constants": [one.as_json() for one in constants_learned(reference)],
+        "effects": {n: sizes_of(reference.fit, n) for n in reference.fit.hypothesis},
+        "form_force_n": form_force_n(reference),
+        "sentences": sentences(reference),
+    }
+
+
+def _own(one: Own, names: Sequence[str]) -> dict[str, Any]:
+    values = zip(names, one.values, one.errors, strict=True)
+    return {
+        "quantity": one.quantity.name,
+        "unit": one.quantity.unit,
+        "sd": one.between.sd,
+        "low": one.between.low,
+        "high": one.between.high,
+        "p_value": one.between.p_value,
+        "by_flight": {n: {"value": float(v), "error": float(e)} for n, v, e in values},
+    }
+
+
+def sentences(reference: Reference) -> list[str]:
+    """The same in plain words, the flights that are unlike the others first."""
+    told = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
+    told += [_variation(one) for one in reference.own]
+    for name in reference.fit.hypothesis:
+        for parameter, size in sizes_of(reference.fit, name).items():
+            ends = f"[{size['low']:.3g}, {size['high']:.3g}]"
+            told.append(f"{name}: {parameter} {size['value']:.3g} {size['unit']} {ends}.")
+    moved = [
+        f"{c.name} {c.stated:.4g} → {c.value:.4g} ± {c.spread:.2g}"
+        for c in constants_learned(reference)
+        if abs(c.value - c.stated) > _MOVED_SD * c.stated_spread
+    ]
+    if moved:
+        told.append(f"Constants beyond the rig file's spread: {'; '.join(moved)}.")
+    mn = 1e3 * form_force_n(reference)
+    told.append(f"The form of wake and friction differs from the model's by {mn:.0f} mN rms.")
+    return told
+
+
+def _odd(odd: Odd, flight: str) -> str:
+    size = _size(odd.quantity, abs(odd.away))
+    way = "more" if odd.away > 0.0 else "less"
+    return (
+        f"{flight} differs from the others: {odd.quantity.words} is {size} {way}"
+        f" (p = {odd.p_value:.1g}). Nothing was learned from it."
+    )
+
+
+def _variation(one: Own) -> str:
+    words = one.quantity.words
+    if not one.between.is_sure:
+        most = _size(one.quantity, one.between.high)
+        return f"From flight to flight {words} stays the same, to within {most}."
+    low, high = _size(one.quantity, one.between.low), _size(one.quantity, one.between.high)
+    sd = _size(one.quantity, one.between.sd)
+    return f"From flight to flight {words} varies by {sd} (1 sd) [{low}, {high}]."
+
+
+def _size(quantity: Varying, value: float) -> str:
+    factor, unit = _SCALES[quantity.name]
+    return f"{factor * value:.2g} {unit}"

@@ -1,0 +1,490 @@
+"""Which effect explains the disagreement: a name, a class, "unknown" or "none".
+
+In: a model of three flights or more to fit (`glance` is for fewer), and thresholds. Out: an
+`Answer`. Every effect is tried alone and on top of those found, ranked on flights held out; what is
+found is refitted together, and dropped when it is no longer needed. What no effect explains is
+looked for as an expression, beside which an effect may no longer be needed either.
+"""
+
+import functools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from wakedeploy.core.rig import Rig
+from wakedeploy.gap.evidence.expected_gains import worth_trying
+from wakedeploy.gap.evidence.inference import Fit, Hypothesis, fit, held_out
+from wakedeploy.gap.evidence.ranking import (
+    LEDGE_NATS,
+    Candidate,
+    Scans,
+    candidate,
+    rank_fairly,
+    scanned_starts,
+)
+from wakedeploy.gap.evidence.whiteness import Whiteness, whiteness
+from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.rules import CLASS_NATS, FEWEST_FLIGHTS, MOST_IN_CLASS
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
+from wakedeploy.gap.systems.gantry.search.expressions import MOST_TERMS, Symbolic, search
+from wakedeploy.gap.systems.gantry.search.pairs import best_pair
+from wakedeploy.gap.systems.gantry.search.refitting import (
+    STILL_NATS,
+    expressed_by_own_motion,
+    joined,
+    refitted,
+    without_idle,
+)
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import setting_of
+
+Verdict = Literal["named", "class", "unknown", "none", "inconclusive"]
+
+MOST_EFFECTS = 3
+_REST_SHARE = 0.25  # of what the effects explain; a rest below it is their own imprecision
+_RELATIVES_SHARE = 0.1  # of what an effect explains; a relative below it mends only its form
+_HOPE_SHARE = 0.3  # of the threshold; a linear promise below that will not reach it
+_SAME_SUMMIT_NATS = 1.35  # half of χ²'s 90 % quantile: the likelihood-ratio interval's depth
+_LONG_TERMS = 3  # an expression of so many is believed only after effects were tried in pairs
+_CLEAR_NATS = 60.0  # effects that explain more have no better expression that leaves no rest
+_CONTENDING_NATS = 12.0  # behind the best, a candidate may yet gain more around its own motion
+_MOST_CONTENDERS = 4
+
+
+@dataclass(frozen=True)
+class Thresholds:
+    """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
+
+    Gains of the best effect, of the best term of an expression in the state and of the best wave in
+    time [nats], the whiteness statistic of the innovations, and the largest residual at any one
+    place by channel.
+    """
+
+    effect_nats: float
+    expression_nats: float
+    wave_nats: float
+    whiteness: float
+    force_n: float
+    effort_n: float
+    ahead_m: float
+
+    @property
+    def places(self) -> dict[str, float]:
+        """The residuals by channel."""
+        return {
+            "force": self.force_n,
+            "control effort": self.effort_n,
+            "height 0.25 s ahead": self.ahead_m,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Round:
+    """One search through the library, on top of the effects `given`.
+
+    `found` is what it took, mostly the best; a better relative of what was given may have been
+    passed over. Rivals are within `near_nats` of it. `least_nats` is what the best of all effects
+    gains where nothing is missing, once in twenty.
+    """
+
+    given: tuple[str, ...]
+    ranking: tuple[Candidate, ...]
+    found: str = ""
+    near_nats: float = CLASS_NATS
+    least_nats: float = 0.0
+
+    def confidence(self, candidate: Candidate) -> float:
+        """The candidate's share of the belief, all effects and "nothing" equally likely before.
+
+        "Nothing" is believed as if it gained `least_nats`: that much comes of trying so many
+        effects on flights whose calibration is off, and says nothing for any one of them.
+        """
+        gains = np.array([self.least_nats, *(c.gain_nats for c in self.ranking)])
+        weights = np.exp(gains - gains.max())
+        return float(math.exp(candidate.gain_nats - gains.max()) / weights.sum())
+
+    @property
+    def near(self) -> tuple[Candidate, ...]:
+        """What it took (or else the best) and all that cannot be told from it, nor are worse."""
+        taken = next((c for c in self.ranking if c.name == self.found), self.ranking[0])
+        least = taken.gain_nats - self.near_nats
+        others = (c for c in self.ranking if c is not taken and c.gain_nats > least)
+        return (taken, *others)
+
+    @property
+    def rivals(self) -> tuple[Candidate, ...]:
+        """The first of those, as many as a class has at most."""
+        return self.near[:MOST_IN_CLASS]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What was found: `fit` has it all, `base` nothing of it.
+
+    That is the effects, and of what is `unknown` the expression's terms, refitted together.
+    `model` is linear around the motion that `fit` explains, `base_model` around the base's;
+    `white` tests what `fit` leaves.
+    """
+
+    verdict: Verdict
+    effects: tuple[str, ...]
+    classes: tuple[
+        tuple[str, ...], ...
+    ]  # members of each effect that stays open, first found first
+    rounds: tuple[Round, ...]
+    model: GantryModel
+    base_model: GantryModel
+    base: Fit
+    fit: Fit
+    white: Whiteness
+    unknown: Symbolic | None
+    rest: Symbolic | None  # beyond the effects, but too little to doubt them
+    thresholds: Thresholds
+
+    @property
+    def members(self) -> tuple[str, ...]:
+        """Of the first class."""
+        return self.classes[0] if self.classes else ()
+
+
+def fitted_base(model: GantryModel) -> tuple[GantryModel, Fit]:
+    """The base hypothesis, fitted around the motion that it and the readings agree on.
+
+    Effects that the rig file has already, friction above all, begin around the motion that the
+    readings have without them: a raw one has too many corners.
+    """
+    everything = range(model.episodes)
+    model = model.standing(model.neutral())
+    if model.rig.effect:
+        bare = GantryModel(without_effects(model.rig), model.flights, model.extra)
+        bare = bare.standing(bare.neutral())
+        bare, _ = refitted(bare, fit(bare, (), everything, bare.start(())))
+        model = GantryModel(model.rig, bare.flights, model.extra)
+        model = model.standing(model.neutral())
+    first = refitted(model, fit(model, (), everything, model.start(())))
+    near = first[0]
+    again = fit(near, (), everything, near.start(()))  # either climb may end on a ledge
+    if again.objective < first[1].objective + STILL_NATS:
+        return first
+    return max(first, refitted(near, again), key=lambda pair: pair[1].objective)
+
+
+def without_effects(rig: Rig) -> Rig:
+    """The rig without its effects."""
+    return rig.model_copy(update={"effect": ()})
+
+
+def name_effects(
+    rig: Rig,
+    model: GantryModel,
+    thresholds: Thresholds,
+    progress: Progress = quiet,
+    candidates: Sequence[str] | None = None,
+    base: Fit | None = None,
+    share: float = 1.0,
+    disagrees: bool = False,
+) -> Answer:
+    """Find, refit, drop, and decide. ValueError for fewer flights than `FEWEST_FLIGHTS`.
+
+    `base` is the rig file as it is, fitted around the motion of a `model` with terms, where that is
+    known already (`fitted_base`).
+    `share` is how much of all that was flown is in `model`. Effects are rivals if all the flights
+    would not tell them apart, the sealed ones included: nats grow with the data. `disagrees` says
+    that there are places where flights and rig file disagree beyond noise: then something is
+    missing, even where the noise that is fitted to it looks white and no form explains it.
+    """
+    if model.episodes < FEWEST_FLIGHTS:
+        raise ValueError(f"{model.episodes} flights; a verdict takes {FEWEST_FLIGHTS}")
+    if base is None:
+        progress("fitting the rig file as it is")
+        model, base = fitted_base(with_terms(model))
+    names = [n for n in (candidates or LIBRARY) if n not in {e.name for e in rig.effect}]
+    searched = _Search(model, base, base, thresholds, CLASS_NATS * share)
+    while len(searched.current.hypothesis) < MOST_EFFECTS and searched.find(names, progress):
+        pass
+    base = searched.base
+    model, current = without_idle(searched.model, searched.current)
+    rounds = _still_needed(searched.rounds, current)
+    progress("looking for what no effect explains")
+    beyond = searched.expression(model, current)
+    unknown, rest = _rest(searched.base_model, base, current, beyond, thresholds)
+    if unknown is not None and len(unknown.terms) >= _LONG_TERMS:
+        progress("trying effects in pairs")
+        pair = _pair_instead(searched, unknown, thresholds)
+        if pair is not None:
+            (model, current), unknown, rest = pair, None, None
+    white = whiteness(current)
+    verdict, classes = _verdict(rounds, current, unknown, white, thresholds, disagrees)
+    if unknown is not None:
+        bare, least = (searched.base_model, base), thresholds.expression_nats
+        model, unknown = joined(model, current, unknown, bare, searched.expression, least)
+        current = unknown.fit
+        rounds = _still_needed(searched.rounds, current)
+        white = whiteness(current)
+    return Answer(
+        verdict,
+        _claimed(verdict, rounds, current),
+        classes,
+        tuple(rounds),
+        model,
+        searched.base_model,
+        base,
+        current,
+        white,
+        unknown,
+        rest,
+        thresholds,
+    )
+
+
+def ranked_by_own_motion(
+    model: GantryModel,
+    base: Fit,
+    names: Sequence[str],
+    threshold_nats: float,
+    steps: Steps = uncounted,
+) -> tuple[GantryModel, Fit, list[Candidate]]:
+    """The effects on top of a base, best first, the contenders each around its own motion.
+
+    Around the base's motion a friction may show a third of what it gains: those near the best and
+    its relatives contend. Those that gain little beside the threshold stay as they were ranked
+    there. Returns the model around the base's motion and the base as well: a better base may have
+    been met, whose motion is another.
+    """
+    least_nats = 0.5 * threshold_nats
+    scans: Scans = {}
+    again, ranked = rank_fairly(model, base, names, least_nats=least_nats, steps=steps, scans=scans)
+    if again.objective > base.objective + LEDGE_NATS:
+        model, again = refitted(model, again)
+        again, ranked = rank_fairly(
+            model, again, names, least_nats=least_nats, steps=steps, scans=scans
+        )
+    hopeful = [c for c in ranked if c.gain_nats > _HOPE_SHARE * threshold_nats]
+    best = ranked[0]
+    near = [c for c in hopeful if c.gain_nats > best.gain_nats - _CONTENDING_NATS]
+    near = near[:_MOST_CONTENDERS]
+    near += [c for c in hopeful if c not in near and _related(c.name, best.name)]
+    own = [candidate(again, c.name, refitted(model, c.fit)[1]) for c in near]
+    others = [c for c in ranked if c.name not in {one.name for one in own}]
+    return model, again, sorted([*own, *others], key=lambda c: -c.gain_nats)
+
+
+class _Search:
+    """The search through the library: effects found one after another, all refitted together."""
+
+    def __init__(
+        self, model: GantryModel, base: Fit, current: Fit, thresholds: Thresholds, near_nats: float
+    ) -> None:
+        self.model, self.base, self.current = model, base, current
+        self.base_model = model
+        self.rounds: list[Round] = []
+        self._thresholds, self._near_nats = thresholds, near_nats
+        self._gains: dict[str, float] = {}  # of what was found, when it was found [nats]
+        self._beyond: dict[Hypothesis, Symbolic | None] = {}
+
+    def find(self, names: Sequence[str], progress: Progress) -> bool:
+        """One round; whether there should be another."""
+        least = self._thresholds.effect_nats
+        left = [n for n in names if n not in self.current.hypothesis]
+        if self.current.hypothesis:  # the first round ranks all, for the record
+            left = worth_trying(self.model, self.current, left, _HOPE_SHARE * least)
+        if not left:
+            return False
+        stage = f"trying {len(left)} effects" + _on_top(self.current.hypothesis)
+        progress(stage)
+        steps = functools.partial(progress, stage)
+        self.model, self.current, ranked = ranked_by_own_motion(
+            self.model, self.current, left, least, steps
+        )
+        if not self.current.hypothesis:
+            self.base_model, self.base = self.model, self.current
+        given = self.current.hypothesis
+        best = self._taken(ranked)
+        found = best.name if best is not None else ""
+        self.rounds.append(Round(given, tuple(ranked), found, self._near_nats, least))
+        if best is not None:
+            self._gains[best.name] = best.gain_nats
+        return best is not None
+
+    def _taken(self, ranked: Sequence[Candidate]) -> Candidate | None:
+        """The first that may be taken and is not nothing: of that size the search goes on past."""
+        left = list(ranked)
+        while left:
+            best = self._chosen(left)
+            if best is None:
+                return None
+            model, fitted = settled(self.model, best.fit)
+            if not may_be_nothing(fitted, best.name):
+                self.model, self.current = model, fitted
+                return best
+            left = [c for c in left if c is not best]
+        return None
+
+    def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
+        """What is beyond a fit, looked for once."""
+        if current.hypothesis not in self._beyond:
+            self._beyond[current.hypothesis] = _expression(model, current, self._thresholds)
+        return self._beyond[current.hypothesis]
+
+    def _chosen(self, ranked: Sequence[Candidate]) -> Candidate | None:
+        """The first that gains what it must, or as much as an expression that gains enough."""
+        for one in ranked:
+            if one.gain_nats >= _needed(one.name, self._gains, self._thresholds):
+                return one
+        best = ranked[0]
+        if _form_nats(best.name, self._gains) > best.gain_nats:
+            return None
+        # Where something is missing, an effect that explains it as well is its better name.
+        beyond = self.expression(self.model, self.current)
+        close = beyond is not None and best.gain_nats >= beyond.gain_nats - CLASS_NATS
+        return best if close else None
+
+
+def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
+    """Whether every parameter's interval reaches to where the effect changes nothing."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    ends = [(fitted.interval(f.name, level), f.neutral) for f in own]
+    return all(low <= neutral <= high for (low, high), neutral in ends)
+
+
+def _still_needed(rounds: Sequence[Round], current: Fit) -> list[Round]:
+    """The rounds that found what is in a fit, or searched on top of nothing else."""
+    left = set(current.hypothesis)
+    return [r for r in rounds if r.found in left or set(r.given) <= left]
+
+
+def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
+    """What an effect must gain to be found, beside those found with their gains [nats]."""
+    return max(thresholds.effect_nats, _form_nats(name, found))
+
+
+def _form_nats(name: str, found: Mapping[str, float]) -> float:
+    """What a relative of found effects gains where their form is not quite the rig's [nats]."""
+    return _RELATIVES_SHARE * sum(gain for one, gain in found.items() if _related(one, name))
+
+
+def _related(one: str, other: str) -> bool:
+    return other in LIBRARY[one].confused_with or one in LIBRARY[other].confused_with
+
+
+def with_terms(model: GantryModel) -> GantryModel:
+    """The same model, able to try terms of an expression as well."""
+    return GantryModel(model.rig, model.flights, TERMS)
+
+
+def settled(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
+    """The found hypothesis, everything refitted around the motion that it explains."""
+    around = refitted(model, found)
+    starts = scanned_starts(around[0], found)
+    if not starts:
+        return around
+    # Of several summits one may be the highest around its own motion and not around another's.
+    fits = [fit(around[0], found.hypothesis, found.episodes, theta) for theta in starts]
+    best = max(fits, key=lambda f: f.objective).objective
+    near = [f for f in fits if f.objective > best - CLASS_NATS]
+    reached = [around, *(refitted(around[0], f) for f in near)]
+    line, highest = max(reached, key=lambda p: p[1].objective)
+    as_high = (f for _, f in reached if f.objective > highest.objective - _SAME_SUMMIT_NATS)
+    return line, replace(highest, summits=tuple(f for f in as_high if f is not highest))
+
+
+def _expression(
+    model: GantryModel, on: Fit, thresholds: Thresholds, most_terms: int = MOST_TERMS
+) -> Symbolic | None:
+    found = search(
+        model,
+        on,
+        setting=vars(setting_of(model.rig)),
+        least_nats=thresholds.expression_nats,
+        wave_nats=thresholds.wave_nats,
+        most_terms=most_terms,
+    )
+    if found is None:
+        return None
+    own = expressed_by_own_motion(model, on, found)
+    return own if own.gain_nats > min(thresholds.expression_nats, thresholds.wave_nats) else None
+
+
+def _rest(
+    model: GantryModel, base: Fit, current: Fit, beyond: Symbolic | None, thresholds: Thresholds
+) -> tuple[Symbolic | None, Symbolic | None]:
+    """An expression that explains more than the effects do, with or without them; or else a rest.
+
+    The second is what is left beyond effects that lead: they keep their name although their form is
+    not exact. An expression takes a name's place only where it is better by more than a class is
+    wide, and than the best of so many expressions gains by chance.
+    """
+    if not current.hypothesis:
+        return beyond, None
+    explained = gain_over(base, current)
+    left = beyond.gain_nats if beyond is not None else 0.0
+    if left > explained:
+        return beyond, None
+    if explained > _CLEAR_NATS and left < _REST_SHARE * explained:
+        return None, beyond
+    instead = _expression(model, base, thresholds, most_terms=2)
+    least = explained + thresholds.expression_nats + CLASS_NATS
+    if instead is not None and instead.gain_nats > least:
+        return instead, None
+    return None, beyond
+
+
+def _pair_instead(
+    searched: _Search, unknown: Symbolic, thresholds: Thresholds
+) -> tuple[GantryModel, Fit] | None:
+    """Two effects that explain together what a long expression does, and are both there."""
+    paired = best_pair(searched.base_model, searched.base, searched.rounds[0].ranking)
+    if paired is None:
+        return None
+    model, own, gain_nats = paired
+    least = max(unknown.gain_nats - CLASS_NATS, 2.0 * thresholds.effect_nats)
+    if gain_nats < least or any(may_be_nothing(own, name) for name in own.hypothesis):
+        return None
+    return model, own
+
+
+def gain_over(base: Fit, current: Fit) -> float:
+    """What a hypothesis gains over the base on flights held out, priors included [nats]."""
+    return float(held_out(base, current).sum()) + current.log_prior - base.log_prior
+
+
+def _verdict(
+    rounds: Sequence[Round],
+    current: Fit,
+    unknown: Symbolic | None,
+    white: Whiteness,
+    thresholds: Thresholds,
+    disagrees: bool,
+) -> tuple[Verdict, tuple[tuple[str, ...], ...]]:
+    if unknown is not None:
+        return "unknown", ()
+    if not current.hypothesis:
+        is_noise = white.passes(thresholds.whiteness) and not disagrees
+        return ("none" if is_noise else "unknown"), ()
+    unsettled = _unsettled(rounds, current)
+    if unsettled:
+        return "class", tuple(tuple(c.name for c in r.rivals) for r in unsettled)
+    return "named", ()
+
+
+def _unsettled(rounds: Sequence[Round], current: Fit) -> list[Round]:
+    """The rounds whose effect cannot be told from others."""
+    settling = [r for r in rounds if r.found in current.hypothesis]
+    return [searched for searched in settling if len(searched.rivals) > 1]
+
+
+def _claimed(verdict: Verdict, rounds: Sequence[Round], current: Fit) -> tuple[str, ...]:
+    """The effects that an answer commits itself to: of a class, none."""
+    if verdict not in ("named", "class"):
+        return ()
+    # One round's rival may be what another round took: it is in doubt all the same.
+    open_ones = {c.name for searched in _unsettled(rounds, current) for c in searched.rivals}
+    return tuple(name for name in current.hypothesis if name not in open_ones)
+
+
+def _on_top(found: Sequence[str]) -> str:
+    return f" on top of {', '.join(found)}" if found else ""

@@ -1,0 +1,95 @@
+"""Where a rig's flights and its file disagree: maps, places, whiteness, and the replay's errors.
+
+In: a gantry's model and its fitted base. Out: `find.json` without its header.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
+from wakedeploy.gap.few_flights import cannot_tell, these
+from wakedeploy.gap.search.places import INNOVATION, Axes, disagreements, forbids_none
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
+
+HORIZONS_S = (0.25, 0.5, 1.0)
+# Blocks are at least four times as long as the channel's own window correlates what it measures.
+AXES = Axes(
+    CHANNELS,
+    COORDINATES,
+    {"force": 3.0, "control effort": 4.0, "height 0.25 s ahead": 3.0, INNOVATION: 2.0},
+)
+
+
+def find_places(
+    model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
+) -> dict[str, Any]:
+    """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
+
+    A place counts from the size `least` of its channel on: so much the model's own approximations
+    leave on this rig when nothing is missing (see `threshold`).
+    """
+    limits = dict(least or {})
+    series = {
+        channel: [residuals(model, base, channel, i) for i in range(model.episodes)]
+        for channel in CHANNELS
+    }
+    maps, places = disagreements(series, AXES, limits)
+    white = [samples(score)[0] for score in base.slopes.scores]
+    rest = whiteness(base)
+    return {
+        "white": rest.as_json(limit),
+        "places": places,
+        "maps": maps,
+        "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
+        "replay": [_replay(model, base, h) for h in HORIZONS_S],
+        "noise_floor": _noise_floors(maps),
+        "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
+        "sentence": places_sentence(places, rest.passes(limit), model.episodes),
+    }
+
+
+def _noise_floors(maps: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """What noise alone puts into a bin of a channel's maps: the median reach of 90 % intervals."""
+    reaches: dict[str, list[float]] = {}
+    for m in maps:
+        own = 0.5 * (np.array(m["high"]) - np.array(m["low"]))
+        reaches.setdefault(m["channel"], []).extend(own.tolist())
+    return {
+        channel: {"value": float(np.median(own)), "unit": CHANNELS[channel]}
+        for channel, own in reaches.items()
+    }
+
+
+def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:
+    errors, expected = [], []
+    for episode in range(model.episodes):
+        ahead = model.forecasts(base, episode, (horizon_s,))
+        errors.append(ahead.measured_m[0] - ahead.forecast_m[0])
+        expected.append(ahead.variance_m2[0])
+    error, variance = np.concatenate(errors), np.concatenate(expected)
+    known = np.isfinite(error) & np.isfinite(variance)
+    typical = np.abs(error[known]) < 6.0 * np.median(np.abs(error[known]))
+    return {
+        "horizon_s": horizon_s,
+        "rmse_m": float(np.sqrt((error[known][typical] ** 2).mean())),
+        "expected_m": float(np.sqrt(variance[known].mean())),
+    }
+
+
+def places_sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:
+    """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
+    if not places and is_white:
+        told = "no place stands out from noise"
+    elif not places:
+        told = "no single place stands out, but as a whole more than noise is left"
+    elif forbids_none(places):
+        told = f"they disagree beyond noise: {places[0]['words']}"
+    else:
+        told = f"no place disagrees clearly beyond noise; the clearest is {places[0]['words']}"
+    scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
+    told = scope + told
+    return f"{told[0].upper()}{told[1:]}."

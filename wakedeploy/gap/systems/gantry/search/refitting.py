@@ -1,0 +1,103 @@
+"""Hypotheses refitted around the motion that they explain, and freed of what they no longer need.
+
+In: a model and a fit. Out: the model around that fit's own motion, and everything refitted there.
+"""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, Hypothesis, applied, fit
+from wakedeploy.gap.evidence.ranking import candidate
+from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, told
+from wakedeploy.physics.effects.chain import setting_of
+
+STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
+_MOST_TURNS = 10
+_DROPPED_NATS = 1.0
+
+
+def refitted(model: GantryModel, found: Fit) -> tuple[GantryModel, Fit]:
+    """A hypothesis, everything refitted around the motion that it explains.
+
+    Motion and fit take turns until the fit gains nothing around its motion. Around the motion of
+    another hypothesis the same one may seem tens of nats more or less likely; likelihoods around
+    different motions compare only where each motion is the hypothesis's own.
+    """
+    for _ in range(_MOST_TURNS):
+        model = model.around_own_motion(found)
+        before = applied(model, found, found.episodes)
+        found = fit(model, found.hypothesis, found.episodes, found.theta)
+        if found.objective < before.objective + STILL_NATS:
+            break
+    return model, found
+
+
+def reduced(model: GantryModel, current: Fit, rest: Hypothesis) -> tuple[GantryModel, Fit]:
+    """What is left of a hypothesis without some of its effects, refitted from where it stands."""
+    known = dict(zip(current.names, current.theta, strict=True))
+    start = np.array([known.get(f.name, f.neutral) for f in model.free(rest)])
+    return refitted(model, fit(model, rest, current.episodes, start))
+
+
+def without_idle(
+    model: GantryModel,
+    current: Fit,
+    among: Sequence[str] | None = None,
+    least_nats: float = _DROPPED_NATS,
+) -> tuple[GantryModel, Fit]:
+    """Drop each effect (of those `among`, or of all) that gains too little beside the others."""
+    for name in current.hypothesis if among is None else among:
+        if len(current.hypothesis) < 2:
+            break
+        rest = tuple(n for n in current.hypothesis if n != name)
+        near, without = reduced(model, current, rest)
+        if candidate(without, name, current).gain_nats < least_nats:
+            model, current = near, without
+    return model, current
+
+
+def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
+    """An expression that was found on top of a fit, around the motion that it explains itself."""
+    _, own = refitted(model, found.fit)
+    return _told(model, on, own, found.terms)
+
+
+def joined(
+    model: GantryModel,
+    on: Fit,
+    found: Symbolic,
+    base: tuple[GantryModel, Fit],
+    search: Callable[[GantryModel, Fit], Symbolic | None],
+    least_nats: float,
+) -> tuple[GantryModel, Symbolic]:
+    """An expression and the effects that are needed beside it, all refitted together.
+
+    An effect that was found first may have stood for what the expression says better. It is
+    dropped; the expression may have mended what was wrong with it, and is searched again, on top of
+    what is left. `least_nats` is what noise alone hardly gains: beside the expression, an effect
+    must gain as much, and so must each term for the new one to be the better. `on` is the fit of
+    the effects, `base` the one without any.
+    """
+    near, joint = refitted(model, found.fit)
+    effects = tuple(n for n in joint.hypothesis if n not in found.terms)
+    near, joint = without_idle(near, joint, effects, least_nats)
+    left = tuple(n for n in effects if n in joint.hypothesis)
+    if not left:
+        model, on = base
+    elif left != effects:
+        model, on = reduced(near, joint, left)
+    here = _told(near, on, joint, found.terms)
+    again = search(model, on) if left != effects else None
+    if again is None or _merit(again, least_nats) <= _merit(here, least_nats):
+        return near, here
+    return joined(model, on, again, base, search, least_nats)
+
+
+def _merit(one: Symbolic, least_nats: float) -> float:
+    return one.gain_nats - least_nats * len(one.terms)
+
+
+def _told(model: GantryModel, on: Fit, fitted: Fit, terms: Sequence[str]) -> Symbolic:
+    return told(on, fitted, terms, vars(setting_of(model.rig)))

@@ -1,0 +1,329 @@
+"""What of an MJCF file a system has: its joints and actuators, and the attributes that may be off.
+
+In: a file. Out: joints and actuators with the names of states and inputs, and attributes with the
+names of constants. Only this folder imports MuJoCo.
+"""
+
+import functools
+import importlib
+import math
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput, installs, one_line
+
+_SERVO = 3  # numbers of a position or velocity servo's bias: 0, −kp, −kv
+
+
+@dataclass(frozen=True)
+class Joint:
+    """A joint that turns or slides: `name` as in the file, `word` as in names of the system.
+
+    `qpos` and `dof` are its places in MuJoCo's state; `inertia` is what the joint alone moves in
+    the pose of the file [kg m², kg for one that slides].
+    """
+
+    name: str
+    word: str
+    turns: bool
+    qpos: int
+    dof: int
+    inertia: float
+
+    @property
+    def position(self) -> str:
+        """The state that is its position."""
+        return f"{self.word}_{'rad' if self.turns else 'm'}"
+
+    @property
+    def speed(self) -> str:
+        """The state that is its speed."""
+        return f"{self.word}_{'radps' if self.turns else 'mps'}"
+
+    @property
+    def inertia_name(self) -> str:
+        """The constant that is its inertia."""
+        return f"{self.word}_inertia_{'kgm2' if self.turns else 'kg'}"
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """An actuator with one command; `act` is the place of its own state, −1 where it has none."""
+
+    name: str
+    word: str
+    index: int
+    act: int
+    kind: str  # "position", "velocity", "motor" or "general"
+    joint: str  # the joint on which it acts, "" for another transmission
+
+    @property
+    def command(self) -> str:
+        """The input that is its command."""
+        return f"{self.word}_command"
+
+    @property
+    def state(self) -> str:
+        """The state that is its activation."""
+        return f"{self.word}_activation"
+
+
+@dataclass(frozen=True)
+class Attribute:
+    """A number of the file that may be off: `set` writes it into a compiled model.
+
+    `element`, `of` and `attribute` are its place in the file; `spread` is a share of its value.
+    """
+
+    element: str
+    of: str
+    attribute: str
+    value: float
+    spread: float
+    unit: str
+    set: Callable[[Any, float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """A compiled model, and what a system has of it; `attributes` by the names of constants."""
+
+    path: Path
+    model: Any
+    joints: tuple[Joint, ...]
+    actuators: tuple[Actuator, ...]
+    attributes: dict[str, Attribute]
+    sensed: frozenset[str]  # states that sensors show
+
+
+def mujoco(path: Path) -> Any:
+    """The library; UnusableInput says how to install it where it is absent."""
+    try:
+        return importlib.import_module("mujoco")
+    except ImportError as error:
+        raise UnusableInput(f"{path}: needs mujoco: {installs('mujoco')}.") from error
+
+
+def read_elements(path: Path) -> Elements:
+    """The elements of an MJCF file.
+
+    Raises UnusableInput for a file that is absent or does not compile, and for what no system here
+    can have: free and ball joints, actuators with several commands, plugins or a delay.
+    """
+    library, model = mujoco(path), read_spec(path)[1]
+    _refuse_unfit(library, path, model)
+    joints, actuators = _joints(library, path, model), _actuators(library, path, model)
+    if not joints:
+        raise UnusableInput(f"{path}: no hinge or slide joint; give a model with at least one.")
+    return Elements(
+        path, model, joints, actuators,
+        dict(_attributes(model, joints, actuators)),
+        _sensed(library, model, joints),
+    )  # fmt: skip
+
+
+def read_spec(path: Path) -> tuple[Any, Any]:
+    """A file as MuJoCo's specification, and compiled; UnusableInput where it is damaged."""
+    library = mujoco(path)
+    if not path.is_file():
+        raise UnusableInput(f"{path}: no such file; give an MJCF file.")
+    try:
+        spec = library.MjSpec.from_file(str(path))
+        return spec, spec.compile()
+    except ValueError as error:
+        told = re.sub(r"^Error:\s*", "", one_line(error)).rstrip(". ")
+        raise UnusableInput(f"{path}: MuJoCo cannot read it ({told}); mend the file.") from error
+
+
+def word(path: Path, name: str, what: str) -> str:
+    """An element's name as part of a Python name; UnusableInput for an element without one."""
+    told = re.sub(r"\W+", "_", name).strip("_").lower()
+    if not told:
+        raise UnusableInput(f"{path}: a {what} has no name; give it one, as logs refer to it.")
+    return told if told[0].isalpha() else f"{what}_{told}"
+
+
+def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
+    kinds = library.mjtJoint
+    for i in range(model.njnt):
+        if int(model.jnt_type[i]) not in (int(kinds.mjJNT_HINGE), int(kinds.mjJNT_SLIDE)):
+            name = model.joint(i).name or f"number {i}"
+            raise UnusableInput(
+                f"{path}: joint {name!r} is free or a ball; hold it fast, as hinges and slides "
+                "alone are understood."
+            )
+    for i in range(model.nactuator):
+        name = model.actuator(i).name or f"number {i}"
+        if model.actuator_ctrlnum[i] != 1 or model.actuator_actnum[i] > 1:
+            raise UnusableInput(
+                f"{path}: actuator {name!r} has several commands or states; give it one of each."
+            )
+        if model.actuator_delay[i] > 0.0:
+            raise UnusableInput(
+                f"{path}: actuator {name!r} has a delay; take it out, as the search finds a dead "
+                "time by itself."
+            )
+        if model.actuator_plugin[i] >= 0:
+            raise UnusableInput(f"{path}: actuator {name!r} is a plugin; use one of MuJoCo's own.")
+
+
+def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
+    inertias = _inertias(library, model)
+    found = []
+    for i in range(model.njnt):
+        name = model.joint(i).name
+        turns = int(model.jnt_type[i]) == int(library.mjtJoint.mjJNT_HINGE)
+        dof = int(model.jnt_dofadr[i])
+        place = int(model.jnt_qposadr[i])
+        found.append(Joint(name, word(path, name, "joint"), turns, place, dof, inertias[dof]))
+    _require_distinct(path, [one.word for one in found])
+    return tuple(found)
+
+
+def _inertias(library: Any, model: Any) -> list[float]:
+    """What each joint alone moves in the pose of the file: 1/(M⁻¹)ᵢᵢ."""
+    data = library.MjData(model)
+    library.mj_forward(model, data)
+    inverse = np.eye(model.nv)
+    library.mj_solveM(model, data, inverse, np.eye(model.nv))
+    return [1.0 / float(inverse[i, i]) for i in range(model.nv)]
+
+
+def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
+    joint = [int(library.mjtTrn.mjTRN_JOINT), int(library.mjtTrn.mjTRN_JOINTINPARENT)]
+    found = []
+    for i in range(model.nactuator):
+        name = model.actuator(i).name
+        at = model.joint(int(model.actuator_trnid[i, 0])).name if (
+            int(model.actuator_trntype[i]) in joint) else ""  # fmt: skip
+        act = int(model.actuator_actadr[i]) if model.actuator_actnum[i] else -1
+        kind = _kind(library, model, i)
+        found.append(Actuator(name, word(path, name, "actuator"), i, act, kind, at))
+    _require_distinct(path, [one.word for one in found])
+    return tuple(found)
+
+
+def _kind(library: Any, model: Any, i: int) -> str:
+    """What an actuator is, by how its force depends on command, position and speed."""
+    gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
+    if int(model.actuator_gaintype[i]) != int(library.mjtGain.mjGAIN_FIXED):
+        return "general"
+    bias_type = int(model.actuator_biastype[i])
+    if bias_type == int(library.mjtBias.mjBIAS_NONE):
+        return "motor"
+    if bias_type != int(library.mjtBias.mjBIAS_AFFINE) or any(bias[_SERVO:]):
+        return "general"
+    if gain[0] > 0.0 and math.isclose(bias[1], -gain[0]):
+        return "position"
+    is_velocity = gain[0] > 0.0 and math.isclose(bias[2], -gain[0]) and bias[1] == 0.0
+    return "velocity" if is_velocity else "general"
+
+
+def _require_distinct(path: Path, words: list[str]) -> None:
+    for told in words:
+        if words.count(told) > 1:
+            raise UnusableInput(f"{path}: two elements are called {told!r}; rename one.")
+
+
+def _attributes(
+    model: Any, joints: tuple[Joint, ...], actuators: tuple[Actuator, ...]
+) -> Iterator[tuple[str, Attribute]]:
+    for joint in joints:
+        yield from _of_joint(model, joint)
+    turns = {j.name: j.turns for j in joints}
+    for actuator in actuators:
+        yield from _of_actuator(model, actuator, turns.get(actuator.joint))
+    yield from _masses(model)
+
+
+def _of_joint(model: Any, joint: Joint) -> Iterator[tuple[str, Attribute]]:
+    """Damping, dry friction and armature, where the file has them: what is 0 may be missing."""
+    torque, speed = ("N m", "rad/s") if joint.turns else ("N", "m/s")
+    inertia = "kg m²" if joint.turns else "kg"
+    stated = {
+        "damping": (0.3, f"{torque}/({speed})"),
+        "frictionloss": (0.3, torque),
+        "armature": (0.2, inertia),
+    }
+    for attribute, (spread, unit) in stated.items():
+        value = float(getattr(model, f"dof_{attribute}")[joint.dof])
+        if value > 0.0:
+            setter = functools.partial(_set, f"dof_{attribute}", (joint.dof,))
+            yield (
+                f"{joint.word}_{attribute}",
+                Attribute("joint", joint.name, attribute, value, spread, unit, setter),
+            )
+
+
+def _of_actuator(
+    model: Any, actuator: Actuator, turns: bool | None
+) -> Iterator[tuple[str, Attribute]]:
+    """Gains: kp and kv of servos, the gear of everything else."""
+    units = {True: ("N m/rad", "N m/(rad/s)"), False: ("N/m", "N/(m/s)"), None: ("1", "1")}[turns]
+    i = actuator.index
+    gain, bias = model.actuator_gainprm[i], model.actuator_biasprm[i]
+    kp, kv = (float(gain[0]), -float(bias[2])) if actuator.kind == "position" else (0.0, 0.0)
+    kv = float(gain[0]) if actuator.kind == "velocity" else kv
+    for attribute, value, unit in (("kp", kp, units[0]), ("kv", kv, units[1])):
+        if value > 0.0:
+            setter = functools.partial(_set_gain, i, attribute, actuator.kind)
+            yield (
+                f"{actuator.word}_{attribute}",
+                Attribute("actuator", actuator.name, attribute, value, 0.2, unit, setter),
+            )
+    if actuator.kind in ("motor", "general"):
+        gear = float(model.actuator_gear[i, 0])
+        setter = functools.partial(_set, "actuator_gear", (i, 0))
+        yield (
+            f"{actuator.word}_gear",
+            Attribute("actuator", actuator.name, "gear", gear, 0.1, "1", setter),
+        )
+
+
+def _masses(model: Any) -> Iterator[tuple[str, Attribute]]:
+    """Masses of what moves; inertias follow in proportion."""
+    for i in range(1, model.nbody):
+        mass, name = float(model.body_mass[i]), model.body(i).name
+        if mass <= 0.0 or not name or not model.body_weldid[i]:
+            continue
+        setter = functools.partial(_set_mass, i)
+        told = f"{word(Path(name), name, 'body')}_mass_kg"
+        yield told, Attribute("body", name, "mass", mass, 0.05, "kg", setter)
+
+
+def _set(field: str, at: tuple[int, ...], model: Any, value: float) -> None:
+    getattr(model, field)[at] = value
+
+
+def _set_gain(i: int, attribute: str, kind: str, model: Any, value: float) -> None:
+    if attribute == "kp":
+        model.actuator_gainprm[i, 0], model.actuator_biasprm[i, 1] = value, -value
+        return
+    model.actuator_biasprm[i, 2] = -value
+    if kind == "velocity":
+        model.actuator_gainprm[i, 0] = value
+
+
+def _set_mass(i: int, model: Any, value: float) -> None:
+    model.body_inertia[i] *= value / model.body_mass[i]
+    model.body_mass[i] = value
+
+
+def _sensed(library: Any, model: Any, joints: tuple[Joint, ...]) -> frozenset[str]:
+    """The states that sensors of joints show."""
+    shown = set()
+    for i in range(model.nsensor):
+        for joint in joints:
+            if int(model.sensor_objid[i]) != model.joint(joint.name).id:
+                continue
+            kind = int(model.sensor_type[i])
+            if kind == int(library.mjtSensor.mjSENS_JOINTPOS):
+                shown.add(joint.position)
+            elif kind == int(library.mjtSensor.mjSENS_JOINTVEL):
+                shown.add(joint.speed)
+    return frozenset(shown)

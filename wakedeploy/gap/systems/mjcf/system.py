@@ -1,0 +1,179 @@
+"""A system whose rates are those of a MuJoCo model.
+
+A rate is MuJoCo's forward dynamics at a point, for many points and many constants at once through
+its own `rollout`: one tiny explicit Euler step of each, whose rise over its time is the rate.
+"""
+
+import importlib
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.gap.systems.mjcf.elements import Elements, mujoco, read_elements
+from wakedeploy.gap.systems.system import FloatArray, Point, System
+
+_STEP_S = 2.0**-14  # a power of two: dividing by it loses nothing
+_FARTHEST, _STRONGEST = 1e4, 1e6  # states, forces: MuJoCo would warn of a point beyond
+_MOST_MODELS = 2048  # models with constants of their own that are kept
+_WORTH_THREADS = 64  # points from which threads are quicker
+
+
+class MjcfSystem(System):
+    """A MuJoCo model: `mjcf` is its file, and the names are those that `gap init --mjcf` writes.
+
+    States are `<joint>_rad` and `<joint>_radps` (`_m` and `_mps` for slides), inputs
+    `<actuator>_command`, outputs positions or speeds of joints; each is (N,) where N points are
+    tried at once, in SI units. Constants are attributes of the file that may be off; one that is
+    left away stays as the file has it. Forces at ports act through the mass matrix. UnusableInput
+    says by name what the file does not have, and what is damaged in it.
+    """
+
+    mjcf: ClassVar[str | Path]
+
+    def __init__(self) -> None:
+        self._elements = read_elements(Path(self.mjcf))
+        self._names = _checked_names(self, self._elements)
+        self._models: dict[bytes, Any] = {}
+        self._library = mujoco(Path(self.mjcf))
+        self._plain = _explicit(self._library, self._elements.model)
+        self._rollout: Any = None
+
+    @property
+    def elements(self) -> Elements:
+        """The model, its joints and its actuators."""
+        return self._elements
+
+    def derivative(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
+        """Speeds, accelerations and the rates of activations, each as its states' shape."""
+        return self.derivative_under(state, inputs, c, {})
+
+    def derivative_under(
+        self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """The same with forces on joints, by the name of the joint's speed [N m, N]."""
+        joints, actuators = self._elements.joints, self._elements.actuators
+        acting = [a for a in actuators if a.act >= 0]
+        states = [
+            *(getattr(state, j.position) for j in joints),
+            *(getattr(state, j.speed) for j in joints),
+            *(getattr(state, a.state) for a in acting),
+        ]
+        driven = [
+            *(getattr(inputs, a.command) for a in actuators),
+            *(forces.get(j.speed, 0.0) for j in joints),
+        ]
+        constants = [getattr(c, name) for name in self._names]
+        shape = np.broadcast_shapes(*(np.shape(v) for v in (*states, *driven, *constants)))
+        x, u, k = (_flat(values, shape) for values in (states, driven, constants))
+        rates = self._advanced(x, u, k).reshape(*shape, -1)
+        first = {j.position: getattr(state, j.speed) for j in joints}
+        later = [*(j.speed for j in joints), *(a.state for a in acting)]
+        return first | {name: rates[..., len(joints) + i] for i, name in enumerate(later)}
+
+    def export(self, told: Mapping[str, Any], out: Path) -> list[str]:
+        """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there."""
+        from wakedeploy.gap.systems.mjcf.corrected import write_corrected
+
+        return write_corrected(self._elements, told, out)
+
+    def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
+        """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
+        lost = ~((np.abs(x).max(1) < _FARTHEST) & (np.abs(u).max(1) < _STRONGEST))
+        x, u = np.where(lost[:, None], 0.0, x), np.where(lost[:, None], 0.0, u)
+        full = np.concatenate([np.zeros((len(x), 1)), x], axis=1)
+        spec = self._library.mjtState
+        result = np.empty((len(x), 1, full.shape[1]))
+        sensed = np.empty((len(x), 1, self._plain.nsensordata))
+        models = self._models_of(constants)
+        pool, data = self._pool(len(x))
+        pool.rollout(
+            models, data, full, u[:, None, :],
+            control_spec=int(spec.mjSTATE_CTRL) | int(spec.mjSTATE_QFRC_APPLIED),
+            nstep=1, state=result, sensordata=sensed,
+        )  # fmt: skip
+        rates = np.asarray((result[:, 0, 1:] - x) / _STEP_S)
+        rates[lost] = np.nan
+        return rates
+
+    def _models_of(self, constants: FloatArray) -> list[Any]:
+        """The model for each row of constants (N, k)."""
+        if constants.shape[1] == 0:
+            return [self._plain] * len(constants)
+        if len(self._models) > _MOST_MODELS:
+            self._models.clear()
+        rows = np.ascontiguousarray(constants)
+        told, known = [], self._models
+        for row in rows:
+            key = row.tobytes()
+            model = known.get(key)
+            if model is None:
+                model = known[key] = self._with(row)
+            told.append(model)
+        return told
+
+    def _with(self, values: FloatArray) -> Any:
+        """A model with other constants."""
+        model = _copied(self._plain)
+        for name, value in zip(self._names, values, strict=True):
+            self._elements.attributes[name].set(model, float(value))
+        self._library.mj_setConst(model, self._library.MjData(model))
+        return model
+
+    def _pool(self, points: int) -> tuple[Any, Any]:
+        """Threads, and a place to compute in for each; one of both for a few points."""
+        if self._rollout is None:
+            rollout = importlib.import_module("mujoco.rollout")
+            threads = os.cpu_count() or 1
+            data = [self._library.MjData(self._plain) for _ in range(threads)]
+            self._rollout = rollout.Rollout(nthread=0), rollout.Rollout(nthread=threads), data
+        alone, many, data = self._rollout
+        return (many, data) if points >= _WORTH_THREADS else (alone, data[:1])
+
+
+def _checked_names(system: MjcfSystem, elements: Elements) -> tuple[str, ...]:
+    """The constants that set an attribute; UnusableInput for names that the file does not have."""
+    joints, actuators = elements.joints, elements.actuators
+    states = [*(j.position for j in joints), *(j.speed for j in joints)]
+    states += [a.state for a in actuators if a.act >= 0]
+    wanted = {"states": list(system.states), "inputs": [i.name for i in system.inputs]}
+    for what, there in (("states", states), ("inputs", [a.command for a in actuators])):
+        if sorted(wanted[what]) != sorted(there):
+            raise UnusableInput(
+                f"{system.name}.{what}: {elements.path} has {', '.join(there)}; state these."
+            )
+    known = {*elements.attributes, *(j.inertia_name for j in joints)}
+    for constant in system.constants:
+        if constant.name not in known:
+            raise UnusableInput(
+                f"{system.name}: constant {constant.name!r} is no attribute of {elements.path}; "
+                f"there are: {', '.join(elements.attributes)}."
+            )
+    return tuple(c.name for c in system.constants if c.name in elements.attributes)
+
+
+def _explicit(library: Any, model: Any) -> Any:
+    """A copy that takes one tiny explicit step, each as if it were the first."""
+    plain = _copied(model)
+    plain.opt.timestep = _STEP_S
+    plain.opt.integrator = int(library.mjtIntegrator.mjINT_EULER)
+    exact = plain.actuator_dyntype == int(library.mjtDyn.mjDYN_FILTEREXACT)
+    plain.actuator_dyntype[exact] = int(library.mjtDyn.mjDYN_FILTER)
+    off = library.mjtDisableBit
+    for flag in (off.mjDSBL_EULERDAMP, off.mjDSBL_WARMSTART, off.mjDSBL_SENSOR):
+        plain.opt.disableflags |= int(flag)
+    return plain
+
+
+def _copied(model: Any) -> Any:
+    return model.__copy__()
+
+
+def _flat(values: list[Any], shape: tuple[int, ...]) -> FloatArray:
+    """Values that broadcast to a shape, as rows (N, k)."""
+    rows = [np.broadcast_to(np.asarray(v, dtype=float), shape).ravel() for v in values]
+    count = int(np.prod(shape, dtype=int))
+    return np.array(rows).reshape(len(rows), count).T.copy()

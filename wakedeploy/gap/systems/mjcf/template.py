@@ -1,0 +1,123 @@
+"""The file that `gap init --mjcf` writes: an MJCF model's names, constants and ports, to be edited.
+
+In: an MJCF file and the path of the Python file. Out: its text. What is 0 in the model (damping,
+dry friction, a lag) is no constant there: it may be missing, and the search says so by name.
+"""
+
+import os
+from pathlib import Path
+
+from wakedeploy.gap.systems.mjcf.elements import Actuator, Attribute, Elements, Joint, read_elements
+from wakedeploy.gap.systems.template import class_name
+
+_NOISE = {"_rad": 1e-3, "_m": 1e-4, "_radps": 1e-2, "_mps": 1e-3}
+
+_TEXT = '''"""STEM: the MuJoCo model FILE, as a system for `wakedeploy gap`."""
+
+from pathlib import Path
+
+from wakedeploy import Constant, Input, MjcfSystem, Output, Port
+
+# What an actuator, a joint and a sensor may lack; leave `kinds` away for all that is known.
+COMMAND = ["dead-time", "lag", "rate-limit", "backlash", "dead-band", "saturation", "gain", "bias"]
+JOINT = [
+    "viscous-friction", "coulomb-friction", "stribeck-friction", "pre-sliding-friction",
+    "added-inertia", "stiffness", "gravity", "offset", "periodic-force",
+]
+SENSOR = ["sensor-gain", "sensor-bias", "sensor-lag", "sensor-dead-time"]
+
+
+class CLASS(MjcfSystem):
+    """FILE as it is; what logs show beyond it is what the search names."""
+
+    mjcf = Path(__file__).parent / "FILE"
+    rate_hz = 100.0  # samples a second; divides that of the logs, and half takes half as long
+    inputs = [  # the commands, by the names of the log or of [columns.NAME]
+INPUTS
+    ]
+    states = {
+STATES
+    }
+    outputs = [  # what the log has; a sensor's sd, roughly; take out what is not logged
+OUTPUTS
+    ]
+    constants = [  # the model's numbers, and how well they are known; spread=0 is exact
+CONSTANTS
+    ]
+    ports = [  # where effects may act; take out what is known to be right
+PORTS
+    ]
+'''
+
+
+def mjcf_template(model: Path, target: Path) -> str:
+    """The text of the Python file `target` for an MJCF file; UnusableInput where it is damaged."""
+    elements = read_elements(model)
+    file = os.path.relpath(model.resolve(), target.resolve().parent)
+    shown = _outputs(elements)
+    told = {
+        "INPUTS": [f'Input("{a.command}", "{_unit(a, elements)}"),' for a in elements.actuators],
+        "STATES": [f'"{name}": "{unit}",' for name, unit in _states(elements)],
+        "OUTPUTS": [f'Output("{n}", "{u}", noise={_noise(n):g}),' for n, u in shown],
+        "CONSTANTS": [
+            *(_constant(name, one) for name, one in elements.attributes.items()),
+            *(_inertia(j) for j in elements.joints),
+        ],
+        "PORTS": [
+            *(f'Port.input("{a.command}", kinds=COMMAND),' for a in elements.actuators),
+            *(_force(j) for j in elements.joints),
+            *(f'Port.output("{n}", kinds=SENSOR),' for n, _ in shown),
+        ],
+    }
+    text = _TEXT.replace("STEM", target.stem).replace("CLASS", class_name(target.stem))
+    for part, lines in told.items():
+        text = text.replace(part, "\n".join(f"        {line}" for line in lines))
+    return text.replace("FILE", file)
+
+
+def _states(elements: Elements) -> list[tuple[str, str]]:
+    """Positions, speeds and activations with their units."""
+    joints = elements.joints
+    told = [(j.position, "rad" if j.turns else "m") for j in joints]
+    told += [(j.speed, "rad/s" if j.turns else "m/s") for j in joints]
+    return told + [(a.state, "1") for a in elements.actuators if a.act >= 0]
+
+
+def _outputs(elements: Elements) -> list[tuple[str, str]]:
+    """What sensors of joints show, or every position where the model has no such sensor."""
+    of_joints = [(n, u) for n, u in _states(elements) if u != "1"]
+    shown = [(n, u) for n, u in of_joints if n in elements.sensed]
+    return shown or [(n, u) for n, u in of_joints if u in ("rad", "m")]
+
+
+def _unit(actuator: Actuator, elements: Elements) -> str:
+    """Of a command: that of what a servo follows, of a motor on a joint with gear 1, else none."""
+    turns = next((j.turns for j in elements.joints if j.name == actuator.joint), None)
+    if turns is None or actuator.kind == "general":
+        return "1"
+    if actuator.kind == "motor":
+        direct = elements.attributes[f"{actuator.word}_gear"].value == 1.0
+        return ("N m" if turns else "N") if direct else "1"
+    return {"position": ("m", "rad"), "velocity": ("m/s", "rad/s")}[actuator.kind][turns]
+
+
+def _noise(name: str) -> float:
+    return next(sd for end, sd in _NOISE.items() if name.endswith(end))
+
+
+def _constant(name: str, one: Attribute) -> str:
+    unit = "" if name.endswith("_kg") else f', unit="{one.unit}"'
+    spread = abs(one.spread * one.value)
+    return f'Constant("{name}", {one.value:.6g}, spread={spread:.2g}{unit}),'
+
+
+def _inertia(joint: Joint) -> str:
+    """The size of forces at a joint; it is no attribute of the file."""
+    return f'Constant("{joint.inertia_name}", {joint.inertia:.4g}),  # in the pose of the file'
+
+
+def _force(joint: Joint) -> str:
+    return (
+        f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", '
+        f'position="{joint.position}", kinds=JOINT),'
+    )

@@ -1,0 +1,110 @@
+"""Before any fit: what of a system moves its outputs on these logs, how far, and what looks alike.
+
+In: a `LogModel`. Out: rows of plain numbers. A constant is moved by its spread (a tenth where it
+has none), an effect to its first start; how far is in standard deviations of the prediction errors,
+all samples together, and what is left of that where everything else may follow.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, neutral, prior_precision
+from wakedeploy.gap.evidence.separation import whitened
+from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.search.looking import Ground, look
+from wakedeploy.gap.systems.logs import LogModel
+
+LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
+_STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
+
+
+@dataclass(frozen=True)
+class Row:
+    """One constant or effect: `moved` and what is `left` [sd], and those that look `like` it."""
+
+    name: str
+    moved: float
+    left: float
+    like: tuple[str, ...]
+
+
+def checked_base(model: LogModel) -> Fit:
+    """Noise alone fitted roughly: constants stay as they are stated."""
+    episodes = range(model.episodes)
+    return fit(model, (), episodes, neutral(model.free(())))
+
+
+def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
+    """Constants first, then effects, in the library's order."""
+    known = np.concatenate(whitened(base.slopes))
+    prior = np.sqrt(prior_precision(base.free))
+    ground = Ground.of(base)
+    moved: dict[str, FloatArray] = {}
+    left: dict[str, FloatArray] = {}
+    for i, free in enumerate(base.free):
+        if free.name.startswith("constant."):
+            size = free.prior_sd if np.isfinite(free.prior_sd) else 0.1 * abs(free.neutral)
+            moved[free.name] = known[:, i] * size
+            others = [j for j in range(len(base.free)) if j != i]
+            left[free.name] = _left(moved[free.name], known[:, others], prior[others])
+    for done, (name, effect) in enumerate(model.library.items(), 1):
+        first = effect.free[0]
+        far = (first.starts[0] - first.neutral) or first.step
+        moved[name] = look(model, ground, name).columns[0][:, 0] * far
+        left[name] = _left(moved[name], known, prior)
+        steps(done, len(model.library))
+    names = list(moved)
+    alike = _alike(names, left)
+    return [
+        Row(n, float(np.linalg.norm(moved[n])), float(np.linalg.norm(left[n])), alike[n])
+        for n in names
+    ]
+
+
+def column_notes(model: LogModel) -> list[str]:
+    """What the columns themselves show: ends at which they stay, inputs that never change."""
+    told = []
+    logs = model.logs
+    for i, stated in enumerate(model.system.inputs):
+        told += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
+    for i, shown in enumerate(model.system.outputs):
+        values = np.concatenate([log.outputs[i] for log in logs])
+        told += _notes(f"output {shown.name}", values)
+        missing = float(np.mean(~np.isfinite(values)))
+        if missing > 0.0:
+            told.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
+    return told
+
+
+def _notes(what: str, values: FloatArray) -> list[str]:
+    values = values[np.isfinite(values)]
+    if np.ptp(values) == 0.0:
+        return [f"{what} never changes: nothing can be learnt from it."]
+    told = []
+    for end, word in ((values.max(), "most"), (values.min(), "least")):
+        share = float(np.mean(values == end))
+        if share > _STUCK and len(np.unique(values)) > 20:
+            told.append(f"{what} is at its {word}, {end:.4g}, in {share:.1%} of the samples.")
+    return told
+
+
+def _left(moved: FloatArray, known: FloatArray, prior: FloatArray) -> FloatArray:
+    """What is left of a change where known directions follow as their priors let them."""
+    q, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
+    padded = np.concatenate([moved, np.zeros(len(prior))])
+    return np.asarray(padded - q @ (q.T @ padded))[: len(moved)]
+
+
+def _alike(names: Sequence[str], left: dict[str, FloatArray]) -> dict[str, tuple[str, ...]]:
+    """Names whose remainders have nearly the same shape."""
+    norm = {n: float(np.linalg.norm(left[n])) for n in names}
+    there = [n for n in names if norm[n] > 0.0]
+    told: dict[str, tuple[str, ...]] = dict.fromkeys(names, ())
+    for n in there:
+        told[n] = tuple(
+            m for m in there
+            if m != n and abs(float(left[n] @ left[m])) > LIKE * norm[n] * norm[m]
+        )  # fmt: skip
+    return told
