@@ -174,7 +174,8 @@ class BlindPlanner:
         """The pulse [µs] towards the speed of a sink, where the height is seen."""
         wanted_n = self._weight_n - other_n
         wanted_n += self._mass_kg * (-SINK_MPS - now.vz_mps) / _SINKING_S
-        least_n, most_n = _LEAST_SHARE * self._weight_n, _MOST_SHARE * self._weight_n
+        least_n = _LEAST_SHARE * min(max(self._weight_n - other_n, 0.0), self._weight_n)
+        most_n = _MOST_SHARE * self._weight_n
         return self._pulse(min(max(wanted_n, least_n), most_n))
 
     def rise(self, before: Rise, now: Estimate, alike: int, trim: TrimReader, dt_s: float) -> Rise:

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from runtime.loop.estimator import Estimate
-from runtime.loop.stops import Stops
+from runtime.loop.stops import Bounds, Stops
 from runtime.reference import Reference
 from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.chain import believed
@@ -68,12 +68,14 @@ class Controller:
         *,
         other_n: float = 0.0,
         gently: bool = False,
+        acts_known: bool = True,
     ) -> tuple[ControlState, Command, Terms]:
         """One tick: thrust demand in newtons, through the inverse thrust curve, limits and slew.
 
         The reference's speed and acceleration are known and smooth, so they are fed forward; the
         derivative otherwise acts on the measurement alone. `other_n` is the force [N] beside thrust
-        and weight, which the way to a stop depends on. `gently` lands where commands act late.
+        and weight, which the way to a stop depends on. `gently` lands where the loop swings.
+        `acts_known`: commands act when they should.
         """
         gains = self._gentle if gently else self._rig.control
         error_m = aim.z_m - estimate.z_m
@@ -83,7 +85,9 @@ class Controller:
         base_n = self._hover_n + self._rig.sufferer.mass_kg * aim.az_mps2
         base_n += smooth_friction(self._rig.rail, aim.vz_mps)
         demand_n = base_n + p_n + d_n + integral_n + feedforward_n
-        stops = self._stops.ahead(estimate, other_n)
+        # Where pulses act late, or the height is mostly noise, nobody knows the way to a stop.
+        is_sure = acts_known and not estimate.has_strays
+        stops = self._stops.ahead(estimate, other_n) if is_sure else Bounds()
         wanted_us = self._pulse(min(max(demand_n, stops.least_n), stops.most_n))
         sufferer_us = self._slewed(state.sufferer_us, wanted_us)
         if self._winds_up(sufferer_us, wanted_us, error_m):

@@ -54,6 +54,7 @@ _STARTLED = 9.0  # an innovation's square over its variance, after which a forec
 # Willsky and Jones 1976): force, speed and height change together. A single stray is not enough.
 # Wakes as in the rig file do this once in three hundred ticks, and the filter is less sure then.
 _PUSH_SUM_SD, _PUSH_DRIFT_SD, _PUSH_MOST_SD = 3.5, 1.0, 3.5
+_FAR_SD, _PUSH_GROWTH, _WARY_TICKS, _PUSH_SIDE = 8.0, (1.3, 3.0), 8, 3
 _PUSH_SD_N, _PUSH_AGO_S = 3.0, 0.1
 
 
@@ -63,7 +64,7 @@ class Measurement:
 
     The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
     `same` counts samples in a row that say what the one before said, off the stop; `alike` counts
-    them there, too.
+    them there, too. `acts_known`: the board has told of the last commands in time.
     """
 
     t_s: float
@@ -74,6 +75,7 @@ class Measurement:
     steps_repeats: int = 0
     same: int = 0
     alike: int = 0
+    acts_known: bool = True
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -99,6 +101,8 @@ class Estimate:
     stray_share: float = 0.0  # of the latest samples, those that the rig file's noise cannot give
     rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
     pushed: tuple[float, float] = (0.0, 0.0)  # innovations that add up downwards and upwards, in sd
+    side: int = 0  # innovations in a row to one side, with its sign
+    wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
 
     @property
     def is_noisy(self) -> bool:
@@ -109,7 +113,12 @@ class Estimate:
     @property
     def is_calm(self) -> bool:
         """Whether the sensor says what the filter expects, as nearly always."""
-        return self.noise_scale == 1.0 and self.stray_share < _FEW_STRAYS
+        return self.noise_scale == 1.0 and not self.has_strays
+
+    @property
+    def has_strays(self) -> bool:
+        """Whether more of the latest samples were strays than a sensor of this rig has."""
+        return self.stray_share >= _FEW_STRAYS
 
     @property
     def z_m(self) -> float:
@@ -294,8 +303,8 @@ class Estimator:
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
-        seen = replace(_surprised(seen), pushed=_pushed(seen))
-        if max(seen.pushed) > _PUSH_SUM_SD:
+        seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
+        if max(seen.pushed) > _PUSH_SUM_SD and abs(seen.side) >= _PUSH_SIDE:
             now = seen = self._after_a_push(seen)
             variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
@@ -330,15 +339,23 @@ class Estimator:
         )
 
 
-def _pushed(now: Estimate) -> tuple[float, float]:
+def _added_up(now: Estimate, *, acts_known: bool) -> Estimate:
     """What innovations add up to downwards and upwards with this one, over what noise gives."""
     off_sd = now.innovation_m / math.sqrt(now.innovation_var_m2)
-    # Motion begins small. What is far off at once is a stray, or a sensor that jumped.
-    if now.noise_scale > 1.0 or (abs(off_sd) > _GATE_SD and max(now.pushed) < _PUSH_DRIFT_SD):
-        return 0.0, 0.0
+    sign = 1 if off_sd > 0.0 else -1
+    now = replace(now, side=now.side + sign if now.side * sign > 0 else sign)
+    # Motion grows, with the square of time. What is far off at once is a stray, a jump or noise.
+    growth = now.innovation_m / now.last_innovation_m if now.last_innovation_m else math.inf
+    if abs(off_sd) > _FAR_SD and not _PUSH_GROWTH[0] < growth < _PUSH_GROWTH[1]:
+        again = _WARY_TICKS if now.wary_ticks else 0
+        return replace(now, wary_ticks=_WARY_TICKS + again)
+    now = replace(now, wary_ticks=max(now.wary_ticks - 1, 0))
+    if now.wary_ticks > _WARY_TICKS or now.noise_scale > 1.0 or not acts_known:
+        return replace(now, pushed=(0.0, 0.0))
     off_sd = min(max(off_sd, -_PUSH_MOST_SD), _PUSH_MOST_SD)
     down, up = now.pushed
-    return max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0)
+    sums = (max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0))
+    return replace(now, pushed=sums)
 
 
 def _surprised(now: Estimate) -> Estimate:

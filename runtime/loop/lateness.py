@@ -10,13 +10,15 @@ foresees the readings better than the loop's own filter, tick after tick, the re
 import math
 from collections import deque
 
+import numpy as np
+
 from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
 from runtime.loop.pilot import PilotState
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 LATE_TICKS = (3, 6)  # a tenth and a fifth of a second
-_MOST_SD, _MOST_A_TICK = 6.0, 3.0  # a stray counts as this much, whatever it is
+_MOST_SD, _MOST_A_TICK = 6.0, 1.5  # a stray counts as this much, whatever it is
 _AIRBORNE_M = 0.05  # nearer, the stop moves the sufferer, too
 
 Acted = tuple[tuple[float, float], float | None]  # pulses [µs] of a tick, and its wake [N]
@@ -77,6 +79,8 @@ class Lateness:
         passed_s = 1.0 / LOOP_RATE_HZ
         for pulses, wake_n in since:
             then = self._estimator.ahead(then, then.t_s + passed_s, pulses, wake_n)
+        if then.z_m < 0.0:  # no filter knows of the stop
+            then = replace(then, height=np.array([0.0, max(then.vz_mps, 0.0), 0.0]))
         return replace(then, t_s=now.t_s, lateral=now.lateral, lateral_cov=now.lateral_cov)
 
 

@@ -37,6 +37,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 PERIOD_S = 1.0 / LOOP_RATE_HZ
+KNOWN_TICKS = 3  # with the same answer, after which nobody knows which pulses act
 SILENT_S = 2.0 * PERIOD_S  # without an answer, after which nobody knows what the board hears
 WRITE_MARGIN_S = 0.003  # kept for control and write when the wait for a prediction ends
 
@@ -278,6 +279,7 @@ class Loop:
             heard.repeats,
             seen.same,
             seen.alike,
+            acts_known=heard.late_answers == 0 and heard.repeats < KNOWN_TICKS,
         )
         return reading, seen, heard, measured
 
@@ -362,7 +364,7 @@ class Loop:
             x_m=estimate.x_m,
         )
         self._safety = safety.watch(self._safety, found, self._rig.limits)
-        if "range_late" in self._safety.cause:
+        if safety.doubts_the_range(self._safety, found):
             self._lateness.adopt()
 
     def _control(

@@ -94,11 +94,13 @@ class Pilot:
         feedforward_n: float | None,
         *,
         gently: bool = False,
+        acts_known: bool = True,
     ) -> tuple[PilotState, Command, Terms]:
         """The command for this tick, with `feedforward_n` added to the thrust demand.
 
         The feedforward is the opposite of the wake force expected `lead_s` from now; None flies by
-        PID alone and tells the estimator to expect any wake. `gently`: see the controller.
+        PID alone and tells the estimator to expect any wake. `gently`, `acts_known`: see the
+        controller.
         """
         control, command, terms = self._controller.step(
             state.control,
@@ -107,6 +109,7 @@ class Pilot:
             feedforward_n or 0.0,
             other_n=state.unexplained_n,
             gently=gently,
+            acts_known=acts_known,
         )
         forecasts = (
             ()

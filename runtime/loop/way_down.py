@@ -155,7 +155,13 @@ class WayDown:
             pulse_us = self._planner.sinking(state.estimate, state.unexplained_n)
         else:
             gently = not SWINGING.isdisjoint(cause)
-            state, command, terms = self._pilot.control(state, aim, feedforward_n, gently=gently)
+            state, command, terms = self._pilot.control(
+                state,
+                aim,
+                feedforward_n,
+                gently=gently,
+                acts_known="commands_late" not in cause,
+            )
             return state, aim, command, terms
         state, command, terms = self._pilot.held(state, Command(aim.source_us, pulse_us, 0.0))
         return state, aim, command, terms
@@ -174,6 +180,9 @@ class WayDown:
             may_repeat=self._may_repeat,
             off=is_off(state.estimate),
         )
+        if before is Stage.TEST and now.stage is Stage.SINK and is_off(state.estimate):
+            # It left the stop in a test: something lifts that no flight before has told of.
+            self._lifting_n = max(self._lifting_n, state.unexplained_n)
         if now.stage is Stage.STANDS:
             return None
         if now.stage is Stage.BLIND:
