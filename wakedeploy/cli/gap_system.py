@@ -83,16 +83,16 @@ def check(
         progress("fitting the noise")
         base = checked_base(model)
         progress("moving constants and effects")
-        told = rows(
+        moves = rows(
             model, base, lambda done, of: progress("moving constants and effects", done, of)
         )
     print_table(
         "What they move, in standard deviations of the prediction errors",
         ["constant or effect", "moves", "others held free", "looks like"],
-        [[r.name, f"{r.moved:.3g}", f"{r.left:.3g}", ", ".join(r.like)] for r in told],
+        [[r.name, f"{r.moved:.3g}", f"{r.left:.3g}", ", ".join(r.like)] for r in moves],
     )
     if json_path:
-        write_json(json_path, {"rows": [vars(r) for r in told], "notes": column_notes(model)})
+        write_json(json_path, {"rows": [vars(r) for r in moves], "notes": column_notes(model)})
 
 
 @click.command("simulate", cls=Many)
@@ -122,18 +122,18 @@ def simulate(
         raise click.UsageError("Missing option '--system'.")
     system = read_system(system_path)
     better = None if correction is None else type(system).corrected(correction)
-    rows, told = [], {}
+    rows, errors = [], {}
     for recording in recordings(measured, columns, system):
         plain = replay_error(system, recording)
         after = {} if better is None else replay_error(better, recording)
-        told[recording.name] = {"without": plain, "with": after}
+        errors[recording.name] = {"without": plain, "with": after}
         for output in system.outputs:
             value = f"{after[output.name]:.4g}" if after else ""
             row = [recording.name, output.name, f"{plain[output.name]:.4g}", value, output.unit]
             rows.append(row)
     print_table("rms error of the replay", ["log", "output", "without", "with", "unit"], rows)
     if json_path:
-        write_json(json_path, told)
+        write_json(json_path, errors)
 
 
 def open_model(system_path: Path, measured: tuple[Path, ...], columns: Path | None) -> "LogModel":
@@ -179,14 +179,14 @@ def run_steps(
         progress("reading the logs")
         folder = Folder(open_model(system_path, measured, columns), out, progress)
         try:
-            told = folder.run(step)
+            content = folder.run(step)
             if step in ("show", "close"):
                 progress("drawing the report")
-                page = write_page(told, out)
+                page = write_page(content, out)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
-    _print(step, told)
+    _print(step, content)
     if step not in ("find", "name"):
         click.echo(f"Correction: {out / CORRECTION}, for `gap simulate` and System.corrected()")
         for line in folder.exported:
@@ -194,11 +194,11 @@ def run_steps(
     if page is not None:
         click.echo(f"Report: {page}")
     if json_path:
-        write_json(json_path, told)
+        write_json(json_path, content)
 
 
-def _print(step: str, told: dict[str, Any]) -> None:
+def _print(step: str, content: dict[str, Any]) -> None:
     from wakedeploy.gap.systems.words import sentences
 
-    for sentence in sentences(step, told):
+    for sentence in sentences(step, content):
         click.echo(sentence)
