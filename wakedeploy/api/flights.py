@@ -122,8 +122,8 @@ class Flight:
     def __repr__(self) -> str:
         name = "" if self.path is None else f" {self.path}"
         ended = f", ended {self.ended}" if self.ended else ""
-        told = f"{len(self)} ticks, {self.summary.flying_s:.1f} s under control"
-        return f"<Flight{name}: {told}, RMSE {self.rmse_mm:.1f} mm{ended}>"
+        flight = f"{len(self)} ticks, {self.summary.flying_s:.1f} s under control"
+        return f"<Flight{name}: {flight}, RMSE {self.rmse_mm:.1f} mm{ended}>"
 
     def _repr_png_(self) -> bytes:
         return png_of(self.plot())
@@ -216,9 +216,9 @@ class Flights(Sequence[Flight]):
             for flights, colour in ((self.baseline, figures.LIMIT), (self, figures.MEASURED)):
                 if flights is None:
                     continue
-                errors_mm = [1e3 * one.rmse_m for one in flights.flown]
+                errors_mm = [1e3 * flight.rmse_m for flight in flights.flown]
                 label = f"{flights._controller}: {flights._told}"
-                seeds = [one.seed for one in flights.flown]
+                seeds = [flight.seed for flight in flights.flown]
                 axes.plot(seeds, errors_mm, "o", markersize=4, color=colour, label=label)
                 axes.axhline(flights.rmse_mm, color=colour, linewidth=0.8)
             axes.set(xlabel="seed of the flight", ylabel="RMSE [mm]")
@@ -249,10 +249,10 @@ class Flights(Sequence[Flight]):
         return f"RMSE {self.rmse_mm:.1f}{error} mm"
 
     def __repr__(self) -> str:
-        told = f"<{len(self)} Flights, {self._controller}: {self._told}"
+        text = f"<{len(self)} Flights, {self._controller}: {self._told}"
         other = "" if self.baseline is None else f"; PID alone {self.baseline.rmse_mm:.1f} mm"
         early = len(self.ended_early)
-        return f"{told}{other}{f'; {early} ended early' if early else ''}>"
+        return f"{text}{other}{f'; {early} ended early' if early else ''}>"
 
     def _repr_png_(self) -> bytes:
         return png_of(self.plot())
@@ -424,10 +424,14 @@ def _many_flown(
     steps = functools.partial(progress, "Flying")
     steps(0, flights * (1 if request.package is None else 2))
     flown = fly_many(request, flights, workers=workers, progress=steps)
-    baseline = _collected([one for one in flown if one.controller == PID], request.log, kept)
+    baseline = _collected(
+        [flight for flight in flown if flight.controller == PID], request.log, kept
+    )
     if request.package is None:
         return baseline
-    fed = _collected([one for one in flown if one.controller == FEEDFORWARD], request.log, kept)
+    fed = _collected(
+        [flight for flight in flown if flight.controller == FEEDFORWARD], request.log, kept
+    )
     return dataclasses.replace(fed, baseline=baseline)
 
 
@@ -435,5 +439,5 @@ def _collected(flown: "Sequence[Flown]", folder: Path | None, kept: bool) -> Fli
     """One controller's flights; with their logs in memory where the folder will not last."""
     if folder is None or not kept:
         return Flights(tuple(flown), folder=folder)
-    logs = {one.seed: read_run_log(folder / one.log_name) for one in flown}
+    logs = {flight.seed: read_run_log(folder / flight.log_name) for flight in flown}
     return Flights(tuple(flown), _logs=logs)

@@ -113,9 +113,9 @@ class Gap:
 
         from wakedeploy.core.pages import picture
 
-        told = Markup("<pre>{}</pre>").format(self.account)
+        text = Markup("<pre>{}</pre>").format(self.account)
         drawn = self.folder / "figures" / "before_after.png"
-        return told + picture(drawn, "The gap before and after.") if drawn.exists() else told
+        return text + picture(drawn, "The gap before and after.") if drawn.exists() else text
 
 
 def close_gap(

@@ -83,7 +83,7 @@ def guess_columns(log: PathLike) -> str:
 
 def _paths(files: Paths) -> list[Path]:
     several = [files] if isinstance(files, str) or not isinstance(files, Sequence) else files
-    return [Path(one) for one in several]
+    return [Path(path) for path in several]
 
 
 def _columns(columns: "Columns | PathLike") -> "Columns":

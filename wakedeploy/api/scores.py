@@ -97,9 +97,9 @@ class Scores:
 
     def __repr__(self) -> str:
         channel = self.force[0]
-        told = [f"{r.arch} s{r.seed} {r.rmse[channel.name]:.4g}" for r in self.rows[:8]]
+        scores = [f"{r.arch} s{r.seed} {r.rmse[channel.name]:.4g}" for r in self.rows[:8]]
         more = f", and {len(self) - 8} more" if len(self) > 8 else ""
-        errors = f"RMSE {channel.name} [{channel.unit}]: {', '.join(told)}{more}"
+        errors = f"RMSE {channel.name} [{channel.unit}]: {', '.join(scores)}{more}"
         return f"<Scores of {len(self)} runs on {self.split} episodes; {errors}>"
 
     def to_pandas(self) -> "pandas.DataFrame":
@@ -131,8 +131,8 @@ class Scores:
         return html_table(f"{self.split.capitalize()} episodes", columns, rows)
 
     def _cells(self, scored: "ScoreRow | Score") -> list[str]:
-        told = []
+        cells = []
         for name in (channel.name for channel in self.force):
             r2 = scored.r2[name]
-            told += [f"{scored.rmse[name]:.4g}", "—" if r2 is None else f"{r2:.4f}"]
-        return told
+            cells += [f"{scored.rmse[name]:.4g}", "—" if r2 is None else f"{r2:.4f}"]
+        return cells

@@ -316,16 +316,17 @@ def _trained(config: "RunConfig", data: "EpisodeSet", manner: _Manner, number: s
     folder = run_folder(manner.out, config)
     epochs = functools.partial(manner.progress, f"Training {config.arch} s{config.seed} ({number})")
     epochs(0, int(config.settings["epochs"]))
-    with following(manner.tracker, config, folder, fresh=manner.fresh, warn=manner.warn) as told:
+    with following(manner.tracker, config, folder, fresh=manner.fresh, warn=manner.warn) as tracked:
         try:
             run = train(
                 config, data, manner.out,
-                on_epoch=epochs, on_standing=told.stands, fresh=manner.fresh, device=manner.device,
+                on_epoch=epochs, on_standing=tracked.stands, fresh=manner.fresh,
+                device=manner.device,
             )  # fmt: skip
         except (KeyboardInterrupt, CheckFailed):
             _drawn(lambda: write_pictures_so_far(folder, data), manner)
             raise
-        told.finished(run, _drawn(lambda: write_pictures(run, data), manner))
+        tracked.finished(run, _drawn(lambda: write_pictures(run, data), manner))
         _drawn(lambda: [write_run_report(run)], manner)
     return run
 
@@ -402,11 +403,11 @@ def _that_fit(folders: list[Path], data: "EpisodeSet", place: object, warn: Warn
 
 def misfit(config: "RunConfig", data: "EpisodeSet") -> str | None:
     """What keeps a run from reading a set, in words; None when nothing does."""
-    for kind, own, there in (
+    for kind, wanted, there in (
         ("observation", config.observation, data.observation),
         ("force", config.force, data.force),
     ):
-        names, given = [(c.name, c.unit) for c in own], [(c.name, c.unit) for c in there]
+        names, given = [(c.name, c.unit) for c in wanted], [(c.name, c.unit) for c in there]
         if names != given:
             return f"its {kind} channels are {_listed(names)}, the set has {_listed(given)}"
     if abs(config.rate_hz - data.rate_hz) > 1e-6 * config.rate_hz:

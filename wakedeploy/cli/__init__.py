@@ -119,8 +119,8 @@ class _Told(click.ClickException):
     def __init__(self, error: Exception) -> None:
         super().__init__(_sentence(error))
         unusable = isinstance(error, _UNUSABLE) or _missing_library(error)
-        own = error.exit_status if isinstance(error, WakedeployError) else None
-        self.exit_code = own or (2 if unusable else 1)  # type: ignore[misc]
+        status = error.exit_status if isinstance(error, WakedeployError) else None
+        self.exit_code = status or (2 if unusable else 1)  # type: ignore[misc]
 
 
 def _sentence(error: Exception) -> str:
@@ -133,8 +133,8 @@ def _sentence(error: Exception) -> str:
         return f"{library} is not installed; install wakedeploy again: {installs('')}."
     if isinstance(error, OSError) and error.strerror:
         nowhere = "a file or the standard output" if is_full(error) else ""
-        told = f"{error.strerror}{relief(error)}."
-        return ": ".join(filter(None, (str(error.filename or nowhere), told)))
+        problem = f"{error.strerror}{relief(error)}."
+        return ": ".join(filter(None, (str(error.filename or nowhere), problem)))
     kind = type(error).__name__
     return f"unexpected {kind}: {one_line(error)}; `wakedeploy --debug …` shows where it happened."
 
@@ -153,10 +153,10 @@ def _install_completion(ctx: click.Context, param: click.Parameter, shell: str |
 
     try:
         chosen = shell_of(os.environ) if shell == _AUTO else shell
-        told = install(chosen, ctx.command, os.environ)
+        lines = install(chosen, ctx.command, os.environ)
     except (WakedeployError, OSError) as error:
         raise _Told(error) from error
-    click.echo("\n".join(told))
+    click.echo("\n".join(lines))
     ctx.exit()
 
 

@@ -82,12 +82,12 @@ def latency(
 def as_json(rows: "Sequence[BenchRow]", budget_ms: float) -> dict[str, Any]:
     """The result for other programs."""
     names = ("arch", "p50_ms", "p99_ms", "p999_ms", "max_ms", "cpu_percent", "rss_mb")
-    told = [
+    listed = [
         {name: getattr(row, name) for name in (*names, "first_call_ms", "realtime")}
         | {"within_budget": row.within(budget_ms)}
         for row in rows
     ]
-    return {"budget_ms": budget_ms, "rows": told}
+    return {"budget_ms": budget_ms, "rows": listed}
 
 
 def _reference_packages(folder: Path) -> list[Path]:
@@ -203,7 +203,7 @@ def lead(
     ]
     print_table("True force fed forward, by lead", ["lead", "altitude RMSE", ""], rows)
     if json_path:
-        told = [{"lead_s": s.lead_s, "rmse_mm": 1e3 * s.rmse_m} for s in scores]
+        listed = [{"lead_s": s.lead_s, "rmse_mm": 1e3 * s.rmse_m} for s in scores]
         write_json(
-            json_path, {"default_s": default_lead_s(rig), "best_s": found.lead_s, "rows": told}
+            json_path, {"default_s": default_lead_s(rig), "best_s": found.lead_s, "rows": listed}
         )

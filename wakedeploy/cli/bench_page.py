@@ -28,7 +28,7 @@ def write_bench_page(
 
     Raises UnusableInput where it cannot be written.
     """
-    told = {
+    parts = {
         "title": "Is it fast enough?",
         "subtitle": _subtitle(rows),
         "answers": _answers(rows, budget_ms),
@@ -39,7 +39,7 @@ def write_bench_page(
         "totals": _totals(rows, budget_ms),
         "stages": _stages(rows),
     }
-    write_text_whole(path, pages.page("wakedeploy.cli", "bench.html", **told))
+    write_text_whole(path, pages.page("wakedeploy.cli", "bench.html", **parts))
 
 
 def _worst(row: "BenchRow") -> float:
@@ -64,14 +64,19 @@ def _answers(rows: "Sequence[BenchRow]", budget_ms: float) -> list[str]:
     took = f"{slowest.arch}, the slowest, took {_worst(slowest):.2f} ms ({measure})"
     if missed:
         names = ", ".join(row.arch for row in missed)
-        told = [f"No: {names} took longer than the {budget_ms:.2f} ms that there are.", f"{took}."]
+        sentences = [
+            f"No: {names} took longer than the {budget_ms:.2f} ms that there are.",
+            f"{took}.",
+        ]
     else:
         share = 100.0 * _worst(slowest) / budget_ms
-        told = [f"Yes: {took}, {share:.0f} % of the {budget_ms:.2f} ms that there are."]
-    told.append("A tick begins with the measurement and ends when the command has been written.")
+        sentences = [f"Yes: {took}, {share:.0f} % of the {budget_ms:.2f} ms that there are."]
+    sentences.append(
+        "A tick begins with the measurement and ends when the command has been written."
+    )
     if any(row.is_preliminary for row in rows):
-        told.append("That is preliminary: for a p99.9 there have to be 3,000 ticks and more.")
-    return told
+        sentences.append("That is preliminary: for a p99.9 there have to be 3,000 ticks and more.")
+    return sentences
 
 
 def _tiles(rows: "Sequence[BenchRow]", budget_ms: float) -> list[tuple[str, str]]:
@@ -157,7 +162,7 @@ class _Bars:
 def _totals(rows: "Sequence[BenchRow]", budget_ms: float) -> pages.Table:
     columns = ["", "in time", "median ms", "p99 ms", "p99.9 ms", "longest ms", "CPU %"]
     columns += ["MB", "first call ms", "overruns"]
-    told = [
+    cells = [
         [
             row.arch,
             "yes" if row.within(budget_ms) else "no",
@@ -172,11 +177,11 @@ def _totals(rows: "Sequence[BenchRow]", budget_ms: float) -> pages.Table:
         ]
         for row in rows
     ]
-    return pages.Table(columns, told)
+    return pages.Table(columns, cells)
 
 
 def _stages(rows: "Sequence[BenchRow]") -> pages.Table:
-    told = [
+    cells = [
         [
             row.arch,
             stage.removeprefix("t_").removesuffix("_s"),
@@ -187,4 +192,4 @@ def _stages(rows: "Sequence[BenchRow]") -> pages.Table:
         for row in rows
         for stage, spread in row.stages_ms.items()
     ]
-    return pages.Table(["", "stage", "median ms", "p99 ms", "longest ms"], told)
+    return pages.Table(["", "stage", "median ms", "p99 ms", "longest ms"], cells)

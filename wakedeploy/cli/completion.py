@@ -31,10 +31,10 @@ class Place(NamedTuple):
 
 def shell_of(environment: Mapping[str, str]) -> str:
     """The shell that a person uses; UnusableInput where it is none of ours."""
-    told = environment.get("SHELL", "")
-    name = Path(told).name
+    path = environment.get("SHELL", "")
+    name = Path(path).name
     if name not in SHELLS:
-        shown = f"$SHELL is {told}" if told else "$SHELL is not set"
+        shown = f"$SHELL is {path}" if path else "$SHELL is not set"
         raise UnusableInput(
             f"{shown}; say for which shell: wakedeploy --install-completion {'|'.join(SHELLS)}."
         )

@@ -90,9 +90,9 @@ def _recordings(described: "EpisodeSet") -> dict[str, dict[str, int]]:
     """How many recordings each split has; nothing where the provenance does not tell all of it."""
     from wakedeploy.core.episodes import SPLITS
 
-    told: Any = described.provenance.get("recordings")
+    counts: Any = described.provenance.get("recordings")
     try:
-        return {split: {name: int(told[split][name]) for name in _COUNTED} for split in SPLITS}
+        return {split: {name: int(counts[split][name]) for name in _COUNTED} for split in SPLITS}
     except (KeyError, TypeError, ValueError, OverflowError):
         return {}
 

@@ -47,8 +47,8 @@ class Domains(Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """The command of a domain; its options are looked for when they are needed."""
-        if (own := super().get_command(ctx, cmd_name)) is not None:
-            return own
+        if (command := super().get_command(ctx, cmd_name)) is not None:
+            return command
         if cmd_name not in self.list_commands(ctx):
             return None
         build = functools.partial(_command, cmd_name, self._describe)
@@ -128,20 +128,24 @@ def _with(command: click.Command, options: tuple[Callable[..., Any], ...]) -> cl
 
 
 def _help(name: str, known: "Domain") -> str:
-    examples = "\n".join(f"    wakedeploy data {name} {told}" for told in known.examples)
+    examples = "\n".join(f"    wakedeploy data {name} {arguments}" for arguments in known.examples)
     return f"{known.told}\n\n\b\nExample:\n{examples}"
 
 
 def _option(setting: "Setting") -> Callable[..., Any]:
     """A setting as an option of the command line."""
-    told: dict[str, Any] = {"default": setting.default, "show_default": True, "help": setting.help}
+    settings: dict[str, Any] = {
+        "default": setting.default,
+        "show_default": True,
+        "help": setting.help,
+    }
     flag = f"--{setting.name.replace('_', '-')}"
     if setting.kind == "choice":
         kind = click.Choice(setting.choices, case_sensitive=False)
-        return click.option(flag, setting.name, type=kind, **told)
+        return click.option(flag, setting.name, type=kind, **settings)
     if setting.kind == "number":
         return click.option(
-            flag, setting.name, type=click.FloatRange(setting.low, setting.high), **told
+            flag, setting.name, type=click.FloatRange(setting.low, setting.high), **settings
         )
     if setting.kind == "rig":
         return click.option(flag, setting.name, type=click.Path(path_type=Path), help=setting.help)

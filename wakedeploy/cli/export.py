@@ -92,10 +92,10 @@ def command(
     package = made.package
     assert isinstance(package, Package), "without c= it is no C"
     _tell(package, made.path)
-    told = _json(package, made.path)
+    result = _json(package, made.path)
     if episodes is not None:
-        told |= {"c": c_of_run(wanted, package, trained, episodes)}
-    write_json_of(json_path, told)
+        result |= {"c": c_of_run(wanted, package, trained, episodes)}
+    write_json_of(json_path, result)
 
 
 def _set_of(run: "TrainedRun", data: Path | None) -> "EpisodeSet":
@@ -161,6 +161,6 @@ def _tell(package: "Package", path: Path) -> None:
 
 
 def _json(package: "Package", path: Path) -> dict[str, Any]:
-    told = package.manifest.model_dump(include={"arch", "trainable", "frozen", "lead_s"})
+    result = package.manifest.model_dump(include={"arch", "trainable", "frozen", "lead_s"})
     parity = package.manifest.parity.model_dump(include={"max_abs", "max_rel", "steps", "limit"})
-    return told | {"parity": parity, "file": str(path)}
+    return result | {"parity": parity, "file": str(path)}

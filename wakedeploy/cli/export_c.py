@@ -168,8 +168,8 @@ def _told(folder: "CFolder") -> dict[str, Any]:
 def json_of_c(folder: "CFolder") -> dict[str, Any]:
     """What --json says of a folder of C."""
     document = folder.document
-    told = document.model_dump(mode="json", exclude={"manifest", "schema_version"})
-    return told | {"folder": str(folder.path), "arch": document.manifest.arch}
+    content = document.model_dump(mode="json", exclude={"manifest", "schema_version"})
+    return content | {"folder": str(folder.path), "arch": document.manifest.arch}
 
 
 def _tell(folder: "CFolder") -> None:

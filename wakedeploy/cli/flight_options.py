@@ -151,11 +151,11 @@ def asked_flight(
         raise UnusableInput("--allow-lead-mismatch belongs to --package; PID alone has no lead.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
-    own = {
+    placing = {
         name: others[name]
         for name in ("firmware", "range_socket", "hooks", "wall_clock", "realtime")
     }
-    require_place(port=port, virtual=virtual, plant_rig=plant_rig, **own)
+    require_place(port=port, virtual=virtual, plant_rig=plant_rig, **placing)
     if virtual and others.get("arm_file") and not others["wall_clock"]:
         raise UnusableInput("--arm-file waits for a person, in real time: add --wall-clock.")
     if seconds is not None and others["reference"]:

@@ -117,8 +117,8 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
             return
         from wakedeploy.cli.gap_system import run_steps
 
-        own = {"rig_path", "measured", "out", "workers", "json_path"}
-        for name in given.keys() - own:
+        common = {"rig_path", "measured", "out", "workers", "json_path"}
+        for name in given.keys() - common:
             source = click.get_current_context().get_parameter_source(name)
             if source is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
@@ -152,18 +152,18 @@ def close_gap(
 
     asked = minutes if retrain else None
     try:
-        told = close(
+        closed = close(
             rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
         )
     except KeyboardInterrupt:
         _say_what_is_left(out)
         raise
-    click.echo(told.account)
-    if after := advice(told.steps, out):
+    click.echo(closed.account)
+    if after := advice(closed.steps, out):
         click.echo(f"\n{after.text}")
-    click.echo(f"\nReport: {told.report}")
+    click.echo(f"\nReport: {closed.report}")
     if json_path is not None:
-        write_json(json_path, told.result)
+        write_json(json_path, closed.result)
 
 
 @command.command("find", cls=Many)
@@ -204,23 +204,23 @@ def name_gap(
     from wakedeploy.gap.systems.gantry.steps import name
 
     case = _case(rig_path, measured, out, workers)
-    told = name(case, out, _progress)
+    named = name(case, out, _progress)
     summary = read_steps(out).summary
     for sentence in (verdict_sentence(summary), *leading_sentences(summary)):
         click.echo(sentence)
-    for searched in told["rounds"]:
-        click.echo(f"{_gain_of(told, searched)}:")
+    for searched in named["rounds"]:
+        click.echo(f"{_gain_of(named, searched)}:")
         for entry in searched["ranking"][:5]:
             click.echo(f"  {entry['name']:<26} {entry['gain_nats']:8.1f} nats")
     _finish(case, out, json_path)
 
 
-def _gain_of(told: dict[str, Any], searched: dict[str, Any]) -> str:
+def _gain_of(named: dict[str, Any], searched: dict[str, Any]) -> str:
     """What the gains of a round are, on top of what, and what they have to pass where known."""
     given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
     least = searched["threshold_nats"]
     passing = "" if least is None else f" (threshold {least:.1f})"
-    if told["fitted_flights"] == 1:
+    if named["fitted_flights"] == 1:
         return f"Gain in this one flight, a nat per parameter taken off{passing}"
     return f"Gain on held-out flights{given}{passing}"
 
@@ -258,8 +258,8 @@ def add_effect(
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
     case = _case(rig_path, measured, out, workers)
-    told = add(case, out, from_symbolic=from_symbolic, only=only)
-    names = ", ".join(e["name"] for e in told["effects"])
+    added = add(case, out, from_symbolic=from_symbolic, only=only)
+    names = ", ".join(e["name"] for e in added["effects"])
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
     if doubt := caution(read_steps(out).flights):
         click.echo(doubt)
@@ -323,13 +323,13 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     from wakedeploy.gap.systems.gantry.steps import result
 
     _progress("drawing the report")
-    told = result(case, out)
+    outcome = result(case, out)
     write_report(out)
     if after := advice(read_steps(out), out):
         click.echo(after.text)
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
-        write_json(json_path, told)
+        write_json(json_path, outcome)
 
 
 def _say_if_few(out: Path) -> None:

@@ -43,17 +43,17 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
 
     click.secho("A rig file whose motors follow at once; a gantry whose motors lag.", bold=True)
     with at_work(out), stages() as progress:
-        told = run(out, QUICK if quick else FULL, workers=workers, progress=progress)
-    write_json(out / "demo.json", told)
-    _tell(out, told)
-    if figures is not None and told["picture"]:
+        shown = run(out, QUICK if quick else FULL, workers=workers, progress=progress)
+    write_json(out / "demo.json", shown)
+    _tell(out, shown)
+    if figures is not None and shown["picture"]:
         figures.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(told["picture"], figures / PICTURE)
-    if not told["ok"]:
+        shutil.copyfile(shown["picture"], figures / PICTURE)
+    if not shown["ok"]:
         raise CheckFailed("The demo did not show what it should; its report says what it found.")
 
 
-def _tell(out: Path, told: dict[str, Any]) -> None:
+def _tell(out: Path, shown: dict[str, Any]) -> None:
     """The account, the rig file's new lines, the tracking, and where to look."""
     from wakedeploy.gap.demo import effect_lines
     from wakedeploy.gap.folder import read_steps
@@ -69,11 +69,11 @@ def _tell(out: Path, told: dict[str, Any]) -> None:
         click.secho(f"\nNew in {out / 'gap' / 'rig.toml'}", bold=True)
         click.echo(effect_lines(out / "gap" / "rig.toml"))
     click.echo()
-    if told["tracking"]:
-        _tell_tracking(told["tracking"])
-        click.echo(f"Picture: {told['picture']}.")
+    if shown["tracking"]:
+        _tell_tracking(shown["tracking"])
+        click.echo(f"Picture: {shown['picture']}.")
     click.echo(
-        f"Report: {out / 'gap' / 'report.html'}. The whole demo took {told['seconds']:.0f} s."
+        f"Report: {out / 'gap' / 'report.html'}. The whole demo took {shown['seconds']:.0f} s."
     )
 
 

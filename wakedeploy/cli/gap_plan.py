@@ -148,7 +148,7 @@ def power(
     rig = read_rig(rig_path) if rig_path else default_rig()
     threshold = _threshold(rig, simulate_threshold, workers)
     with progress("Simulating", step_count(rig, flights)) as bar:
-        told = compute(
+        computed = compute(
             rig,
             flights=flights,
             seconds=seconds,
@@ -156,12 +156,12 @@ def power(
             workers=workers,
             progress=lambda stage, done, total: bar.advance(),
         )
-    print_table("What these flights will tell", COLUMNS, rows(told))
-    for sentence in sentences(told):
+    print_table("What these flights will tell", COLUMNS, rows(computed))
+    for sentence in sentences(computed):
         click.echo(sentence)
     if out is not None:
-        write_json(out / "power.json", told.as_json())
-        click.echo(f"Page: {write_page(told, out)}")
+        write_json(out / "power.json", computed.as_json())
+        click.echo(f"Page: {write_page(computed, out)}")
 
 
 def _is_system(system_path: Path | None, rig_path: Path | None, of_system: bool) -> bool:
@@ -200,9 +200,9 @@ def _keep(made: "Plan", out: Path) -> None:
     from wakedeploy.gap.systems.gantry.steps import planned, write_result
 
     write_json(out / "plan.json", made.as_json())
-    told = read_steps(out).result
-    if told.get("class") == list(made.names):
-        write_result(out, {**told, "plan": planned(told, out)})
+    result = read_steps(out).result
+    if result.get("class") == list(made.names):
+        write_result(out, {**result, "plan": planned(result, out)})
         write_report(out)
 
 

@@ -153,7 +153,7 @@ def browse_logs(folder: Path, listen: str, live_token: Path | None) -> None:
 
 def _print_summaries(files: Iterable[Path], summaries: list["RunSummary"]) -> None:
     lines = [_lines(summary) for summary in summaries]
-    rows = [[name, *(told[name] for told in lines)] for name in lines[0]]
+    rows = [[name, *(line[name] for line in lines)] for name in lines[0]]
     kept = [row for row in rows if any(cell != "" for cell in row[1:])]
     print_table("Run", ["", *(path.name for path in files)], kept)
 

@@ -111,9 +111,9 @@ def duration(seconds: float) -> str:
 @contextlib.contextmanager
 def stages() -> Iterator[Stages]:
     """Tells the stages of the block's work on stderr."""
-    told = Stages()
-    with ticking(told.tick):
-        yield told
+    shown = Stages()
+    with ticking(shown.tick):
+        yield shown
 
 
 @contextlib.contextmanager

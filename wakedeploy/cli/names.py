@@ -63,8 +63,8 @@ class SeveralNames(click.ParamType[tuple[str, ...]]):
     ) -> list[CompletionItem[str]]:
         """The names that the last one may become, behind those that are there."""
         before, comma, last = incomplete.rpartition(",")
-        left = [name for name in self._names() if name not in before.split(",")]
-        begun = _begun(last, left if comma else [*left, ALL])
+        unused = [name for name in self._names() if name not in before.split(",")]
+        begun = _begun(last, unused if comma else [*unused, ALL])
         return [CompletionItem(f"{before}{comma}{name}") for name in begun]
 
 
@@ -78,7 +78,7 @@ class FileOrName(click.ParamType[str]):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
         """The same, names as they are spelled here."""
-        return ",".join(meant(one, self._names) or one for one in value.split(","))
+        return ",".join(meant(name, self._names) or name for name in value.split(","))
 
     def shell_complete(
         self, ctx: click.Context, param: click.Parameter, incomplete: str

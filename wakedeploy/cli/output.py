@@ -153,12 +153,12 @@ def _side(rows: Sequence[Sequence[str]], index: int) -> Any:
     return "right" if all(cell == "" or cell[0] in "-+−.—0123456789" for cell in cells) else "left"
 
 
-def what_differs(one: Mapping[str, object], others: Iterable[Mapping[str, object]]) -> str:
+def what_differs(settings: Mapping[str, object], others: Iterable[Mapping[str, object]]) -> str:
     """The settings in which one of several differs from any other, as `name value, …`."""
     alike = list(others)
     return ", ".join(
         f"{name} {value}"
-        for name, value in one.items()
+        for name, value in settings.items()
         if any(other.get(name) != value for other in alike)
     )
 

@@ -13,10 +13,10 @@ def recordings_folder(given: Path | None) -> Path | None:
 
     Raises UnusableInput for one that is not there.
     """
-    told = given if given is not None else os.environ.get(VARIABLE) or None
-    if told is None:
+    chosen = given if given is not None else os.environ.get(VARIABLE) or None
+    if chosen is None:
         return None
-    folder = Path(told)
+    folder = Path(chosen)
     if not folder.is_dir():
         source = "--recordings" if given is not None else VARIABLE
         raise UnusableInput(f"{folder} is no folder; give {source} one that is there.")

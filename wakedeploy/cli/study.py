@@ -73,7 +73,7 @@ def domains(
 
     architectures = list(arch)
     sets = sets_of(names, recordings, asked)
-    told: dict[str, list[Line]] = {}
+    by_domain: dict[str, list[Line]] = {}
     jobs = [
         (made, wanted)
         for made in sets.values()
@@ -82,15 +82,17 @@ def domains(
     train_with_bar(jobs, asked.runs)
     with progress("Scoring", len(sets)) as bar:
         for name, made in sets.items():
-            told[name] = compare(made, architectures, asked.seeds, asked.runs, epochs=asked.epochs)
+            by_domain[name] = compare(
+                made, architectures, asked.seeds, asked.runs, epochs=asked.epochs
+            )
             bar.advance()
-    lines = [line.as_json() for own in told.values() for line in own]
+    lines = [line.as_json() for runs in by_domain.values() for line in runs]
     result = {"quick": asked.quick, "seeds": asked.seeds, "lines": lines}
     title = asked.titled("The architectures over the domains")
     folder = asked.results("domains", names)
-    path = write_page(folder, title, lambda: parts(told), result, [*sets.values()])
-    for name, own in told.items():
-        print_table(f"{name}: {sentence(name, own)}", *summary(own))
+    path = write_page(folder, title, lambda: parts(by_domain), result, [*sets.values()])
+    for name, runs in by_domain.items():
+        print_table(f"{name}: {sentence(name, runs)}", *summary(runs))
     click.echo(f"Figures, tables and the page: {path}")
 
 
@@ -155,17 +157,19 @@ def shift(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     crews |= dict.fromkeys(FLOWN, trained)
     count, seconds = (2, 4.0) if asked.quick else (flights, 20.0)
     with progress("Flying", len(crews) * (len(LIMITS) + len(models) * asked.seeds)) as bar:
-        nominal, *told = fly_shifted(crews, count, seconds, on_flight=bar.advance)
+        nominal, *spreads = fly_shifted(crews, count, seconds, on_flight=bar.advance)
     result: dict[str, Any] = {"quick": asked.quick, "flights": count, "seconds": seconds}
     result |= {"trained": {"0": "nominal", "others": TRAINED}}
     result["rms_m"] = {
-        f"{one.spread:g}": {line.name: line.rms_m.tolist() for line in one.lines}
-        for one in (nominal, *told)
+        f"{shifted.spread:g}": {line.name: line.rms_m.tolist() for line in shifted.lines}
+        for shifted in (nominal, *spreads)
     }
     title = asked.titled("Trained on one physics, flown in another")
     folder = asked.results("shift")
-    path = write_page(folder, title, lambda: parts(nominal, told, chosen), result, [plain, varied])
-    print_table(sentence(nominal, told, chosen), *summary(nominal, told))
+    path = write_page(
+        folder, title, lambda: parts(nominal, spreads, chosen), result, [plain, varied]
+    )
+    print_table(sentence(nominal, spreads, chosen), *summary(nominal, spreads))
     click.echo(f"Figures, tables and the page: {path}")
 
 
@@ -177,13 +181,15 @@ def _models(
     from wakedeploy.study.runs import Wanted, best_run, candidates
 
     wanted = {a: [Wanted(a, s, asked.epochs) for s in range(asked.seeds)] for a in architectures}
-    jobs = [(data, one) for own in wanted.values() for w in own for one in candidates(w)]
+    jobs = [
+        (data, candidate) for seeds in wanted.values() for w in seeds for candidate in candidates(w)
+    ]
     train_with_bar(jobs, asked.runs)
-    runs = {a: [best_run(data, w, asked.runs) for w in own] for a, own in wanted.items()}
-    losses = {a: sum(min(run.metrics.history) for run, _ in own) for a, own in runs.items()}
+    runs = {a: [best_run(data, w, asked.runs) for w in seeds] for a, seeds in wanted.items()}
+    losses = {a: sum(min(run.metrics.history) for run, _ in tried) for a, tried in runs.items()}
     models = [
-        Model(a, [run.predictor for run, _ in own], [w.hyper_text for _, w in own])
-        for a, own in runs.items()
+        Model(a, [run.predictor for run, _ in tried], [w.hyper_text for _, w in tried])
+        for a, tried in runs.items()
     ]
     return models, min(losses, key=lambda a: losses[a])
 

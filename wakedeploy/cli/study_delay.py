@@ -73,9 +73,9 @@ def delay(asked: Asked) -> None:
         "attention": [look.as_json() for look in looks],
         "delays": [dataclasses.asdict(line) for line in lines],
         "trends": {
-            name: {of: dataclasses.asdict(study.trend(own, of)) for of in study.TRENDS}
+            name: {of: dataclasses.asdict(study.trend(chosen, of)) for of in study.TRENDS}
             for name in _SIMULATED
-            if (own := study.best([line for line in lines if line.domain == name]))
+            if (chosen := study.best([line for line in lines if line.domain == name]))
         },
     }
     title = asked.titled("Learned and physical delays")
@@ -102,7 +102,7 @@ def basin(recordings: Path | None, asked: Asked) -> None:
 
     data = sets_of(("fish",), recordings, asked)["fish"]
     wanted = study.planned(asked.seeds, asked.epochs, quick=asked.quick)
-    train_with_bar([(data, one) for one in wanted], asked.runs)
+    train_with_bar([(data, run) for run in wanted], asked.runs)
     echo = study.echo_of(data)
     with progress("Looking where delays ended", 1):
         ends = study.ended(data, wanted, asked.runs)
@@ -138,7 +138,7 @@ def fish_scatter(recordings: Path | None, asked: Asked) -> None:
     from wakedeploy.study.fish_scatter_figure import parts, sentence, summary
 
     data = sets_of(("fish",), recordings, asked)["fish"]
-    jobs = [(data, one) for one in planned(data, [*ARCHITECTURES], asked.seeds, asked.epochs)]
+    jobs = [(data, run) for run in planned(data, [*ARCHITECTURES], asked.seeds, asked.epochs)]
     train_with_bar(jobs, asked.runs)
     common = (asked.seeds, asked.runs)
     with progress("Scoring", 1):

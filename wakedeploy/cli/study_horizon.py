@@ -59,24 +59,24 @@ def window(
         for job in planned(made, architectures, asked.seeds, asked.epochs)
     ]
     train_with_bar(jobs, asked.runs)
-    told: dict[str, list[Seen]] = {}
+    by_domain: dict[str, list[Seen]] = {}
     mains = {name: DOMAINS[name].main for name in sets}
     with progress("Scoring", len(sets)) as bar:
         for name, made in sets.items():
-            told[name] = measure(
+            by_domain[name] = measure(
                 made, mains[name], architectures, asked.seeds, asked.runs, epochs=asked.epochs
             )
             bar.advance()
-    points = [point.as_json() for own in told.values() for point in own]
+    points = [point.as_json() for seen in by_domain.values() for point in seen]
     result = {"quick": asked.quick, "seeds": asked.seeds, "channels": mains, "points": points}
     rates_hz = {name: made.rate_hz for name, made in sets.items()}
     title = asked.titled("How much of the past a predictor has to see")
     delays_s = {name: transport_delay_s(made) for name, made in sets.items()}
-    folder, drawn = asked.results("window", names), (told, mains, rates_hz, delays_s)
+    folder, drawn = asked.results("window", names), (by_domain, mains, rates_hz, delays_s)
     path = write_page(folder, title, lambda: parts(*drawn), result, [*sets.values()])
-    print_table("The shortest past that suffices", *needed(told))
-    for name, own in told.items():
-        click.echo(sentence(name, own, rates_hz[name], delays_s[name]))
+    print_table("The shortest past that suffices", *needed(by_domain))
+    for name, seen in by_domain.items():
+        click.echo(sentence(name, seen, rates_hz[name], delays_s[name]))
     click.echo(f"Figures, tables and the page: {path}")
 
 
@@ -107,10 +107,10 @@ def lead(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
     lines = study.asked(architectures, leads_s, asked.seeds, asked.epochs)
     runs = asked.runs / "lead"  # trained for fewer epochs than the other studies' runs
     train_with_bar([job for made in sets.values() for job in study.planned(made, lines)], runs)
-    told: dict[str, list[Point]] = {}
+    by_domain: dict[str, list[Point]] = {}
     with progress("Flying", len(sets) * (1 + len(leads_s) + len(lines))) as bar:
         for name, made in sets.items():
-            told[name] = study.measure(
+            by_domain[name] = study.measure(
                 made,
                 SETS[name].main,
                 lines,
@@ -120,11 +120,11 @@ def lead(arch: tuple[str, ...], flights: int, asked: Asked) -> None:
                 seconds=seconds,
                 on_flown=bar.advance,
             )
-    points = [vars(point) for own in told.values() for point in own]
+    points = [vars(point) for at_leads in by_domain.values() for point in at_leads]
     result = {"quick": asked.quick, "flights": count, "seconds": seconds, "points": points}
     title = asked.titled("How far ahead to predict the force")
     folder = asked.results("lead")
-    path = write_page(folder, title, lambda: parts(told), result, [*sets.values()])
-    for name, own in told.items():
-        print_table(sentence(name, own), *summary(own))
+    path = write_page(folder, title, lambda: parts(by_domain), result, [*sets.values()])
+    for name, at_leads in by_domain.items():
+        print_table(sentence(name, at_leads), *summary(at_leads))
     click.echo(f"Figures, tables and the page: {path}")

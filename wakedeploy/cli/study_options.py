@@ -138,10 +138,10 @@ def train_with_bar(jobs: "Sequence[tuple[EpisodeSet, Wanted]]", runs: Path) -> N
     """
     from wakedeploy.study.runs import train_all, untrained, work
 
-    left = untrained(jobs, runs)
-    if left:
-        with progress("Training", sum(work(*job) for job in left)) as bar:
-            train_all(left, runs, on_run=bar.advance)
+    waiting = untrained(jobs, runs)
+    if waiting:
+        with progress("Training", sum(work(*job) for job in waiting)) as bar:
+            train_all(waiting, runs, on_run=bar.advance)
 
 
 def write_page(

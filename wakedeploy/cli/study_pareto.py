@@ -65,7 +65,7 @@ def pareto(
         ],
         asked.runs,
     )
-    told: dict[str, list[Point]] = {}
+    by_domain: dict[str, list[Point]] = {}
     beside: dict[str, dict[str, float]] = {}
     for name, made in sets.items():
         with progress(f"{name}: scoring", 1):
@@ -74,13 +74,13 @@ def pareto(
             )
         beside[name] = unlearned(lines)
         with progress(f"{name}: flying at 32 Hz", len(architectures) * ticks) as bar:
-            told[name] = measure(made, lines, asked.runs, ticks=ticks, on_tick=bar.update)
-    points = [point.as_json() for own in told.values() for point in own]
+            by_domain[name] = measure(made, lines, asked.runs, ticks=ticks, on_tick=bar.update)
+    points = [point.as_json() for of_domain in by_domain.values() for point in of_domain]
     result = {"quick": asked.quick, "seeds": asked.seeds, "ticks": ticks, "points": points}
     result |= {"unlearned": beside}
     title = asked.titled("What accuracy costs")
     folder = asked.results("pareto", names)
-    path = write_page(folder, title, lambda: parts(told, beside), result, [*sets.values()])
-    for name, own in told.items():
-        print_table(sentence(name, own), *summary(own, beside[name]))
+    path = write_page(folder, title, lambda: parts(by_domain, beside), result, [*sets.values()])
+    for name, of_domain in by_domain.items():
+        print_table(sentence(name, of_domain), *summary(of_domain, beside[name]))
     click.echo(f"Figures, tables and the page: {path}")

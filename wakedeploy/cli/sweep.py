@@ -176,11 +176,11 @@ def _names(text: str) -> list[str]:
 
 def _values(option: str, text: str) -> list[Any]:
     values = []
-    for one in text.split(","):
+    for item in text.split(","):
         try:
-            value = json.loads(one)
+            value = json.loads(item)
         except json.JSONDecodeError as error:
-            raise UnusableInput(f"{option}: '{one}' is not a number.") from error
+            raise UnusableInput(f"{option}: '{item}' is not a number.") from error
         values.append(value)
     return values
 
@@ -193,7 +193,7 @@ def _executor(out: Path, workers: int | None, scheduler: str | None, device: str
 
         return Cluster(
             scheduler,
-            on_misfit=lambda told: click.echo(f"{told} It gets no job.", err=True),
+            on_misfit=lambda problem: click.echo(f"{problem} It gets no job.", err=True),
             device=device,
         )
     from trainers.training.device import require_cuda
@@ -210,9 +210,9 @@ def _tell(report: "Report", out: Path, json_path: Path | None) -> None:
     done = [row for row in report.rows if row["state"] == "done"]
     trained = [row for row in done if row["kind"] == "train"]
     for data in dict.fromkeys(row["data"] for row in trained):
-        own = [row for row in trained if row["data"] == data]
-        devices = ", ".join(dict.fromkeys(row["device"] for row in own))
-        print_table(f"{data}: test episodes, {devices}", *_table(own))
+        of_set = [row for row in trained if row["data"] == data]
+        devices = ", ".join(dict.fromkeys(row["device"] for row in of_set))
+        print_table(f"{data}: test episodes, {devices}", *_table(of_set))
     if json_path:
         write_json(json_path, {"rows": report.rows, "waiting": report.waiting})
     click.echo(
@@ -249,8 +249,10 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     for row in rows:
         key = json.dumps([row[name] for name in ("arch", "lead_s", "settings", "hyper")])
         groups.setdefault(key, []).append(row)
-    groups = {key: [row | {"preset": _presets(own)} for row in own] for key, own in groups.items()}
-    rows = [row for own in groups.values() for row in own]
+    groups = {
+        key: [row | {"preset": _presets(runs)} for row in runs] for key, runs in groups.items()
+    }
+    rows = [row for runs in groups.values() for row in runs]
     tests = [row["test"] for row in rows]
     channels = [
         name for name in tests[0]["rmse"] if all(name in t["rmse"].keys() & t["r2"] for t in tests)
@@ -258,12 +260,17 @@ def _table(rows: Sequence[dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     columns = ["architecture", "settings", "seeds", "trainable"]
     columns += [f"{kind} {name}" for name in channels for kind in ("RMSE", "R²")]
     lines = []
-    for own in groups.values():
-        line = [own[0]["arch"], _varied(own[0], rows), str(len(own)), f"{own[0]['trainable']:,}"]
+    for runs in groups.values():
+        line = [
+            runs[0]["arch"],
+            _varied(runs[0], rows),
+            str(len(runs)),
+            f"{runs[0]['trainable']:,}",
+        ]
         for name in channels:
-            line.append(mean_and_spread([row["test"]["rmse"][name] for row in own], ".4g"))
-            line.append(mean_and_spread([row["test"]["r2"][name] for row in own], ".4f"))
-        lines.append([*line, mean_and_spread([row["seconds"] for row in own], ".1f")])
+            line.append(mean_and_spread([row["test"]["rmse"][name] for row in runs], ".4g"))
+            line.append(mean_and_spread([row["test"]["r2"][name] for row in runs], ".4f"))
+        lines.append([*line, mean_and_spread([row["seconds"] for row in runs], ".1f")])
     return [*columns, "seconds"], lines
 
 
@@ -278,10 +285,12 @@ def _varied(row: dict[str, Any], rows: Sequence[dict[str, Any]]) -> str:
     Presets differ in much; it is enough to name them.
     """
 
-    def told(one: dict[str, Any]) -> dict[str, Any]:
-        return {"lead_s": one["lead_s"], **one["settings"], **one["hyper"]}
+    def configuration(row: dict[str, Any]) -> dict[str, Any]:
+        return {"lead_s": row["lead_s"], **row["settings"], **row["hyper"]}
 
-    own = [one for one in rows if one["arch"] == row["arch"]]
-    alike = [told(one) for one in own if one["preset"] == row["preset"]]
-    named = what_differs({"preset": row["preset"]}, [{"preset": one["preset"]} for one in own])
-    return ", ".join(filter(None, (named, what_differs(told(row), alike))))
+    of_arch = [other for other in rows if other["arch"] == row["arch"]]
+    alike = [configuration(other) for other in of_arch if other["preset"] == row["preset"]]
+    named = what_differs(
+        {"preset": row["preset"]}, [{"preset": other["preset"]} for other in of_arch]
+    )
+    return ", ".join(filter(None, (named, what_differs(configuration(row), alike))))

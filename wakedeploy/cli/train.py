@@ -178,15 +178,15 @@ def print_scores(
     for row in rows:
         groups.setdefault(json.dumps([row.arch, row.configuration]), []).append(row)
     table = [_unlearned_line(name, scored, force) for name, scored in unlearned.items()]
-    for own in groups.values():
-        alike = [row.configuration for row in rows if row.arch == own[0].arch]
-        differs = what_differs(own[0].configuration, alike)
-        name = own[0].arch + (f" ({differs})" if differs else "")
-        line = [name, f"{own[0].trainable:,}", f"{own[0].frozen:,}"]
+    for runs in groups.values():
+        alike = [row.configuration for row in rows if row.arch == runs[0].arch]
+        differs = what_differs(runs[0].configuration, alike)
+        name = runs[0].arch + (f" ({differs})" if differs else "")
+        line = [name, f"{runs[0].trainable:,}", f"{runs[0].frozen:,}"]
         for channel in force:
-            line.append(mean_and_spread([row.rmse[channel.name] for row in own], ".4g"))
-            line.append(mean_and_spread([row.r2[channel.name] for row in own], ".4f"))
-        table.append([*line, mean_and_spread([row.seconds for row in own], ".1f")])
+            line.append(mean_and_spread([row.rmse[channel.name] for row in runs], ".4g"))
+            line.append(mean_and_spread([row.r2[channel.name] for row in runs], ".4f"))
+        table.append([*line, mean_and_spread([row.seconds for row in runs], ".1f")])
     print_table(title, [*columns, "seconds"], table)
 
 

@@ -28,7 +28,7 @@ def architectures_option(
     default: str | None = "all", otherwise: str | None = None
 ) -> Callable[..., Any]:
     """`--arch`: one or several architectures, or all; `otherwise` says what None stands for."""
-    told = "" if otherwise is None else f" Default: {otherwise}."
+    addition = "" if otherwise is None else f" Default: {otherwise}."
     return click.option(
         "--arch",
         cls=OptionOfNames,
@@ -37,5 +37,5 @@ def architectures_option(
         metavar="all|NAME[,NAME…]",
         default=default,
         show_default=default is not None,
-        help=f"Of {{names}}.{told}",
+        help=f"Of {{names}}.{addition}",
     )

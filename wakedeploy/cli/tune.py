@@ -194,8 +194,10 @@ def command(
 
 def _require_of_use(arch: str, objective: str) -> None:
     """Refuse options that would change nothing."""
-    told = click.get_current_context().get_parameter_source
-    given = [name for name in ("pruner", "epochs") if told(name) == ParameterSource.COMMANDLINE]
+    source_of = click.get_current_context().get_parameter_source
+    given = [
+        name for name in ("pruner", "epochs") if source_of(name) == ParameterSource.COMMANDLINE
+    ]
     if given and _is_solved(arch):
         raise UnusableInput(
             f"--{given[0]}: {arch} is solved in one pass, not in epochs; leave it out."
@@ -223,9 +225,9 @@ def _show(study: "Study", bars: StageBars, trials: int) -> None:
     from trainers.tuning.study import all_trials, finished
 
     done, best = len(finished(all_trials(study))), best_so_far(study)
-    told = "" if best is None else f", best {best[1]:.4g} (trial {best[0]})"
+    score = "" if best is None else f", best {best[1]:.4g} (trial {best[0]})"
     bars("Trials", min(done, trials), trials)
-    bars.describe(f"{done} of {trials} trials{told}")
+    bars.describe(f"{done} of {trials} trials{score}")
 
 
 def _tell(found: "Found", work: "Work", study: "Study", json_path: Path | None) -> None:

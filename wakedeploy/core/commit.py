@@ -32,5 +32,5 @@ def _git(*arguments: str) -> str | None:
     if git is None:
         return None
     command = [git, "-C", str(Path(__file__).parents[2]), *arguments]
-    told = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
-    return told.stdout.strip() if told.returncode == 0 else None
+    answer = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    return answer.stdout.strip() if answer.returncode == 0 else None

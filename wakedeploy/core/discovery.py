@@ -55,8 +55,8 @@ class Offer:
     @functools.cached_property
     def title(self) -> str:
         """The first line of the module's description, read without importing it."""
-        told = ast.get_docstring(ast.parse(self._text)) or ""
-        return told.partition("\n")[0].rstrip(".")
+        docstring = ast.get_docstring(ast.parse(self._text)) or ""
+        return docstring.partition("\n")[0].rstrip(".")
 
     @functools.cached_property
     def maker(self) -> str:

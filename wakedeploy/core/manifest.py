@@ -149,9 +149,9 @@ class State(_Record):
 
     def initial_array(self, batch: int) -> FloatArray:
         """The state before the first step, float32 (batch, *shape)."""
-        one = np.asarray(self.initial, np.float32)
-        one = np.full(self.shape, one) if one.ndim == 0 else one.reshape(self.shape)
-        return np.repeat(one[None], batch, axis=0)
+        state = np.asarray(self.initial, np.float32)
+        state = np.full(self.shape, state) if state.ndim == 0 else state.reshape(self.shape)
+        return np.repeat(state[None], batch, axis=0)
 
 
 class Memory(_Record):

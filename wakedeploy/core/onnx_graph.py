@@ -242,9 +242,9 @@ def quoted(text: str) -> str:
 
 def _require_plain_operators(model: Mapping[str, list[Any]]) -> None:
     sets = [_read("opset_import", part, _OPSET) for part in model.get("opset_import", [])]
-    told = [(_text(one, "domain"), _number(one, "version")) for one in sets]
-    if told != [("", OPSET)]:
-        shown = ", ".join(f"{quoted(domain)} {version}" for domain, version in told) or "none"
+    versions = [(_text(entry, "domain"), _number(entry, "version")) for entry in sets]
+    if versions != [("", OPSET)]:
+        shown = ", ".join(f"{quoted(domain)} {version}" for domain, version in versions) or "none"
         raise ForbiddenGraph(f"is of the operator sets {shown} where '' {OPSET} alone may be")
 
 

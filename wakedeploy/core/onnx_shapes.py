@@ -120,8 +120,10 @@ def _applied(
     try:
         made, inner = _RULES[node.op](call)
     except (IndexError, ValueError) as error:  # whatever of it does not fit the operator's rule
-        told = ", ".join(map(str, given))
-        raise ForbiddenGraph(f"applies {node.op} to what it does not fit: {told[:200]}") from error
+        listed = ", ".join(map(str, given))
+        raise ForbiddenGraph(
+            f"applies {node.op} to what it does not fit: {listed[:200]}"
+        ) from error
     if len(made) != len(node.outputs) or any(not _usable(shape) for shape in made):
         raise ForbiddenGraph(f"has outputs of {node.op} that are empty, too many or too deep")
     return made, sum(map(size_of, given)) + inner * sum(map(size_of, made))

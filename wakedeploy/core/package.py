@@ -231,13 +231,13 @@ def _require_bounded(manifest: Manifest, graph: Graph, batch: int, name: str) ->
 
 
 def _told(tensors: tuple[Tensor, ...]) -> str:
-    told = [f"{quoted(t.name)} ({', '.join(map(str, t.shape))})"[:100] for t in tensors[:8]]
-    return ", ".join(told) or "nothing"
+    texts = [f"{quoted(t.name)} ({', '.join(map(str, t.shape))})"[:100] for t in tensors[:8]]
+    return ", ".join(texts) or "nothing"
 
 
 def _declared(shapes: dict[str, Shape]) -> str:
-    told = [f"{k} ({', '.join(map(str, ('batch', *s)))})" for k, s in list(shapes.items())[:8]]
-    return ", ".join(told)
+    texts = [f"{k} ({', '.join(map(str, ('batch', *s)))})" for k, s in list(shapes.items())[:8]]
+    return ", ".join(texts)
 
 
 def _example(entries: dict[str, str], manifest: Manifest, name: str) -> Example:

@@ -17,10 +17,10 @@ EffectUnits = Mapping[str, Mapping[str, str]]  # of effects' parameters, by both
 def in_own_units(raw: Mapping[str, Any], effect_units: EffectUnits) -> dict[str, Any]:
     """A rig file's tables in their own units, -0.0 as 0.0; ValueError says which cannot be."""
     raw = _with_one_zero(raw)
-    told = {name: _section(table, name) for name, table in raw.items() if name != "effect"}
+    tables = {name: _section(table, name) for name, table in raw.items() if name != "effect"}
     if "effect" in raw:
-        told["effect"] = _effects(raw["effect"], effect_units)
-    return told
+        tables["effect"] = _effects(raw["effect"], effect_units)
+    return tables
 
 
 def _with_one_zero(entry: Any) -> Any:
@@ -28,7 +28,7 @@ def _with_one_zero(entry: Any) -> Any:
     if isinstance(entry, Mapping):
         return {key: _with_one_zero(below) for key, below in entry.items()}
     if isinstance(entry, list | tuple):
-        return [_with_one_zero(one) for one in entry]
+        return [_with_one_zero(item) for item in entry]
     return entry + 0.0 if isinstance(entry, float) else entry
 
 
@@ -51,11 +51,11 @@ def _effect(entry: Mapping[str, Any], units: EffectUnits) -> dict[str, Any]:
     parameters, effect = entry.get("parameters"), str(entry.get("name"))
     if effect not in units or not isinstance(parameters, Mapping):
         return dict(entry)
-    own = {
+    converted_parameters = {
         name: _in(units[effect].get(name), stated, f"{effect}.{name}")
         for name, stated in parameters.items()
     }
-    return {**entry, "parameters": own}
+    return {**entry, "parameters": converted_parameters}
 
 
 def _in(wanted: str | None, entry: Any, path: str) -> Any:
@@ -66,15 +66,15 @@ def _in(wanted: str | None, entry: Any, path: str) -> Any:
         factor = conversion(entry["unit"], wanted)
     except ValueError as error:
         raise ValueError(f"{path} is in {wanted}, and its unit {error}") from None
-    told = {**entry, "unit": wanted}
+    made = {**entry, "unit": wanted}
     for name in _CONVERTED:
-        if factor != 1 and name in told:
-            told[name] = _times(told[name], factor)
-    return told
+        if factor != 1 and name in made:
+            made[name] = _times(made[name], factor)
+    return made
 
 
 def _times(value: Any, factor: Any) -> Any:
     if isinstance(value, list | tuple):
-        return [_times(one, factor) for one in value]
+        return [_times(item, factor) for item in value]
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
     return converted(value, factor) if is_number else value

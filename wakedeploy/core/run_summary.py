@@ -57,8 +57,8 @@ class RunSummary:
     def as_json(self) -> dict[str, Any]:
         """The numbers as plain dictionaries."""
         spread = {name: vars(value) for name, value in self.stages_s.items()}
-        own = vars(self) | {"notes": list(self.notes), "stages_s": spread}
-        return own | {
+        numbers = vars(self) | {"notes": list(self.notes), "stages_s": spread}
+        return numbers | {
             "round_trip_s": vars(self.round_trip_s),
             "computing_s": vars(self.computing_s),
         }
@@ -119,8 +119,8 @@ def _failsafe(log: RunLog) -> tuple[float, str]:
     down = np.flatnonzero(log["mode"] == "FAILSAFE")
     if not len(down):
         return float("nan"), ""
-    told = [name for tick in down for name in str(log["faults"][tick]).split("+") if name]
-    return float(log["t_s"][down[0]]), told[0] if told else ""
+    faults = [name for tick in down for name in str(log["faults"][tick]).split("+") if name]
+    return float(log["t_s"][down[0]]), faults[0] if faults else ""
 
 
 def _notes(log: RunLog) -> tuple[str, ...]:

@@ -89,8 +89,8 @@ class RunLog:
         `height` is "z_est_m", or "true_z_m" where a simulation tells it.
         """
         error_m = (self["z_ref_m"] - self[height])[self.flying]
-        told = error_m[np.isfinite(error_m)]
-        return float(np.sqrt(np.mean(told**2))) if len(told) else float("nan")
+        known_m = error_m[np.isfinite(error_m)]
+        return float(np.sqrt(np.mean(known_m**2))) if len(known_m) else float("nan")
 
     def has(self, name: str) -> bool:
         """Whether the column is there with at least one value."""

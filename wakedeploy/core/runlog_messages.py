@@ -35,12 +35,12 @@ def message_schema(topic: str, further: Mapping[str, str] | None = None) -> dict
 
 
 def _property(column: Column) -> dict[str, Any]:
-    told: dict[str, Any] = {"type": "string" if column.kind == "text" else column.kind}
+    schema: dict[str, Any] = {"type": "string" if column.kind == "text" else column.kind}
     if column.unit:
-        told["description"] = f"in {column.unit}"
+        schema["description"] = f"in {column.unit}"
     if column.name == "mode":
-        told["enum"] = list(MODES)
-    return told
+        schema["enum"] = list(MODES)
+    return schema
 
 
 def tick_messages(row: Mapping[str, Value]) -> Iterator[tuple[str, dict[str, Any]]]:
@@ -56,8 +56,8 @@ def json_bytes(content: Mapping[str, Any]) -> bytes:
 
 
 def _values(columns: tuple[Column, ...], row: Mapping[str, Value]) -> dict[str, Any]:
-    told: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for column in columns:
         if (value := row.get(column.name)) is not None and value == value:
-            told[column.name] = plain_value(column, value)
-    return told
+            values[column.name] = plain_value(column, value)
+    return values

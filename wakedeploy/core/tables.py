@@ -52,8 +52,8 @@ def write_log(log: RunLog, path: Path) -> None:
         _write_parquet(path, columns, units, log.metadata)
         return
     variables = {name: _as_cells(values) for name, values in log.columns.items()}
-    told = {"units": _named(units), "metadata": _named(log.metadata)}
-    _write_mat(path, _named(variables) | told)
+    facts = {"units": _named(units), "metadata": _named(log.metadata)}
+    _write_mat(path, _named(variables) | facts)
 
 
 def write_set(made: EpisodeSet, path: Path) -> None:
@@ -68,8 +68,8 @@ def write_set(made: EpisodeSet, path: Path) -> None:
         return
     episodes = np.empty((1, len(made.episodes)), dtype=object)
     for i, episode in enumerate(made.episodes):
-        own = {"name": episode.name, "split": made.split[episode.name]}
-        episodes[0, i] = _named(own | dict(episode.arrays))
+        facts = {"name": episode.name, "split": made.split[episode.name]}
+        episodes[0, i] = _named(facts | dict(episode.arrays))
     variables: dict[str, Any] = {"episodes": episodes, "rate_hz": made.rate_hz}
     for kind, channels in (("observation", made.observation), ("force", made.force)):
         variables[f"{kind}_names"] = _as_cells(np.array([c.name for c in channels], dtype=object))

@@ -134,9 +134,9 @@ _PREFIXES = {
     "n": Fraction(1, 10**9),
 }
 _SYMBOLS = {
-    prefix + name: Quantity(size * one.factor, one.powers)
+    prefix + name: Quantity(size * quantity.factor, quantity.powers)
     for prefix, size in _PREFIXES.items()
-    for name, one in _PREFIXED.items()
+    for name, quantity in _PREFIXED.items()
 }
 _SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
 _IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
@@ -157,10 +157,10 @@ def unit_of(name: str) -> str | None:
     return None
 
 
-def same_unit(one: str, other: str) -> bool:
+def same_unit(first: str, other: str) -> bool:
     """Whether two spellings mean one unit: "m/s²" and "m/s^2"."""
     try:
-        return one == other or conversion(one, other) == 1
+        return first == other or conversion(first, other) == 1
     except ValueError:
         return False
 
@@ -170,13 +170,13 @@ def conversion(given: str, wanted: str) -> Fraction:
 
     Raises ValueError with a clause that says what is understood.
     """
-    own, target = _read(given), _read(wanted)
+    source, target = _read(given), _read(wanted)
     understood = _UNDERSTOOD.get(wanted, f"{wanted}, or the same with other prefixes")
-    if own is None or target is None:
+    if source is None or target is None:
         raise ValueError(f"{given!r} is not known; give {understood}")
-    if own.powers != target.powers:
+    if source.powers != target.powers:
         raise ValueError(f"{given!r} is of another dimension; give {understood}")
-    return own.factor / target.factor
+    return source.factor / target.factor
 
 
 def si_unit(text: str) -> str:
@@ -184,12 +184,12 @@ def si_unit(text: str) -> str:
 
     Raises ValueError with a clause where the unit is not known.
     """
-    own = _read(text)
-    if own is None:
+    quantity = _read(text)
+    if quantity is None:
         raise ValueError(f"{text!r} is not known; give one such as m, rad, N m, V, A or m/s^2")
     names = [*_SI_ANGLES, *_SI] if is_angular(text) else [*_SI, *_SI_ANGLES]
-    same = (name for name in names if _read(name) == Quantity(Fraction(1), own.powers))
-    return next(same, _composed(own))
+    same = (name for name in names if _read(name) == Quantity(Fraction(1), quantity.powers))
+    return next(same, _composed(quantity))
 
 
 def is_angular(text: str) -> bool:
@@ -197,10 +197,10 @@ def is_angular(text: str) -> bool:
     return re.search(r"(?<![A-Za-z])(m?rad|deg|rpm)(?![A-Za-z])|°", text) is not None
 
 
-def _composed(one: Quantity) -> str:
+def _composed(quantity: Quantity) -> str:
     """A unit of its base units: "kg m^2 s^-4"."""
     bases = ("m", "kg", "s", "step", "A", "K")
-    powers = [(b, p) for b, p in zip(bases, one.powers, strict=True) if p]
+    powers = [(b, p) for b, p in zip(bases, quantity.powers, strict=True) if p]
     return " ".join(base if power == 1 else f"{base}^{power}" for base, power in powers)
 
 

@@ -99,14 +99,14 @@ class Remote:
                 f"{self.target}: it lets ssh in, but had done nothing after {limit_s:.0f} s; see"
                 " there what hangs, its disk most likely, and start again."
             ) from error
-        told = Ended(
+        answer = Ended(
             ended.returncode,
             ended.stdout.decode(errors="replace"),
             ended.stderr.decode(errors="replace"),
         )
         if ended.returncode == _OWN_FAILURE or ended.returncode < 0:
-            raise UnusableInput(f"{self.target}: {_reason(told)}")
-        return told
+            raise UnusableInput(f"{self.target}: {_reason(answer)}")
+        return answer
 
 
 def _reason(ended: Ended) -> str:

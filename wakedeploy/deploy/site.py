@@ -155,8 +155,8 @@ class Site:
         if ended.status:
             raise CheckFailed(f"{target}: the links in {where} cannot be changed: {_said(ended)}")
         lines = [line for line in ended.stdout.splitlines() if line.startswith(_MARK)]
-        told = [line.removeprefix(_MARK).strip().removeprefix("packages/") for line in lines]
-        return Links(*(name or None for name in told))
+        names = [line.removeprefix(_MARK).strip().removeprefix("packages/") for line in lines]
+        return Links(*(name or None for name in names))
 
     @contextlib.contextmanager
     def _removed_unless_done(self, temporary: str) -> Iterator[None]:

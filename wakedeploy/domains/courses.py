@@ -49,25 +49,25 @@ def split_courses(
         files[flight.file] = files.get(flight.file, 0) + len(flight.label)
     kinds = dict[str, dict[Path, int]]()
     for file, samples in files.items():
-        own = kinds.setdefault(manoeuvre[courses[file]], {})
-        own[courses[file]] = max(samples, own.get(courses[file], 0))
+        longest = kinds.setdefault(manoeuvre[courses[file]], {})
+        longest[courses[file]] = max(samples, longest.get(courses[file], 0))
     return {
         course: _ROUND[place % len(_ROUND)]
-        for own in kinds.values()
-        for place, course in enumerate(sorted(own, key=lambda c: (-own[c], str(c))))
+        for longest in kinds.values()
+        for place, course in enumerate(sorted(longest, key=lambda c: (-longest[c], str(c))))
     }
 
 
-def _again(one: Flight, other: Flight) -> bool:
+def _again(first: Flight, other: Flight) -> bool:
     """Whether two files' plans are the same but for a constant shift, as far as the shorter goes.
 
     Without plans: whether the flights themselves are the same.
     """
-    if one.planned_m is None or other.planned_m is None:
+    if first.planned_m is None or other.planned_m is None:
         return all(
             np.array_equal(mine, its)
-            for mine, its in ((one.source, other.source), (one.sufferer, other.sufferer))
+            for mine, its in ((first.source, other.source), (first.sufferer, other.sufferer))
         )
-    shorter = min(len(one.planned_m), len(other.planned_m))
-    mine, its = (p[:shorter] - p[0] for p in (one.planned_m, other.planned_m))
+    shorter = min(len(first.planned_m), len(other.planned_m))
+    mine, its = (p[:shorter] - p[0] for p in (first.planned_m, other.planned_m))
     return bool((np.abs(mine - its) < _SAME_M).all())

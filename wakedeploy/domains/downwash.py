@@ -162,7 +162,7 @@ def fly(
     air = world.field(episodes)
     states = ways[0].copy()
     nothing = np.zeros((episodes, 2))
-    told = Flights(*(np.empty((steps, episodes, n)) for n in (8, 2, 2, 2)))
+    flown = Flights(*(np.empty((steps, episodes, n)) for n in (8, 2, 2, 2)))
     thrusts = np.full(2 * episodes, world.mass_kg * GRAVITY_MPS2)
     for k in range(steps):
         source, sufferer = states[:episodes], states[episodes:]
@@ -173,13 +173,13 @@ def fly(
         expected = _expected(
             expect, observed, {"nothing": nothing, "truth": force, "roughly": about}
         )
-        told.observation[k], told.force_n[k], told.expected_n[k] = observed, force, expected
-        told.error_m[k] = (sufferer - ways[k, episodes:])[:, :2]
+        flown.observation[k], flown.force_n[k], flown.expected_n[k] = observed, force, expected
+        flown.error_m[k] = (sufferer - ways[k, episodes:])[:, :2]
         thrusts, turns = regulator.control(states, ways[k], np.concatenate([nothing, expected]))
         _push_air(air, world, source, thrusts[:episodes])
         pushed = np.concatenate([nothing, force])
         states = body.step(states, thrusts, turns + planned_nm[k], pushed, DT_S)
-    return Flights(*(getattr(told, name)[settling:] for name in vars(told)))
+    return Flights(*(getattr(flown, name)[settling:] for name in vars(flown)))
 
 
 def make_set(
@@ -267,8 +267,8 @@ def shifted(seeds: Sequence[int], spread: float, world: World | None = None) -> 
 def _told(world: World) -> dict[str, JsonValue]:
     """A world as JSON."""
     plain = {name: value for name, value in vars(world).items() if name != "grid"}
-    told = {name: np.asarray(value, float).tolist() for name, value in plain.items()}
-    return told | {"grid": dict(vars(world.grid))}
+    numbers = {name: np.asarray(value, float).tolist() for name, value in plain.items()}
+    return numbers | {"grid": dict(vars(world.grid))}
 
 
 def _episode(flown: Flights, e: int, number: int) -> Episode:

@@ -96,9 +96,9 @@ def record(
     )
     loop.run()
     # A simulated flight happens at no time of day: the same seed gives the same file.
-    told = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
+    facts = metadata(model, opened, seed=seed, started=_NO_TIME, simulated=True)
     oracle = {} if lead_oracle_s is None else {"lead_oracle_s": f"{lead_oracle_s:g}"}
-    return RunLog.from_rows(rows.rows, told | oracle)
+    return RunLog.from_rows(rows.rows, facts | oracle)
 
 
 class _Rows:

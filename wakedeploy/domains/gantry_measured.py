@@ -118,7 +118,10 @@ def _stretches(
     logs: Mapping[str, RunLog], measured: Mapping[str, Sequence[MeasuredForce]], rig: Rig
 ) -> dict[str, list[Episode]]:
     return {
-        name: [_episode(f"{name}-{i}", log, one, rig) for i, one in enumerate(measured[name], 1)]
+        name: [
+            _episode(f"{name}-{i}", log, stretch, rig)
+            for i, stretch in enumerate(measured[name], 1)
+        ]
         for name, log in logs.items()
     }
 
@@ -143,37 +146,39 @@ def _common_rate(logs: Mapping[str, RunLog]) -> float:
     return stated[0] if stated else round(rate_hz, 2)
 
 
-def _episode(name: str, log: RunLog, one: MeasuredForce, rig: Rig) -> Episode:
+def _episode(name: str, log: RunLog, stretch: MeasuredForce, rig: Rig) -> Episode:
     extras = {
-        "force_sd_n": one.force_sd_n[:, None],
-        "acceleration_mps2": one.acceleration_mps2,
-        "thrust_n": one.thrust_n,
-        "t_s": log["t_s"][one.ticks],
+        "force_sd_n": stretch.force_sd_n[:, None],
+        "acceleration_mps2": stretch.acceleration_mps2,
+        "thrust_n": stretch.thrust_n,
+        "t_s": log["t_s"][stretch.ticks],
     }
     return Episode(
         name,
-        _observations(log, one, rig),
-        one.force_n.astype(np.float32)[:, None],
+        _observations(log, stretch, rig),
+        stretch.force_n.astype(np.float32)[:, None],
         {key: array.astype(np.float32) for key, array in extras.items()},
     )
 
 
-def _observations(log: RunLog, one: MeasuredForce, rig: Rig) -> npt.NDArray[np.float32]:
+def _observations(log: RunLog, stretch: MeasuredForce, rig: Rig) -> npt.NDArray[np.float32]:
     """What the predictor saw, (T, 5): causal estimates, never smoothed ones.
 
     A smoothed speed knows the force that is to be predicted from it. Where the log has no
     estimates, those of the forward filter stand in.
     """
-    x_m = _logged(log, "x_m", one, (log["steps"][one.ticks] + 0.5) / rig.stepper.steps_per_m)
-    vx_mps = _logged(log, "vx_mps", one, _backward_speed(log["t_s"][one.ticks], x_m))
-    z_m = _logged(log, "z_est_m", one, one.smoothed.causal_height_m)
-    vz_mps = _logged(log, "vz_est_mps", one, one.smoothed.causal_speed_mps)
-    ticks = zip(x_m, z_m, vx_mps, vz_mps, log["source_cmd_us"][one.ticks], strict=True)
+    x_m = _logged(
+        log, "x_m", stretch, (log["steps"][stretch.ticks] + 0.5) / rig.stepper.steps_per_m
+    )
+    vx_mps = _logged(log, "vx_mps", stretch, _backward_speed(log["t_s"][stretch.ticks], x_m))
+    z_m = _logged(log, "z_est_m", stretch, stretch.smoothed.causal_height_m)
+    vz_mps = _logged(log, "vz_est_mps", stretch, stretch.smoothed.causal_speed_mps)
+    ticks = zip(x_m, z_m, vx_mps, vz_mps, log["source_cmd_us"][stretch.ticks], strict=True)
     return np.stack([observation(rig, *values) for values in ticks])
 
 
-def _logged(log: RunLog, name: str, one: MeasuredForce, otherwise: FloatArray) -> FloatArray:
-    logged = log[name][one.ticks]
+def _logged(log: RunLog, name: str, stretch: MeasuredForce, otherwise: FloatArray) -> FloatArray:
+    logged = log[name][stretch.ticks]
     return np.where(np.isfinite(logged), logged, otherwise)
 
 
@@ -231,12 +236,16 @@ def _part(episode: Episode, span: slice, name: str) -> Episode:
 
 
 def _report(name: str, log: RunLog, of_log: Sequence[MeasuredForce], rig: Rig) -> LogReport:
-    force = np.concatenate([one.force_n for one in of_log]) if of_log else np.array([np.nan])
-    sd = np.concatenate([one.force_sd_n for one in of_log]) if of_log else np.array([np.nan])
+    force = (
+        np.concatenate([stretch.force_n for stretch in of_log]) if of_log else np.array([np.nan])
+    )
+    sd = (
+        np.concatenate([stretch.force_sd_n for stretch in of_log]) if of_log else np.array([np.nan])
+    )
     return LogReport(
         name=name,
         seconds=float(sum(log["t_s"][o.ticks[-1]] - log["t_s"][o.ticks[0]] for o in of_log)),
-        outliers=sum(one.smoothed.rejected for one in of_log),
+        outliers=sum(stretch.smoothed.rejected for stretch in of_log),
         range_offset_m=range_offset(log, rig) if len(log) else 0.0,
         force_rms_n=float(np.sqrt(np.mean(np.square(force)))),
         force_sd_n=float(np.sqrt(np.mean(np.square(sd)))),
@@ -260,13 +269,13 @@ def _note(log: RunLog, of_log: Sequence[MeasuredForce], rig: Rig) -> str:
 def _provenance(
     rig: Rig, model: ForceModel, reports: Sequence[LogReport], sources: Mapping[str, str]
 ) -> dict[str, JsonValue]:
-    told = [
+    rows = [
         {key: None if value != value else value for key, value in vars(report).items()}
         for report in reports
     ]
     return {
         "made_by": f"wakedeploy {VERSION} log smooth",
-        "sources": [row | {"sha256": sources.get(str(row["name"]))} for row in told],
+        "sources": [row | {"sha256": sources.get(str(row["name"]))} for row in rows],
         "force_model": vars(model),
         "rig_sha256": rig.sha256,
         "rig_toml": rig.text,

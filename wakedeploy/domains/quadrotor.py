@@ -182,11 +182,11 @@ def _manoeuvre(file: Path) -> str:
 def _recordings(courses: Mapping[Path, Path], split: Mapping[Path, str]) -> dict[str, JsonValue]:
     """How many files each split has, and how many of them are independent of each other."""
     return {
-        one: {
-            "files": sum(split[course] == one for course in courses.values()),
-            "independent": sum(told == one for told in split.values()),
+        name: {
+            "files": sum(split[course] == name for course in courses.values()),
+            "independent": sum(part == name for part in split.values()),
         }
-        for one in SPLITS
+        for name in SPLITS
     }
 
 

@@ -141,14 +141,14 @@ def _flights(file: Path) -> list[Flight]:
     name = "/".join(file.parts[-2:]).removesuffix(".npz")
     found = []
     for start, end in _pieces(file, arrays, (source, sufferer)):
-        one, two = source[start:end], sufferer[start:end]
+        upper, lower = source[start:end], sufferer[start:end]
         if end - start < _SHORTEST:
             continue
-        if max(np.abs(s[:, 10:12]).max() for s in (one, two)) > _CRASH_RAD:
+        if max(np.abs(s[:, 10:12]).max() for s in (upper, lower)) > _CRASH_RAD:
             continue
-        label = force_label(two)
+        label = force_label(lower)
         stated = None if given is None else given[start:end]
-        found.append(Flight(f"{name}@{start}", file, one, two, label, stated, planned))
+        found.append(Flight(f"{name}@{start}", file, upper, lower, label, stated, planned))
     return found
 
 

@@ -177,25 +177,27 @@ def _drawn(rng: np.random.Generator) -> _Pass:
 
 
 def _steps(
-    one: _Pass, level: Level
+    encounter: _Pass, level: Level
 ) -> Iterator[tuple[tuple[float, ...], tuple[float, float]] | None]:
     """Observation and force of each sample; None where hulls touch."""
     hull, dt_s = Hull(), 1.0 / RATE_HZ
-    closing = one.source_mps - one.sufferer_mps
+    closing = encounter.source_mps - encounter.sufferer_mps
     lead_m = _FROM_LENGTHS * hull.length_m
     began_m = -math.copysign(lead_m + _SETTLING_S * abs(closing), closing)
-    course = 1 if one.source_mps > 0.0 else -1
-    sufferer = Ship(hull, State(0.0, one.target_m(0.0), one.sufferer_mps), one.sufferer_mps)
-    speed = abs(one.source_mps)
-    source = Ship(hull, State(began_m, one.source_m, speed, course), speed)
-    forces = _Vortices(one) if level == "vortex" else _Slender(one)
+    course = 1 if encounter.source_mps > 0.0 else -1
+    sufferer = Ship(
+        hull, State(0.0, encounter.target_m(0.0), encounter.sufferer_mps), encounter.sufferer_mps
+    )
+    speed = abs(encounter.source_mps)
+    source = Ship(hull, State(began_m, encounter.source_m, speed, course), speed)
+    forces = _Vortices(encounter) if level == "vortex" else _Slender(encounter)
     for k in itertools.count():
         a, b = sufferer.state, source.state
         ahead_m, apart_m = b.x_m - a.x_m, b.aside_m - a.aside_m
         if math.copysign(1.0, closing) * ahead_m > lead_m:
             return
         near = abs(apart_m) < _NEAREST_BEAMS * hull.beam_m and abs(ahead_m) < 1.1 * hull.length_m
-        if near or max(abs(a.aside_m), abs(b.aside_m)) > one.wall_m - hull.beam_m:
+        if near or max(abs(a.aside_m), abs(b.aside_m)) > encounter.wall_m - hull.beam_m:
             yield None
             return
         loads = forces.step(a, b, dt_s)
@@ -207,18 +209,18 @@ def _steps(
             a.speed_mps,
             a.heading_rad,
             a.aside_m,
-            one.depth_m / hull.draught_m,
+            encounter.depth_m / hull.draught_m,
         )
         yield observed, (float(loads[0][0]), float(loads[1][0]))
-        sufferer.step(one.target_m(k * dt_s), float(loads[0][0]), float(loads[1][0]), dt_s)
-        source.step(one.source_m, float(loads[0][1]), float(loads[1][1]), dt_s)
+        sufferer.step(encounter.target_m(k * dt_s), float(loads[0][0]), float(loads[1][0]), dt_s)
+        source.step(encounter.source_m, float(loads[0][1]), float(loads[1][1]), dt_s)
 
 
 class _Vortices:
     """Level B."""
 
-    def __init__(self, one: _Pass) -> None:
-        self._ships = VortexShips(Waterway(depth_m=one.depth_m, wall_m=one.wall_m))
+    def __init__(self, encounter: _Pass) -> None:
+        self._ships = VortexShips(Waterway(depth_m=encounter.depth_m, wall_m=encounter.wall_m))
 
     def step(
         self, a: State, b: State, dt_s: float
@@ -236,25 +238,25 @@ class _Vortices:
 class _Slender:
     """Level A; each ship in turn is the one that suffers."""
 
-    def __init__(self, one: _Pass) -> None:
-        self._passing = Passing(depth_m=one.depth_m, wall_m=one.wall_m)
+    def __init__(self, encounter: _Pass) -> None:
+        self._passing = Passing(depth_m=encounter.depth_m, wall_m=encounter.wall_m)
 
     def step(
         self, a: State, b: State, dt_s: float
     ) -> tuple[np.typing.NDArray[np.float64], np.typing.NDArray[np.float64]]:
         """As level B's, from the present alone."""
-        told = []
-        for own, other in ((a, b), (b, a)):
+        loads = []
+        for ship, other in ((a, b), (b, a)):
             # Seen from a ship that comes the other way, all is turned by half a circle.
             sway, yaw = self._passing.forces(
-                np.array([own.course * (other.x_m - own.x_m)]),
-                own.course * own.aside_m,
-                own.course * other.aside_m,
-                own.speed_mps,
-                own.course * other.course * other.speed_mps,
+                np.array([ship.course * (other.x_m - ship.x_m)]),
+                ship.course * ship.aside_m,
+                ship.course * other.aside_m,
+                ship.speed_mps,
+                ship.course * other.course * other.speed_mps,
             )
-            told.append((own.course * sway[0], yaw[0]))
-        both = np.array(told)
+            loads.append((ship.course * sway[0], yaw[0]))
+        both = np.array(loads)
         return both[:, 0], both[:, 1]
 
 

@@ -245,13 +245,13 @@ def _exponential(
 
 
 @compiled
-def _times(one: FloatArray, other: FloatArray, product: FloatArray) -> None:
-    n = one.shape[0]
+def _times(first: FloatArray, other: FloatArray, product: FloatArray) -> None:
+    n = first.shape[0]
     for i in range(n):
         for j in range(n):
             total = 0.0
             for m in range(n):
-                total += one[i, m] * other[m, j]
+                total += first[i, m] * other[m, j]
             product[i, j] = total
 
 

@@ -94,4 +94,4 @@ def default_rig_text() -> str:
 
 def _effect_units() -> EffectUnits:
     """The units of the parameters of the library's effects."""
-    return {name: {p.name: p.unit for p in one.parameters} for name, one in LIBRARY.items()}
+    return {name: {p.name: p.unit for p in shape.parameters} for name, shape in LIBRARY.items()}

@@ -165,8 +165,8 @@ def where(end: End, echo: Echo) -> str:
 
     At either means nearer to it than half of their distance, and that the delay varies by less over
     the samples: a mean between two delays that are both used is not at either. A run at the alias
-    whose R² is not clearly below the reference's is told apart: the alias did it no harm that the
-    block would show.
+    whose R² is not clearly below the reference's has a name of its own: the block shows no harm
+    from the alias.
     """
     reach_s = 0.5 * abs(echo.true_s - echo.alias_s)
     if end.spread_s >= reach_s:

@@ -68,9 +68,9 @@ def draw(ends: Sequence[End], echo: Echo) -> "Figure":
         window_s = float(echo.lags_s[-1])
         upper.set_ylim(-0.2 * window_s, 1.2 * window_s)
         for kind in _COLOURS:
-            own = [end for end in ends if where(end, echo) == kind]
-            if own:
-                _points(upper, lower, own, kind)
+            of_kind = [end for end in ends if where(end, echo) == kind]
+            if of_kind:
+                _points(upper, lower, of_kind, kind)
         upper.set_ylabel("final delay μ [s]; bars: sd over test")
         lower.margins(y=0.12)
         lower.set_ylabel("test R²; bars: 90 %")
@@ -80,24 +80,24 @@ def draw(ends: Sequence[End], echo: Echo) -> "Figure":
     return drawn
 
 
-def _points(upper: "Axes", lower: "Axes", own: Sequence[End], kind: str) -> None:
-    starts = [end.start_s for end in own]
+def _points(upper: "Axes", lower: "Axes", ends: Sequence[End], kind: str) -> None:
+    starts = [end.start_s for end in ends]
     points(
         upper,
         starts,
-        [end.delay_s for end in own],
-        [end.spread_s for end in own],
+        [end.delay_s for end in ends],
+        [end.spread_s for end in ends],
         fmt=_MARKERS[kind],
         color=_COLOURS[kind],
         markersize=5,
         label=f"ended {kind}" if kind == ELSEWHERE else f"ended at {kind}",
     )
     # Without an interval the bar has no length.
-    low = [end.r2 - (end.r2 if end.r2_low is None else end.r2_low) for end in own]
-    high = [(end.r2 if end.r2_high is None else end.r2_high) - end.r2 for end in own]
+    low = [end.r2 - (end.r2 if end.r2_low is None else end.r2_low) for end in ends]
+    high = [(end.r2 if end.r2_high is None else end.r2_high) - end.r2 for end in ends]
     lower.errorbar(
         starts,
-        [end.r2 for end in own],
+        [end.r2 for end in ends],
         np.maximum([low, high], 0.0),  # a bootstrap's interval may miss what it is drawn from
         fmt=_MARKERS[kind],
         color=_COLOURS[kind],
@@ -110,32 +110,32 @@ def sentence(ends: Sequence[End], echo: Echo) -> str:
     """How many runs ended where, what it cost, and whether that is what the paper has."""
     by = {kind: [end for end in ends if where(end, echo) == kind] for kind in _COLOURS}
     best = f"{reference(ends).r2:.3f} of the run that did best on validation"
-    told = (
+    text = (
         f"On the training block the tip follows the foil after {echo.true_s:.3f} s, with an alias "
         f"at {echo.alias_s:.3f} s; of {len(ends)} runs {len(by[TRUE])} ended at the true delay"
     )
     if by[TRUE]:
-        told += f" (R² {_range([end.r2 for end in by[TRUE]])})"
+        text += f" (R² {_range([end.r2 for end in by[TRUE]])})"
     if by[ALIAS]:
         starts = _range([end.start_s for end in by[ALIAS]])
-        told += (
+        text += (
             f", {len(by[ALIAS])} at the alias (R² {_range([end.r2 for end in by[ALIAS]])}, "
             f"clearly below the {best}; started at {starts} s)"
         )
     else:
-        told += f" and none at the alias with an R² clearly below the {best}"
+        text += f" and none at the alias with an R² clearly below the {best}"
     if by[UNHARMED]:
-        told += (
+        text += (
             f"; {len(by[UNHARMED])} more ended at the alias without an R² that is clearly lower "
             f"({_range([end.r2 for end in by[UNHARMED]])})"
         )
     if by[ELSEWHERE]:
-        told += (
+        text += (
             f"; {len(by[ELSEWHERE])} ended elsewhere or with a delay that varies too much, μ at "
             f"{_range([end.delay_s for end in by[ELSEWHERE]])} s "
             f"(R² {_range([end.r2 for end in by[ELSEWHERE]])})"
         )
-    return f"{told}. {_beside_the_paper(by, echo)}"
+    return f"{text}. {_beside_the_paper(by, echo)}"
 
 
 def _beside_the_paper(by: Mapping[str, Sequence[End]], echo: Echo) -> str:
@@ -149,15 +149,15 @@ def _beside_the_paper(by: Mapping[str, Sequence[End]], echo: Echo) -> str:
     }
     agreeing = [what for what, same in alike.items() if same]
     differing = [what for what, same in alike.items() if not same]
-    told = []
+    clauses = []
     if agreeing:
-        told.append(f"agree in {'; '.join(agreeing)}")
+        clauses.append(f"agree in {'; '.join(agreeing)}")
     if differing:
-        told.append(f"do not agree in {'; '.join(differing)}")
+        clauses.append(f"do not agree in {'; '.join(differing)}")
     return (
         f"In the paper the start decides whether a run ends at the true delay, {PAPER_TRUE_S:.2f} "
         f"s, or with a lower R² at an alias, {PAPER_ALIAS_S:.3f} s: these runs "
-        f"{', and '.join(told)}."
+        f"{', and '.join(clauses)}."
     )
 
 
@@ -171,16 +171,16 @@ def summary(ends: Sequence[End], echo: Echo) -> tuple[list[str], list[list[str]]
     columns += ["R² [90 %], by seed", "below the reference's R² by at least", "ended at, by seed"]
     rows = []
     for start_s in dict.fromkeys(end.start_s for end in ends):
-        own = [end for end in ends if end.start_s == start_s]
+        from_here = [end for end in ends if end.start_s == start_s]
         rows.append(
             [
                 f"{start_s:.3f}",
-                _spread([end.delay_s for end in own]),
-                _spread([end.width_s for end in own]),
-                _spread([end.mean_age_s for end in own]),
-                ", ".join(R2(end.r2, end.r2_low, end.r2_high).text for end in own),
-                _range([end.behind_low for end in own]),
-                ", ".join(where(end, echo) for end in own),
+                _spread([end.delay_s for end in from_here]),
+                _spread([end.width_s for end in from_here]),
+                _spread([end.mean_age_s for end in from_here]),
+                ", ".join(R2(end.r2, end.r2_low, end.r2_high).text for end in from_here),
+                _range([end.behind_low for end in from_here]),
+                ", ".join(where(end, echo) for end in from_here),
             ]
         )
     return columns, rows
@@ -195,8 +195,8 @@ def parts(ends: Sequence[End], echo: Echo) -> list[Part]:
         )
         for end in ends
     ]
-    told = sentence(ends, echo)
-    return [Part("basin", told, COLUMNS, rows, draw(ends, echo), summary(ends, echo))]
+    text = sentence(ends, echo)
+    return [Part("basin", text, COLUMNS, rows, draw(ends, echo), summary(ends, echo))]
 
 
 def _range(values: Sequence[float]) -> str:

@@ -36,8 +36,8 @@ def agrees(does: bool) -> str:
 
 def of_an_order(does: bool, ahead: str, behind: str, lines: Sequence[Line]) -> str:
     """The verdict on an order that hangs on these two predictors: open where they are too alike."""
-    own = by_predictor([line for line in lines if line.seed is not None])
-    found = change(own[ahead], own[behind])
+    trained = by_predictor([line for line in lines if line.seed is not None])
+    found = change(trained[ahead], trained[behind])
     if found is not None and found[0] <= 0.0 <= found[1]:
         return f"but these episodes cannot tell {ahead} from {behind}"
     return f"which {agrees(does)}"
@@ -45,26 +45,26 @@ def of_an_order(does: bool, ahead: str, behind: str, lines: Sequence[Line]) -> s
 
 def claims(domain: str, lines: Sequence[Line]) -> str:
     """The paper's claims of a domain, with verdicts; empty for one that the paper does not have."""
-    told = _CLAIMS.get(domain)
+    claim = _CLAIMS.get(domain)
     mean = {n: v for n, v in errors(lines).items() if not n.endswith(SOURCE_ONLY)}
-    if told is None or MEMORYLESS not in mean or len(mean) < 2:
+    if claim is None or MEMORYLESS not in mean or len(mean) < 2:
         return ""
-    return told(mean, lines)
+    return claim(mean, lines)
 
 
 def _quadrotor(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
     plain = mean[MEMORYLESS]
     others = [n for n in mean if n not in (MEMORYLESS, RESERVOIR)]
-    told = []
+    sentences = []
     if others:
         better = [n for n in others if mean[n] < plain]
-        told.append(
+        sentences.append(
             "In the paper all models with memory but the reservoir beat the memoryless: here "
             f"{len(better)} of {len(others)} do, which {agrees(len(better) == len(others))}"
         )
     if RESERVOIR in mean:
         beats = mean[RESERVOIR] < plain
-        told.append(
+        sentences.append(
             f"the reservoir does not beat it there and {'does' if beats else 'does not'} here, "
             f"which {agrees(not beats)}"
         )
@@ -76,7 +76,7 @@ def _quadrotor(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
             min((n for n in mean if n not in EXPLICIT), key=lambda n: mean[n]),
             lines,
         )
-        told.append(
+        sentences.append(
             f"there Cross-Attention and Delay Embedding are the best two, here {two[0]} and "
             f"{two[1]}, {verdict}"
         )
@@ -84,7 +84,7 @@ def _quadrotor(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
         "The recordings' authors tell z-RMSEs of 1.5 N below, 1.4 N above and 2.7 N swapping for "
         "their memoryless network, on other files of the same kind."
     )
-    return f"{_joined(told)} {authors}".strip()
+    return f"{_joined(sentences)} {authors}".strip()
 
 
 def _memory(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
@@ -101,25 +101,25 @@ def _generally(mean: Mapping[str, float]) -> str:
 
 
 def _ship(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
-    told = [_generally(mean)]
+    sentences = [_generally(mean)]
     if BEST_FOR_SHIPS in mean:
         least = min(mean, key=lambda n: mean[n])
         other = min((n for n in mean if n != BEST_FOR_SHIPS), key=lambda n: mean[n])
         verdict = of_an_order(least == BEST_FOR_SHIPS, BEST_FOR_SHIPS, other, lines)
-        told.append(
+        sentences.append(
             f"there History MLP is the best, here {least} errs least on test episodes, {verdict}"
         )
-    return _joined(told)
+    return _joined(sentences)
 
 
 def _fish(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
-    own = by_predictor([line for line in lines if line.seed is not None])
-    told = []
+    trained = by_predictor([line for line in lines if line.seed is not None])
+    sentences = []
     for name, paper in PAPER_FISH_R2.items():
-        if name in own:
-            here = fish_r2(own[name])
+        if name in trained:
+            here = fish_r2(trained[name])
             words = "without memory" if name == MEMORYLESS else "for its GRU"
-            told.append(
+            sentences.append(
                 f"the paper has R² {paper:.2f} {words} and {here:.3f} is found here, which "
                 f"{agrees(abs(here - paper) <= _ALIKE_R2)} within {_ALIKE_R2:g}"
             )
@@ -129,22 +129,22 @@ def _fish(mean: Mapping[str, float], lines: Sequence[Line]) -> str:
         verdict = of_an_order(
             (least, most) == (BEST_FOR_FISH, MEMORYLESS), BEST_FOR_FISH, other, lines
         )
-        told.append(
+        sentences.append(
             f"there GRU is the best and the memoryless the worst, here {least} and {most} are on "
             f"the test block, {verdict}"
         )
-    text = _joined(told)
+    text = _joined(sentences)
     return text[:1].upper() + text[1:]
 
 
-def fish_r2(own: Sequence[Line]) -> float:
+def fish_r2(lines: Sequence[Line]) -> float:
     """Mean R² of the flag's tip over one predictor's seeds."""
-    names = [c["channel"] for c in own[0].channels]
-    return float(np.mean([line.channels[names.index(MAIN["fish"])]["r2"] for line in own]))
+    names = [c["channel"] for c in lines[0].channels]
+    return float(np.mean([line.channels[names.index(MAIN["fish"])]["r2"] for line in lines]))
 
 
-def _joined(told: Sequence[str]) -> str:
-    return f"{'; '.join(told)}." if told else ""
+def _joined(sentences: Sequence[str]) -> str:
+    return f"{'; '.join(sentences)}." if sentences else ""
 
 
 _CLAIMS: Mapping[str, Callable[[Mapping[str, float], Sequence[Line]], str]] = {

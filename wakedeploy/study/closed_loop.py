@@ -21,7 +21,7 @@ LIMITS = ("no compensation", "oracle", "mean force")
 _DRAWS = 2000
 _RISK = 0.05
 _QUANTILES = (_RISK, 1.0 - _RISK)
-_LEAST_GAIN = 0.1  # of the error without compensation, for a share of the oracle's gain to be told
+_LEAST_GAIN = 0.1  # of the error without compensation; with less, no share of the gain is reported
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,9 @@ def track(
     for (name, _), tracking_m in zip(named, flown, strict=True):
         found.setdefault(name, []).append(tracking_m)
     hyper = {model.name: tuple(model.hyper) for model in models}
-    return [Tracked(name, np.array(own), hyper.get(name, ())) for name, own in found.items()]
+    return [
+        Tracked(name, np.array(errors_m), hyper.get(name, ())) for name, errors_m in found.items()
+    ]
 
 
 def _flown(job: tuple[int, float, Any, World | None, float | None]) -> FloatArray:
@@ -153,13 +155,13 @@ def resampled(lines: Sequence[Tracked]) -> FloatArray | None:
         return None
     even = np.full(count, 1.0 / count)
     flights = np.random.default_rng(0).multinomial(count, even, _DRAWS)  # (D, F)
-    told = []
+    errors_m = []
     for place, line in enumerate(lines):
         seeds = len(line.rms_m)
         rng = np.random.default_rng([1, place])
         drawn = rng.multinomial(seeds, np.full(seeds, 1.0 / seeds), _DRAWS)  # (D, S)
-        told.append(np.sqrt(((drawn @ line.rms_m**2) * flights).sum(-1) / (seeds * count)))
-    return np.array(told)
+        errors_m.append(np.sqrt(((drawn @ line.rms_m**2) * flights).sum(-1) / (seeds * count)))
+    return np.array(errors_m)
 
 
 def above(line: Tracked, base: Tracked) -> tuple[float, float, float]:
@@ -186,7 +188,7 @@ def recovered(line: Tracked, nothing: Tracked, oracle: Tracked) -> Recovered | N
         return np.asarray(of[0] - of[1] - _LEAST_GAIN * of[0])
 
     lines = [nothing, oracle, line]
-    mean_m, drawn = np.array([one.mean_m for one in lines]), resampled(lines)
+    mean_m, drawn = np.array([compared.mean_m for compared in lines]), resampled(lines)
     if gain(mean_m) <= 0.0 or (drawn is not None and np.quantile(gain(drawn), _RISK) <= 0.0):
         return None
     share = (mean_m[0] - mean_m[2]) / (mean_m[0] - mean_m[1])
@@ -236,17 +238,17 @@ def memory(models: Sequence[Tracked]) -> Memory | None:
 def sentence(lines: Sequence[Tracked], chosen: str | None = None) -> str:
     """What the flights say of the model `chosen` on validation forces, and of a constant."""
     nothing, oracle, constant, *models = lines
-    told = (
+    finding = (
         f"Without compensation the sufferer is {1e3 * nothing.mean_m:.1f} mm from its reference, "
         f"with the true force {1e3 * oracle.mean_m:.1f} mm. The training flights' mean force, a "
         f"constant, {share_text(constant, nothing, oracle)}"
     )
     named = {line.name: line for line in models}
     if chosen is None or chosen not in named:
-        return f"{told}."
+        return f"{finding}."
     best, plain = named[chosen], named.get(MEMORYLESS)
     text = (
-        f"{told}; {chosen}, the best on validation, tracks to {1e3 * best.mean_m:.1f} mm and "
+        f"{finding}; {chosen}, the best on validation, tracks to {1e3 * best.mean_m:.1f} mm and "
         f"{share_text(best, nothing, oracle)}."
     )
     if plain is not None and plain is not best:
@@ -271,7 +273,7 @@ def sentence(lines: Sequence[Tracked], chosen: str | None = None) -> str:
 
 def share_text(line: Tracked, nothing: Tracked, oracle: Tracked) -> str:
     """What a line reaches of the oracle's gain, in words."""
-    told = recovered(line, nothing, oracle)
-    if told is None:
+    share = recovered(line, nothing, oracle)
+    if share is None:
         return "can be given no share of the oracle's gain, which is too small"
-    return f"reaches {told.text} of the oracle's gain"
+    return f"reaches {share.text} of the oracle's gain"

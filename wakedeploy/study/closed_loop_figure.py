@@ -84,7 +84,7 @@ def summary(lines: Sequence[Tracked]) -> tuple[list[str], list[list[str]]]:
     nothing, oracle, *_ = lines
     rows = []
     for line in lines:
-        told = recovered(line, nothing, oracle)
+        share = recovered(line, nothing, oracle)
         limit = line is nothing or line is oracle
         apart_m, low_m, high_m = above(line, oracle)
         excess = f"{1e3 * apart_m:+.2f}"
@@ -94,7 +94,7 @@ def summary(lines: Sequence[Tracked]) -> tuple[list[str], list[list[str]]]:
             line.name,
             f"{1e3 * line.mean_m:.2f}",
             "–" if line is oracle else excess,
-            "–" if limit or told is None else told.text,
+            "–" if limit or share is None else share.text,
         ])  # fmt: skip
     columns = ["predictor", "tracking RMSE [mm]", "above the oracle's [mm], 90 %"]
     return [*columns, "of the oracle's gain, 90 %"], rows
@@ -102,8 +102,8 @@ def summary(lines: Sequence[Tracked]) -> tuple[list[str], list[list[str]]]:
 
 def parts(lines: Sequence[Tracked], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
-    told = f"{sentence(lines, chosen)}{choice({line.name for line in lines})}"
-    return [Part("closed-loop", told, COLUMNS, rows(lines), bars(lines), summary(lines))]
+    text = f"{sentence(lines, chosen)}{choice({line.name for line in lines})}"
+    return [Part("closed-loop", text, COLUMNS, rows(lines), bars(lines), summary(lines))]
 
 
 def rows(lines: Sequence[Tracked]) -> list[tuple[Any, ...]]:

@@ -23,7 +23,7 @@ from wakedeploy.study.sets import SEED, Domain
 from wakedeploy.study.uncertainty import FloatArray, r2_with_interval, units_of
 
 ATTENDING, DELAYING = "cross-attention", "delay-embedding"
-TRENDS = ("delay_s", "mean_age_s")  # of what trends are told
+TRENDS = ("delay_s", "mean_age_s")  # the quantities whose trends are reported
 MINUTES, QUICK_MINUTES = 6.0, 1.5  # of each set with another delay
 SEPARATIONS_M = (1.1, 1.7, 2.3, 2.9, 3.5)
 WAKE_SPEEDS_MPS = (5.0, 6.0, 7.0, 9.0, 12.0)  # slower, and delays would leave the window
@@ -97,11 +97,11 @@ class Attended:
         return float(self.mean_weights[-1])
 
     def as_json(self) -> dict[str, Any]:
-        """What is told of the weights; they themselves are in the study's CSV file."""
-        told: dict[str, Any] = {"domain": self.domain, "transport": asdict(self.transport)}
-        told |= {"source_lag_s": self.source_lag_s, "present": self.present}
-        told |= {"peak_s": self.peak_s, "peaks_s": [*self.peaks_s]}
-        return told | {"mean_age_s": self.mean_age_s}
+        """The numbers about the weights; the weights are in the study's CSV file."""
+        numbers: dict[str, Any] = {"domain": self.domain, "transport": asdict(self.transport)}
+        numbers |= {"source_lag_s": self.source_lag_s, "present": self.present}
+        numbers |= {"peak_s": self.peak_s, "peaks_s": [*self.peaks_s]}
+        return numbers | {"mean_age_s": self.mean_age_s}
 
 
 @dataclass(frozen=True)
@@ -268,7 +268,7 @@ def by_run(lines: Sequence[Learned]) -> list[list[Learned]]:
 
 def best(lines: Sequence[Learned]) -> list[Learned]:
     """Of each setting and seed the start that does best on validation."""
-    return [min(own, key=lambda line: line.validation) for own in by_run(lines)]
+    return [min(starts, key=lambda line: line.validation) for starts in by_run(lines)]
 
 
 def trend(lines: Sequence[Learned], of: str = "delay_s") -> Trend:
@@ -277,11 +277,11 @@ def trend(lines: Sequence[Learned], of: str = "delay_s") -> Trend:
     The slope is NaN where all transport delays are alike.
     """
     physical = np.array([line.transport.mean_s for line in lines])
-    told = np.array([getattr(line, of) for line in lines])
+    learned = np.array([getattr(line, of) for line in lines])
     centred = physical - physical.mean()
     spread = float(centred @ centred)
-    slope = float(centred @ told) / spread if spread > 0.0 else float("nan")
-    return Trend(slope, float(np.mean(told - physical)))
+    slope = float(centred @ learned) / spread if spread > 0.0 else float("nan")
+    return Trend(slope, float(np.mean(learned - physical)))
 
 
 @dataclass(frozen=True)

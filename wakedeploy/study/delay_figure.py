@@ -96,27 +96,27 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
     axes.set_ylim(-0.15 * longest_s, 1.25 * longest_s)
     for domain in dict.fromkeys(line.domain for line in lines):
         every = [line for line in lines if line.domain == domain]
-        own = best(every)
+        chosen = best(every)
         colour, marker = _COLOURS.get(domain, figures.MEASURED), _MARKERS.get(domain, "o")
-        physical_s = [line.transport.mean_s for line in own]
+        physical_s = [line.transport.mean_s for line in chosen]
         points(
             axes,
             physical_s,
-            [line.delay_s for line in own],
-            [line.spread_s for line in own],
+            [line.delay_s for line in chosen],
+            [line.spread_s for line in chosen],
             rotation=90.0,
             fmt=marker,
             color=colour,
             markersize=4,
             label=f"{domain}, μ",
         )
-        _other_starts(axes, every, own, colour)
-        ages_s = [line.mean_age_s for line in own]
+        _other_starts(axes, every, chosen, colour)
+        ages_s = [line.mean_age_s for line in chosen]
         hollow: Any = {"color": colour, "markerfacecolor": "white", "markersize": 4}
         axes.plot(physical_s, ages_s, marker, **hollow, label=f"{domain}, mean age")
-        if own[0].source_lag_s:
+        if chosen[0].source_lag_s:
             late: Any = {"slope": 1.0, "color": figures.TRUE, "linestyle": "--", "linewidth": 0.8}
-            axes.axline((0.0, own[0].source_lag_s), **late)
+            axes.axline((0.0, chosen[0].source_lag_s), **late)
     axes.axline((0.0, 0.0), slope=1.0, color=figures.TRUE, linewidth=0.8)
     axes.plot([], [], "x", color=figures.LIMIT, markersize=4, label="the other start's μ")
     axes.plot([], [], ">", color=figures.LIMIT, markersize=5, label="starts μ₀")
@@ -127,10 +127,10 @@ def _delays(axes: "Axes", lines: Sequence[Learned]) -> None:
 
 
 def _other_starts(
-    axes: "Axes", every: Sequence[Learned], own: Sequence[Learned], colour: str
+    axes: "Axes", every: Sequence[Learned], chosen: Sequence[Learned], colour: str
 ) -> None:
     """Where the starts that do worse on validation ended; the starts themselves at the edge."""
-    others = [line for line in every if line not in own]
+    others = [line for line in every if line not in chosen]
     points(
         axes,
         [line.transport.mean_s for line in others],
@@ -147,7 +147,7 @@ def _other_starts(
 
 def attention_sentence(looks: Sequence[Attended]) -> str:
     """Where Cross-Attention looks, domain by domain, and the paper's figure where it has one."""
-    told = []
+    sentences = []
     for look in looks:
         uniform_s = float(np.mean(look.ages_s))
         lag = (
@@ -155,23 +155,23 @@ def attention_sentence(looks: Sequence[Attended]) -> str:
             if look.source_lag_s
             else ""
         )
-        told.append(
+        sentences.append(
             f"On {look.domain} the wake takes {_interval(look.transport)}{lag}; Cross-Attention "
             f"gives the present {100 * look.present:.0f} % of its weight, beyond it most to the "
             f"snapshot of {_peak(look)} ago, and looks {look.mean_age_s:.3f} s back on "
             f"average ({uniform_s:.3f} s if all weights were equal)."
         )
         if look.domain == PAPER_DOMAIN:
-            told.append(_attention_in_the_paper(look))
-    return " ".join(told)
+            sentences.append(_attention_in_the_paper(look))
+    return " ".join(sentences)
 
 
 def _peak(look: Attended) -> str:
     """The peak of the mean over the seeds, and between which ages their own lie."""
     low_s, high_s = look.peaks_s[0], look.peaks_s[-1]
     seeds = len(look.peaks_s)
-    own = "" if seeds < 2 else f" ({low_s:.3f} to {high_s:.3f} s over {seeds} seeds)"
-    return f"{look.peak_s:.3f} s{own}"
+    seeds_range = "" if seeds < 2 else f" ({low_s:.3f} to {high_s:.3f} s over {seeds} seeds)"
+    return f"{look.peak_s:.3f} s{seeds_range}"
 
 
 def _attention_in_the_paper(look: Attended) -> str:
@@ -190,23 +190,27 @@ def _attention_in_the_paper(look: Attended) -> str:
 
 def delay_sentence(lines: Sequence[Learned]) -> str:
     """How learned delays follow the physical ones, and the paper's figure where it has one."""
-    told = []
+    sentences = []
     for domain in dict.fromkeys(line.domain for line in lines):
         every = [line for line in lines if line.domain == domain]
-        own = best(every)
-        found, weighed = trend(own), trend(own, "mean_age_s")
-        outside = float(np.mean([line.outside for line in own]))
-        lag = f" (the source's lag is {own[0].source_lag_s:.3f} s)" if own[0].source_lag_s else ""
-        told.append(
+        chosen = best(every)
+        found, weighed = trend(chosen), trend(chosen, "mean_age_s")
+        outside = float(np.mean([line.outside for line in chosen]))
+        lag = (
+            f" (the source's lag is {chosen[0].source_lag_s:.3f} s)"
+            if chosen[0].source_lag_s
+            else ""
+        )
+        sentences.append(
             f"On {domain} Delay Embedding's delay μ grows by {_two(found.slope)} s a second of "
             f"transport delay and is {_apart(found.off_s)} on average{lag}; {100 * outside:.0f} % "
             f"of all μ lie outside the window. The mean age of what its kernels weigh grows by "
             f"{_two(weighed.slope)} s and is {_apart(weighed.off_s)}."
         )
-        told.append(_starts(every))
+        sentences.append(_starts(every))
         if domain == PAPER_DOMAIN:
-            told.append(_delay_in_the_paper(own))
-    return " ".join(told)
+            sentences.append(_delay_in_the_paper(chosen))
+    return " ".join(sentences)
 
 
 def _starts(lines: Sequence[Learned]) -> str:
@@ -217,26 +221,26 @@ def _starts(lines: Sequence[Learned]) -> str:
         f"{sum(line.start_s == start_s for line in chosen)} from {start_s:.3f} s"
         for start_s in starts_s
     )
-    apart_s = [max(x.delay_s for x in own) - min(x.delay_s for x in own) for own in runs]
+    apart_s = [max(x.delay_s for x in starts) - min(x.delay_s for x in starts) for starts in runs]
     alike = sum(value <= ALIKE_S for value in apart_s)
     alone = ", ".join(
-        f"from {start_s:.3f} s alone {_apart(trend(own).off_s)} (slopes of μ and of the mean age "
-        f"{_two(trend(own).slope)} and {_two(trend(own, 'mean_age_s').slope)})"
+        f"from {start_s:.3f} s alone {_apart(trend(begun).off_s)} (slopes of μ and of the mean "
+        f"age {_two(trend(begun).slope)} and {_two(trend(begun, 'mean_age_s').slope)})"
         for start_s in starts_s
-        if (own := [line for line in lines if line.start_s == start_s])
+        if (begun := [line for line in lines if line.start_s == start_s])
     )
-    told = (
+    text = (
         f"Training began at μ₀ = {' and '.join(f'{s:.3f}' for s in starts_s)} s whatever the "
         f"transport delay; told is the start that does better on validation ({better}). On average "
         f"μ ends {alone} than the transport delay. From all starts it ends within {ALIKE_S:g} s in "
         f"{alike} of {len(runs)} cases, {np.mean(apart_s):.3f} s apart on average"
     )
     if lines[0].domain == PAPER_DOMAIN:
-        told += (
+        text += (
             "; in the paper it ends at the physical delay wherever it starts, which "
             f"{_verdict(alike == len(runs) and _at_the_delay(lines))}"
         )
-    return f"{told}."
+    return f"{text}."
 
 
 def _at_the_delay(lines: Sequence[Learned]) -> bool:
@@ -251,12 +255,13 @@ def _delay_in_the_paper(lines: Sequence[Learned]) -> str:
     settings = dict.fromkeys(line.setting for line in lines)
     apart_s = [trend([line for line in lines if line.setting == s]).off_s for s in settings]
     alike = sum(abs(off_s - PAPER_SHIFT_S) <= ALIKE_S for off_s in apart_s)
-    told = ", ".join(f"{off_s:+.2f}".replace("-", "−") for off_s in apart_s)
+    offsets = ", ".join(f"{off_s:+.2f}".replace("-", "−") for off_s in apart_s)
     return (
         f"In the paper μ is {PAPER_SHIFT_S:g} s longer than the transport delay at all five "
-        f"separations, which is a slope of 1: here it is longer by {told} s, within {ALIKE_S:g} s "
-        f"of that at {alike} of {len(apart_s)}, which {_verdict(alike == len(apart_s))}, with a "
-        f"slope of {_two(slope)}, which {_verdict(follows)} within {ALIKE_SLOPE:g}."
+        f"separations, which is a slope of 1: here it is longer by {offsets} s, within "
+        f"{ALIKE_S:g} s of that at {alike} of {len(apart_s)}, which "
+        f"{_verdict(alike == len(apart_s))}, with a slope of {_two(slope)}, which "
+        f"{_verdict(follows)} within {ALIKE_SLOPE:g}."
     )
 
 
@@ -288,14 +293,14 @@ def delay_summary(lines: Sequence[Learned]) -> tuple[list[str], list[list[str]]]
     rows = []
     for domain, setting in dict.fromkeys((line.domain, line.setting) for line in lines):
         every = [line for line in lines if (line.domain, line.setting) == (domain, setting)]
-        own = best(every)
-        delays = [line.delay_s for line in own]
-        spread = f" ± {np.std(delays, ddof=1):.3f}" if len(own) > 1 else ""
-        row = [domain, setting, _interval(own[0].transport, unit="")]
+        chosen = best(every)
+        delays = [line.delay_s for line in chosen]
+        spread = f" ± {np.std(delays, ddof=1):.3f}" if len(chosen) > 1 else ""
+        row = [domain, setting, _interval(chosen[0].transport, unit="")]
         row.append(f"{np.mean(delays):.3f}{spread}")
         for name in ("spread_s", "width_s", "mean_age_s", "outside"):
-            row.append(f"{np.mean([getattr(line, name) for line in own]):.3f}")
-        row.append(", ".join(R2(line.r2, line.r2_low, line.r2_high).text for line in own))
+            row.append(f"{np.mean([getattr(line, name) for line in chosen]):.3f}")
+        row.append(", ".join(R2(line.r2, line.r2_low, line.r2_high).text for line in chosen))
         row.append(", ".join(f"{line.start_s:.3f} → {line.delay_s:.3f}" for line in every))
         rows.append(row)
     return columns, rows
@@ -328,8 +333,8 @@ def parts(looks: Sequence[Attended], lines: Sequence[Learned]) -> list[Part]:
         ]
         for line in lines
     ]
-    told = delay_sentence(lines)
-    second = Part("delay-embedding", told, DELAY_COLUMNS, delay_rows, shown=delay_summary(lines))
+    text = delay_sentence(lines)
+    second = Part("delay-embedding", text, DELAY_COLUMNS, delay_rows, shown=delay_summary(lines))
     return [first, second]
 
 

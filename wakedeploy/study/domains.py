@@ -29,8 +29,8 @@ ZERO = "zero"  # the line of predicting nothing
 SOURCE_ONLY = ", source's past only"
 VALID = "thrust_valid"  # extra of sets whose label leans on a curve that does not hold everywhere
 VALID_ONLY = "where the thrust curve holds"
-# Domains of which one force channel is told: there the others are mostly noise of the label, or
-# there are none. Elsewhere all count alike.
+# Domains with one channel that counts: the others are mostly noise of the label, or there are
+# none. In other domains all channels count alike.
 MAIN = {"quadrotor": "force_z_n", "crazyflie": "force_z_n", "fish": "flag_tip_m"}
 
 
@@ -62,8 +62,8 @@ class Line:
         return float(np.sqrt(np.mean(shares)))
 
     @property
-    def told(self) -> list[int]:
-        """Which channels are told of: the domain's `MAIN`, else all that ever change."""
+    def main_channels(self) -> list[int]:
+        """Indices of the channels that count: the domain's `MAIN`, else all that ever change."""
         names = [c.get("channel") for c in self.channels]
         if self.domain in MAIN and MAIN[self.domain] in names:
             return [names.index(MAIN[self.domain])]
@@ -71,8 +71,10 @@ class Line:
 
     @property
     def error(self) -> float:
-        """RMSE over standard deviation of the channels that are told of."""
-        shares = [(self.channels[i]["rmse"] / self.channels[i]["sd"]) ** 2 for i in self.told]
+        """RMSE over standard deviation of the channels that count."""
+        shares = [
+            (self.channels[i]["rmse"] / self.channels[i]["sd"]) ** 2 for i in self.main_channels
+        ]
         return float(np.sqrt(np.mean(shares)))
 
     @property
@@ -82,17 +84,17 @@ class Line:
 
     def as_json(self) -> dict[str, Any]:
         """The line with every number."""
-        told: dict[str, Any] = {
+        numbers: dict[str, Any] = {
             "domain": self.domain,
             "predictor": self.predictor,
             "seed": self.seed,
         }
-        told |= {"normalised": self.normalised, "channels": [*self.channels]}
-        told |= {"validation": self.validation}
-        told |= {"lead_s": self.wanted.lead_s if self.wanted is not None else None}
-        told |= {"hyper": dict(self.wanted.hyper) if self.wanted is not None else {}}
-        told |= {"kept_from": [*self.wanted.present_only] if self.wanted is not None else []}
-        return told | {"groups": {name: [*rmse] for name, rmse in self.groups.items()}}
+        numbers |= {"normalised": self.normalised, "channels": [*self.channels]}
+        numbers |= {"validation": self.validation}
+        numbers |= {"lead_s": self.wanted.lead_s if self.wanted is not None else None}
+        numbers |= {"hyper": dict(self.wanted.hyper) if self.wanted is not None else {}}
+        numbers |= {"kept_from": [*self.wanted.present_only] if self.wanted is not None else []}
+        return numbers | {"groups": {name: [*rmse] for name, rmse in self.groups.items()}}
 
 
 def compare(
@@ -126,7 +128,7 @@ def planned(
 ) -> list[Wanted]:
     """The runs that `compare` needs."""
     asked = _asked(data, architectures, seeds, epochs, blinded)
-    return [wanted for one in asked for wanted in candidates(one)]
+    return [wanted for line in asked for wanted in candidates(line)]
 
 
 def _asked(
@@ -153,8 +155,8 @@ def predicted(predictor: Any, data: EpisodeSet) -> tuple[FloatArray, FloatArray,
 
 def _where_scored(tape: Any, forces: Any) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Truth, forces and episode's number where a tape is scored; from `forces` (N, o) of it all."""
-    truth, told = (x[tape.scored].double().numpy() for x in (tape.force, forces))
-    return truth, told, tape.first[tape.scored].numpy()
+    truth, forecast = (x[tape.scored].double().numpy() for x in (tape.force, forces))
+    return truth, forecast, tape.first[tape.scored].numpy()
 
 
 def hidings(data: EpisodeSet) -> list[tuple[str, ...]]:
@@ -230,7 +232,7 @@ def _by_group(
     chosen: dict[str, Any] = {}
     if isinstance(kinds, dict):
         kind = np.array([str(kinds[e.name]) for e in kept])[number]
-        chosen = {one: kind == one for one in sorted(set(kind))}
+        chosen = {kind_name: kind == kind_name for kind_name in sorted(set(kind))}
     if all(VALID in e.extras for e in kept):
         valid = np.concatenate([e.extras[VALID][data.warm_up_steps :] for e in kept]) > 0.5
         chosen[VALID_ONLY] = valid
@@ -252,22 +254,22 @@ def by_predictor(lines: Sequence[Line]) -> dict[str, list[Line]]:
 def held_out(lines: Sequence[Line]) -> dict[str, float]:
     """Mean loss on validation of each trained predictor of a domain."""
     return {
-        name: float(np.mean([line.validation for line in own if line.validation is not None]))
-        for name, own in by_predictor([x for x in lines if x.validation is not None]).items()
+        name: float(np.mean([line.validation for line in runs if line.validation is not None]))
+        for name, runs in by_predictor([x for x in lines if x.validation is not None]).items()
     }
 
 
 def errors(lines: Sequence[Line]) -> dict[str, float]:
     """Mean error over the seeds of each trained predictor of a domain."""
     trained = by_predictor([line for line in lines if line.seed is not None])
-    return {name: float(np.mean([line.error for line in own])) for name, own in trained.items()}
+    return {name: float(np.mean([line.error for line in runs])) for name, runs in trained.items()}
 
 
-def r2_over_seeds(own: Sequence[Line], channel: int) -> R2:
+def r2_over_seeds(lines: Sequence[Line], channel: int) -> R2:
     """The mean R² of a channel over one predictor's lines, with its interval over the units."""
-    by_unit = [line.sums[..., channel] for line in own if line.sums is not None]
+    by_unit = [line.sums[..., channel] for line in lines if line.sums is not None]
     if not by_unit:
-        return R2(float(np.mean([line.channels[channel]["r2"] for line in own])), None, None)
+        return R2(float(np.mean([line.channels[channel]["r2"] for line in lines])), None, None)
     return r2_of(np.array(by_unit))
 
 
@@ -278,17 +280,17 @@ def change(lines: Sequence[Line], base: Sequence[Line]) -> tuple[float, float] |
     None where there are too few.
     """
     both = [
-        np.array([line.sums for line in own]) for own in (lines, base) if own[0].sums is not None
+        np.array([line.sums for line in side]) for side in (lines, base) if side[0].sums is not None
     ]
     if len(both) < 2:
         return None
-    told = lines[0].told
+    main = lines[0].main_channels
 
     def of(times: FloatArray) -> FloatArray:
         mean = []
         for by_unit in both:  # (S, 4, U, o)
             count, total, squares, errors = np.moveaxis(
-                np.einsum("skuo,du->skdo", by_unit[..., told], times), 1, 0
+                np.einsum("skuo,du->skdo", by_unit[..., main], times), 1, 0
             )
             lost = errors / (squares - total**2 / count)  # (S, D, o)
             mean.append(np.sqrt(lost.mean(-1)).mean(0))

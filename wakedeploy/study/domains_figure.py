@@ -45,17 +45,17 @@ COLUMNS = (
 )
 
 
-def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
+def bars(by_domain: Mapping[str, Sequence[Line]]) -> "Figure":
     """Error over the standard deviation, mean and spread over seeds, domain by domain."""
-    across = min(len(told), 3)
-    down = -(-len(told) // across)
+    across = min(len(by_domain), 3)
+    down = -(-len(by_domain) // across)
     size = (3.1 * across, 0.3 + 2.6 * down)
     with figures.style():
         drawn, grid = figures.figure(down, across, size=size, squeeze=False)
-        for axes, (domain, lines) in zip(grid.flat, told.items(), strict=False):
+        for axes, (domain, lines) in zip(grid.flat, by_domain.items(), strict=False):
             _panel(axes, lines)
             axes.set_title(f"{domain}, {MAIN[domain]}" if domain in MAIN else domain)
-        for axes in list(grid.flat)[len(told) :]:
+        for axes in list(grid.flat)[len(by_domain) :]:
             axes.set_axis_off()
         handles = {
             label: handle
@@ -70,10 +70,10 @@ def bars(told: Mapping[str, Sequence[Line]]) -> "Figure":
 
 def _panel(axes: "Axes", lines: Sequence[Line]) -> None:
     every = by_predictor([line for line in lines if line.seed is not None])
-    named = {name: own for name, own in every.items() if not name.endswith(SOURCE_ONLY)}
+    named = {name: runs for name, runs in every.items() if not name.endswith(SOURCE_ONLY)}
     longest = 1.0e-9
-    for place, (name, own) in enumerate(named.items()):
-        values = [line.error for line in own]
+    for place, (name, runs) in enumerate(named.items()):
+        values = [line.error for line in runs]
         plain = name == MEMORYLESS
         deviation = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
         longest = max(longest, float(np.mean(values)) + deviation)
@@ -114,32 +114,37 @@ def _limits(lines: Sequence[Line]) -> list[tuple[Line, str]]:
     return [(line, styles.get(line.predictor, "--")) for line in lines if line.seed is None]
 
 
-def parts(told: Mapping[str, Sequence[Line]]) -> list[Part]:
+def parts(by_domain: Mapping[str, Sequence[Line]]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
-    seen = {line.predictor for lines in told.values() for line in lines}
+    seen = {line.predictor for lines in by_domain.values() for line in lines}
     first = Part(
         "domains",
-        f"{headline(told)}The bars are each architecture's error, as a share of what predicting "
-        f"the mean would leave.{choice(seen)}",
+        f"{headline(by_domain)}The bars are each architecture's error, as a share of what "
+        f"predicting the mean would leave.{choice(seen)}",
         COLUMNS,
-        rows([line for own in told.values() for line in own]),
-        bars(told),
-        (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
+        rows([line for lines in by_domain.values() for line in lines]),
+        bars(by_domain),
+        (
+            ["domain", "what it says"],
+            [[name, sentence(name, lines)] for name, lines in by_domain.items()],
+        ),
     )
     others = []
-    for name, own in told.items():
+    for name, lines in by_domain.items():
         others.append(
-            Part(f"domains-{name}", sentence(name, own), COLUMNS, rows(own), shown=summary(own))
+            Part(
+                f"domains-{name}", sentence(name, lines), COLUMNS, rows(lines), shown=summary(lines)
+            )
         )
-        if own[0].groups:
-            others.append(_kinds(name, own))
+        if lines[0].groups:
+            others.append(_kinds(name, lines))
     return [first, *others]
 
 
 def _kinds(name: str, lines: Sequence[Line]) -> Part:
     """RMSE of each kind of test episode; the page shows the last force channel, the file all."""
     channels, kinds = lines[0].channels, list(lines[0].groups)
-    told = [
+    rows = [
         [
             line.predictor,
             line.seed,
@@ -155,8 +160,8 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
     ]
     means = [kind for kind in kinds if kind != VALID_ONLY]
     shown = []
-    for predictor, own in by_predictor(lines).items():
-        each = {kind: [line.groups[kind][-1] for line in own] for kind in kinds}
+    for predictor, runs in by_predictor(lines).items():
+        each = {kind: [line.groups[kind][-1] for line in runs] for kind in kinds}
         mean = np.mean([each[kind] for kind in means], axis=0)
         shown.append(
             [predictor, *(_spread(v, ".3g") for v in each.values()), _spread(list(mean), ".3g")]
@@ -171,7 +176,7 @@ def _kinds(name: str, lines: Sequence[Line]) -> Part:
         )
     columns = ("predictor", "seed", "hyper", "kind", "channel", "unit", "rmse")
     return Part(
-        f"domains-{name}-kinds", text, columns, told, shown=(["predictor", *kinds, "mean"], shown)
+        f"domains-{name}-kinds", text, columns, rows, shown=(["predictor", *kinds, "mean"], shown)
     )
 
 
@@ -185,8 +190,8 @@ def best_over_kinds(lines: Sequence[Line]) -> tuple[str, float] | None:
         return None
     best = min(validation, key=lambda name: validation[name])
     kinds = [kind for kind in lines[0].groups if kind != VALID_ONLY]
-    own = [line for line in lines if line.predictor == best]
-    return best, float(np.mean([[line.groups[kind][-1] for kind in kinds] for line in own]))
+    of_best = [line for line in lines if line.predictor == best]
+    return best, float(np.mean([[line.groups[kind][-1] for kind in kinds] for line in of_best]))
 
 
 def rows(lines: Sequence[Line]) -> list[list[Any]]:
@@ -210,15 +215,15 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
     columns = ["predictor"]
     for channel in channels:
         columns += [f"RMSE {channel['channel']} [{channel['unit']}]", "R²", "its mean [90 %]"]
-    told = []
-    for name, own in by_predictor(lines).items():
+    rows = []
+    for name, runs in by_predictor(lines).items():
         row = [f"{name} (no memory)" if name == MEMORYLESS else name]
         for i in range(len(channels)):
-            row.append(_spread([line.channels[i]["rmse"] for line in own], ".4g"))
-            row.append(_spread([line.channels[i]["r2"] for line in own], ".3f"))
-            row.append(r2_over_seeds(own, i).text)
-        told.append(row)
-    return columns, told
+            row.append(_spread([line.channels[i]["rmse"] for line in runs], ".4g"))
+            row.append(_spread([line.channels[i]["r2"] for line in runs], ".3f"))
+            row.append(r2_over_seeds(runs, i).text)
+        rows.append(row)
+    return columns, rows
 
 
 def _spread(values: Sequence[float], form: str) -> str:

@@ -27,26 +27,26 @@ _MEASURED = {"crazyflie": "On air that was really measured, "}
 
 def sentence(domain: str, lines: Sequence[Line]) -> str:
     """What a domain's lines say, and the paper's claims beside them."""
-    own = by_predictor([line for line in lines if line.seed is not None])
+    trained = by_predictor([line for line in lines if line.seed is not None])
     mean, validation = errors(lines), held_out(lines)
     kept = {n: mean.pop(n) for n in list(mean) if n.endswith(SOURCE_ONLY)}
     if MEMORYLESS not in mean or len(mean) < 2:
         return f"On {domain}, {len(mean)} architectures were trained."
     best = min(mean, key=lambda name: validation[name])
-    told = f"On {domain}, {best} is the best on validation. {_compared(domain, best, lines)}"
+    text = f"On {domain}, {best} is the best on validation. {_compared(domain, best, lines)}"
     zero = min((x.error for x in lines if x.predictor == ZERO), default=1.0)
     if mean[best] >= min(zero, 1.0):
-        told += " It predicts no better than a constant would: nothing was learned that holds."
+        text += " It predicts no better than a constant would: nothing was learned that holds."
     if kept:
-        name = min(kept, key=lambda one: validation[one])
-        told += f" {_of_the_source(own[name][0], kept[name], mean[best], mean[MEMORYLESS])}"
-    return " ".join(filter(None, (told, claims(domain, lines))))
+        name = min(kept, key=lambda kept_name: validation[kept_name])
+        text += f" {_of_the_source(trained[name][0], kept[name], mean[best], mean[MEMORYLESS])}"
+    return " ".join(filter(None, (text, claims(domain, lines))))
 
 
-def headline(told: Mapping[str, Sequence[Line]]) -> str:
+def headline(by_domain: Mapping[str, Sequence[Line]]) -> str:
     """Over all domains: where memory helps, and by how much it changes the error."""
     changes = {}
-    for domain, lines in told.items():
+    for domain, lines in by_domain.items():
         mean, validation = errors(lines), held_out(lines)
         models = [n for n in validation if not n.endswith(SOURCE_ONLY)]
         memories = [n for n in models if n != MEMORYLESS]
@@ -69,43 +69,43 @@ def _compared(domain: str, best: str, lines: Sequence[Line]) -> str:
     plain = mean.pop(MEMORYLESS)
     better = sum(value < plain for value in mean.values())
     count = f"{better} of {len(mean)} models with memory err less than the one without"
-    own = by_predictor(lines)
+    trained = by_predictor(lines)
     if best == MEMORYLESS:
         least = min(mean, key=lambda name: mean[name])
         return (
-            f"It has no memory; on test episodes it has {_level(own[best])}, and {count} (the "
-            f"least, {least}, has {_level(own[least])})."
+            f"It has no memory; on test episodes it has {_level(trained[best])}, and {count} (the "
+            f"least, {least}, has {_level(trained[least])})."
         )
     return (
-        f"On test episodes it has {_level(own[best])}, against {_level(own[MEMORYLESS])} without "
-        f"memory; {count}. {_helps(domain, best, lines)}"
+        f"On test episodes it has {_level(trained[best])}, against {_level(trained[MEMORYLESS])} "
+        f"without memory; {count}. {_helps(domain, best, lines)}"
     )
 
 
-def _level(own: Sequence[Line]) -> str:
+def _level(lines: Sequence[Line]) -> str:
     """How good one predictor's lines are: of the fish R², as the paper has it, else the error."""
-    domain = own[0].domain
+    domain = lines[0].domain
     if domain == "fish":
-        return f"R² {r2_over_seeds(own, own[0].told[0]).text} of {MAIN[domain]}"
+        return f"R² {r2_over_seeds(lines, lines[0].main_channels[0]).text} of {MAIN[domain]}"
     of = f"{MAIN[domain]}'s" if domain in MAIN else "the force's"
-    return f"an error of {np.mean([line.error for line in own]):.2f} of {of} standard deviation"
+    return f"an error of {np.mean([line.error for line in lines]):.2f} of {of} standard deviation"
 
 
 def _helps(domain: str, best: str, lines: Sequence[Line]) -> str:
     """Whether memory took anything off the error, and whether the test episodes can tell."""
-    own = by_predictor(lines)
+    trained = by_predictor(lines)
     mean = errors(lines)
     share = mean[best] / mean[MEMORYLESS] - 1.0
     does = "takes" if share < 0.0 else "adds"
-    told = f"{does} {100 * abs(share):.0f} % {'off' if share < 0.0 else 'to'} the error"
-    found = change(own[best], own[MEMORYLESS])
+    effect = f"{does} {100 * abs(share):.0f} % {'off' if share < 0.0 else 'to'} the error"
+    found = change(trained[best], trained[MEMORYLESS])
     if found is None:
         sure = "there are too few test episodes for an interval"
     else:
         sure = f"90 % interval {100 * found[0]:+.0f} to {100 * found[1]:+.0f} %"
         if found[0] <= 0.0 <= found[1]:
             sure += ", so that these episodes cannot tell whether memory helps"
-    text = f"{_MEASURED.get(domain, '')}memory {told} ({sure})."
+    text = f"{_MEASURED.get(domain, '')}memory {effect} ({sure})."
     return text[0].upper() + text[1:]
 
 
@@ -115,22 +115,22 @@ def _of_the_source(line: Line, kept: float, best: float, plain: float) -> str:
     seen = [name for name in line.inputs if name not in hidden]
     channels = f" (they see the past of {len(seen)} of {len(line.inputs)} channels" if seen else ""
     named = f"{channels}: {', '.join(seen)})" if channels else ""
-    told = (
+    text = (
         "Of the variants kept from the past of all that the sufferer's own motion enters, its "
         f"place beside the source included{named}, {line.predictor.removesuffix(SOURCE_ONLY)} is "
         f"the best on validation and errs by {kept:.2f}"
     )
     if best >= plain:
-        return f"{told}."
+        return f"{text}."
     if kept >= plain:
-        return f"{told}, no less than without memory: nothing of what memory gains is left."
+        return f"{text}, no less than without memory: nothing of what memory gains is left."
     if kept <= best:
         return (
-            f"{told}, no more than with the whole past: what memory gains here needs no past of "
+            f"{text}, no more than with the whole past: what memory gains here needs no past of "
             "the sufferer."
         )
     return (
-        f"{told}: {100 * (plain - kept) / (plain - best):.0f} % of what memory gains is there "
+        f"{text}: {100 * (plain - kept) / (plain - best):.0f} % of what memory gains is there "
         "without any past of the sufferer. How much of the rest is the wake's, and how much is "
         "differentiated out of that motion, these lines cannot say."
     )

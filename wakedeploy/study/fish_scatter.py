@@ -45,9 +45,9 @@ def shown(data: EpisodeSet, lines: Sequence[Line], runs: Path) -> tuple[Shown, S
 
 
 def _on_test(data: EpisodeSet, lines: Sequence[Line], arch: str, runs: Path) -> Shown:
-    own = next(line for line in lines if (line.predictor, line.seed) == (arch, 0))
-    if own.wanted is None:
+    first = next(line for line in lines if (line.predictor, line.seed) == (arch, 0))
+    if first.wanted is None:
         raise ValueError(f"{arch} was not trained")
-    truth, told, _ = predicted(obtained(data, own.wanted, runs), data)
-    r2 = R2(*(own.channels[0][name] for name in ("r2", "r2_low", "r2_high")))
-    return Shown(arch, truth[:, 0], told[:, 0], r2, own.wanted.seed, own.hyper_text)
+    truth, predicted_m, _ = predicted(obtained(data, first.wanted, runs), data)
+    r2 = R2(*(first.channels[0][name] for name in ("r2", "r2_low", "r2_high")))
+    return Shown(arch, truth[:, 0], predicted_m[:, 0], r2, first.wanted.seed, first.hyper_text)

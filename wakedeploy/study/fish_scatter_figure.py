@@ -29,32 +29,32 @@ _EXCERPT_S = 5.0  # from the middle of the block
 
 def draw(shown: Sequence[Shown], rate_hz: float) -> "Figure":
     """Scatters above, the excerpt below."""
-    styles = looks([one.arch for one in shown])
-    colours = [styles[one.arch][0] for one in shown]
+    styles = looks([panel.arch for panel in shown])
+    colours = [styles[panel.arch][0] for panel in shown]
     with figures.style():
         from matplotlib.figure import Figure
 
         drawn = Figure(figsize=(6.6, 5.6))
         axes = drawn.subplot_mosaic([["plain", "best"], ["time", "time"]], height_ratios=(2, 1))
         reach_mm = 1.05e3 * max(
-            max(np.abs(one.true_m).max(), np.abs(one.predicted_m).max()) for one in shown
+            max(np.abs(panel.true_m).max(), np.abs(panel.predicted_m).max()) for panel in shown
         )
-        for name, one, colour in zip(("plain", "best"), shown, colours, strict=True):
-            _scatter(axes[name], one, colour, reach_mm)
+        for name, panel, colour in zip(("plain", "best"), shown, colours, strict=True):
+            _scatter(axes[name], panel, colour, reach_mm)
         axes["plain"].set_ylabel("predicted tip [mm]")
         _excerpt(axes["time"], shown, colours, rate_hz)
     return drawn
 
 
-def _scatter(axes: "Axes", one: Shown, colour: str, reach_mm: float) -> None:
-    axes.plot(1e3 * one.true_m, 1e3 * one.predicted_m, ".", color=colour, markersize=3)
+def _scatter(axes: "Axes", panel: Shown, colour: str, reach_mm: float) -> None:
+    axes.plot(1e3 * panel.true_m, 1e3 * panel.predicted_m, ".", color=colour, markersize=3)
     axes.axline((0.0, 0.0), slope=1.0, color=figures.REFERENCE, linewidth=0.8)
     axes.set_xlim(-reach_mm, reach_mm)
     axes.set_ylim(-reach_mm, reach_mm)
     axes.set_aspect("equal")
     axes.set_xlabel("true tip [mm]")
-    axes.set_title(one.arch + (" (no memory)" if one.arch == MEMORYLESS else ""))
-    axes.text(0.04, 0.95, f"R² {one.r2.text}", transform=axes.transAxes, va="top", fontsize=8)
+    axes.set_title(panel.arch + (" (no memory)" if panel.arch == MEMORYLESS else ""))
+    axes.text(0.04, 0.95, f"R² {panel.r2.text}", transform=axes.transAxes, va="top", fontsize=8)
 
 
 def _excerpt(axes: "Axes", shown: Sequence[Shown], colours: Sequence[str], rate_hz: float) -> None:
@@ -63,8 +63,8 @@ def _excerpt(axes: "Axes", shown: Sequence[Shown], colours: Sequence[str], rate_
     part = slice((samples - length) // 2, (samples - length) // 2 + length)
     time_s = np.arange(length) / rate_hz
     axes.plot(time_s, 1e3 * shown[0].true_m[part], color=figures.REFERENCE, label="truth")
-    for one, colour in zip(shown, colours, strict=True):
-        axes.plot(time_s, 1e3 * one.predicted_m[part], color=colour, label=one.arch)
+    for panel, colour in zip(shown, colours, strict=True):
+        axes.plot(time_s, 1e3 * panel.predicted_m[part], color=colour, label=panel.arch)
     axes.set_xlim(0.0, length / rate_hz)
     axes.set_xlabel("time in the middle of the test block [s]")
     axes.set_ylabel("tip [mm]")
@@ -97,15 +97,15 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
     columns = ["predictor", "R², mean ± sd over seeds", "its mean, 90 %", "RMSE [mm]"]
     columns.append("loss on validation, mean")
     rows, losses = [], held_out(lines)
-    for arch, own in by_predictor([line for line in lines if line.seed is not None]).items():
-        tips = [line.channels[0] for line in own]
+    for arch, runs in by_predictor([line for line in lines if line.seed is not None]).items():
+        tips = [line.channels[0] for line in runs]
         values = [tip["r2"] for tip in tips]
         spread = f" ± {np.std(values, ddof=1):.3f}" if len(values) > 1 else ""
         rows.append(
             [
                 f"{arch} (no memory)" if arch == MEMORYLESS else arch,
                 f"{np.mean(values):.3f}{spread}",
-                r2_over_seeds(own, 0).text,
+                r2_over_seeds(runs, 0).text,
                 f"{1e3 * np.mean([tip['rmse'] for tip in tips]):.2f}",
                 f"{losses[arch]:.3f}",
             ]
@@ -116,11 +116,11 @@ def summary(lines: Sequence[Line]) -> tuple[list[str], list[list[str]]]:
 def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list[Part]:
     """The figure with the points that it shows, then the table of all architectures."""
     points = [
-        (one.arch, one.seed, one.hyper, i / rate_hz, 1e3 * float(true_m), 1e3 * float(told_m))
-        for one in shown
-        for i, (true_m, told_m) in enumerate(zip(one.true_m, one.predicted_m, strict=True))
+        (panel.arch, panel.seed, panel.hyper, i / rate_hz, 1e3 * float(true_m), 1e3 * float(tip_m))
+        for panel in shown
+        for i, (true_m, tip_m) in enumerate(zip(panel.true_m, panel.predicted_m, strict=True))
     ]
-    count = ["predictor", "samples"], [[one.arch, f"{len(one.true_m)}"] for one in shown]
+    count = ["predictor", "samples"], [[panel.arch, f"{len(panel.true_m)}"] for panel in shown]
     scores = [
         (
             *(line.predictor, line.seed, line.hyper_text),
@@ -132,8 +132,8 @@ def parts(lines: Sequence[Line], shown: Sequence[Shown], rate_hz: float) -> list
         if line.seed is not None
     ]
     named = {line.predictor for line in lines}
-    told = f"All architectures on the test block. {claims('fish', lines)}{choice(named)}"
+    text = f"All architectures on the test block. {claims('fish', lines)}{choice(named)}"
     return [
         Part("fish-scatter", sentence(shown), COLUMNS, points, draw(shown, rate_hz), count),
-        Part("fish-scatter-scores", told, SCORES, scores, shown=summary(lines)),
+        Part("fish-scatter-scores", text, SCORES, scores, shown=summary(lines)),
     ]

@@ -79,7 +79,7 @@ def _write(
         if path.name not in names:
             path.unlink()
     shown = [_written_part(part, folder) for part in parts]
-    told = {
+    content = {
         "commit": present_commit(),
         "training": TRAINING,
         "sets": [{"domain": data.domain, "sha256": data.sha256} for data in sets],
@@ -87,12 +87,12 @@ def _write(
         "says": {part.name: part.sentence for part in parts},
         "files": sorted(names),
     }
-    write_text_whole(folder / _RESULT, json_text(told))
+    write_text_whole(folder / _RESULT, json_text(content))
     path = folder / _PAGE
     told_sets = [(data.domain, data.sha256[:12]) for data in sets]
     text = pages.page(
         "wakedeploy.study", "study.html", title=title, parts=shown, sets=told_sets,
-        commit=told["commit"], next=next_commands,
+        commit=content["commit"], next=next_commands,
     )  # fmt: skip
     write_text_whole(path, text)
     return path

@@ -7,9 +7,9 @@ its reference on unseen flights when it compensates what is predicted.
 The limits are no compensation and the true force at each lead. On the gantry the truth is the air
 that is already on its way (`record(lead_oracle_s=…)`). In the 2D simulator nobody can say what the
 force will be before the sufferer has flown there; but it flies there nearly the same way again: the
-oracle with a lead is told the forces that the same flight met when it was flown before, three times
-over, each with what the one before met. It knows nothing before recording begins, so that all
-flights there are scored from `SETTLED_S` on.
+oracle with a lead is given the forces that the same flight met when it was flown before. That is
+repeated three times, each time with the forces of the flight before. It knows nothing before
+recording begins, so that all flights there are scored from `SETTLED_S` on.
 """
 
 import itertools
@@ -116,7 +116,7 @@ def asked(
 
 def planned(data: EpisodeSet, lines: Sequence[Wanted]) -> list[tuple[EpisodeSet, Wanted]]:
     """The runs that these lines need."""
-    return [(data, one) for wanted in lines for one in candidates(wanted)]
+    return [(data, candidate) for wanted in lines for candidate in candidates(wanted)]
 
 
 def measure(
@@ -167,10 +167,10 @@ def force_error(data: EpisodeSet, main: str, predictor: Any, lead_s: float) -> d
     unit = units_of(data, tape.first[tape.scored].numpy(), lead_s=lead_s)
     by_unit = sums(truth, error, unit)[None]
     r2, low_high = r2_of(by_unit), rmse_interval(by_unit)
-    told: dict[str, Any] = {"rmse": float(np.sqrt(np.mean(error**2))), "sd": float(truth.std())}
-    told |= dict(zip(("rmse_low", "rmse_high"), low_high or (None, None), strict=True))
-    told |= {"r2": r2.value, "r2_low": r2.low, "r2_high": r2.high}
-    return told | {"scored": len(truth)}
+    scores: dict[str, Any] = {"rmse": float(np.sqrt(np.mean(error**2))), "sd": float(truth.std())}
+    scores |= dict(zip(("rmse_low", "rmse_high"), low_high or (None, None), strict=True))
+    scores |= {"r2": r2.value, "r2_low": r2.low, "r2_high": r2.high}
+    return scores | {"scored": len(truth)}
 
 
 def track(flight: Flight) -> tuple[Tracked, int]:
@@ -200,9 +200,9 @@ def _gantry(flight: Flight) -> tuple[Tracked, int]:
             for number in range(flight.flights)
         ]
     flown = [log.tracking_rmse_m("true_z_m") for log in logs]  # NaN where it never flew
-    told = tuple(value if math.isfinite(value) else None for value in flown)
+    errors_m = tuple(value if math.isfinite(value) else None for value in flown)
     failed = [bool((log["mode"] == "FAILSAFE").any()) for log in logs]
-    return told, sum(f or value is None for f, value in zip(failed, told, strict=True))
+    return errors_m, sum(f or value is None for f, value in zip(failed, errors_m, strict=True))
 
 
 def _exported(flight: Flight, path: Path) -> Any:
@@ -237,17 +237,17 @@ def flown_before(
     from trainers.training.targets import shift_ahead
 
     longer_s = seconds + lead_s + 1.0 / RATE_HZ
-    told = _Told(np.zeros((0, len(seeds), 2)), 0)
-    flown = fly(seeds, world=world, seconds=longer_s, expect=told)
+    known = _Foreknown(np.zeros((0, len(seeds), 2)), 0)
+    flown = fly(seeds, world=world, seconds=longer_s, expect=known)
     for _ in range(_PASSES):
-        settling = told.calls - len(flown.force_n)
-        told = _Told(shift_ahead(flown.force_n, lead_s, RATE_HZ), settling)
-        flown = fly(seeds, world=world, seconds=longer_s, expect=told)
+        settling = known.calls - len(flown.force_n)
+        known = _Foreknown(shift_ahead(flown.force_n, lead_s, RATE_HZ), settling)
+        flown = fly(seeds, world=world, seconds=longer_s, expect=known)
     kept = round(seconds * RATE_HZ)
     return Flights(*(getattr(flown, name)[:kept] for name in vars(flown)))
 
 
-class _Told:
+class _Foreknown:
     """Expects forces (T, E, 2) one after the other from call `first` on, and nothing else."""
 
     def __init__(self, force_n: FloatArray, first: int) -> None:
@@ -267,12 +267,12 @@ def best(points: Sequence[Point], predictor: str) -> Best | None:
 
     None where each lead has a flight that ended early: what was flown of it may be its easy part.
     """
-    own = [p for p in points if p.predictor == predictor and p.lead_s is not None]
-    leads = sorted({p.lead_s for p in own if p.lead_s is not None})
-    whole = [at for at in leads if all(p.whole for p in own if p.lead_s == at)]
+    with_lead = [p for p in points if p.predictor == predictor and p.lead_s is not None]
+    leads = sorted({p.lead_s for p in with_lead if p.lead_s is not None})
+    whole = [at for at in leads if all(p.whole for p in with_lead if p.lead_s == at)]
     if not whole:
         return None
-    squares = np.array([[_squares(p) for p in own if p.lead_s == at] for at in whole])
+    squares = np.array([[_squares(p) for p in with_lead if p.lead_s == at] for at in whole])
     mean_m = np.sqrt(squares.mean((1, 2)))  # of (leads, seeds, flights)
     chosen = int(np.argmin(mean_m))
     found = whole[chosen], whole[chosen] == leads[-1], float(mean_m[chosen])
@@ -315,11 +315,11 @@ def tracking(points: Sequence[Point]) -> float | None:
 
 def shares(points: Sequence[Point], predictor: str) -> Mapping[float, list[float]]:
     """A model's force error over its standard deviation, by lead: one number per seed."""
-    told: dict[float, list[float]] = {}
+    by_lead: dict[float, list[float]] = {}
     for p in points:
         if p.predictor == predictor and p.lead_s is not None and p.rmse is not None and p.sd:
-            told.setdefault(p.lead_s, []).append(p.rmse / p.sd)
-    return dict(sorted(told.items()))
+            by_lead.setdefault(p.lead_s, []).append(p.rmse / p.sd)
+    return dict(sorted(by_lead.items()))
 
 
 def models(points: Sequence[Point]) -> list[str]:
@@ -330,11 +330,11 @@ def models(points: Sequence[Point]) -> list[str]:
 def sentence(domain: str, points: Sequence[Point]) -> str:
     """What one domain's points say: the best lead, what it is worth, what it costs in error."""
     names = models(points)
-    told = [_worth(best(points, name), name) for name in names]
+    sentences = [_worth(best(points, name), name) for name in names]
     nothing_m = tracking([p for p in points if p.predictor == NOTHING])
-    left = "was never flown" if nothing_m is None else f"leaves {1e3 * nothing_m:.1f} mm"
-    limits = f"{_worth(best(points, TRUTH), f'the {TRUTH}')}; no compensation {left}"
-    said = f"On {domain}, {'; '.join([*told, limits])}. {_costs(points, names)}"
+    without = "was never flown" if nothing_m is None else f"leaves {1e3 * nothing_m:.1f} mm"
+    limits = f"{_worth(best(points, TRUTH), f'the {TRUTH}')}; no compensation {without}"
+    said = f"On {domain}, {'; '.join([*sentences, limits])}. {_costs(points, names)}"
     return f"{said} {_early(points)}".rstrip()
 
 
@@ -343,30 +343,32 @@ def _worth(found: Best | None, name: str) -> str:
         return f"{name} has no lead at which every flight was flown to its end"
     if found.lead_s == 0.0:
         return f"{name} tracks best without a lead, {1e3 * found.tracking_m:.1f} mm"
-    told = (
+    text = (
         f"{name} tracks best with {'the longest' if found.longest else 'a'} lead of "
         f"{1e3 * found.lead_s:.0f} ms, {1e3 * found.tracking_m:.1f} mm"
     )
     if found.at_zero_m is None:
-        return f"{told} (without one, flights ended early)"
-    told += f", {1e3 * (found.at_zero_m - found.tracking_m):.1f} mm"
+        return f"{text} (without one, flights ended early)"
+    text += f", {1e3 * (found.at_zero_m - found.tracking_m):.1f} mm"
     if found.low_m is not None and found.high_m is not None:
-        told += f" [{1e3 * found.low_m:.1f}, {1e3 * found.high_m:.1f}]"
-    return f"{told} less than without"
+        text += f" [{1e3 * found.low_m:.1f}, {1e3 * found.high_m:.1f}]"
+    return f"{text} less than without"
 
 
 def _early(points: Sequence[Point]) -> str:
     """How many flights of what ended early; nothing where none did."""
-    told = []
+    endings = []
     for name, lead_s in dict.fromkeys((p.predictor, p.lead_s) for p in points):
-        own = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
-        ended, flown = sum(p.failsafes for p in own), sum(len(p.tracking_m) for p in own)
+        alike = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
+        ended, flown = sum(p.failsafes for p in alike), sum(len(p.tracking_m) for p in alike)
         if ended:
             at = "" if lead_s is None else f" at {1e3 * lead_s:.0f} ms"
-            told.append(f"{ended} of {flown} with {name}{at}")
-    if not told:
+            endings.append(f"{ended} of {flown} with {name}{at}")
+    if not endings:
         return ""
-    return f"Flights ended early: {', '.join(told)}; a lead with such flights is never called best."
+    return (
+        f"Flights ended early: {', '.join(endings)}; a lead with such flights is never called best."
+    )
 
 
 def _costs(points: Sequence[Point], names: Sequence[str]) -> str:
@@ -374,7 +376,7 @@ def _costs(points: Sequence[Point], names: Sequence[str]) -> str:
     gone = []
     longest_s = 0.0
     for name in names:
-        mean = {lead_s: float(np.mean(own)) for lead_s, own in shares(points, name).items()}
+        mean = {lead_s: float(np.mean(errors)) for lead_s, errors in shares(points, name).items()}
         longest_s = max(mean)
         gone.append(f"{name} from {mean[min(mean)]:.2f} to {mean[longest_s]:.2f}")
     if not gone:

@@ -42,12 +42,13 @@ COLUMNS = (
 PER_FLIGHT = ("domain", "predictor", "lead_s", "seed", "flight", "tracking_rms_m")
 
 
-def curves(told: Mapping[str, Sequence[Point]]) -> "Figure":
+def curves(by_domain: Mapping[str, Sequence[Point]]) -> "Figure":
     """Force error above, tracking below, against the lead [s]; a column for each domain."""
     with figures.style():
-        drawn, grid = figures.figure(2, len(told), size=(3.4 * len(told), 5.2), squeeze=False,
-                                     sharex=True)  # fmt: skip
-        for (above, below), (domain, points) in zip(grid.T, told.items(), strict=True):
+        across = len(by_domain)
+        size = (3.4 * across, 5.2)
+        drawn, grid = figures.figure(2, across, size=size, squeeze=False, sharex=True)
+        for (above, below), (domain, points) in zip(grid.T, by_domain.items(), strict=True):
             _forces(above, points)
             _tracks(below, points)
             above.set_title(domain)
@@ -65,9 +66,12 @@ def curves(told: Mapping[str, Sequence[Point]]) -> "Figure":
 
 def _forces(axes: "Axes", points: Sequence[Point]) -> None:
     for name, (colour, marker, line) in _styles(points).items():
-        told = shares(points, name)
-        mean, deviation = [np.mean(v) for v in told.values()], [np.std(v) for v in told.values()]
-        axes.errorbar(list(told), mean, deviation, color=colour, linestyle=line, marker=marker,
+        by_lead = shares(points, name)
+        mean, deviation = (
+            [np.mean(v) for v in by_lead.values()],
+            [np.std(v) for v in by_lead.values()],
+        )
+        axes.errorbar(list(by_lead), mean, deviation, color=colour, linestyle=line, marker=marker,
                       markersize=4, elinewidth=0.8, label=name)  # fmt: skip
     axes.set_ylim(bottom=0.0)
 
@@ -76,9 +80,9 @@ def _tracks(axes: "Axes", points: Sequence[Point]) -> None:
     """Every model's mean with its spread over seeds; a ring where it is best."""
     limits = {TRUTH: (figures.TRUE, "*", "-")}
     for name, (colour, marker, line) in (_styles(points) | limits).items():
-        own = [p for p in points if p.predictor == name]
-        leads = sorted({p.lead_s for p in own if p.lead_s is not None})
-        at = [[p for p in own if p.lead_s == lead_s] for lead_s in leads]
+        flown = [p for p in points if p.predictor == name]
+        leads = sorted({p.lead_s for p in flown if p.lead_s is not None})
+        at = [[p for p in flown if p.lead_s == lead_s] for lead_s in leads]
         mean = [_mm(same) for same in at]
         deviation = [float(np.std(seeds)) if (seeds := _each_mm(same)) else 0.0 for same in at]
         axes.errorbar(leads, mean, deviation, color=colour, linestyle=line, marker=marker,
@@ -117,44 +121,44 @@ def _styles(points: Sequence[Point]) -> dict[str, tuple[str, str, str]]:
 
 def _r2(points: Sequence[Point]) -> str:
     """Each seed's R² of the force with its interval; limits have none."""
-    told = [R2(p.r2, p.r2_low, p.r2_high).text for p in points if p.r2 is not None]
-    return ", ".join(told) or "–"
+    texts = [R2(p.r2, p.r2_low, p.r2_high).text for p in points if p.r2 is not None]
+    return ", ".join(texts) or "–"
 
 
-def headline(told: Mapping[str, Sequence[Point]]) -> str:
+def headline(by_domain: Mapping[str, Sequence[Point]]) -> str:
     """Who tracks best on each domain, at which lead, and the same without one."""
     said = []
-    for domain, points in told.items():
+    for domain, points in by_domain.items():
         found = {name: best(points, name) for name in models(points)}
-        flown = {name: one for name, one in found.items() if one is not None}
+        flown = {name: lead for name, lead in found.items() if lead is not None}
         if not flown:
             continue
-        name = min(flown, key=lambda one: flown[one].tracking_m)
-        one = flown[name]
-        zero = "" if one.at_zero_m is None else f" instead of {1e3 * one.at_zero_m:.1f}"
+        name = min(flown, key=lambda each: flown[each].tracking_m)
+        lead = flown[name]
+        zero = "" if lead.at_zero_m is None else f" instead of {1e3 * lead.at_zero_m:.1f}"
         said.append(
-            f"on {domain} {name} {1e3 * one.lead_s:.0f} ms ahead, {1e3 * one.tracking_m:.1f} mm"
-            f"{zero if one.lead_s else ''}"
+            f"on {domain} {name} {1e3 * lead.lead_s:.0f} ms ahead, {1e3 * lead.tracking_m:.1f} mm"
+            f"{zero if lead.lead_s else ''}"
         )
     return f"What tracks best: {'; '.join(said)}. " if said else ""
 
 
-def parts(told: Mapping[str, Sequence[Point]]) -> list[Part]:
+def parts(by_domain: Mapping[str, Sequence[Point]]) -> list[Part]:
     """The figure with each domain's sentence, each domain's table, and every flight."""
-    said = {domain: sentence(domain, points) for domain, points in told.items()}
-    every = [p for points in told.values() for p in points]
+    said = {domain: sentence(domain, points) for domain, points in by_domain.items()}
+    every = [p for points in by_domain.values() for p in points]
     first = Part(
         "lead",
-        f"{headline(told)}Force error and tracking error against how far ahead the force is "
+        f"{headline(by_domain)}Force error and tracking error against how far ahead the force is "
         f"predicted; rings mark each line's best lead.{choice({p.predictor for p in every})}",
         COLUMNS,
         rows(every),
-        curves(told),
+        curves(by_domain),
         (["domain", "what it says"], [[domain, text] for domain, text in said.items()]),
     )
     tables = [
         Part(f"lead-{domain}", said[domain], COLUMNS, rows(points), shown=summary(points))
-        for domain, points in told.items()
+        for domain, points in by_domain.items()
     ]
     flights = [
         [p.domain, p.predictor, p.lead_s, p.seed, flight, value]
@@ -185,14 +189,14 @@ def summary(points: Sequence[Point]) -> tuple[list[str], list[list[str]]]:
     columns += ["tracking rms [mm]", "failsafes"]
     lines = []
     for name, lead_s in dict.fromkeys((p.predictor, p.lead_s) for p in points):
-        own = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
-        errors = shares(own, name).get(lead_s, []) if lead_s is not None else []
+        alike = [p for p in points if (p.predictor, p.lead_s) == (name, lead_s)]
+        errors = shares(alike, name).get(lead_s, []) if lead_s is not None else []
         lines.append([
             name,
             "–" if lead_s is None else f"{1e3 * lead_s:.0f}",
             spread(errors, ".3f") if errors else "–",
-            _r2(own),
-            spread(_each_mm(own), ".2f") if _each_mm(own) else "–",
-            f"{sum(p.failsafes for p in own)}",
+            _r2(alike),
+            spread(_each_mm(alike), ".2f") if _each_mm(alike) else "–",
+            f"{sum(p.failsafes for p in alike)}",
         ])  # fmt: skip
     return columns, lines

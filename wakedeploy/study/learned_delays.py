@@ -1,4 +1,4 @@
-"""Points of learned delays in a figure, of which some may have run far out of the window.
+"""Points of learned delays in a figure; some may have run far out of the window.
 
 In: axes whose limits are set. Out: points with error bars; those beyond sit at the edge.
 """

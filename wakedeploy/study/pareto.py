@@ -64,8 +64,8 @@ class Point:
 
     def as_json(self) -> dict[str, Any]:
         """The point with every number."""
-        told = {"error": self.error, "spread": self.spread, "step_p99_ms": self.step_p99_ms}
-        return asdict(self) | told
+        numbers = {"error": self.error, "spread": self.spread, "step_p99_ms": self.step_p99_ms}
+        return asdict(self) | numbers
 
 
 def by_parameters(point: Point) -> tuple[float, float]:
@@ -103,11 +103,11 @@ def front(points: Sequence[Point], cost: Cost) -> list[Point]:
     return sorted(kept, key=lambda p: (cost(p), p.error))
 
 
-def _beats(one: Point, other: Point, cost: Cost) -> bool:
-    (least, most), (other_least, other_most) = cost(one), cost(other)
-    if one.error == other.error:
+def _beats(point: Point, other: Point, cost: Cost) -> bool:
+    (least, most), (other_least, other_most) = cost(point), cost(other)
+    if point.error == other.error:
         return most < other_least
-    return one.error < other.error and least <= other_most
+    return point.error < other.error and least <= other_most
 
 
 def unlearned(lines: Sequence[Line]) -> dict[str, float]:
@@ -131,7 +131,7 @@ def measure(
     from runtime.bench import bench_latency
 
     learned = by_predictor([line for line in lines if line.seed is not None])
-    trained = {arch: obtained_run(data, _first(own), runs) for arch, own in learned.items()}
+    trained = {arch: obtained_run(data, _first(of_arch), runs) for arch, of_arch in learned.items()}
     with tempfile.TemporaryDirectory() as folder:
         paths = [_packaged(run, Path(folder) / f"{arch}.onnx") for arch, run in trained.items()]
         chips = {arch: _on_a_chip(path) for arch, path in zip(trained, paths, strict=True)}
@@ -144,14 +144,14 @@ def measure(
         Point(
             domain=data.domain,
             arch=arch,
-            errors=tuple(line.error for line in own),
+            errors=tuple(line.error for line in of_arch),
             trainable=trained[arch].metrics.trainable,
             frozen=trained[arch].metrics.frozen,
             steps_p99_ms=tuple(row.stages_ms[_PREDICT]["p99"] for row in rows),
-            hyper=tuple(line.hyper_text for line in own),
+            hyper=tuple(line.hyper_text for line in of_arch),
             **chips[arch],
         )
-        for (arch, own), *rows in zip(learned.items(), *rounds, strict=True)
+        for (arch, of_arch), *rows in zip(learned.items(), *rounds, strict=True)
     ]
 
 
@@ -183,11 +183,11 @@ def _on_a_chip(path: Path) -> dict[str, int]:
 def sentence(domain: str, points: Sequence[Point]) -> str:
     """Who is on each front, and what a tenfold cheaper step costs in error."""
     steps, weights = front(points, by_step), front(points, by_parameters)
-    told = (
+    text = (
         f"On {domain}, none beats {_named(steps)} in both error and step time, and none "
         f"{_named(weights)} in both error and parameters."
     )
-    return f"{told} {_cheaper(points)}"
+    return f"{text} {_cheaper(points)}"
 
 
 def _named(points: Sequence[Point]) -> str:

@@ -70,27 +70,27 @@ COLUMNS = (
 
 
 def panels(
-    told: Mapping[str, Sequence[Point]],
+    by_domain: Mapping[str, Sequence[Point]],
     beside: Mapping[str, Unlearned],
     costs: Sequence[tuple[str, Cost]] = COSTS,
 ) -> "Figure":
     """Error against the costs, a row of panels per domain; of two costs two domains abreast."""
-    across = min(len(told), 2) if len(costs) == 2 else 1
-    down = -(-len(told) // across)
+    across = min(len(by_domain), 2) if len(costs) == 2 else 1
+    down = -(-len(by_domain) // across)
     size = (3.3 * len(costs) * across, 0.3 + 2.9 * down)
     with figures.style():
         drawn, grid = figures.figure(down, len(costs) * across, size=size, squeeze=False)
         pairs = grid.reshape(-1, len(costs))
-        for pair, (domain, points) in zip(pairs, told.items(), strict=False):
+        for pair, (domain, points) in zip(pairs, by_domain.items(), strict=False):
             for axes, (label, cost) in zip(pair, costs, strict=True):
                 _panel(axes, points, cost, beside[domain])
                 axes.set_xlabel(label)
             pair[0].set_title(domain)
             pair[0].set_ylabel("RMSE / standard deviation")
-        for axes in pairs[len(told) :].flat:
+        for axes in pairs[len(by_domain) :].flat:
             axes.set_axis_off()
         drawn.draw_without_rendering()  # sizes are known after it
-        for pair, points in zip(pairs, told.values(), strict=False):
+        for pair, points in zip(pairs, by_domain.values(), strict=False):
             for axes, (_, cost) in zip(pair, costs, strict=True):
                 _labels(axes, points, cost)
     return drawn
@@ -169,10 +169,9 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
             for dy in sorted(range(-40, 41, 2), key=abs)
             for dx, start in ((6, far + 6), (-6, x - 6 - wide))
         ]
-        tried.sort(key=lambda one: not (left < one[2][0] and one[2][2] < right))  # inside first
-        dx, dy, box = next(
-            (one for one in tried if not any(_overlap(one[2], other) for other in taken)), tried[0]
-        )
+        tried.sort(key=lambda label: not _is_within(label[2], left, right))
+        free = (label for label in tried if not any(_overlap(label[2], other) for other in taken))
+        dx, dy, box = next(free, tried[0])
         taken.append(box)
         axes.annotate(
             text,
@@ -188,38 +187,47 @@ def _labels(axes: "Axes", points: Sequence[Point], cost: Cost) -> None:
         )
 
 
-def _overlap(one: Box, other: Box) -> bool:
-    return one[0] < other[2] and other[0] < one[2] and one[1] < other[3] and other[1] < one[3]
+def _is_within(box: Box, left: float, right: float) -> bool:
+    return left < box[0] and box[2] < right
 
 
-def parts(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> list[Part]:
+def _overlap(box: Box, other: Box) -> bool:
+    return box[0] < other[2] and other[0] < box[2] and box[1] < other[3] and other[1] < box[3]
+
+
+def parts(by_domain: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> list[Part]:
     """The study's figure over all domains, then each domain's table."""
-    named = {point.arch for points in told.values() for point in points}
+    named = {point.arch for points in by_domain.values() for point in points}
     first = Part(
         "pareto",
-        f"{headline(told)}Error against trainable parameters and against the step's time in the "
-        "loop, of the quietest round with a bar to the loudest; filled points on the line are "
+        f"{headline(by_domain)}Error against trainable parameters and against the step's time in "
+        "the loop, of the quietest round with a bar to the loudest; filled points on the line are "
         f"beaten by none in both, where bars that overlap are no different.{choice(named)}",
         COLUMNS,
-        [row for name, points in told.items() for row in rows(points, beside[name])],
-        panels(told, beside),
-        (["domain", "what it says"], [[name, sentence(name, own)] for name, own in told.items()]),
+        [row for name, points in by_domain.items() for row in rows(points, beside[name])],
+        panels(by_domain, beside),
+        (
+            ["domain", "what it says"],
+            [[name, sentence(name, points)] for name, points in by_domain.items()],
+        ),
     )
-    return [first, *on_a_chip(told, beside)] + [
+    return [first, *on_a_chip(by_domain, beside)] + [
         Part(
             f"pareto-{name}",
-            sentence(name, own),
+            sentence(name, points),
             COLUMNS,
-            rows(own, beside[name]),
-            shown=summary(own, beside[name]),
+            rows(points, beside[name]),
+            shown=summary(points, beside[name]),
         )
-        for name, own in told.items()
+        for name, points in by_domain.items()
     ]
 
 
-def on_a_chip(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]) -> list[Part]:
+def on_a_chip(
+    by_domain: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearned]
+) -> list[Part]:
     """Error against what each takes as C on a microcontroller, where that is known."""
-    if not all(point.flash_bytes for points in told.values() for point in points):
+    if not all(point.flash_bytes for points in by_domain.values() for point in points):
         return []
     return [
         Part(
@@ -228,8 +236,8 @@ def on_a_chip(told: Mapping[str, Sequence[Point]], beside: Mapping[str, Unlearne
             " the code's few kilobytes; instructions are estimated for a Cortex-M4F. Filled points"
             " on the line are beaten by none in both.",
             CHIP_COLUMNS,
-            [row for points in told.values() for row in _chip_rows(points)],
-            panels(told, beside, CHIP_COSTS),
+            [row for points in by_domain.values() for row in _chip_rows(points)],
+            panels(by_domain, beside, CHIP_COSTS),
         )
     ]
 
@@ -247,15 +255,17 @@ def _chip_rows(points: Sequence[Point]) -> list[list[Any]]:
     ]
 
 
-def headline(told: Mapping[str, Sequence[Point]]) -> str:
+def headline(by_domain: Mapping[str, Sequence[Point]]) -> str:
     """Who is unbeaten in error and step time on the most domains."""
-    unbeaten = [p.arch for points in told.values() for p in front(points, by_step)]
+    unbeaten = [p.arch for points in by_domain.values() for p in front(points, by_step)]
     if not unbeaten:
         return ""
     times = {arch: unbeaten.count(arch) for arch in dict.fromkeys(unbeaten)}
     most = max(times.values())
     names = " and ".join(arch for arch, count in times.items() if count == most)
-    return f"In {most} of {len(told)} domains nothing beats {names} in both error and step time. "
+    return (
+        f"In {most} of {len(by_domain)} domains nothing beats {names} in both error and step time. "
+    )
 
 
 def rows(points: Sequence[Point], beside: Unlearned) -> list[list[Any]]:
@@ -284,16 +294,16 @@ def rows(points: Sequence[Point], beside: Unlearned) -> list[list[Any]]:
 def summary(points: Sequence[Point], beside: Unlearned) -> tuple[list[str], list[list[str]]]:
     """One domain's table: what learns nothing, then the smallest error first; ● marks a front.
 
-    The step's p99 is told of the quietest round and of the loudest.
+    The step's p99 is given for the quietest round and for the loudest.
     """
     columns = ["predictor", "error", "parameters", "front", "step p99 [ms]", "front"]
     weights, steps = (front(points, cost) for _, cost in COSTS)
-    told = [[name, f"{error:.3g}", "", "", "", ""] for name, error in beside.items()]
+    rows = [[name, f"{error:.3g}", "", "", "", ""] for name, error in beside.items()]
     for point in sorted(points, key=lambda p: p.error):
         name = f"{point.arch} (no memory)" if point.arch == MEMORYLESS else point.arch
         spread = "" if point.spread is None else f" ± {point.spread:.1g}"
         frozen = f" (and {point.frozen:,} frozen)" if point.frozen else ""
-        told.append(
+        rows.append(
             [
                 name,
                 f"{point.error:.3g}{spread}",
@@ -303,4 +313,4 @@ def summary(points: Sequence[Point], beside: Unlearned) -> tuple[list[str], list
                 "●" if point in steps else "",
             ]
         )
-    return columns, told
+    return columns, rows

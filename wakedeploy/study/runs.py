@@ -50,13 +50,13 @@ class Wanted:
 
     def folder(self, data: EpisodeSet, runs: Path) -> Path:
         """Where such runs lie: sets, leads and hyper-parameters may share `runs`."""
-        told = [data.sha256[:8], *(f"{name}={value:g}" for name, value in self.hyper.items())]
+        words = [data.sha256[:8], *(f"{name}={value:g}" for name, value in self.hyper.items())]
         if self.lead_s:
-            told.append(f"lead={1e3 * self.lead_s:.1f}ms")
+            words.append(f"lead={1e3 * self.lead_s:.1f}ms")
         if self.present_only:
             names = hashlib.sha256(",".join(self.present_only).encode()).hexdigest()
-            told.append(f"present-only-{names[:6]}")
-        return runs / "-".join(told)
+            words.append(f"present-only-{names[:6]}")
+        return runs / "-".join(words)
 
 
 def candidates(wanted: Wanted) -> list[Wanted]:
@@ -69,8 +69,8 @@ def candidates(wanted: Wanted) -> list[Wanted]:
 
 def best_run(data: EpisodeSet, wanted: Wanted, runs: Path) -> "tuple[TrainedRun, Wanted]":
     """Of the candidates for a wanted run the one that is best on validation; trains what is not."""
-    tried = [(obtained_run(data, one, runs), one) for one in candidates(wanted)]
-    return min(tried, key=lambda one: min(one[0].metrics.history))
+    tried = [(obtained_run(data, candidate, runs), candidate) for candidate in candidates(wanted)]
+    return min(tried, key=lambda candidate: min(candidate[0].metrics.history))
 
 
 def obtained(data: EpisodeSet, wanted: Wanted, runs: Path) -> "Predictor":
@@ -118,15 +118,15 @@ def _configured(data: EpisodeSet, wanted: Wanted) -> "RunConfig":
 def untrained(
     jobs: Sequence[tuple[EpisodeSet, Wanted]], runs: Path
 ) -> list[tuple[EpisodeSet, Wanted]]:
-    """The jobs of which no finished run is there, each once."""
+    """The jobs that have no finished run yet, each once."""
     from trainers.training.runs import METRICS, run_folder
 
-    left: dict[Path, tuple[EpisodeSet, Wanted]] = {}
+    waiting: dict[Path, tuple[EpisodeSet, Wanted]] = {}
     for data, wanted in jobs:
         folder = run_folder(wanted.folder(data, runs), _configured(data, wanted))
         if not (folder / METRICS).exists():
-            left.setdefault(folder, (data, wanted))
-    return list(left.values())
+            waiting.setdefault(folder, (data, wanted))
+    return list(waiting.values())
 
 
 def train_all(

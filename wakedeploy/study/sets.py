@@ -115,10 +115,10 @@ def _made_by(domain: Domain, made: EpisodeSet) -> str:
     """A hash over what determines the set beside minutes and recordings: code and constants."""
     if not domain.module:
         return ""
-    told = [code_sha256(domain.module), str(SEED), domain.settings]
+    parts = [code_sha256(domain.module), str(SEED), domain.settings]
     if "rig_sha256" in made.provenance:
-        told.append(default_rig().sha256)
-    return sha256_of("\n".join(told).encode())
+        parts.append(default_rig().sha256)
+    return sha256_of("\n".join(parts).encode())
 
 
 def _require_same(
@@ -128,20 +128,20 @@ def _require_same(
 
     A set that does not say what generated it was put there by hand, and is taken as it is.
     """
-    told = found.provenance
+    stated = found.provenance
     advice = f"delete {place}, or choose another --out"
     version = wakedeploy.__version__
-    if str(told.get("generator", version)).split()[1:2] not in ([], [version]):
+    if str(stated.get("generator", version)).split()[1:2] not in ([], [version]):
         raise UnusableInput(
-            f"{place} was made by {told['generator']}, this is {version}; {advice}."
+            f"{place} was made by {stated['generator']}, this is {version}; {advice}."
         )
-    if domain.make is not None and told.get("minutes", minutes) != minutes:
-        raise UnusableInput(f"{place} has {told['minutes']} minutes, not {minutes}; {advice}.")
-    if "generator" in told and told.get(_MADE_BY) != _made_by(domain, found):
+    if domain.make is not None and stated.get("minutes", minutes) != minutes:
+        raise UnusableInput(f"{place} has {stated['minutes']} minutes, not {minutes}; {advice}.")
+    if "generator" in stated and stated.get(_MADE_BY) != _made_by(domain, found):
         raise UnusableInput(
             f"{place} was made by other code or of other constants than are here now; {advice}."
         )
-    files = told.get("files")
+    files = stated.get("files")
     if path is not None and path.is_dir() and isinstance(files, dict):
         _require_recordings(place, files, path, domain.pattern, advice)
 

@@ -123,7 +123,7 @@ def fly_shifted(
     seeds = [FIRST_SEED + i for i in range(episodes)]
     worlds = {spread: shifted(seeds, spread) for spread in crews}
     settling_s = max(world.settling_s for world in worlds.values())
-    told = []
+    found = []
     for spread, crew in crews.items():
         lines = track(
             crew.models,
@@ -134,16 +134,16 @@ def fly_shifted(
             settling_s=settling_s,
             on_flight=on_flight,
         )
-        told.append(Shifted(spread, tuple(lines)))
-    return told
+        found.append(Shifted(spread, tuple(lines)))
+    return found
 
 
 def agreement(first: Shifted, other: Shifted) -> Agreement:
     """How the order of the models at one spread agrees with that at another."""
-    means = [np.array([[line.mean_m for line in one.models]]).T for one in (first, other)]
+    means = [np.array([[line.mean_m for line in spread.models]]).T for spread in (first, other)]
     tau = float(_kendall(*means)[0])
     pairs = len(first.models) * (len(first.models) - 1) // 2
-    drawn = [resampled(one.models) if one.models else None for one in (first, other)]
+    drawn = [resampled(spread.models) if spread.models else None for spread in (first, other)]
     if drawn[0] is None or drawn[1] is None:
         return Agreement(tau, None, None, pairs, 0, 0)
     low, high = np.quantile(_kendall(drawn[0], drawn[1]), [0.05, 0.95])
@@ -159,57 +159,58 @@ def _clear(drawn: FloatArray) -> FloatArray:
     return np.asarray((low > 0.0).astype(float) - (high < 0.0))
 
 
-def _kendall(one: FloatArray, other: FloatArray) -> FloatArray:
+def _kendall(order: FloatArray, other: FloatArray) -> FloatArray:
     """τ of two orders of models, draw by draw: (L, D), (L, D) -> (D,); 1 for fewer than two."""
-    first, second = np.triu_indices(len(one), 1)
+    first, second = np.triu_indices(len(order), 1)
     if len(first) == 0:
-        return np.ones(one.shape[1])
-    same = np.sign(one[first] - one[second]) * np.sign(other[first] - other[second])
+        return np.ones(order.shape[1])
+    same = np.sign(order[first] - order[second]) * np.sign(other[first] - other[second])
     return np.asarray(same.mean(0))
 
 
-def sentence(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) -> str:
+def sentence(nominal: Shifted, spreads: Sequence[Shifted], chosen: str | None = None) -> str:
     """What the flights say of each spread; `chosen` is the best on validation forces."""
-    first, *others = told
+    first, *others = spreads
     if chosen is None or not first.models:
-        return f"Flown at {len(told)} spreads of the physics."
+        return f"Flown at {len(spreads)} spreads of the physics."
     parts = []
-    for one in others:
-        rank = sorted(one.models, key=lambda line: line.mean_m)
+    for at_spread in others:
+        rank = sorted(at_spread.models, key=lambda line: line.mean_m)
         place = [line.name for line in rank].index(chosen) + 1
         parts.append(
-            f"at {_spread(one)} it is number {place} of {len(rank)} and {one.share(chosen)}"
+            f"at {_spread(at_spread)} it is number {place} of {len(rank)} and "
+            f"{at_spread.share(chosen)}"
         )
     text = (
         f"Trained at {_spread(first)}, {chosen}, the best on validation, {first.share(chosen)} "
         f"there (where it learned and flies the nominal physics, it {nominal.share(chosen)}); "
         f"{'; '.join(parts)}."
     )
-    return f"{text} {_order(first, others)}{_memory(told)}"
+    return f"{text} {_order(first, others)}{_memory(spreads)}"
 
 
 def _order(first: Shifted, others: Sequence[Shifted]) -> str:
     """The paper's claim of the order, with what these flights can say of it."""
     words = {True: "stays", False: "does not stay", None: "cannot be told"}
     said = []
-    for one in others:
-        found = agreement(first, one)
+    for at_spread in others:
+        found = agreement(first, at_spread)
         said.append(
-            f"at {_spread(one)} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
+            f"at {_spread(at_spread)} it {words[found.kept]} (Kendall's τ = {found.text}; of the "
             f"{found.apart} of {found.pairs} pairs that the flights tell apart at both, "
             f"{found.turned} change places)"
         )
     return f"In the paper the order of the models stays: here {'; '.join(said)}."
 
 
-def _memory(told: Sequence[Shifted]) -> str:
+def _memory(spreads: Sequence[Shifted]) -> str:
     """The paper's claim of memory, spread by spread."""
-    found = {_spread(one): memory(one.models) for one in told}
-    said = [f"at {at} {one.text}" for at, one in found.items() if one is not None]
+    found = {_spread(at_spread): memory(at_spread.models) for at_spread in spreads}
+    said = [f"at {at} {effect.text}" for at, effect in found.items() if effect is not None]
     if not said:
         return ""
     return f" In the paper memory helps in flight at every spread: here {'; '.join(said)}."
 
 
-def _spread(one: Shifted) -> str:
-    return f"±{100 * one.spread:.0f} %"
+def _spread(at_spread: Shifted) -> str:
+    return f"±{100 * at_spread.spread:.0f} %"

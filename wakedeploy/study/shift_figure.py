@@ -28,28 +28,28 @@ _LINEAR_MM = 0.1  # below it, the axis of the excess is linear
 _WIDTH = 0.6  # over which the models stand side by side at each spread
 
 
-def lines_over_spreads(nominal: Shifted, told: Sequence[Shifted]) -> "Figure":
+def lines_over_spreads(nominal: Shifted, spreads: Sequence[Shifted]) -> "Figure":
     """Tracking error over the spread of the physics, and how far it is above the oracle's.
 
     On the left of each, trained on other flights, the nominal physics.
     """
-    every = [nominal, *told]
+    every = [nominal, *spreads]
     with figures.style():
         drawn, (left, right) = figures.figure(1, 2, size=(8.6, 3.6))
         _limits(left, every)
-        styles = looks([line.name for line in told[0].models])
+        styles = looks([line.name for line in spreads[0].models])
         offsets = np.linspace(-0.5, 0.5, max(len(styles), 2)) * _WIDTH
         for number, ((name, (colour, marker)), offset) in enumerate(
             zip(styles.items(), offsets, strict=False)
         ):
-            own = [one.models[number] for one in every]
+            models = [at_spread.models[number] for at_spread in every]
             look = {"color": colour, "marker": marker, "markersize": 4}
             label = f"{name} (no memory)" if name == MEMORYLESS else name
-            errors_mm = [1e3 * line.mean_m for line in own]
-            at = np.arange(len(own)) + offset
+            errors_mm = [1e3 * line.mean_m for line in models]
+            at = np.arange(len(models)) + offset
             left.plot(at, errors_mm, linestyle="none", **look, label=label)
-            for place, (one, line) in enumerate(zip(every, own, strict=True)):
-                apart_m, low_m, high_m = above(line, one.lines[1])
+            for place, (at_spread, line) in enumerate(zip(every, models, strict=True)):
+                apart_m, low_m, high_m = above(line, at_spread.lines[1])
                 reach = None if np.isinf(low_m) else bar(apart_m, low_m, high_m)
                 right.errorbar(at[place], 1e3 * apart_m, yerr=reach, elinewidth=0.9, **look)
         right.axhline(0.0, color=figures.TRUE, linestyle="--")
@@ -58,7 +58,9 @@ def lines_over_spreads(nominal: Shifted, told: Sequence[Shifted]) -> "Figure":
         left.set_ylabel("tracking error, RMS [mm]")
         left.set_ylim(bottom=0.0)
         for axes in (left, right):
-            axes.set_xticks(range(len(every)), ["nominal", *(_at(one) for one in told)])
+            axes.set_xticks(
+                range(len(every)), ["nominal", *(_at(at_spread) for at_spread in spreads)]
+            )
             axes.grid(axis="x", visible=False)
             axes.set_xlabel("wake speed, diffusivity and separation vary by")
         drawn.legend(*left.get_legend_handles_labels(), loc="outside right center")
@@ -69,35 +71,43 @@ def _limits(axes: "Axes", every: Sequence[Shifted]) -> None:
     """A short line for each limit at each spread."""
     styles = ((figures.REFERENCE, "-"), (figures.TRUE, "-"), (figures.REFERENCE, ":"))
     for number, (colour, style) in zip(range(len(LIMITS)), styles, strict=True):
-        errors_mm = [1e3 * one.lines[number].mean_m for one in every]
+        errors_mm = [1e3 * at_spread.lines[number].mean_m for at_spread in every]
         places = np.arange(len(every))
         axes.hlines(errors_mm, places - 0.45, places + 0.45, color=colour, linestyle=style,
                     label=LIMITS[number])  # fmt: skip
 
 
-def _at(one: Shifted) -> str:
-    return f"±{100 * one.spread:.0f} %"
+def _at(at_spread: Shifted) -> str:
+    return f"±{100 * at_spread.spread:.0f} %"
 
 
-def summary(nominal: Shifted, told: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
+def summary(nominal: Shifted, spreads: Sequence[Shifted]) -> tuple[list[str], list[list[str]]]:
     """Millimetres and rank of each model at each spread; the last row tells how orders agree."""
-    columns = ["predictor", "nominal [mm]", *(f"±{100 * one.spread:.0f} % [mm]" for one in told)]
+    columns = [
+        "predictor",
+        "nominal [mm]",
+        *(f"±{100 * at_spread.spread:.0f} % [mm]" for at_spread in spreads),
+    ]
     rows = []
-    for number, line in enumerate(told[0].lines):
+    for number, line in enumerate(spreads[0].lines):
         cells = [line.name]
-        for one in (nominal, *told):
-            value = one.lines[number].mean_m
-            rank = 1 + sum(other.mean_m < value for other in one.models)
+        for at_spread in (nominal, *spreads):
+            value = at_spread.lines[number].mean_m
+            rank = 1 + sum(other.mean_m < value for other in at_spread.models)
             cells.append(f"{1e3 * value:.2f}" + (f" ({rank})" if number >= len(LIMITS) else ""))
         rows.append(cells)
-    orders = [agreement(told[0], one).text for one in (nominal, *told)]
-    rows.append([f"Kendall's τ with ±{100 * told[0].spread:.0f} % [90 %]", *orders])
+    orders = [agreement(spreads[0], at_spread).text for at_spread in (nominal, *spreads)]
+    rows.append([f"Kendall's τ with ±{100 * spreads[0].spread:.0f} % [90 %]", *orders])
     return columns, rows
 
 
-def parts(nominal: Shifted, told: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
+def parts(nominal: Shifted, spreads: Sequence[Shifted], chosen: str | None = None) -> list[Part]:
     """The study's one figure and table."""
-    rows = [(one.spread, *row) for one in (nominal, *told) for row in flown(one.lines)]
-    drawn, table = lines_over_spreads(nominal, told), summary(nominal, told)
-    said = f"{sentence(nominal, told, chosen)}{choice({line.name for line in nominal.lines})}"
+    rows = [
+        (at_spread.spread, *row)
+        for at_spread in (nominal, *spreads)
+        for row in flown(at_spread.lines)
+    ]
+    drawn, table = lines_over_spreads(nominal, spreads), summary(nominal, spreads)
+    said = f"{sentence(nominal, spreads, chosen)}{choice({line.name for line in nominal.lines})}"
     return [Part("shift", said, COLUMNS, rows, drawn, table)]

@@ -57,8 +57,8 @@ def interval(of: Callable[[FloatArray], FloatArray], units: int) -> tuple[float,
             times = np.random.default_rng(0).multinomial(units, even, _DRAWS)
             low, high = np.quantile(of(times.astype(float)), [_TAIL, 1.0 - _TAIL])
         else:
-            left = of(1.0 - np.eye(units))
-            error = np.sqrt((units - 1) / units * np.sum((left - left.mean()) ** 2))
+            without = of(1.0 - np.eye(units))
+            error = np.sqrt((units - 1) / units * np.sum((without - without.mean()) ** 2))
             reach = float(student.ppf(1.0 - _TAIL, units - 1)) * error
             value = float(of(np.ones((1, units)))[0])
             low, high = value - reach, value + reach
@@ -121,8 +121,8 @@ def units_of(
         e.name for e in data.part("test") if len(shift_ahead(e.force, lead_s, data.rate_hz)) > warm
     ]
     groups = data.provenance.get(GROUPS)
-    told = groups if isinstance(groups, dict) else {}
-    names = [str(told.get(name, f"episode {name}")) for name in kept]
+    named = groups if isinstance(groups, dict) else {}
+    names = [str(named.get(name, f"episode {name}")) for name in kept]
     found, number = np.unique(np.asarray(episode, np.int64), return_inverse=True)
     if len(found) != len(names):
         raise ValueError(f"samples of {len(found)} episodes, where {len(names)} are scored")

@@ -107,7 +107,7 @@ def planned(
 ) -> list[tuple[EpisodeSet, Wanted]]:
     """The runs that `measure` needs, each with the set that gives it its window."""
     asked = _asked(data, architectures, seeds, epochs)
-    return [(seen, one) for seen, wanted in asked for one in candidates(wanted)]
+    return [(seen, candidate) for seen, wanted in asked for candidate in candidates(wanted)]
 
 
 def _asked(
@@ -167,14 +167,14 @@ def measure(
 
 def need(points: Sequence[Seen], arch: str) -> Need:
     """What one domain's points say of an architecture, the memoryless model its shortest past."""
-    own = [p for p in points if p.arch in (arch, MEMORYLESS)]
+    compared = [p for p in points if p.arch in (arch, MEMORYLESS)]
     mean = {
-        past: float(np.mean([p.share for p in own if p.past_s == past]))
-        for past in sorted({p.past_s for p in own})
+        past: float(np.mean([p.share for p in compared if p.past_s == past]))
+        for past in sorted({p.past_s for p in compared})
     }
     least = min(value for past, value in mean.items() if past > 0.0)
     shortest = next(past for past in mean if mean[past] <= TOLERANCE * least)
-    found = next(p for p in own if p.past_s == shortest)
+    found = next(p for p in compared if p.past_s == shortest)
     enough = None if shortest == WHOLE else found
     return Need(arch, enough, mean[shortest], least, mean[0.0])
 
@@ -210,11 +210,11 @@ def sentence(
 ) -> str:
     """What a domain's points say, in one sentence; `delay_s` is the wake's, where it is known."""
     longest = max((p.past_s for p in points if p.past_s < WHOLE), default=0.0)
-    told = [_told(need(points, arch), rate_hz, longest) for arch in architectures_of(points)]
-    if not told:
+    sentences = [_told(need(points, arch), rate_hz, longest) for arch in architectures_of(points)]
+    if not sentences:
         return f"On {domain}, no model with memory was trained."
     known = "" if delay_s is None else f" The wake is under way for {delay_s:.3f} s on average."
-    return f"On {domain}, {'; '.join(told)}.{known}"
+    return f"On {domain}, {'; '.join(sentences)}.{known}"
 
 
 def _told(found: Need, rate_hz: float, longest_s: float) -> str:
@@ -303,8 +303,8 @@ class _Scale:
         """Predicting nothing, and the set's observer where it carries one."""
         from trainers.training.score import unlearned_forces
 
-        told = unlearned_forces(self.tape, self.data, "test", 0.0, self.warm_up)
-        for name, forces in told.items():
+        by_name = unlearned_forces(self.tape, self.data, "test", 0.0, self.warm_up)
+        for name, forces in by_name.items():
             error = self._of(forces[self.chosen]) - self.truth
             yield self._seen(name, 0, 0.0, "none", 0, 0, error)
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_FARTHEST = 1.15  # of the panel's largest other error: what is farther off is told, not drawn
+_FARTHEST = 1.15  # of the panel's largest other error: what is farther off is text, not drawn
 COLUMNS = (
     "domain",
     "arch",
@@ -47,19 +47,21 @@ COLUMNS = (
 )
 
 
-def curves(told: Mapping[str, Sequence[Seen]], delays_s: Mapping[str, float | None]) -> "Figure":
+def curves(
+    by_domain: Mapping[str, Sequence[Seen]], delays_s: Mapping[str, float | None]
+) -> "Figure":
     """Error over the channel's standard deviation against the past [s], domain by domain.
 
     A line where the wake's delay is known.
     """
-    across = min(len(told), 3)
-    down = -(-len(told) // across)
+    across = min(len(by_domain), 3)
+    down = -(-len(by_domain) // across)
     size = (3.1 * across, 0.7 + 2.4 * down)
     with figures.style():
         drawn, grid = figures.figure(down, across, size=size, squeeze=False)
-        for axes, (domain, points) in zip(grid.flat, told.items(), strict=False):
+        for axes, (domain, points) in zip(grid.flat, by_domain.items(), strict=False):
             _panel(axes, domain, points, delays_s.get(domain))
-        for axes in list(grid.flat)[len(told) :]:
+        for axes in list(grid.flat)[len(by_domain) :]:
             axes.set_axis_off()
         for axes in grid[:, 0]:
             axes.set_ylabel("RMSE / standard deviation")
@@ -84,15 +86,15 @@ def _panel(axes: "Axes", domain: str, points: Sequence[Seen], delay_s: float | N
     known = looks([name.removesuffix(SOURCE_ONLY) for name in names])
     for arch in names:
         colour, marker = known[arch.removesuffix(SOURCE_ONLY)]
-        own = [p for p in points if p.arch == arch]
-        pasts = sorted({p.past_s for p in own if p.past_s < WHOLE})
-        values = [[p.share for p in own if p.past_s == past] for past in pasts]
+        of_arch = [p for p in points if p.arch == arch]
+        pasts = sorted({p.past_s for p in of_arch if p.past_s < WHOLE})
+        values = [[p.share for p in of_arch if p.past_s == past] for past in pasts]
         mean, deviation = [float(np.mean(v)) for v in values], [float(np.std(v)) for v in values]
         blinded = arch.endswith(SOURCE_ONLY)
         axes.errorbar([0.0, *pasts], [plain, *mean], [0.0, *deviation], color=colour, marker=marker,
                       markersize=4, elinewidth=0.8, label=arch, alpha=0.5 if blinded else 1.0,
                       linestyle="--" if blinded else "-")  # fmt: skip
-        whole = [p.share for p in own if p.past_s == WHOLE]
+        whole = [p.share for p in of_arch if p.past_s == WHOLE]
         if whole and not blinded:
             axes.axhline(float(np.mean(whole)), color=colour, linestyle=":", linewidth=0.9,
                          label=f"{arch}, whole past")  # fmt: skip
@@ -112,18 +114,18 @@ def _unlearned(axes: "Axes", points: Sequence[Seen]) -> None:
     """What learned nothing: a line across, or in words where that would squeeze the others."""
     beside = unlearned_of(points)
     highest = max(p.share for p in points if p not in beside)
-    far = [one for one in beside if one.share > _FARTHEST * highest]
-    for one in beside:
-        if one not in far:
-            colour = figures.LIMIT if one.arch == ZERO else figures.REFERENCE
-            axes.axhline(one.share, color=colour, linestyle="-.", linewidth=0.9, label=one.arch)
+    far = [point for point in beside if point.share > _FARTHEST * highest]
+    for point in beside:
+        if point not in far:
+            colour = figures.LIMIT if point.arch == ZERO else figures.REFERENCE
+            axes.axhline(point.share, color=colour, linestyle="-.", linewidth=0.9, label=point.arch)
     if far:
-        told = ", ".join(f"{one.arch}: {one.share:.2f} ↑" for one in far)
-        axes.text(0.98, 0.97, told, fontsize=6.5, ha="right", va="top", transform=axes.transAxes)
+        text = ", ".join(f"{point.arch}: {point.share:.2f} ↑" for point in far)
+        axes.text(0.98, 0.97, text, fontsize=6.5, ha="right", va="top", transform=axes.transAxes)
 
 
 def parts(
-    told: Mapping[str, Sequence[Seen]],
+    by_domain: Mapping[str, Sequence[Seen]],
     mains: Mapping[str, str],
     rates_hz: Mapping[str, float],
     delays_s: Mapping[str, float | None],
@@ -132,42 +134,43 @@ def parts(
 
     `mains`, `rates_hz` and `delays_s` are each domain's channel, rate and transport delay.
     """
-    said = {n: sentence(n, points, rates_hz[n], delays_s[n]) for n, points in told.items()}
-    seen = {point.arch for points in told.values() for point in points}
+    said = {n: sentence(n, points, rates_hz[n], delays_s[n]) for n, points in by_domain.items()}
+    seen = {point.arch for points in by_domain.values() for point in points}
     first = Part(
         "window",
-        f"{headline(told)}Error against how much of the past is seen; a ring marks the shortest "
-        "with which it is within 5 % of the least. Of a model that carries a state that is at "
-        "most what it needs: its past was cut after a training that never scored so young a state. "
-        "One that "
-        f"sees a window was trained for each length.{choice(seen)}",
+        f"{headline(by_domain)}Error against how much of the past is seen; a ring marks the "
+        "shortest with which it is within 5 % of the least. Of a model that carries a state that "
+        "is at most what it needs: its past was cut after a training that never scored so young "
+        f"a state. One that sees a window was trained for each length.{choice(seen)}",
         COLUMNS,
-        rows([p for points in told.values() for p in points]),
-        curves(told, delays_s),
-        needed(told),
+        rows([p for points in by_domain.values() for p in points]),
+        curves(by_domain, delays_s),
+        needed(by_domain),
     )
     return [first] + [
         Part(f"window-{name}", said[name], COLUMNS, rows(points),
              shown=summary(points, mains[name]))
-        for name, points in told.items()
+        for name, points in by_domain.items()
     ]  # fmt: skip
 
 
-def headline(told: Mapping[str, Sequence[Seen]]) -> str:
+def headline(by_domain: Mapping[str, Sequence[Seen]]) -> str:
     """Each domain's shortest past that suffices, of the predictor that errs least."""
     said = []
-    for domain, points in told.items():
+    for domain, points in by_domain.items():
         found = [need(points, arch) for arch in architectures_of(points)]
         if not found:
             continue
-        one = min(found, key=lambda each: each.least)
-        if one.loses:
+        need_of_best = min(found, key=lambda each: each.least)
+        if need_of_best.loses:
             said.append(f"none on {domain}, where nothing beats the present alone")
-        elif one.enough is None:
-            said.append(f"no less than all on {domain} ({one.arch})")
+        elif need_of_best.enough is None:
+            said.append(f"no less than all on {domain} ({need_of_best.arch})")
         else:
-            most = "at most " if one.enough.memory == "state" else ""
-            said.append(f"{most}{one.enough.past_s:.2g} s on {domain} ({one.arch})")
+            most = "at most " if need_of_best.enough.memory == "state" else ""
+            said.append(
+                f"{most}{need_of_best.enough.past_s:.2g} s on {domain} ({need_of_best.arch})"
+            )
     return f"The past that suffices to err least: {'; '.join(said)}. " if said else ""
 
 
@@ -176,19 +179,19 @@ def rows(points: Sequence[Seen]) -> list[list[Any]]:
     return [[point.as_json()[name] for name in COLUMNS] for point in points]
 
 
-def needed(told: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str]]]:
+def needed(by_domain: Mapping[str, Sequence[Seen]]) -> tuple[list[str], list[list[str]]]:
     """What a computer on board has to keep: one row per domain and architecture."""
     columns = ["domain", "predictor", "past [s]", "samples seen", "kept", "bytes kept", "error",
                "least", "without memory"]  # fmt: skip
     lines = []
-    for name, points in told.items():
+    for name, points in by_domain.items():
         for arch in architectures_of(points):
             found = need(points, arch)
             enough = found.enough
             # Only a state is ever carried on from the start, and it is as large as with any past.
-            one = enough or next(p for p in points if (p.arch, p.past_s) == (arch, WHOLE))
+            kept_point = enough or next(p for p in points if (p.arch, p.past_s) == (arch, WHOLE))
             errors = (found.error, found.least, found.memoryless)
-            past, *kept = _kept(one)
+            past, *kept = _kept(kept_point)
             bound = "at most " if enough is not None and enough.memory == "state" else ""
             lines.append(
                 [name, arch, f"{bound}{past}", *kept, *(f"{value:.3f}" for value in errors)]
@@ -202,23 +205,23 @@ def summary(points: Sequence[Seen], main: str) -> tuple[list[str], list[list[str
                "RMSE / sd", "R²", "R² by seed [90 %]"]  # fmt: skip
     lines = []
     for arch, past in dict.fromkeys((p.arch, p.past_s) for p in points):
-        own = [p for p in points if (p.arch, p.past_s) == (arch, past)]
+        alike = [p for p in points if (p.arch, p.past_s) == (arch, past)]
         lines.append([
             arch,
-            *_kept(own[0]),
-            spread([p.rmse for p in own], ".4g"),
-            spread([p.share for p in own], ".3f"),
-            spread([p.r2 for p in own], ".3f"),
-            ", ".join(R2(p.r2, p.r2_low, p.r2_high).text for p in own),
+            *_kept(alike[0]),
+            spread([p.rmse for p in alike], ".4g"),
+            spread([p.share for p in alike], ".3f"),
+            spread([p.r2 for p in alike], ".3f"),
+            ", ".join(R2(p.r2, p.r2_low, p.r2_high).text for p in alike),
         ])  # fmt: skip
     return columns, lines
 
 
-def _kept(one: Seen) -> list[str]:
+def _kept(point: Seen) -> list[str]:
     """How long a past, of how many samples, what is kept of it, and its bytes."""
-    what = {"state": "state", "window": "history"}.get(one.memory, "present")
-    past = "whole" if one.samples is None else f"{one.past_s:.3g}"
-    return [past, "–" if one.samples is None else f"{one.samples}", what, f"{one.bytes:,}"]
+    what = {"state": "state", "window": "history"}.get(point.memory, "present")
+    past = "whole" if point.samples is None else f"{point.past_s:.3g}"
+    return [past, "–" if point.samples is None else f"{point.samples}", what, f"{point.bytes:,}"]
 
 
 def spread(values: Sequence[float], form: str) -> str:

@@ -148,8 +148,8 @@ class Cluster:
         """Let new workers that fit have jobs; what is wrong with each of the others."""
         strangers = [
             name
-            for name, told in self._workers().items()
-            if _ADMITTED not in told["resources"] and name not in self._refused
+            for name, facts in self._workers().items()
+            if _ADMITTED not in facts["resources"] and name not in self._refused
         ]
         problems = _problems(self._client, strangers, self._device) if strangers else {}
         fit = [name for name, problem in problems.items() if problem is None]
@@ -246,9 +246,9 @@ def _problems(client: Any, names: Collection[str], device: str) -> dict[str, str
 
     Workers that are lost meanwhile are left out.
     """
-    told = client.get_versions()["workers"]
+    versions = client.get_versions()["workers"]
     # One that is just starting or ending may say nothing of itself; it is looked at again.
-    hosts = {name: told[name]["host"] for name in names if "host" in (told.get(name) or {})}
+    hosts = {name: versions[name]["host"] for name in names if "host" in (versions.get(name) or {})}
     problems = {name: misfit(name, str(host["python"]), None) for name, host in hosts.items()}
     # Code that travels is understood by the same Python only.
     alike = [name for name, problem in problems.items() if problem is None]
@@ -269,10 +269,10 @@ def misfit(
     None where one is missing, the revision of its training code and whether it has CUDA. What is
     None was not asked for.
     """
-    own = ".".join(platform.python_version_tuple()[:2])
-    if python is not None and (theirs := ".".join(python.split(".")[:2])) != own:
+    ours = ".".join(platform.python_version_tuple()[:2])
+    if python is not None and (theirs := ".".join(python.split(".")[:2])) != ours:
         # Neither functions nor results would be understood.
-        return f"The worker {name} runs Python {theirs}, and this is {own}; use one for both."
+        return f"The worker {name} runs Python {theirs}, and this is {ours}; use one for both."
     if there is None:
         return None
     for library in _NEEDED:

@@ -64,7 +64,9 @@ def make(asked: Generate) -> EpisodeSet:
 
 def _settings(name: str) -> dict[str, Setting]:
     """Those that a plan's file can state: packages are flown by hand."""
-    return {one.name: one for one in _simulated(name).settings if one.kind != "packages"}
+    return {
+        setting.name: setting for setting in _simulated(name).settings if setting.kind != "packages"
+    }
 
 
 def _simulated(name: str) -> Simulated:

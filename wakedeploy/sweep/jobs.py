@@ -138,8 +138,8 @@ def identity_of(kind: str, facts: Mapping[str, Any]) -> str:
     The order of the facts does not matter. The device is not among them: it rounds differently, and
     the row says which it was.
     """
-    told = {"wakedeploy": wakedeploy.__version__, "kind": kind, "facts": facts}
-    text = json.dumps(told, sort_keys=True, allow_nan=False, default=dict)
+    content = {"wakedeploy": wakedeploy.__version__, "kind": kind, "facts": facts}
+    text = json.dumps(content, sort_keys=True, allow_nan=False, default=dict)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
@@ -213,8 +213,8 @@ def do(job: Job, data: EpisodeSet | None = None, runs: Path | None = None) -> Ou
             raise
         reason = f"unexpected {type(error).__name__}: {one_line(error)}"
         return failure(job, reason, time.monotonic() - began)
-    told = {"data_sha256": made.sha256, "device": "cpu"}
-    return Outcome(_row(job, told, time.monotonic() - began), made=made)
+    facts = {"data_sha256": made.sha256, "device": "cpu"}
+    return Outcome(_row(job, facts, time.monotonic() - began), made=made)
 
 
 def failure(job: Job | UnfitJob, reason: str, seconds: float | None = None) -> Outcome:
@@ -257,8 +257,8 @@ def _unfit(name: str, data: EpisodeSet, choice: Choice, reason: str) -> UnfitJob
         "hyper": dict(choice.hyper),
     }
     identity = identity_of("train", {"data_sha256": data.sha256, "asked": asked})
-    told = {"identity": identity, "kind": "train", "data": name, "domain": data.domain}
-    return UnfitJob(identity, told | {"data_sha256": data.sha256} | asked, reason)
+    facts = {"identity": identity, "kind": "train", "data": name, "domain": data.domain}
+    return UnfitJob(identity, facts | {"data_sha256": data.sha256} | asked, reason)
 
 
 def _trained(job: TrainJob, data: EpisodeSet | None, runs: Path | None) -> Outcome:
@@ -273,8 +273,8 @@ def _trained(job: TrainJob, data: EpisodeSet | None, runs: Path | None) -> Outco
         try:
             run = train(job.config, there, root, device=job.device, fresh=job.fresh)
         except CheckFailed as error:
-            told = str(error).removeprefix(f"{run_folder(root, job.config)}: ")
-            raise CheckFailed(told) from error
+            reason = str(error).removeprefix(f"{run_folder(root, job.config)}: ")
+            raise CheckFailed(reason) from error
         files = {} if runs else {name: (run.folder / name).read_bytes() for name in _KEPT}
         return Outcome(_row(job, _scores(job, run), run.metrics.seconds), files=files)
 
@@ -310,9 +310,9 @@ def _scores(job: TrainJob, run: TrainedRun) -> Row:
     }
 
 
-def _row(job: Job | UnfitJob, told: Row, seconds: float | None) -> Row:
+def _row(job: Job | UnfitJob, facts: Row, seconds: float | None) -> Row:
     """What was asked for, what came of it, and where, when and by which code."""
-    row = job.told | {"state": "done", "reason": None} | told
+    row = job.told | {"state": "done", "reason": None} | facts
     return row | {
         "seconds": None if seconds is None else round(seconds, 3),
         "host": platform.node(),

@@ -130,11 +130,11 @@ def _checked_plan(
         document = _Document.model_validate(dict(raw))
     except pydantic.ValidationError as error:
         place = error.errors()[0]["loc"]
-        told = f"{where(place)}{first_problem(error)}"
+        problem = f"{where(place)}{first_problem(error)}"
         if error.errors()[0]["type"] == "extra_forbidden":
             known = _Generate if place[0] == "generate" else _Document
-            told += f"; known are {', '.join(known.model_fields)}"
-        raise UnusableInput(f"{told}.") from error
+            problem += f"; known are {', '.join(known.model_fields)}"
+        raise UnusableInput(f"{problem}.") from error
     generate = [
         checked(Generate(**entry.model_dump()), base, lambda *at, i=i: where(("generate", i, *at)))
         for i, entry in enumerate(document.generate)
@@ -168,15 +168,17 @@ def _file(path: Path) -> tuple[str, dict[str, Any]]:
 
 def _spelled(document: dict[str, Any]) -> dict[str, Any]:
     """The document with architectures and domains as they are spelled here."""
-    told = dict(document)
-    if "arch" in told:
-        told["arch"] = [_name(one, (ALL, *ARCHITECTURES)) for one in _listed(told["arch"])]
-    if isinstance(told.get("hyper"), dict):
-        told["hyper"] = {_name(arch, ARCHITECTURES): own for arch, own in told["hyper"].items()}
-    for entry in _listed(told.get("generate", ())):
+    spelled = dict(document)
+    if "arch" in spelled:
+        spelled["arch"] = [_name(name, (ALL, *ARCHITECTURES)) for name in _listed(spelled["arch"])]
+    if isinstance(spelled.get("hyper"), dict):
+        spelled["hyper"] = {
+            _name(arch, ARCHITECTURES): given for arch, given in spelled["hyper"].items()
+        }
+    for entry in _listed(spelled.get("generate", ())):
         if isinstance(entry, dict) and "domain" in entry:
             entry["domain"] = _name(entry["domain"], domains())
-    return told
+    return spelled
 
 
 def _name(given: Any, names: Iterable[str]) -> Any:

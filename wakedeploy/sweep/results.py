@@ -129,6 +129,6 @@ def _flat(row: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         if isinstance(value, Mapping):
             cells |= _flat(value, f"{prefix}{name}.")
         else:
-            told = "" if value is None else value
-            cells[shown(prefix + name)] = shown(told) if isinstance(told, str) else told
+            cell = "" if value is None else value
+            cells[shown(prefix + name)] = shown(cell) if isinstance(cell, str) else cell
     return cells

@@ -102,15 +102,15 @@ def require_ours(out: Path) -> None:
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return
     try:
-        told = json_of(text_of(mark))["wakedeploy_sweep"]
+        version = json_of(text_of(mark))["wakedeploy_sweep"]
     except (OSError, ValueError, KeyError, TypeError) as error:
         raise UnusableInput(
             f"{out} is not the folder of a sweep; give --out a new folder, or one that a sweep has"
             " made."
         ) from error
-    if told != _FORMAT:
+    if version != _FORMAT:
         raise UnusableInput(
-            f"{mark}: format {told} is not the one of this wakedeploy ({_FORMAT}); give another"
+            f"{mark}: format {version} is not the one of this wakedeploy ({_FORMAT}); give another"
             " --out."
         )
 

@@ -198,10 +198,11 @@ def parse_columns(text: str, name: str = "columns.toml") -> Columns:
         raw = toml_of(text)
     except ValueError as error:
         raise UnusableInput(f"{name}: not valid TOML: {one_line(error)}.") from error
-    told = raw.get("version")
-    if isinstance(told, int) and told > VERSION:
+    version = raw.get("version")
+    if isinstance(version, int) and version > VERSION:
         raise UnusableInput(
-            f"{name}: version {told} is newer than this wakedeploy reads ({VERSION}); upgrade it."
+            f"{name}: version {version} is newer than this wakedeploy reads ({VERSION});"
+            " upgrade it."
         )
     try:
         read = Columns.model_validate(raw)

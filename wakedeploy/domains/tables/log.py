@@ -148,8 +148,8 @@ def missing(path: Path, address: str, there: Collection[str]) -> UnusableInput:
     folded = {name.lower(): name for name in there}
     close = [folded[n] for n in difflib.get_close_matches(address.lower(), folded, 3, 0.5)]
     hint = close or list(there)[:8]
-    told = f"it has {', '.join(map(repr, hint))}" if hint else "it has none"
-    return refused(path, address, "is not there", told + (" and others" if close else ""))
+    what_is_there = f"it has {', '.join(map(repr, hint))}" if hint else "it has none"
+    return refused(path, address, "is not there", what_is_there + (" and others" if close else ""))
 
 
 class Arrays:

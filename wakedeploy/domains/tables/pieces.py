@@ -29,15 +29,15 @@ def from_first(stamps_s: Vector, is_good: NDArray[np.bool_]) -> list[Stretch]:
     return [(float(stamps_s[is_good][0]), math.inf)] if is_good.any() else []
 
 
-def common(one: list[Stretch], other: list[Stretch]) -> list[Stretch]:
+def common(first: list[Stretch], other: list[Stretch]) -> list[Stretch]:
     """The stretches that lie in both lists; either is in order and without overlap."""
     found: list[Stretch] = []
     i = j = 0
-    while i < len(one) and j < len(other):
-        start, end = max(one[i][0], other[j][0]), min(one[i][1], other[j][1])
+    while i < len(first) and j < len(other):
+        start, end = max(first[i][0], other[j][0]), min(first[i][1], other[j][1])
         if start <= end:
             found.append((start, end))
-        if one[i][1] < other[j][1]:
+        if first[i][1] < other[j][1]:
             i += 1
         else:
             j += 1

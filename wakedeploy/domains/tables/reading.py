@@ -68,7 +68,7 @@ class Reading:
     @property
     def recordings(self) -> tuple[Recording, ...]:
         """All of them, in the order of the files."""
-        return tuple(one for pieces in self.pieces.values() for one in pieces)
+        return tuple(recording for pieces in self.pieces.values() for recording in pieces)
 
 
 def read_recordings(
@@ -105,7 +105,7 @@ def read_recordings(
         pieces[path] = tuple(_FileReader(path, name, columns, wanted, notes).recordings())
         if progress is not None:
             progress(done, len(names))
-    return Reading(pieces, {name: one.unit for name, one in wanted.items()}, tuple(notes))
+    return Reading(pieces, {name: column.unit for name, column in wanted.items()}, tuple(notes))
 
 
 class _Wanted:
@@ -187,7 +187,7 @@ class _FileReader:
 
     def recordings(self) -> Iterator[Recording]:
         """Its pieces in their order; UnusableInput where there is none."""
-        places = {name: self._place(one) for name, one in self.wanted.items()}
+        places = {name: self._place(column) for name, column in self.wanted.items()}
         raw = self._raw(places.values())
         self.notes += [note for log in self._logs.values() for note in log.notes]
         count = 0
@@ -229,21 +229,21 @@ class _FileReader:
     def _place(self, wanted: _Wanted) -> _Place:
         column, base = wanted.column, self.columns.time
         log = self._log(column.file)
-        own = log.clock_of(column.column)
+        clock = log.clock_of(column.column)
         if column.time is not None:
-            unit = column.time_unit or base.unit or (own.unit if own else "s")
+            unit = column.time_unit or base.unit or (clock.unit if clock else "s")
             return _Place(log, column.column, Clock(column.time, unit))
         if base.rate_hz is not None:
             return _Place(log, column.column, None)
         if base.column is not None:
-            topic = own.address.rpartition(".")[0] + "." if own else ""
-            unit = base.unit or (own.unit if own else "s")
+            topic = clock.address.rpartition(".")[0] + "." if clock else ""
+            unit = base.unit or (clock.unit if clock else "s")
             return _Place(log, column.column, Clock(topic + base.column, unit))
-        if own is None:
+        if clock is None:
             raise UnusableInput(
                 f"{log.path}: has no clock of its own; give [time] column, or [time] rate_hz."
             )
-        return _Place(log, column.column, own)
+        return _Place(log, column.column, clock)
 
     def _raw(self, places: Iterable[_Place]) -> dict[tuple[int, str], Values]:
         """Everything that is needed, each log read once, by log and address."""
@@ -301,9 +301,9 @@ class _FileReader:
                 found[key] = self._clock(place, raw[id(place.log), place.clock.address])
         starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
         origin = origin_s([start for start in starts if start is not None])
-        told = {key: in_seconds(*clock, origin) for key, clock in found.items()}
+        stamps_s = {key: in_seconds(*clock, origin) for key, clock in found.items()}
         rate_hz = self.columns.time.rate_hz or 1.0
-        return told | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
+        return stamps_s | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
 
     def _clock(self, place: _Place, values: Values) -> tuple[Values, Fraction]:
         """A clock's numbers, and the seconds in its unit."""
@@ -386,17 +386,17 @@ class _FileReader:
     def _stretches(self, series: Sequence[_Series]) -> list[Stretch]:
         """The stretches of time that all columns cover."""
         found: list[Stretch] | None = None
-        for one in series:
-            own = self._covered(one)
-            found = own if found is None else common(found, own)
+        for column in series:
+            here = self._covered(column)
+            found = here if found is None else common(found, here)
         return [stretch for stretch in found or [] if np.isfinite(stretch).all()]
 
-    def _covered(self, one: _Series) -> list[Stretch]:
-        stamps_s, gap_s = one.times.stamps_s, self.columns.split.gap_s
-        is_good = ~np.isnan(one.values)
-        if one.is_event:
+    def _covered(self, column: _Series) -> list[Stretch]:
+        stamps_s, gap_s = column.times.stamps_s, self.columns.split.gap_s
+        is_good = ~np.isnan(column.values)
+        if column.is_event:
             return from_first(stamps_s, is_good)
-        missing = one.wanted.column.missing
+        missing = column.wanted.column.missing
         if missing == "nan":
             is_good = np.ones(len(stamps_s), dtype=bool)
         if missing == "hold":
@@ -405,11 +405,11 @@ class _FileReader:
         if silent is not None:
             length_s = stamps_s[silent] - stamps_s[silent - 1]
             reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
-            advice = f"give [split] gap_s, or event = true in [columns.{one.wanted.name}]"
-            raise one.place.refused(reason, advice)
+            advice = f"give [split] gap_s, or event = true in [columns.{column.wanted.name}]"
+            raise column.place.refused(reason, advice)
         stretches = covered(stamps_s, is_good, gap_s)
         if missing == "hold" and stretches and gap_s is None:  # up to the last row
-            stretches[-1] = (stretches[-1][0], float(one.times.stamps_s[-1]))
+            stretches[-1] = (stretches[-1][0], float(column.times.stamps_s[-1]))
         return stretches
 
     def _recording(
@@ -430,9 +430,9 @@ class _FileReader:
         self, series: Sequence[_Series], start_s: float, end_s: float
     ) -> tuple[Vector, dict[str, Vector]]:
         first = series[0]
-        for one in series:
-            if not one.times.same_as(first.times):
-                raise one.place.refused(
+        for column in series:
+            if not column.times.same_as(first.times):
+                raise column.place.refused(
                     f"has another clock than {first.place.address!r}",
                     "give [resample] rate_hz, to which all columns are brought",
                 )
@@ -442,17 +442,17 @@ class _FileReader:
         if len(kept_s) < 2:
             return kept_s, {}
         self._require_even(first, kept_s, int(np.argmax(inside)))
-        values = {one.wanted.name: _filled(one)[inside] for one in series}
+        values = {column.wanted.name: _filled(column)[inside] for column in series}
         return evened(kept_s), values
 
-    def _require_even(self, one: _Series, stamps_s: Vector, first: int) -> None:
+    def _require_even(self, column: _Series, stamps_s: Vector, first: int) -> None:
         at = unevenness(stamps_s)
         if at is not None:
-            row = one.place.row(int(one.times.rows[first + at]))
+            row = column.place.row(int(column.times.rows[first + at]))
             step_s, usual_s = stamps_s[at] - stamps_s[at - 1], float(np.median(np.diff(stamps_s)))
             reason = f"steps by {step_s:.4g} s at {row}, where {usual_s:.4g} s is usual"
             advice = "give [resample] rate_hz, or [split] gap_s where samples are lost"
-            raise one.place.clock_refused(reason, advice)
+            raise column.place.clock_refused(reason, advice)
 
     def _resampled(
         self, series: Sequence[_Series], start_s: float, end_s: float
@@ -467,49 +467,51 @@ class _FileReader:
         ticks_s = even_ticks(inside_s, start_s, end_s, how.rate_hz)
         if len(ticks_s) < 2:
             return ticks_s, {}
-        values = {one.wanted.name: self._at_ticks(one, ticks_s) for one in series}
+        values = {column.wanted.name: self._at_ticks(column, ticks_s) for column in series}
         return ticks_s, values
 
-    def _at_ticks(self, one: _Series, ticks_s: Vector) -> Vector:
+    def _at_ticks(self, column: _Series, ticks_s: Vector) -> Vector:
         how = self.columns.resample
         assert how is not None
-        stamps_s, values = one.times.stamps_s, _filled(one)
+        stamps_s, values = column.times.stamps_s, _filled(column)
         if how.method == "hold":
             return held(stamps_s, values, ticks_s)
         if np.isnan(values[stamps_s >= ticks_s[0]]).any():
-            advice = f'give missing = "hold" or "split" in [columns.{one.wanted.name}]'
-            raise one.place.refused("has samples without a number, which no filter takes", advice)
+            advice = f'give missing = "hold" or "split" in [columns.{column.wanted.name}]'
+            raise column.place.refused(
+                "has samples without a number, which no filter takes", advice
+            )
         try:
             return low_passed(stamps_s, values, ticks_s, how.effective_cutoff_hz)
         except ValueError as error:
-            raise one.place.refused(f"cannot be filtered: {error}", "cut the log") from error
+            raise column.place.refused(f"cannot be filtered: {error}", "cut the log") from error
 
 
 def _clock_key(place: _Place) -> tuple[int, str]:
     return id(place.log), place.clock.address if place.clock else ""
 
 
-def _filled(one: _Series) -> Vector:
+def _filled(column: _Series) -> Vector:
     """The values, with the last one held where one is missing and shall be held."""
-    if one.wanted.column.missing != "hold" and not one.is_event:
-        return one.values
-    is_good = ~np.isnan(one.values)
+    if column.wanted.column.missing != "hold" and not column.is_event:
+        return column.values
+    is_good = ~np.isnan(column.values)
     newest = np.maximum.accumulate(np.where(is_good, np.arange(len(is_good)), -1))
-    return np.where(newest >= 0, one.values[np.maximum(newest, 0)], np.nan)
+    return np.where(newest >= 0, column.values[np.maximum(newest, 0)], np.nan)
 
 
 def _distinct(paths: Sequence[Path]) -> dict[Path, str]:
     """A name for each log: of its file, with its folder's where two files have one name."""
     names = {path: _plain(path.name) for path in paths}
     doubled = [name for name in names.values() if list(names.values()).count(name) > 1]
-    told = {
+    chosen = {
         path: _plain(f"{path.absolute().parent.name}-{path.name}") if name in doubled else name
         for path, name in names.items()
     }
-    for path, name in told.items():
-        if list(told.values()).count(name) > 1:
+    for path, name in chosen.items():
+        if list(chosen.values()).count(name) > 1:
             raise UnusableInput(f"{path}: two logs are called {name}; rename one of them.")
-    return told
+    return chosen
 
 
 def _plain(name: str) -> str:

@@ -81,13 +81,13 @@ def _require_roles(columns: Columns) -> None:
 
 def _rate_hz(reading: Reading) -> float:
     """The rate that all recordings share, to six digits."""
-    rates = [one.rate_hz for one in reading.recordings]
+    rates = [recording.rate_hz for recording in reading.recordings]
     for path, pieces in reading.pieces.items():
-        for one in pieces:
-            if abs(one.rate_hz / rates[0] - 1.0) > _RATES_DIFFER:
+        for recording in pieces:
+            if abs(recording.rate_hz / rates[0] - 1.0) > _RATES_DIFFER:
                 raise UnusableInput(
-                    f"{path}: runs at {one.rate_hz:.4g} Hz and the first log at {rates[0]:.4g} Hz;"
-                    " give [resample] rate_hz in columns.toml."
+                    f"{path}: runs at {recording.rate_hz:.4g} Hz and the first log at"
+                    f" {rates[0]:.4g} Hz; give [resample] rate_hz in columns.toml."
                 )
     return float(f"{np.median(rates):.6g}")
 
@@ -96,13 +96,15 @@ def _pieces(reading: Reading, columns: Columns) -> Iterator[tuple[str, str, Reco
     """Every recording with its split, cut where splits are stretches of time."""
     by_file = _split_of_files(reading, columns)
     for path, recordings in reading.pieces.items():
-        for one in recordings:
+        for recording in recordings:
             if by_file is not None:
-                yield by_file[path], one.name, one
+                yield by_file[path], recording.name, recording
                 continue
             for split, start, end in BLOCKS:
-                part = slice(round(start * len(one.time_s)), round(end * len(one.time_s)))
-                yield split, f"{one.name}-{split}", _cut(one, part)
+                part = slice(
+                    round(start * len(recording.time_s)), round(end * len(recording.time_s))
+                )
+                yield split, f"{recording.name}-{split}", _cut(recording, part)
 
 
 def _split_of_files(reading: Reading, columns: Columns) -> dict[Path, str] | None:
@@ -129,14 +131,14 @@ def _by_pattern(path: Path, columns: Columns) -> str:
     return "train"
 
 
-def _cut(one: Recording, part: slice) -> Recording:
-    if len(one.time_s[part]) < 2:
+def _cut(recording: Recording, part: slice) -> Recording:
+    if len(recording.time_s[part]) < 2:
         raise UnusableInput(
-            f"{one.name}: has {len(one.time_s)} samples, too few to cut into three splits; give a"
-            ' longer log, or held_out = "files".'
+            f"{recording.name}: has {len(recording.time_s)} samples, too few to cut into three"
+            ' splits; give a longer log, or held_out = "files".'
         )
-    columns = {name: values[part] for name, values in one.columns.items()}
-    return Recording(one.name, one.time_s[part], columns)
+    columns = {name: values[part] for name, values in recording.columns.items()}
+    return Recording(recording.name, recording.time_s[part], columns)
 
 
 def _long_enough(pieces: Pieces, rate_hz: float, columns: Columns) -> tuple[Pieces, int]:
@@ -148,7 +150,7 @@ def _long_enough(pieces: Pieces, rate_hz: float, columns: Columns) -> tuple[Piec
 
 def _require_splits(pieces: Pieces, paths: Sequence[Path | str]) -> None:
     for split in SPLITS:
-        if not any(own == split for own, _, _ in pieces):
+        if not any(has == split for has, _, _ in pieces):
             raise UnusableInput(
                 f"{paths[0]}: the {split} split has no recording that is longer than the window;"
                 " give longer logs, a shorter window_s, or another split in [training]."
@@ -177,7 +179,7 @@ def _episode(name: str, piece: Recording, columns: Columns) -> Episode:
 def _array(name: str, piece: Recording, columns: Columns, role: Role) -> Array:
     """The columns of a role (T, d) as a set keeps them; UnusableInput for what overflows there."""
     names = columns.with_role(role)
-    values = np.column_stack([piece.columns[one] for one in names])
+    values = np.column_stack([piece.columns[column] for column in names])
     fits = np.abs(values) < _MOST
     if not fits.all():
         _, at = np.argwhere(~fits)[0]

@@ -45,14 +45,14 @@ def found_effects() -> Mapping[str, Effect]:
     """
     found: dict[str, Effect] = {}
     for offer in offers(EFFECTS).values():
-        for one in offer.load(tuple):
-            if not isinstance(one, Effect) or one.name in found:
-                why = "there is one of this name" if isinstance(one, Effect) else "it is none"
+        for shape in offer.load(tuple):
+            if not isinstance(shape, Effect) or shape.name in found:
+                why = "there is one of this name" if isinstance(shape, Effect) else "it is none"
                 raise UnusableInput(
-                    f"The effect {one!r} of {offer.module} cannot be used ({why}); mend the"
+                    f"The effect {shape!r} of {offer.module} cannot be used ({why}); mend the"
                     f" package {offer.by}, or uninstall it."
                 )
-            found[one.name] = one
+            found[shape.name] = shape
     return dict(sorted(found.items(), key=lambda entry: STAGES.index(entry[1].stage)))
 
 
@@ -76,8 +76,8 @@ def replacing(constant: str) -> tuple[str, ...]:
     """The parameters that replace this constant of the rig, each as EFFECT.PARAMETER."""
     return tuple(
         f"{name}.{p.name}"
-        for name, one in LIBRARY.items()
-        for p in one.parameters
+        for name, shape in LIBRARY.items()
+        for p in shape.parameters
         if p.constant == constant
     )
 
@@ -97,12 +97,12 @@ def markdown_table() -> str:
         "| Split by |",
         "|---|---|---|---|---|---|",
     ]
-    for one in LIBRARY.values():
-        parameters = "<br>".join(_parameter_cell(parameter) for parameter in one.parameters)
-        rivals = ", ".join(f"`{name}`" for name in one.confused_with)
+    for shape in LIBRARY.values():
+        parameters = "<br>".join(_parameter_cell(parameter) for parameter in shape.parameters)
+        rivals = ", ".join(f"`{name}`" for name in shape.confused_with)
         lines.append(
-            f"| `{one.name}` | {one.stage} | {one.physics} | {parameters} | {rivals} "
-            f"| {one.split_by} |"
+            f"| `{shape.name}` | {shape.stage} | {shape.physics} | {parameters} | {rivals} "
+            f"| {shape.split_by} |"
         )
     return "\n".join(lines) + "\n"
 
@@ -110,12 +110,13 @@ def markdown_table() -> str:
 def equation_table() -> str:
     """What each effect makes of the rig's quantities, as a Markdown table in the same order."""
     lines = ["| Effect | Equation |", "|---|---|"]
-    for one in LIBRARY.values():
-        equation = one.equation.replace("|", "\\|")
-        lines.append(f"| `{one.name}` | `{equation}` |")
+    for shape in LIBRARY.values():
+        equation = shape.equation.replace("|", "\\|")
+        lines.append(f"| `{shape.name}` | `{equation}` |")
     return "\n".join(lines) + "\n"
 
 
-def _parameter_cell(one: Parameter) -> str:
-    replaced = "" if one.constant is None else f"; rig constant `{one.constant}`"
-    return f"`{one.name}` ({one.unit}, {one.scale:g}, {one.low:g}…{one.high:g}{replaced})"
+def _parameter_cell(parameter: Parameter) -> str:
+    replaced = "" if parameter.constant is None else f"; rig constant `{parameter.constant}`"
+    bounds = f"{parameter.low:g}…{parameter.high:g}"
+    return f"`{parameter.name}` ({parameter.unit}, {parameter.scale:g}, {bounds}{replaced})"

@@ -53,11 +53,11 @@ class Chain:
     """
 
     def __init__(self, values: Mapping[str, Values], others: Sequence[Effect] = ()) -> None:
-        added = {one.name: one for one in others}
+        added = {shape.name: shape for shape in others}
         known = [added.get(name) or effect(name) for name in values]
         order = [*LIBRARY, *added]
-        known.sort(key=lambda one: (STAGES.index(one.stage), order.index(one.name)))
-        self._keep(tuple((one, as_numbers(values[one.name])) for one in known))
+        known.sort(key=lambda shape: (STAGES.index(shape.stage), order.index(shape.name)))
+        self._keep(tuple((shape, as_numbers(values[shape.name])) for shape in known))
 
     def _keep(self, parts: Parts) -> None:
         self.parts = parts
@@ -88,16 +88,18 @@ class Chain:
                 raise UnusableInput(
                     f"The rig file lists the effect {entry.name!r} twice; keep one of them."
                 )
-            one = effect_of(entry)
-            values[entry.name] = checked_values(entry, one)
+            shape = effect_of(entry)
+            values[entry.name] = checked_values(entry, shape)
             if entry.name not in LIBRARY:
-                others.append(one)
+                others.append(shape)
         return cls(values, others)
 
     @property
     def values(self) -> dict[str, float]:
         """All values by dotted name: `{"battery-sag.sag_per_s": 0.003}`."""
-        return {f"{one.name}.{name}": value for one, p in self.parts for name, value in p.items()}
+        return {
+            f"{shape.name}.{name}": value for shape, p in self.parts for name, value in p.items()
+        }
 
     def acting(self, method: str) -> Parts:
         """The effects that change a quantity, named as `Effect`'s method, with their values."""
@@ -115,34 +117,34 @@ class Chain:
     def constants(self, constants: Constants) -> Constants:
         """The constants with those replaced that effects replace."""
         moved = dict(constants)
-        for one, p in self.parts:
-            for parameter in one.parameters:
+        for shape, p in self.parts:
+            for parameter in shape.parameters:
                 if parameter.constant is not None:
                     moved[parameter.constant] = p[parameter.name]
         return moved
 
     def pulses_us(self, pulses_us: FloatArray, motor: str, idle_us: float) -> FloatArray:
         """What an ESC takes over of a flight's pulses [µs], (n,), from idle on."""
-        for one, p in self._acting["pulse_us"]:
-            pulses_us = one.pulses_us(p, pulses_us, motor, idle_us)
+        for shape, p in self._acting["pulse_us"]:
+            pulses_us = shape.pulses_us(p, pulses_us, motor, idle_us)
         return pulses_us
 
     def pulse_us(self, pulse_us: float, applied_us: float, motor: str, idle_us: float) -> float:
         """The pulse [µs] that an ESC takes over; `applied_us` is the answer of the frame before."""
-        for one, p in self._acting["pulse_us"]:
-            pulse_us = one.pulse_us(p, pulse_us, applied_us, motor, idle_us)
+        for shape, p in self._acting["pulse_us"]:
+            pulse_us = shape.pulse_us(p, pulse_us, applied_us, motor, idle_us)
         return pulse_us
 
     def source_n(self, m: Motion, s: Setting) -> Number:
         """The source's thrust [N], from that in `m`."""
-        for one, p in self._acting["source_n"]:
-            m = replace(m, source_n=one.source_n(p, m, s))
+        for shape, p in self._acting["source_n"]:
+            m = replace(m, source_n=shape.source_n(p, m, s))
         return m.source_n
 
     def sufferer_n(self, m: Motion, s: Setting) -> Number:
         """The sufferer's thrust [N], from that in `m`."""
-        for one, p in self._acting["sufferer_n"]:
-            m = replace(m, sufferer_n=one.sufferer_n(p, m, s))
+        for shape, p in self._acting["sufferer_n"]:
+            m = replace(m, sufferer_n=shape.sufferer_n(p, m, s))
         return m.sufferer_n
 
     def carriage_m(self, drive_m: float, before_m: float | None) -> float:
@@ -151,54 +153,54 @@ class Chain:
         In the first step that is None: the carriage then is where its drive is, amid any play.
         """
         before_m = drive_m if before_m is None else before_m
-        for one, p in self._acting["carriage_m"]:
-            drive_m = one.carriage_m(p, drive_m, before_m)
+        for shape, p in self._acting["carriage_m"]:
+            drive_m = shape.carriage_m(p, drive_m, before_m)
         return drive_m
 
     def carriages_m(self, drive_m: FloatArray) -> FloatArray:
         """Where the carriage is [m] along its drive's path, (N,)."""
-        for one, p in self._acting["carriage_m"]:
-            drive_m = one.carriages_m(p, drive_m)
+        for shape, p in self._acting["carriage_m"]:
+            drive_m = shape.carriages_m(p, drive_m)
         return drive_m
 
     def wake_offset_m(self, m: Motion, s: Setting) -> Number:
         """How far to the right [m] the wake lies; offsets add up."""
         total: Number = 0.0
-        for one, p in self._acting["wake_offset_m"]:
-            total = total + one.wake_offset_m(p, m, s)
+        for shape, p in self._acting["wake_offset_m"]:
+            total = total + shape.wake_offset_m(p, m, s)
         return total
 
     def wake_mps(self, m: Motion, s: Setting) -> Number:
         """The air's vertical speed [m/s] at the sufferer, from that in `m`."""
-        for one, p in self._acting["wake_mps"]:
-            m = replace(m, wake_mps=one.wake_mps(p, m, s))
+        for shape, p in self._acting["wake_mps"]:
+            m = replace(m, wake_mps=shape.wake_mps(p, m, s))
         return m.wake_mps
 
     def force_n(self, m: Motion, s: Setting) -> Number:
         """The extra vertical force [N] on the sufferer; forces add up."""
         total: Number = 0.0
-        for one, p in self._acting["force_n"]:
-            total = total + one.force_n(p, m, s)
+        for shape, p in self._acting["force_n"]:
+            total = total + shape.force_n(p, m, s)
         return total
 
     def added_mass_kg(self, m: Motion, s: Setting) -> Number:
         """What the sufferer's inertia gains [kg]; masses add up."""
         total: Number = 0.0
-        for one, p in self._acting["added_mass_kg"]:
-            total = total + one.added_mass_kg(p, m, s)
+        for shape, p in self._acting["added_mass_kg"]:
+            total = total + shape.added_mass_kg(p, m, s)
         return total
 
     def range_m(self, range_m: Number, m: Motion, s: Setting) -> Number:
         """The range [m] that is read where `range_m` would have been."""
-        for one, p in self._acting["range_m"]:
-            range_m = one.range_m(p, range_m, m, s)
+        for shape, p in self._acting["range_m"]:
+            range_m = shape.range_m(p, range_m, m, s)
         return range_m
 
 
 @functools.lru_cache(maxsize=256)
-def _changed_by(one: Effect) -> frozenset[str]:
+def _changed_by(shape: Effect) -> frozenset[str]:
     """The quantities that an effect changes; a fit asks it a million times."""
-    return frozenset(method for method in METHODS if one.changes(method))
+    return frozenset(method for method in METHODS if shape.changes(method))
 
 
 def require_effects(rig: Rig) -> None:
@@ -257,9 +259,9 @@ def effect_of(entry: Entry) -> Effect:
     return symbolic_effect(entry) if entry.name == SYMBOLIC else effect(entry.name)
 
 
-def checked_values(entry: Entry, one: Effect) -> dict[str, float]:
+def checked_values(entry: Entry, shape: Effect) -> dict[str, float]:
     """The values of a rig file's entry; raises UnusableInput for what the effect does not allow."""
-    known = {parameter.name: parameter for parameter in one.parameters}
+    known = {parameter.name: parameter for parameter in shape.parameters}
     for name in entry.parameters:
         if name not in known:
             raise UnusableInput(
@@ -288,7 +290,7 @@ def _check(effect_name: str, known: Parameter, stated: EffectParameter) -> None:
         )
 
 
-def _in_sections(one: Effect) -> bool:
+def _in_sections(shape: Effect) -> bool:
     """Whether all that the effect does is to replace constants that a section has."""
-    replaced = [parameter.constant for parameter in one.parameters]
+    replaced = [parameter.constant for parameter in shape.parameters]
     return all(name and (name not in NEUTRAL or name.startswith("thrust.")) for name in replaced)

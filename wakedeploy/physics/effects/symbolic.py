@@ -50,7 +50,7 @@ def expression_force(
 
     Raises UnusableInput for an expression that is none.
     """
-    names = (*(one.name for one in parameters), *VARIABLES, *SETTING_NAMES)
+    names = (*(parameter.name for parameter in parameters), *VARIABLES, *SETTING_NAMES)
     attributes = {
         "name": name,
         "physics": physics,

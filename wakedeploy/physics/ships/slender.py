@@ -83,8 +83,8 @@ class Passing:
             total = total + 2.0 * (square_m2 + (2.0 * n * self.depth_m) ** 2) ** -1.5
         last = 2.0 * self.depth_m * (_BOTTOMS + 0.5)
         # 1 − a/√(r² + a²) without losing the digits of a small r
-        left = np.hypot(np.sqrt(square_m2), last)
-        return np.asarray(total + 1.0 / (self.depth_m * left * (left + last)))
+        reach = np.hypot(np.sqrt(square_m2), last)
+        return np.asarray(total + 1.0 / (self.depth_m * reach * (reach + last)))
 
     def _added(
         self,

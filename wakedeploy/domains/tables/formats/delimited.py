@@ -76,12 +76,12 @@ class DelimitedLog:
         found = []
         for i, name in enumerate(self._names):
             text = self._example[i].strip() if i < len(self._example) else ""
-            told = _UNIT_IN_NAME.match(name)
-            unit = self._units.get(name) or (told["unit"] if told else None)
+            match = _UNIT_IN_NAME.match(name)
+            unit = self._units.get(name) or (match["unit"] if match else None)
             count = len(_numbers(text)) if text.startswith("[") else 0
             names = [f"{name}[{k}]" for k in range(count)] or [name]
             value = None if not count and _is_text(text, self._form) else 0.0
-            found += [Field(one, unit=unit, example=value) for one in names]
+            found += [Field(address, unit=unit, example=value) for address in names]
         return found
 
     def clock_of(self, address: str) -> Clock | None:

@@ -56,10 +56,10 @@ def _list(opened: Any, folder: Path, names: list[str]) -> None:
 
 
 def _unit(item: Any) -> str | None:
-    told = next((item.attrs[name] for name in ("unit", "units") if name in item.attrs), None)
-    if isinstance(told, bytes):
-        told = told.decode("utf-8", "replace")
-    return told if isinstance(told, str) and told else None
+    unit = next((item.attrs[name] for name in ("unit", "units") if name in item.attrs), None)
+    if isinstance(unit, bytes):
+        unit = unit.decode("utf-8", "replace")
+    return unit if isinstance(unit, str) and unit else None
 
 
 if __name__ == "__main__":

@@ -93,11 +93,11 @@ class _Stream:
         if channel.message_encoding == "json":
             return json_of
         schema = self._schemas.get(channel.schema_id)
-        told = channel.message_encoding, schema.encoding if schema else ""
-        if schema is None or told not in _ROS:
+        encodings = channel.message_encoding, schema.encoding if schema else ""
+        if schema is None or encodings not in _ROS:
             return _unknown(self.path, channel)
         definition = schema.data.decode("utf-8", "replace")
-        return ros.decoder(self.path, schema.name, definition, _ROS[told])
+        return ros.decoder(self.path, schema.name, definition, _ROS[encodings])
 
 
 def _mapped(file: IO[bytes]) -> Any:

@@ -107,8 +107,8 @@ class MessageLog:
             except (KeyError, IndexError, TypeError, AttributeError, ValueError) as error:
                 place = self.place(address, len(found[address]))
                 there = [f"{message.topic}.{name}" for name, _ in _numbers(fields)]
-                told = missing(self.path, address, there)
-                raise UnusableInput(f"{told} ({place})") from error
+                refusal = missing(self.path, address, there)
+                raise UnusableInput(f"{refusal} ({place})") from error
             found[address].append(_stamp(value) if address in stamps else value)
 
     def _column(self, address: str, values: list[Any], is_stamp: bool) -> Values:
@@ -185,10 +185,10 @@ def _numbers(fields: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str,
     if isinstance(fields, bool | int | float | np.number | np.bool_):
         yield name, 0.0
     elif isinstance(fields, list | tuple | np.ndarray):
-        for i, one in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
-            yield from _numbers(one, f"{name}[{i}]", depth + 1)
+        for i, part in enumerate(fields[:_LONGEST_VECTOR] if depth < _DEEPEST else ()):
+            yield from _numbers(part, f"{name}[{i}]", depth + 1)
     elif not isinstance(fields, str | bytes | type(None)) and depth < _DEEPEST:
         parts = fields if isinstance(fields, Mapping) else getattr(fields, "__dict__", {})
-        for key, one in parts.items():
+        for key, part in parts.items():
             if isinstance(key, str) and _STEP.fullmatch(key):
-                yield from _numbers(one, f"{name}.{key}" if name else key, depth + 1)
+                yield from _numbers(part, f"{name}.{key}" if name else key, depth + 1)

@@ -46,7 +46,7 @@ class ParquetLog:
             count = self._length(name) if "list" in str(kind) else 0
             names = [f"{name}[{i}]" for i in range(count)] or [name]
             example = None if str(kind) in ("string", "large_string", "binary") else 0.0
-            found += [Field(one, unit=unit, example=example) for one in names]
+            found += [Field(address, unit=unit, example=example) for address in names]
         return found
 
     def clock_of(self, address: str) -> Clock | None:

@@ -28,8 +28,8 @@ def decoder(path: Path, name: str, definition: str, is_cdr: bool) -> Decode:
         store = typesys.get_typestore(typesys.Stores.EMPTY)
         known = _plain(definition)
         types = typesys.get_types_from_msg(known, _name(name))
-        for one in types:
-            _name(one)
+        for type_name in types:
+            _name(type_name)
         store.register(types)
     except Exception as error:  # the parser's errors share no base class
         raise UnusableInput(
@@ -54,8 +54,8 @@ def _name(name: str) -> str:
 
 def _long(name: str) -> str:
     """A type's name with the folder that ROS 1 leaves away: pkg/msg/Type."""
-    package, *_, own = name.split("/")
-    return f"{package}/msg/{own}"
+    package, *_, last = name.split("/")
+    return f"{package}/msg/{last}"
 
 
 def _plain(definition: str) -> str:

@@ -49,11 +49,11 @@ def _bag(path: Path, rosbag2: Any) -> Iterator[Any]:
 
 
 def _refuse_compressed(path: Path) -> None:
-    told = path / "metadata.yaml"
+    description = path / "metadata.yaml"
     try:
-        text = text_of(told) if told.is_file() else ""
+        text = text_of(description) if description.is_file() else ""
     except (OSError, ValueError) as error:
-        raise unreadable(told, error) from error
+        raise unreadable(description, error) from error
     if _COMPRESSED.search(text):
         raise UnusableInput(
             f"{path}: is a compressed rosbag2; unpack it with `ros2 bag convert`, or record MCAP."
