@@ -24,6 +24,7 @@ from trainers.present_only import CODE, present_only
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, sha256_of, write_bytes_whole, write_text_whole
 from wakedeploy.core.manifest import ObservationChannel, Quantity, Scores
+from wakedeploy.core.processes import unheard
 from wakedeploy.core.validation import first_problem
 
 # Goes up when equal configurations are fitted to other weights than before: runs of other revisions
@@ -259,7 +260,8 @@ def write_tensors(path: Path, tensors: Mapping[str, Tensor], facts: Mapping[str,
 def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     """Read what `write_tensors` wrote; UnusableInput when it is damaged or foreign."""
     try:
-        with safe_open(path, framework="pt") as file:
+        # An interruption within the library's own code would become an error of the file.
+        with unheard(), safe_open(path, framework="pt") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             facts = json_of((file.metadata() or {})["facts"])
     except (OSError, SafetensorError, KeyError, ValueError) as error:

@@ -72,12 +72,12 @@ class Pool:
 
     def submit(self, work: Callable[..., Result], *arguments: Any) -> "Future[Result]":
         """Hand over one call."""
-        with _unheard():  # processes start when there is work
+        with unheard():  # processes start when there is work
             return self._executor.submit(work, *arguments)
 
     def map(self, work: Callable[..., Result], *arguments: Iterable[Any]) -> Iterator[Result]:
         """Hand over many calls at once; their results in order."""
-        with _unheard():
+        with unheard():
             return self._executor.map(work, *arguments)
 
 
@@ -121,7 +121,7 @@ def processes(workers: int) -> Iterator[Map]:
 
 
 @contextlib.contextmanager
-def _unheard() -> Iterator[None]:
+def unheard() -> Iterator[None]:
     """Both ways to stop this process wait until the block is left; what is started inherits that.
 
     A copy of this process would take them as this one does before its first line.

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import signal
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -10,7 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from safetensors import SafetensorError
 
+from trainers.training import runs
 from trainers.training.fit import FitSettings, learning_rate
 from trainers.training.loss import WeightedMse
 from trainers.training.runs import (
@@ -212,6 +215,23 @@ def test_a_damaged_run_is_told_with_its_file(
         load_run(path.parent)
     assert "\n" not in str(told.value)
     assert trained(echo, tmp_path, "agile-mlp", fresh=True).metrics.epochs == 5
+
+
+def test_an_interruption_while_a_checkpoint_is_read_is_no_damage(tmp_path, monkeypatch) -> None:
+    """The library turns what is raised within its own code into an error of the file."""
+    write_tensors(tmp_path / "a.safetensors", {"w": torch.zeros(3)}, {})
+    opened = runs.safe_open
+
+    def interrupted(*asked: object, **others: object):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except KeyboardInterrupt as error:
+            raise SafetensorError("no shape") from error
+        return opened(*asked, **others)
+
+    monkeypatch.setattr(runs, "safe_open", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        read_tensors(tmp_path / "a.safetensors")
 
 
 def test_a_damaged_checkpoint_to_resume_from_is_told(echo: EpisodeSet, tmp_path: Path) -> None:
