@@ -212,7 +212,7 @@ class MyArm"""
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
-    """A new log is replayed by MuJoCo itself, from its commands alone, within the sensor's noise."""
+    """MuJoCo itself replays a new log, from its commands alone, within the sensor's noise."""
     (tmp_path / "arm.xml").write_text(LEVER.format(hidden=""))
     target = tmp_path / "my_arm.py"
     text = mjcf_template(tmp_path / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
