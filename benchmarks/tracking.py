@@ -26,6 +26,7 @@ from wakedeploy.core.manifest import Parity
 from wakedeploy.core.package import read_package
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.domains.gantry import record
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 FIRST_SEED = 900_000_000  # far from every training seed
@@ -45,7 +46,7 @@ class Contender:
 def main() -> None:
     """Make what is missing, fly, print the table, write it."""
     options = _options()
-    work, lead_s = options.work / f"{options.minutes:g}-minutes", default_rig().default_lead_s
+    work, lead_s = options.work / f"{options.minutes:g}-minutes", default_lead_s(default_rig())
     data_sha256 = _made(work / "set", options.minutes)
     wanted = [(arch, lead) for lead in (0.0, lead_s) for arch in ARCHITECTURES]
     with ThreadPoolExecutor(os.cpu_count()) as pool:

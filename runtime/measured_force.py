@@ -109,7 +109,7 @@ def thrust_after_spool(log: RunLog, rig: Rig, fine_s: FloatArray) -> FloatArray:
     rig = believed(rig)
     held = np.maximum(np.searchsorted(onset_s, fine_s, side="right") - 1, 0)
     curve, lag = rig.thrust.sufferer, rig.spool.sufferer
-    targets = np.sqrt(np.interp(pulse_us, curve.pulse_us, curve.thrust_n))[held]
+    targets = np.sqrt(curve.thrusts(pulse_us))[held]
     speeds, speed = np.empty(len(fine_s)), float(targets[0])
     for i, dt in enumerate(np.diff(fine_s, prepend=fine_s[0])):
         speed = spooled(speed, float(targets[i - 1 if i else 0]), lag, float(dt))

@@ -13,6 +13,7 @@ from runtime.reference_file import read_reference
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import ForceChannel, Manifest
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import read_rig
 
 LEAD_TOLERANCE_S = 0.5 * PERIOD_S
@@ -127,10 +128,10 @@ def require_fit(manifest: Manifest, rig: Rig, allow_lead_mismatch: bool = False)
                 f"The package {word} {named}: it is not for the gantry; train one on gantry data."
             )
     _require_possible_force(manifest.force[0], rig)
-    if abs(manifest.lead_s - rig.default_lead_s) > LEAD_TOLERANCE_S and not allow_lead_mismatch:
+    if abs(manifest.lead_s - default_lead_s(rig)) > LEAD_TOLERANCE_S and not allow_lead_mismatch:
         raise UnusableInput(
             f"The package predicts {manifest.lead_s:g} s ahead and this rig's commands act after "
-            f"{rig.default_lead_s:g} s; train with --lead {rig.default_lead_s:g}, or fly it all "
+            f"{default_lead_s(rig):g} s; train with --lead {default_lead_s(rig):g}, or fly it all "
             "the same with --allow-lead-mismatch."
         )
 

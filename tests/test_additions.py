@@ -24,6 +24,7 @@ from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds, name_effects
 from wakedeploy.physics import effects
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.sweep.generate import Generate
 from wakedeploy.sweep.generate import make as make_for_sweep
 
@@ -196,7 +197,7 @@ def gantry_set() -> wd.EpisodeSet:
         observation=tuple(wd.Channel(*c) for c in OBSERVATION),
         force=tuple(wd.Channel(*c) for c in FORCE),
         split={e.name: s for e, s in zip(parts, splits, strict=True)}, episodes=tuple(parts),
-        provenance={"default_lead_s": wd.default_rig().default_lead_s},
+        provenance={"default_lead_s": default_lead_s(wd.default_rig())},
     )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
-from wakedeploy.physics.effects.chain import Chain, believed
+from wakedeploy.physics.effects.chain import Chain, believed, default_lead_s
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig, default_rig_text, read_rig
 from wakedeploy.rig.update import Calibrated, update_rig
@@ -107,7 +107,7 @@ def _rig() -> Kind:
 def _read_rig(folder: Path) -> None:
     """As `rig show` does, and as a flight begins."""
     rig = read_rig(folder / "rig.toml")
-    _ = Chain.of(rig).values, rig.sha256, rig.default_lead_s, believed(rig).text
+    _ = Chain.of(rig).values, rig.sha256, default_lead_s(rig), believed(rig).text
     GantryPlant(rig, seed=0)
 
 

@@ -134,7 +134,7 @@ class _Fit:
     def _require_steps(self, begin_s: float, end_s: float) -> None:
         t_s, curve = self._log["t_s"], self._rig.thrust.sufferer
         commanded_us = self._log["sufferer_cmd_us"][(t_s > begin_s) & (t_s < end_s)]
-        stepped_n = float(np.std(np.interp(commanded_us, curve.pulse_us, curve.thrust_n)))
+        stepped_n = float(np.std(curve.thrusts(commanded_us)))
         require(
             stepped_n > _LEAST_STEPS * self._rig.sufferer.mass_kg * GRAVITY_MPS2,
             f"The thrust varied by {stepped_n:.2f} N only: it has to step for its lag to show.",

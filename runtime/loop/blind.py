@@ -14,7 +14,7 @@ from runtime.loop.estimator import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig
 from wakedeploy.physics.effects.chain import believed
-from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 SINK_MPS = 0.3  # downwards, when the brake ends
@@ -144,9 +144,8 @@ class BlindPlanner:
 
     def _gained_mps(self, now: Reckoned, trim: TrimReader, held_us: float, span_s: float) -> float:
         """The speed [m/s] gained while a pulse is held and the source stays as it is."""
-        speed, target = now.rotor_speed, math.sqrt(self._rig.thrust.sufferer.thrust(held_us))
-        after = spooled(speed, target, self._rig.spool.sufferer, span_s)
-        thrust_n = mean_thrust(speed, after, self._rig.spool.sufferer)
+        curve, lag = self._rig.thrust.sufferer, self._rig.spool.sufferer
+        _, thrust_n = held_pulse(curve, lag, now.rotor_speed, held_us, span_s)
         wake_n = trim.wake_n(now.x_m, now.z_m, 0.5 * span_s, span_s)
         return self._force_n(now, trim, thrust_n, wake_n) / self._mass_kg * span_s
 

@@ -16,7 +16,7 @@ from runtime.loop.kalman import predict as kalman_predict
 from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
-from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 
 FloatArray = npt.NDArray[np.float64]
@@ -221,10 +221,8 @@ class Estimator:
         early_s = min(self.command_delay_s, dt)
         total = 0.0
         for pulse_us, span_s in zip(pulses_us, (early_s, dt - early_s), strict=True):
-            target = math.sqrt(curve.thrust(pulse_us))
-            after = spooled(speed, target, lag, span_s)
-            total += span_s * mean_thrust(speed, after, lag)
-            speed = after
+            speed, mean_n = held_pulse(curve, lag, speed, pulse_us, span_s)
+            total += span_s * mean_n
         return speed, total / dt
 
     def _predict_height(

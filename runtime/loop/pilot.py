@@ -16,6 +16,7 @@ from runtime.loop.copies import replace
 from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
 from runtime.reference import Reference
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.physics.effects.chain import default_lead_s
 
 OBSERVATION = (
     ("dx_m", "m"),
@@ -53,7 +54,7 @@ class Pilot:
 
     def __init__(self, rig: Rig, lead_s: float = 0.0, rate_hz: float = LOOP_RATE_HZ) -> None:
         self.rig, self.lead_s = rig, lead_s
-        self.preview_s = rig.default_lead_s  # an acceleration is wanted when its command acts
+        self.preview_s = default_lead_s(rig)  # an acceleration is wanted when its command acts
         self._estimator = Estimator(rig)
         self._controller = Controller(rig, 1.0 / rate_hz)
 

@@ -13,17 +13,16 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.loop.watch_forecast import STEP_S, ForceForecast, Forces, Model, Place
-from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
+from wakedeploy.core.rig import LOOP_RATE_HZ, Rail, Rig
 from wakedeploy.core.runlog_columns import FLYING, STAGES, Value
 from wakedeploy.physics.constants import spreads_of
-from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
+from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction, smooth_friction_slope
 
 FloatArray = npt.NDArray[np.float64]
 
 _UNTIL_SENT = STAGES[1:]  # after the reading, whose time the tick has
 _Z, _V, _GUST, _BIAS = 0, 1, 2, 3
 _FIRST = 4  # where the states of the forces' constants begin
-_SLOW_MPS = 0.02  # where Coulomb friction has its full size, as in `smooth_friction`
 _ACCELERATION_DENSITY = 0.05  # m/s² per √Hz: what friction near rest and held inputs leave open
 _GATE_SD = 5.0
 _PERSISTENT = 4  # that many samples in a row are no outliers
@@ -54,7 +53,7 @@ class WatchFilter:
         self._range_delay_s = spreads.get("range.delay_s", 0.0)
         self._bias_m = spreads.get("range.bias_m", 0.0)
         rail = [n for n in ("rail.coulomb_n", "rail.viscous_n_per_mps") if n in spreads]
-        self._rail = {name: spreads[name] for name in rail}
+        self._rail = [Rail(**{name.removeprefix("rail."): spreads[name]}) for name in rail]
         self.names = ("range.bias_m", "range.delay_s", *rail, *self._forecast.names)
         sensor, gust = rig.range_sensor, rig.disturbance
         self._range_var = max(sensor.noise_m**2 + sensor.resolution_m**2 / 12.0, 1e-8)
@@ -148,8 +147,9 @@ class WatchFilter:
         mass_kg, h = self._rig.sufferer.mass_kg + forces.added_kg, STEP_S
         v = float(self._state[_V])
         matrix = self._step_matrix
-        slopes = np.concatenate(([0.0], self._of_rail(v), forces.change_n)) / mass_kg
-        matrix[_V, _V] = 1.0 - self._friction_slope(v) / mass_kg * h
+        of_rail = [-smooth_friction(spread, v) for spread in self._rail]
+        slopes = np.concatenate(([0.0], of_rail, forces.change_n)) / mass_kg  # a delay: none
+        matrix[_V, _V] = 1.0 - smooth_friction_slope(self._rig.rail, v) / mass_kg * h
         matrix[_V, _GUST] = h / mass_kg
         matrix[_V, _FIRST:] = h * slopes
         matrix[_Z, _V:] = 0.5 * h * matrix[_V, _V:]
@@ -186,16 +186,6 @@ class WatchFilter:
         self._cov[_Z, _Z], self._cov[_V, _V] = 0.002**2, 0.01**2
         self._airborne_s = self._acceleration = 0.0
 
-    def _of_rail(self, v: float) -> list[float]:
-        """Change of the range delay's state (none) and of friction per spread [N]."""
-        each = {"rail.coulomb_n": -math.tanh(v / _SLOW_MPS), "rail.viscous_n_per_mps": -v}
-        return [each[name] * spread for name, spread in self._rail.items()]
-
-    def _friction_slope(self, v: float) -> float:
-        rail = self._rig.rail
-        steep = 1.0 - math.tanh(v / _SLOW_MPS) ** 2
-        return rail.viscous_n_per_mps + rail.coulomb_n / _SLOW_MPS * steep
-
     def _update(self, range_m: float, sample_s: float, within_s: float) -> Seen:
         assert self._now_s is not None
         known = self._model.constants
@@ -204,12 +194,11 @@ class WatchFilter:
         row[_Z], row[_V] = known["range.scale"], known["range.scale"] * ahead_s
         row[_BIAS], row[_BIAS + 1] = self._bias_m, -self._state[_V] * self._range_delay_s
         expected = float(row @ self._state) + 0.5 * ahead_s**2 * self._acceleration
-        motion, setting = self._forecast.motion, self._model.setting
-        expected_m = self._model.chain.range_m(expected + known["range.bias_m"], motion, setting)
+        expected_m = self._forecast.range_m(expected + known["range.bias_m"])
         spread = self._cov @ row
         unknown_m = float(self._state[_V]) * within_s / math.sqrt(12.0)
         variance = float(row @ spread) + self._range_var + unknown_m**2
-        whitened = (range_m - float(expected_m)) / math.sqrt(variance)
+        whitened = (range_m - expected_m) / math.sqrt(variance)
         if abs(whitened) > _GATE_SD and self._rejected < _PERSISTENT:
             self._rejected += 1
             return Seen(sample_s, whitened)

@@ -5,6 +5,7 @@ as they were sent, and the frames that the board reports. Out: one `Forces` per 
 constant number of operations each, so that it runs beside the loop on a Pi.
 """
 
+import functools
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -16,10 +17,9 @@ import numpy.typing as npt
 
 from wakedeploy.core.rig import Rig, SpoolLag, Wake
 from wakedeploy.physics.constants import NEUTRAL, Constants
-from wakedeploy.physics.effects import Motion, Setting
-from wakedeploy.physics.effects.acting import LEAST_MOTION_MPS, TAKEN_OFF
-from wakedeploy.physics.effects.chain import Chain, believed, setting_of, unplaced_constants
-from wakedeploy.physics.jet import AIR_DENSITY_KGPM3, LEAST_ROOT_THRUST, PuffTable
+from wakedeploy.physics.effects.acting import ActingEffects
+from wakedeploy.physics.effects.chain import Chain, believed, unplaced_constants
+from wakedeploy.physics.jet import PuffTable, drag_force, paces
 from wakedeploy.physics.motor import mean_thrust, spooled
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
@@ -32,17 +32,16 @@ _OF_WAKE = ("speed_mps", "strength", "width_m", "diffusivity_m2ps", "decay_per_s
 
 @dataclass(frozen=True)
 class Model:
-    """A rig's effects, the constants that no section of it has, and what never changes."""
+    """A rig's effects, and the constants that no section of it has."""
 
     chain: Chain
     constants: Constants
-    setting: Setting
 
     @classmethod
     def of(cls, rig: Rig) -> "tuple[Rig, Model]":
         """The rig with its effects' constants in place, and what is left of its effects."""
         plain = believed(rig)
-        return plain, cls(Chain.of(plain), NEUTRAL | unplaced_constants(rig), setting_of(rig))
+        return plain, cls(Chain.of(plain), NEUTRAL | unplaced_constants(rig))
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +173,7 @@ class WakeForecast:
         self._narrow = np.stack([_padded(t.inverse_2width2, length) for t in tables])
         self._sunk = np.stack([_padded(t.sunk_m, length) for t in tables])
         self._length, self._newest = length, 0
-        self._pace_exponent = 2.0 * rig.wake.speed_exponent
+        self._speed_exponent = rig.wake.speed_exponent
         self._roots = np.zeros((histories, 2 * length))  # a ring written twice: always a plain view
 
     def inject(self, thrusts_n: list[float]) -> None:
@@ -188,8 +187,8 @@ class WakeForecast:
         """Vertical speeds [m/s]: (per changed wake, nominal first; per history, nominal first)."""
         roots = self._roots[:, self._newest : self._newest + self._length]  # (H, M)
         sunk = self._sunk
-        if self._pace_exponent:
-            sunk = sunk * np.maximum(roots[0], LEAST_ROOT_THRUST) ** self._pace_exponent
+        if self._speed_exponent:
+            sunk = sunk * paces(roots[0], self._speed_exponent)
         distance2 = x_m * x_m + (z_m - self._height_m + sunk) ** 2
         puffs = self._amplitude * np.exp(-distance2 * self._narrow)  # (W, M)
         by_wake, by_source = -(puffs @ roots[0]), -(roots @ puffs[0])
@@ -225,11 +224,9 @@ class ForceForecast:
 
     def __init__(self, rig: Rig, model: Model, spreads: Mapping[str, float]) -> None:
         self._spreads = dict(spreads)
-        self._chain, self._setting = model.chain, model.setting
-        self.motion = Motion()
-        self._carriage_m: float | None = None
+        self._effects = ActingEffects(model.chain, rig, STEP_S)
         self._hover_n = rig.sufferer.mass_kg * GRAVITY_MPS2
-        self._drag = 0.5 * AIR_DENSITY_KGPM3 * rig.wake.drag_area_m2
+        self._force = functools.partial(drag_force, rig.wake, 0.0)
         self._path = PulsePath(rig, model)
         self._source = Rotors(rig, "source", spreads)
         self._sufferer = Rotors(rig, "sufferer", spreads)
@@ -260,53 +257,29 @@ class ForceForecast:
         segments = self._path.advance(from_s, from_s + STEP_S)
         thrusts = self._sufferer.advance([(s.span_s, s.sufferer_us) for s in segments])
         sources = self._source.advance([(s.span_s, s.source_us) for s in segments])
-        self._moved(place, sources[0], thrusts[0])
+        effects, base_n = self._effects, sources[0]
+        effects.look(from_s, place.x_m, place.vx_mps, place.z_m, place.vz_mps)
         if self._bends_source:
-            sources.append(self._bent(sources[0], "thrust.source.exponent"))
-        sources = self._changed("source_n", sources)
+            sources.append(self._bent(base_n, "thrust.source.exponent"))
+        sources = _scaled(sources, effects.source_n(from_s, base_n, thrusts[0]))
         self._wake.inject(sources)
-        self._carriage_m = self._chain.carriage_m(place.x_m, self._carriage_m)
-        offset_m = float(self._chain.wake_offset_m(self.motion, self._setting))
-        by_wake, by_source = self._wake.velocities(self._carriage_m - offset_m, place.z_m)
-        self.motion.wake_mps = by_wake[0]
-        by_wake = self._changed("wake_mps", by_wake)
-        by_source = self._changed("wake_mps", by_source, by_wake[0])
-        wake_n = self._force(by_wake[0])
-        self.motion.wake_n = wake_n
-        thrusts = self._changed("sufferer_n", thrusts)
+        by_wake, by_source = self._wake.velocities(effects.wake_x_m(place.x_m), place.z_m)
+        air_mps = effects.wake_mps(by_wake[0])
+        wake_n = self._force(air_mps)
+        thrust_n, other_n, added_kg = effects.push(wake_n)
+        thrusts = _scaled(thrusts, thrust_n)
         changes = self._of_thrust(thrusts)
-        changes += [self._force(v) - wake_n for v in by_wake[1:]]
-        changes += [self._force(v) - wake_n for v in by_source[1:]]
+        changes += [self._force(v) - wake_n for v in _scaled(by_wake, air_mps)[1:]]
+        changes += [self._force(v) - wake_n for v in _scaled(by_source, air_mps)[1:]]
         if "thrust.source.scale" in self._spreads:
             changes.append(self._spreads["thrust.source.scale"] * wake_n)
-        self._last_thrust_n = thrusts[0]
-        other_n = float(self._chain.force_n(self.motion, self._setting))
-        added_kg = float(self._chain.added_mass_kg(self.motion, self._setting))
-        return Forces(thrusts[0], wake_n, np.array(changes), other_n, added_kg)
+        self._last_thrust_n = thrust_n
+        effects.travel(place.vx_mps)
+        return Forces(thrust_n, wake_n, np.array(changes), other_n, added_kg)
 
-    def _moved(self, place: Place, source_n: float, sufferer_n: float) -> None:
-        """What effects may look at, one step later."""
-        m = self.motion
-        m.x_m, m.vx_mps, m.z_m, m.vz_mps = place.x_m, place.vx_mps, place.z_m, place.vz_mps
-        before_n, m.source_n, m.sufferer_n = m.source_n, source_n, sufferer_n
-        m.source_rate_nps = (source_n - before_n) / STEP_S
-        m.charge_s += sufferer_n / self._hover_n * STEP_S
-        m.travelled_m += abs(place.vx_mps) * STEP_S
-        if abs(place.vx_mps) >= LEAST_MOTION_MPS:
-            m.direction = math.copysign(1.0, place.vx_mps)
-        if m.time_s > 0.0 or sufferer_n >= TAKEN_OFF * self._hover_n:
-            m.time_s += STEP_S
-
-    def _changed(self, what: str, values: list[float], to: float | None = None) -> list[float]:
-        """A quantity as the rig's effects change it; its variants change by the same share."""
-        if not self._chain.acts_on(what):
-            return values
-        before = values[0]
-        after = to
-        if after is None:
-            after = float(getattr(self._chain, what)(self.motion, self._setting))
-            setattr(self.motion, what, after)
-        return [value * after / before if before else after for value in values]
+    def range_m(self, range_m: float) -> float:
+        """What the sensor reads [m] where effects have it see `range_m`."""
+        return self._effects.range_m(range_m)
 
     def _of_thrust(self, thrusts: list[float]) -> list[float]:
         slope = (thrusts[0] - self._last_thrust_n) / STEP_S
@@ -319,8 +292,13 @@ class ForceForecast:
         share = max(thrust_n, 0.0) / self._hover_n
         return float(self._hover_n * share ** (1.0 + self._spreads[name]))
 
-    def _force(self, velocity_mps: float) -> float:
-        return self._drag * velocity_mps * abs(velocity_mps)
+
+def _scaled(values: list[float], after: float) -> list[float]:
+    """A quantity's variants where effects make `after` of the first: all by the same share."""
+    before = values[0]
+    if after == before:
+        return values
+    return [value * after / before if before else after for value in values]
 
 
 def _log_thrust(thrust_n: float, slope: float, hover_n: float) -> float:

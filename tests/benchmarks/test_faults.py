@@ -28,6 +28,7 @@ from benchmarks.results import faults
 from benchmarks.results.section import Records
 from wakedeploy.core.package import write_package
 from wakedeploy.domains.gantry import record
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 SECONDS = 6.0
@@ -77,7 +78,7 @@ def test_every_fault_says_what_it_is_and_can_begin_and_end(group, tiny):
 @pytest.fixture(scope="module")
 def tiny(tmp_path_factory):
     path = tmp_path_factory.mktemp("tiny") / "tiny.onnx"
-    write_package(gantry_package(default_rig().default_lead_s, gain=-0.04), path)
+    write_package(gantry_package(default_lead_s(default_rig()), gain=-0.04), path)
     return path
 
 

@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from wakedeploy.cli import main
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 
@@ -17,7 +18,7 @@ def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> N
     assert result.exit_code == 0, result.output
     told = json.loads(path.read_text())
     errors = {row["lead_s"]: row["rmse_mm"] for row in told["rows"]}
-    assert told["best_s"] == pytest.approx(default_rig().default_lead_s, abs=0.045)
+    assert told["best_s"] == pytest.approx(default_lead_s(default_rig()), abs=0.045)
     assert errors[told["best_s"]] < 0.6 * errors[0.0]
 
 

@@ -8,17 +8,18 @@ from hypothesis import strategies as st
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Limits
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_rig
 
 
 def test_the_default_lead_is_near_the_delay_of_a_command() -> None:
-    assert default_rig().default_lead_s == pytest.approx(0.09, abs=0.01)
+    assert default_lead_s(default_rig()) == pytest.approx(0.09, abs=0.01)
 
 
 def test_a_rig_without_spool_has_motors_that_follow_at_once() -> None:
     rig = default_rig().without("spool")
     assert rig.spool.sufferer.up_s == 0.0
-    assert rig.default_lead_s == rig.latency.round_trip_s
+    assert default_lead_s(rig) == rig.latency.round_trip_s
 
 
 @given(

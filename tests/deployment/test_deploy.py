@@ -18,6 +18,7 @@ from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import read_package, write_package
 from wakedeploy.deploy.remote import Remote
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig, default_rig_text
 
 pytestmark = needs_sshd
@@ -161,7 +162,7 @@ def test_a_package_that_fails_its_check_there_changes_nothing(rig, packages, tin
 
 
 def test_a_sound_package_for_another_loop_does_not_become_current(rig, packages, tmp_path):
-    lead_s = default_rig().default_lead_s
+    lead_s = default_lead_s(default_rig())
     fits, early = tmp_path / "fits.onnx", tmp_path / "early.onnx"
     write_package(gantry_package(lead_s), fits)
     write_package(gantry_package(lead_s + 0.1), early)

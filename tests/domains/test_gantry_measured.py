@@ -13,6 +13,7 @@ from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
 from wakedeploy.domains.gantry_measured import measured_set, measured_stretches
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig
 
@@ -88,7 +89,7 @@ def test_the_set_is_what_training_takes(logs: dict[str, RunLog]) -> None:
     assert episodes.force == (Channel("force_z_n", "N"),)
     assert sorted(episodes.split.values()) == ["test", "train", "train", "validation"]
     assert all(e.extras["force_sd_n"].shape == e.force.shape for e in episodes.episodes)
-    assert episodes.provenance["default_lead_s"] == RIG.default_lead_s
+    assert episodes.provenance["default_lead_s"] == default_lead_s(RIG)
     assert episodes.provenance["sources"][0]["sha256"] == "abc"
     assert 0.8 < made.r2_ceiling < 1.0
 

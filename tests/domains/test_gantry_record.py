@@ -9,6 +9,7 @@ import pytest
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import _job, episode_from_log, make_set, record
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()
@@ -66,10 +67,10 @@ def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
         lead_s: np.mean(
             [tracking_mm(record(None, seconds=15.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
         )
-        for lead_s in (None, 0.0, RIG.default_lead_s)
+        for lead_s in (None, 0.0, default_lead_s(RIG))
     }
     assert flown[0.0] < 0.5 * flown[None]
-    assert flown[RIG.default_lead_s] < 0.6 * flown[0.0]
+    assert flown[default_lead_s(RIG)] < 0.6 * flown[0.0]
 
 
 def test_each_disturbance_can_be_switched_off() -> None:
@@ -141,14 +142,14 @@ def test_a_set_splits_by_episode_and_repeats() -> None:
     data = make_set(None, minutes=1.2, seed=5)
     assert len(data.episodes) == 3
     assert [data.split[e.name] for e in data.episodes][-2:] == ["validation", "test"]
-    assert data.provenance["default_lead_s"] == RIG.default_lead_s
+    assert data.provenance["default_lead_s"] == default_lead_s(RIG)
     again = make_set(None, minutes=1.2, seed=5)
     assert again.sha256 == data.sha256
 
 
 def test_a_set_mixes_flights_without_and_with_feedforward() -> None:
     jobs = [_job(RIG, 0, i, ()) for i in range(8)]
-    assert [job.oracle_s for job in jobs[:4]] == [None, 0.0, None, RIG.default_lead_s]
+    assert [job.oracle_s for job in jobs[:4]] == [None, 0.0, None, default_lead_s(RIG)]
     packages = (Path("a.onnx"), Path("b.onnx"))
     jobs = [_job(RIG, 0, i, packages) for i in range(8)]
     assert [job.package for job in jobs[:4]] == [None, packages[0], None, packages[1]]

@@ -14,6 +14,7 @@ from runtime.predictor import inference_session
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import write_package
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 pytestmark = [c_compiler]
@@ -23,7 +24,7 @@ pytestmark = [c_compiler]
 def site(tmp_path_factory):
     """A package for the default rig and the same as C."""
     folder = tmp_path_factory.mktemp("site")
-    package = gantry_package(default_rig().default_lead_s, gain=-0.01)
+    package = gantry_package(default_lead_s(default_rig()), gain=-0.01)
     write_package(package, folder / "p.onnx")
     export_c(package, folder / "c", Wish())
     return folder

@@ -13,6 +13,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap import demo as story
 from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
+from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.rig.file import read_rig
 
 
@@ -124,7 +125,7 @@ def test_the_whole_story_in_short(tmp_path):
     assert told["ok"], told
     found = read_rig(tmp_path / "gap" / "rig.toml")
     for name, hidden in story.hidden_values().items():
-        assert found.effect_value(*name.split("."), 0.0) == pytest.approx(hidden, abs=0.02)
+        assert Chain.of(found).values[name] == pytest.approx(hidden, abs=0.02)
     assert "spool-lag-source" in story.effect_lines(tmp_path / "gap" / "rig.toml")
     assert (tmp_path / "gap" / "report.html").exists()
     assert (tmp_path / story.PICTURE).stat().st_size > 20_000

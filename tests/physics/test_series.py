@@ -7,7 +7,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.stats import multivariate_normal, norm
 
-from wakedeploy.physics.jet import VerticalJet
+from wakedeploy.physics.jet import VerticalJet, paces, puff_shapes
 from wakedeploy.physics.motor import Motor
 from wakedeploy.physics.rail import GRAVITY_MPS2, RailBody
 from wakedeploy.physics.series import filtered, jet_along, rail_friction, smoothed, spooled_thrust
@@ -261,18 +261,14 @@ def test_the_jet_along_a_path_is_the_plants_jet(exponent: float) -> None:
     x_m = 0.3 * np.sin(np.arange(count) / 31.0)
     z_m = 0.6 + 0.3 * np.sin(np.arange(count) / 17.0)
     root = np.sqrt(thrust / rig.wake.reference_thrust_n)
+    ages_s = DT_S * (np.arange(count) + 0.5)
     velocity, slope = jet_along(
         root,
         x_m,
         z_m - rig.source.height_m,
-        DT_S,
-        rig.wake.speed_mps,
-        exponent,
-        rig.wake.diffusivity_m2ps,
-        rig.wake.decay_per_s,
-        rig.wake.strength,
-        rig.wake.width_m,
-        count,
+        rig.wake.speed_mps * paces(root, exponent),
+        ages_s,
+        *puff_shapes(rig.wake, ages_s, DT_S),
     )
     jet = VerticalJet(rig.wake, rig.source.height_m, DT_S)
     expected, slopes = [], []

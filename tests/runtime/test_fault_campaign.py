@@ -12,6 +12,7 @@ from benchmarks.injected.flight import Case, Moment, fly
 from benchmarks.injected.phases import moments
 from benchmarks.injected.table import LOWER_MPS, UPPER_MPS
 from wakedeploy.core.package import write_package
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 SECONDS = 8.0
@@ -51,7 +52,7 @@ CHOSEN = (
 @pytest.fixture(scope="module")
 def package(tmp_path_factory):
     path = tmp_path_factory.mktemp("fault") / "zero.onnx"
-    write_package(gantry_package(default_rig().default_lead_s), path)
+    write_package(gantry_package(default_lead_s(default_rig())), path)
     return path
 
 

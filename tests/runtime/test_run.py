@@ -34,6 +34,7 @@ from wakedeploy.core.failsafes import HINTS
 from wakedeploy.core.manifest import ForceChannel
 from wakedeploy.core.package import write_package
 from wakedeploy.core.runlog import read_run_log
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig, parse_rig
 
 RIG = default_rig().changed(disturbance={"rest_s": 0.2})
@@ -258,7 +259,7 @@ def test_a_round_trip_too_long_for_a_prediction_is_refused_before_flying_a_packa
 
 
 def manifest(**changes):
-    return gantry_package(RIG.default_lead_s).manifest.model_copy(update=changes)
+    return gantry_package(default_lead_s(RIG)).manifest.model_copy(update=changes)
 
 
 def a_force(name: str = "force_z_n", unit: str = "N", largest: float = 1.0) -> ForceChannel:

@@ -17,6 +17,7 @@ from runtime.virtual.process import VirtualGantryProcess
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.package import write_package
 from wakedeploy.core.runlog import read_run_log
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 # A board that was armed greets again once its own descent is over.
@@ -132,7 +133,7 @@ def test_what_flies_is_what_is_current_when_asked_for(tmp_path):
     word, current, log = tmp_path / "fly", tmp_path / "current.onnx", tmp_path / "flight.mcap"
     rig_file = tmp_path / "rig.toml"
     RIG.write(rig_file)
-    before, deployed = (gantry_package(RIG.default_lead_s, seed=seed) for seed in (1, 2))
+    before, deployed = (gantry_package(default_lead_s(RIG), seed=seed) for seed in (1, 2))
     write_package(before, current)
     arguments = ["--package", current, "--rig", rig_file, "--log", log, "--arm-file", word]
     run = subprocess.Popen(

@@ -24,6 +24,7 @@ from runtime.run import fly
 from runtime.trial import Limits, require_trial, tried
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.package import Example, make_package, write_package
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 ROOT, PYTHON = Path(__file__).parents[2], sys.executable
@@ -161,7 +162,7 @@ def test_a_package_is_tried_once_however_often_it_flies(tiny_package, monkeypatc
 
 def test_a_package_that_was_never_checked_does_not_fly(tmp_path):
     rig, log = default_rig(), tmp_path / "flight.mcap"
-    good = gantry_package(rig.default_lead_s)
+    good = gantry_package(default_lead_s(rig))
     said = Example(0, good.example.observation, good.example.force + np.float32(1.0))
     write_package(make_package(good.model_bytes, good.manifest, said), tmp_path / "p.onnx")
     with pytest.raises(CheckFailed, match="The example rollout differs from its record"):

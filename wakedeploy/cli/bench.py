@@ -186,15 +186,16 @@ def lead(
     import numpy as np
 
     from wakedeploy.domains.gantry_lead import best, sweep
+    from wakedeploy.physics.effects.chain import default_lead_s
     from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(rig_path) if rig_path else default_rig()
-    leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), rig.default_lead_s})
+    leads_s = sorted({*np.arange(0.0, most_s + 1e-9, step_s).round(4), default_lead_s(rig)})
     with progress("Flying", len(leads_s) * flights) as bar:
         scores = sweep(rig, leads_s, flights=flights, seconds=seconds, progress=bar.update)
     found = best(scores)
-    marks = {rig.default_lead_s: "default", found.lead_s: "best"}
-    if found.lead_s == rig.default_lead_s:
+    marks = {default_lead_s(rig): "default", found.lead_s: "best"}
+    if found.lead_s == default_lead_s(rig):
         marks[found.lead_s] = "default, best"
     rows = [
         [f"{1e3 * s.lead_s:.0f} ms", f"{1e3 * s.rmse_m:.2f} mm", marks.get(s.lead_s, "")]
@@ -204,5 +205,5 @@ def lead(
     if json_path:
         told = [{"lead_s": s.lead_s, "rmse_mm": 1e3 * s.rmse_m} for s in scores]
         write_json(
-            json_path, {"default_s": rig.default_lead_s, "best_s": found.lead_s, "rows": told}
+            json_path, {"default_s": default_lead_s(rig), "best_s": found.lead_s, "rows": told}
         )

@@ -52,7 +52,7 @@ def show(path: Path | None, json_path: Path | None) -> None:
     Example:
         wakedeploy rig show rig.toml
     """
-    from wakedeploy.physics.effects.chain import Chain
+    from wakedeploy.physics.effects.chain import Chain, default_lead_s
     from wakedeploy.rig.file import default_rig, read_rig
 
     rig = read_rig(path) if path else default_rig()
@@ -60,7 +60,7 @@ def show(path: Path | None, json_path: Path | None) -> None:
     constants |= {name: f"{value:g}" for name, value in Chain.of(rig).values.items()}
     rows = [[name, value, _spread(rig, name)] for name, value in constants.items()]
     print_table(f"{path or 'default rig'}", ["constant", "value", "spread"], rows)
-    click.echo(f"Lead that fits this rig: {rig.default_lead_s:g} s.")
+    click.echo(f"Lead that fits this rig: {default_lead_s(rig):g} s.")
     if json_path:
         write_json(json_path, {"rig": rig.model_dump(mode="json", by_alias=True)})
 

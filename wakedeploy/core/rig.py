@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
+import numpy.typing as npt
 import pydantic
 import tomli_w
 from pydantic import Field
@@ -86,6 +87,10 @@ class ThrustCurve(_Section):
     def thrust(self, pulse_us: float) -> float:
         """Thrust [N] at a pulse width [us]; the ends of the table are held beyond it."""
         return _between(pulse_us, self.pulse_us, self.thrust_n)
+
+    def thrusts(self, pulses_us: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        """The same at many pulse widths, (N,)."""
+        return np.asarray(np.interp(pulses_us, self.pulse_us, self.thrust_n))
 
     def pulse(self, thrust_n: float) -> float:
         """Pulse width [us] for a thrust [N]; saturates at the ends of the table."""
@@ -333,25 +338,6 @@ class Rig(_Section):
         from markupsafe import Markup
 
         return Markup("<pre>{}</pre>").format(self.text)
-
-    @property
-    def default_lead_s(self) -> float:
-        """How long a command takes to act [s]: round trip plus the sufferer's mean spool lag.
-
-        An effect of the rig file that states the lag, or more latency, counts.
-        """
-        lag = self.spool.sufferer
-        up_s = self.effect_value("spool-lag-sufferer", "up_s", lag.up_s)
-        down_s = self.effect_value("spool-lag-sufferer", "down_s", lag.down_s)
-        delay_s = self.latency.round_trip_s + self.effect_value("command-latency", "latency_s", 0.0)
-        return round(delay_s + 0.5 * (up_s + down_s), 4)
-
-    def effect_value(self, effect: str, parameter: str, otherwise: float) -> float:
-        """The value of an effect's parameter, or `otherwise` where the file does not list it."""
-        for entry in self.effect:
-            if entry.name == effect and parameter in entry.parameters:
-                return entry.parameters[parameter].value
-        return otherwise
 
     @property
     def text(self) -> str:

@@ -28,6 +28,7 @@ from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.domain import Setting, Simulated
 from wakedeploy.domains.split import split_in_order
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.physics.gantry import (
     CommandHook,
     ForceHook,
@@ -175,7 +176,7 @@ def _job(rig: Rig, seed: int, index: int, packages: Sequence[Path]) -> _Job:
     if index % 2 == 1 and packages:
         package = packages[(index // 2) % len(packages)]
     elif index % 2 == 1:
-        oracle_s = rig.default_lead_s if (index // 2) % 2 else 0.0
+        oracle_s = default_lead_s(rig) if (index // 2) % 2 else 0.0
     return _Job(rig, 1_000_000 * (seed + 1) + index, oracle_s, package, f"flight{index:04d}")
 
 
@@ -207,7 +208,7 @@ def _as_set(
             "seed": seed,
             "minutes": minutes,
             "rig_sha256": rig.sha256,
-            "default_lead_s": rig.default_lead_s,
+            "default_lead_s": default_lead_s(rig),
             "packages": [read_package(path).manifest.graph_sha256 for path in packages],
         },
     )

@@ -23,6 +23,7 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.version import VERSION
 from wakedeploy.domains.gantry import WINDOW_S
+from wakedeploy.physics.effects.chain import default_lead_s
 
 HELD_OUT = 0.15  # of the files, or of a stretch's time, for validation and as much for test
 # How a stretch is cut where there are too few files: the test lies in mid-flight, because landing,
@@ -269,5 +270,5 @@ def _provenance(
         "force_model": vars(model),
         "rig_sha256": rig.sha256,
         "rig_toml": rig.text,
-        "default_lead_s": rig.default_lead_s,
+        "default_lead_s": default_lead_s(rig),
     }

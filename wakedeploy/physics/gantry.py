@@ -25,7 +25,7 @@ from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.physics.jet import VerticalJet, drag_force
 from wakedeploy.physics.motor import EscFrame, Motor
 from wakedeploy.physics.rail import RailBody
-from wakedeploy.physics.range_sensor import RangeSample, RangeSensorModel
+from wakedeploy.physics.range_sensor import RangeSample, RangeSensorModel, seen_m
 from wakedeploy.physics.turbulence import OrnsteinUhlenbeck
 
 INNER_RATE_HZ = 256.0
@@ -197,9 +197,9 @@ class GantryPlant:
         """The effects' force [N], after they have changed the sufferer's thrust and inertia."""
         if self._effects is None:
             return 0.0
-        self.sufferer_thrust_n = self._effects.sufferer_n(self.wake_force_n)
-        self._body.added_kg = self._effects.added_mass_kg()
-        return self._effects.force_n()
+        pushed = self._effects.push(self.wake_force_n)
+        self.sufferer_thrust_n, force_n, self._body.added_kg = pushed
+        return force_n
 
     def _extra_force(self) -> float:
         if self._force_hook is None:
@@ -241,7 +241,7 @@ class _Seen:
         """What is seen while the sufferer is at `z_m`; called once per step."""
         if self._late is not None:
             z_m = self._late.passed(z_m)
-        return self._bias_m + self._scale * z_m
+        return seen_m(z_m, self._bias_m, self._scale)
 
 
 def _delayed_commands(delay_s: float, dt_s: float, rig: Rig) -> tuple[DelayLine, DelayLine] | None:

@@ -7,6 +7,7 @@ whose speed goes with the thrust that made it only lets each puff sink at a pace
 """
 
 import math
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,8 @@ AIR_DENSITY_KGPM3 = 1.2
 LEAST_ROOT_THRUST = 1e-3  # √(u/u_reference) below which a puff's pace no longer changes
 _SLOWEST_ROOT, _STRONGEST_ROOT = 0.25, 2.0  # puffs outside these may be given up on their way
 FloatArray = npt.NDArray[np.float64]
+Floats = npt.NDArray[np.floating[Any]]  # of any precision
+Air = TypeVar("Air", float, FloatArray)  # at one place, or along a path (N,)
 
 
 class PuffTable:
@@ -28,10 +31,8 @@ class PuffTable:
 
     def __init__(self, wake: Wake, dt_s: float, reach_m: float, newest_age_s: float) -> None:
         self.ages_s = newest_age_s + dt_s * np.arange(puff_count(wake, dt_s, reach_m))
-        width2 = wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * self.ages_s
-        fading = np.exp(-wake.decay_per_s * self.ages_s) * wake.width_m**2 / width2
-        self.amplitude_mps = wake.strength * dt_s * fading  # (M,) at the reference thrust
-        self.inverse_2width2 = 0.5 / width2  # (M,)
+        self.amplitude_mps, width2_m2 = puff_shapes(wake, self.ages_s, dt_s)  # (M,) each
+        self.inverse_2width2 = 0.5 / width2_m2  # (M,)
         self.sunk_m = wake.speed_mps * self.ages_s  # (M,)
 
     def velocity(
@@ -44,9 +45,28 @@ class PuffTable:
         source's, negative below it.
         """
         sunk_m = self.sunk_m if pace is None else pace * self.sunk_m  # (M,)
-        distance2 = x_m * x_m + (above_m + sunk_m) ** 2  # (M,)
-        shape = np.exp(-distance2 * self.inverse_2width2)  # (M,)
-        return -float(np.dot(self.amplitude_mps * root_thrust, shape))
+        return float(air_mps(self, root_thrust, sunk_m, x_m, above_m))
+
+
+def puff_shapes(wake: Wake, ages_s: Floats, dt_s: float) -> tuple[Floats, Floats]:
+    """Axial speed [m/s] at the reference thrust and width² [m²] of puffs of these ages, (M,)."""
+    width2_m2 = wake.width_m**2 + 2.0 * wake.diffusivity_m2ps * ages_s
+    fading = np.exp(-wake.decay_per_s * ages_s) * wake.width_m**2 / width2_m2
+    return wake.strength * dt_s * fading, width2_m2
+
+
+def paces(root_thrust: FloatArray, speed_exponent: float) -> FloatArray:
+    """Speeds of puffs over the wake's, (M,), for the thrusts that made them."""
+    return np.asarray(np.maximum(root_thrust, LEAST_ROOT_THRUST) ** (2.0 * speed_exponent))
+
+
+def air_mps(
+    table: PuffTable, root_thrust: FloatArray, sunk_m: Floats, x_m: float, above_m: float
+) -> float:
+    """The sum over puffs: as `PuffTable.velocity`, with the way [m] that each has sunk, (M,)."""
+    distance2 = x_m * x_m + (above_m + sunk_m) ** 2  # (M,)
+    shape = np.exp(-distance2 * table.inverse_2width2)  # (M,)
+    return -np.dot(table.amplitude_mps * root_thrust, shape)  # type: ignore[no-any-return]
 
 
 class VerticalJet:
@@ -93,14 +113,13 @@ class VerticalJet:
     def _pace(self, roots: FloatArray) -> FloatArray | None:
         """Each puff's speed over the wake's, (M,); None where all have the same."""
         exponent = self._wake.speed_exponent
-        if exponent == 0.0:
-            return None
-        return np.asarray(np.maximum(roots, LEAST_ROOT_THRUST) ** (2.0 * exponent))
+        return None if exponent == 0.0 else paces(roots, exponent)
 
 
-def drag_force(wake: Wake, vx_mps: float, vz_mps: float) -> float:
+def drag_force(wake: Wake, vx_mps: float, vz_mps: Air) -> Air:
     """Vertical force [N] of moving air: ½ρ·CdA·v_z·‖v‖ (the paper, § 2D Downwash Simulator)."""
-    return 0.5 * AIR_DENSITY_KGPM3 * wake.drag_area_m2 * vz_mps * math.hypot(vx_mps, vz_mps)
+    speed_mps = math.hypot(vx_mps, vz_mps) if vx_mps else abs(vz_mps)
+    return 0.5 * AIR_DENSITY_KGPM3 * wake.drag_area_m2 * vz_mps * speed_mps
 
 
 def puff_count(wake: Wake, dt_s: float, reach_m: float) -> int:

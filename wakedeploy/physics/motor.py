@@ -6,26 +6,55 @@ from dataclasses import dataclass
 from wakedeploy.core.rig import SpoolLag, ThrustCurve
 
 
+def kept(lag_s: float, dt_s: float) -> float:
+    """The share of its distance to the target that a first-order lag keeps over `dt_s`."""
+    return math.exp(-dt_s / lag_s) if lag_s > 0.0 else 0.0
+
+
+def approached(speed: float, target: float, keep: float) -> float:
+    """Rotor speed [√N] after a step over which it keeps this share of its distance."""
+    return target + (speed - target) * keep
+
+
 def spooled(speed: float, target: float, lag: SpoolLag, dt_s: float) -> float:
-    """Rotor speed after `dt_s` of a first-order lag, slower down than up as the rig says.
+    """Rotor speed [√N] after `dt_s` of a first-order lag, slower down than up as the rig says.
 
     Speeds are in √N, so that thrust = speed². Exact for a target held over the step.
     """
-    time_constant_s = lag.up_s if target > speed else lag.down_s
-    if time_constant_s <= 0.0:
-        return target
-    return target + (speed - target) * math.exp(-dt_s / time_constant_s)
+    lag_s = lag.up_s if target > speed else lag.down_s
+    return approached(speed, target, kept(lag_s, dt_s))
 
 
 def mean_thrust(before: float, after: float, lag: SpoolLag) -> float:
-    """Mean thrust [N] of a step from one rotor speed [√N] to another; without lag, the latter's.
+    """Mean thrust [N] of a short step between two rotor speeds [√N]; without lag, the latter's.
 
-    The thrust at the step's end would act half a step too early.
+    The thrust at the step's end would act half a step too early. The speed is taken as linear over
+    the step; `exact_mean_thrust` differs from it by (step / lag)² / 6 of the change.
     """
     lag_s = lag.up_s if after > before else lag.down_s
     if lag_s <= 0.0:
         return after * after
     return (before * before + before * after + after * after) / 3.0
+
+
+def exact_mean_thrust(before: float, target: float, lag_steps: float, keep: float) -> float:
+    """Mean thrust [N] of a step of any length: the square of an exponential approach, integrated.
+
+    `lag_steps` is the lag in steps. A fit tries lags that are shorter than its steps, where a
+    linear speed would be far off.
+    """
+    gap = before - target
+    mean_gap = gap * lag_steps * (1.0 - keep)
+    mean_gap2 = gap * gap * 0.5 * lag_steps * (1.0 - keep * keep)
+    return target * target + 2.0 * target * mean_gap + mean_gap2
+
+
+def held_pulse(
+    curve: ThrustCurve, lag: SpoolLag, speed: float, pulse_us: float, span_s: float
+) -> tuple[float, float]:
+    """Rotor speed [√N] after a pulse [µs] was held for `span_s`, and the mean thrust [N]."""
+    after = spooled(speed, math.sqrt(curve.thrust(pulse_us)), lag, span_s)
+    return after, mean_thrust(speed, after, lag)
 
 
 @dataclass

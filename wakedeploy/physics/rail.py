@@ -10,12 +10,59 @@ GRAVITY_MPS2 = 9.81
 _SLOW_MPS = 0.02
 
 
+def sliding_n(
+    coulomb_n: float, viscous_n_per_mps: float, vz_mps: float, smooth_mps: float
+) -> float:
+    """Friction [N] against a motion; Coulomb's grows within `smooth_mps` and has no jump."""
+    return coulomb_n * math.tanh(vz_mps / smooth_mps) + viscous_n_per_mps * vz_mps
+
+
 def smooth_friction(rail: Rail, vz_mps: float) -> float:
     """Friction [N] against a motion, without jumps: Coulomb, from 2 cm/s on, and viscous.
 
     For estimator and controller, to which the sign of a speed near zero is noise.
     """
-    return rail.coulomb_n * math.tanh(vz_mps / _SLOW_MPS) + rail.viscous_n_per_mps * vz_mps
+    return sliding_n(rail.coulomb_n, rail.viscous_n_per_mps, vz_mps, _SLOW_MPS)
+
+
+def smooth_friction_slope(rail: Rail, vz_mps: float) -> float:
+    """How steeply `smooth_friction` grows with the speed [N s/m]."""
+    steep = 1.0 - math.tanh(vz_mps / _SLOW_MPS) ** 2
+    return rail.viscous_n_per_mps + rail.coulomb_n / _SLOW_MPS * steep
+
+
+def is_held(rail: Rail, z_m: float, driving_n: float, floor_m: float, travel_m: float) -> bool:
+    """Whether stiction or a stop keeps a resting body where it is."""
+    if abs(driving_n) <= max(rail.stiction_n, rail.coulomb_n):
+        return True
+    return (z_m <= floor_m and driving_n < 0.0) or (z_m >= travel_m and driving_n > 0.0)
+
+
+def slid(
+    rail: Rail,
+    z_m: float,
+    vz_mps: float,
+    driving_n: float,
+    inertia_kg: float,
+    floor_m: float,
+    travel_m: float,
+    dt_s: float,
+) -> tuple[float, float]:
+    """Height [m] and speed [m/s] after `dt_s` under a force [N] held over it, weight included."""
+    after = 0.0
+    if vz_mps != 0.0 or not is_held(rail, z_m, driving_n, floor_m, travel_m):
+        direction = math.copysign(1.0, vz_mps if vz_mps != 0.0 else driving_n)
+        resisting_n = rail.coulomb_n * direction + rail.viscous_n_per_mps * vz_mps
+        after = vz_mps + (driving_n - resisting_n) / inertia_kg * dt_s
+        # Friction stops a motion but does not turn it round: the next step decides afresh.
+        if after * vz_mps < 0.0 and rail.coulomb_n > 0.0:
+            after = 0.0
+    z_m += 0.5 * (vz_mps + after) * dt_s
+    if z_m <= floor_m and after <= 0.0:
+        return floor_m, 0.0
+    if z_m >= travel_m and after >= 0.0:
+        return travel_m, 0.0
+    return z_m, after
 
 
 @dataclass
@@ -35,32 +82,13 @@ class RailBody:
 
     def step(self, force_n: float, dt_s: float) -> None:
         """Advance by `dt_s` under a vertical force [N] held over the step, gravity apart."""
-        v0 = self.vz_mps
-        v1 = self._velocity_after(force_n - self.mass_kg * GRAVITY_MPS2, dt_s)
-        self.z_m += 0.5 * (v0 + v1) * dt_s
-        self.vz_mps = v1
-        self._stop_at_ends()
-
-    def _velocity_after(self, driving_n: float, dt_s: float) -> float:
-        v, rail = self.vz_mps, self.rail
-        if v == 0.0 and self._held(driving_n):
-            return 0.0
-        direction = math.copysign(1.0, v if v != 0.0 else driving_n)
-        resisting_n = rail.coulomb_n * direction + rail.viscous_n_per_mps * v
-        after = v + (driving_n - resisting_n) / (self.mass_kg + self.added_kg) * dt_s
-        # Friction stops a motion but does not turn it round: the next step decides afresh.
-        return 0.0 if v != 0.0 and after * v < 0.0 and rail.coulomb_n > 0.0 else after
-
-    def _held(self, driving_n: float) -> bool:
-        """Whether stiction or a stop keeps a resting body where it is."""
-        if abs(driving_n) <= max(self.rail.stiction_n, self.rail.coulomb_n):
-            return True
-        return (self.z_m <= self.floor_m and driving_n < 0.0) or (
-            self.z_m >= self.travel_m and driving_n > 0.0
+        self.z_m, self.vz_mps = slid(
+            self.rail,
+            self.z_m,
+            self.vz_mps,
+            force_n - self.mass_kg * GRAVITY_MPS2,
+            self.mass_kg + self.added_kg,
+            self.floor_m,
+            self.travel_m,
+            dt_s,
         )
-
-    def _stop_at_ends(self) -> None:
-        if self.z_m <= self.floor_m and self.vz_mps <= 0.0:
-            self.z_m, self.vz_mps = self.floor_m, 0.0
-        elif self.z_m >= self.travel_m and self.vz_mps >= 0.0:
-            self.z_m, self.vz_mps = self.travel_m, 0.0

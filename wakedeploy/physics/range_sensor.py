@@ -3,10 +3,14 @@
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from wakedeploy.core.rig import Disturbance, RangeSensor
+
+Height = TypeVar("Height", float, npt.NDArray[np.float64])
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +23,11 @@ class RangeSample:
 
 
 NO_SAMPLE = RangeSample(math.nan, -math.inf, 255)
+
+
+def seen_m(z_m: Height, bias_m: float, scale: float) -> Height:
+    """The range [m] at a height, noise apart."""
+    return bias_m + scale * z_m
 
 
 class RangeSensorModel:

@@ -1,7 +1,8 @@
 """Whole flights at once, compiled: rotor lag, the jet along a path, and a Kalman filter.
 
-The gap workflow evaluates a flight thousands of times; these are its inner loops. numba lives here,
-in `field` and in `gap.holding`, away from the runtime.
+The gap workflow evaluates a flight thousands of times; these are its inner loops. The laws of one
+step are the plant's own functions, compiled. numba lives here, in `field` and in
+`gap.systems.gantry.repeated_readings`, away from the runtime.
 """
 
 import functools
@@ -13,6 +14,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from wakedeploy.physics import motor, rail
+
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
@@ -20,13 +23,27 @@ _LOST_M, _LOST_MPS = 0.05, 0.5
 _LOOSE = 2.0  # at 1.5 times what holds it, nothing of stiction is left
 
 
-def compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use and keep the machine code on disk, where there is a place to keep it."""
-    compiler = functools.partial(numba.njit, error_model="numpy", fastmath={"contract"})
+def compiled(function: Callable[..., Any], *, inline: bool = False) -> Any:
+    """Compile on first use and keep the machine code on disk, where there is a place to keep it.
+
+    What is called in every step of a loop is written `inline` into it.
+    """
+    compiler = functools.partial(
+        numba.njit,
+        error_model="numpy",
+        fastmath={"contract"},
+        inline="always" if inline else "never",
+    )
     try:
         return compiler(cache=True)(function)
     except RuntimeError:  # neither the package's folder nor the user's cache can be written to
         return compiler()(function)
+
+
+_kept, _approached, _exact_mean_thrust, _sliding_n = (
+    compiled(law, inline=True)
+    for law in (motor.kept, motor.approached, motor.exact_mean_thrust, rail.sliding_n)
+)
 
 
 @compiled
@@ -36,22 +53,16 @@ def spooled_thrust(target: FloatArray, up_s: float, down_s: float, dt_s: float) 
     `target` (N,) is the square root of the commanded thrust [√N], held over a step; the lag is
     first order in rotor speed, `up_s` when rising and `down_s` when falling.
     """
-    keep_up = math.exp(-dt_s / up_s) if up_s > 1e-5 else 0.0
-    keep_down = math.exp(-dt_s / down_s) if down_s > 1e-5 else 0.0
+    keep_up, keep_down = _kept(up_s, dt_s), _kept(down_s, dt_s)
+    up, down = up_s / dt_s, down_s / dt_s
     thrust = np.empty_like(target)
     speed = 0.0
     for k in range(len(target)):
-        keep = keep_up if target[k] > speed else keep_down
-        lag_s = up_s if target[k] > speed else down_s
-        start = speed
-        speed = target[k] + (speed - target[k]) * keep
-        if keep == 0.0:
-            thrust[k] = target[k] * target[k]
-        else:  # exact mean of the square of an exponential approach
-            gap = start - target[k]
-            mean_gap = gap * lag_s / dt_s * (1.0 - keep)
-            mean_gap2 = gap * gap * 0.5 * lag_s / dt_s * (1.0 - keep * keep)
-            thrust[k] = target[k] * target[k] + 2.0 * target[k] * mean_gap + mean_gap2
+        goal = target[k]
+        keep = keep_up if goal > speed else keep_down
+        lag = up if goal > speed else down
+        thrust[k] = _exact_mean_thrust(speed, goal, lag, keep)
+        speed = _approached(speed, goal, keep)
     return thrust
 
 
@@ -80,7 +91,7 @@ def rail_friction(
         if abs(v) > 8.0 * sliding_mps:
             sliding = math.copysign(coulomb_n, v) + viscous_n_per_mps * v
         else:
-            sliding = coulomb_n * math.tanh(v / sliding_mps) + viscous_n_per_mps * v
+            sliding = _sliding_n(coulomb_n, viscous_n_per_mps, v, sliding_mps)
         result[k] = sliding
         if abs(v) < 4.0 * resting_mps:
             resting = math.exp(-(v / resting_mps) * (v / resting_mps))
@@ -98,34 +109,25 @@ def jet_along(
     root: FloatArray,  # (N,) √(u/u_reference), mean over each step
     x_m: FloatArray,  # (N,) at the steps' ends
     above_m: FloatArray,  # (N,) height minus the source's
-    dt_s: float,
-    speed_mps: float,
-    speed_exponent: float,
-    diffusivity_m2ps: float,
-    decay_per_s: float,
-    strength: float,
-    width_m: float,
-    puffs: int,
+    speed_mps: FloatArray,  # (N,) at which each step's puff sinks
+    ages_s: FloatArray,  # (M,) of the puffs at a step's end, newest first
+    amplitude_mps: FloatArray,  # (M,) at the reference thrust, as `jet.puff_shapes` has it
+    width2_m2: FloatArray,  # (M,)
 ) -> FloatArray:
-    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N)."""
+    """The jet's vertical velocity [m/s] along a path, and its slope over height [1/s], (2, N).
+
+    `jet.air_mps` for every step, with the slope; puffs that are six widths away are passed over.
+    """
     result = np.zeros((2, len(root)))
-    ages = dt_s * (np.arange(puffs) + 0.5)
-    width2 = width_m * width_m + 2.0 * diffusivity_m2ps * ages
-    amplitude = strength * dt_s * np.exp(-decay_per_s * ages) * width_m * width_m / width2
-    pace = np.empty_like(root)
-    for k in range(len(root)):
-        pace[k] = speed_mps
-        if speed_exponent != 0.0:
-            pace[k] *= max(root[k], 1e-3) ** (2.0 * speed_exponent)
     for k in range(len(root)):
         velocity, slope = 0.0, 0.0
-        for j in range(min(k + 1, puffs)):
-            below = above_m[k] + pace[k - j] * ages[j]
-            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2[j]
+        for j in range(min(k + 1, len(ages_s))):
+            below = above_m[k] + speed_mps[k - j] * ages_s[j]
+            exponent = -0.5 * (x_m[k] * x_m[k] + below * below) / width2_m2[j]
             if exponent > -18.0:
-                part = amplitude[j] * root[k - j] * math.exp(exponent)
+                part = amplitude_mps[j] * root[k - j] * math.exp(exponent)
                 velocity -= part
-                slope += part * below / width2[j]
+                slope += part * below / width2_m2[j]
         result[0, k], result[1, k] = velocity, slope
     return result
 

@@ -8,7 +8,8 @@ from scipy.linalg import expm
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit, neutral
-from wakedeploy.gap.search.rounds import fitted_base, is_nothing, named, verdict_of
+from wakedeploy.gap.search.judging import is_nothing
+from wakedeploy.gap.search.rounds import fitted_base, named, verdict_of
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 100.0
@@ -79,11 +80,17 @@ def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
     lain[:2, :2], lain[2:, 2:] = -a, a.T
     lain[1, 3] = np.exp(2 * values["force.speed_mps"]) / RATE
     whole = expm(lain / RATE)
-    f = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
-    f.F, f.B, f.H = step[:2, :2], step[:2, 2:], np.array([[1.0, 0.0]])
-    f.Q, f.R = whole[2:, 2:].T @ whole[:2, 2:], np.array([[np.exp(2 * values["noise.position_m"])]])
-    f.x = model._starts[0].states[:, :1].copy()
-    f.P = np.diag(model._starts[0].spread ** 2)
+    f = KalmanFilter(dim_x=3, dim_z=1, dim_u=1)
+    push = np.exp(values["push.speed_mps"])
+    keep = np.exp(-1.0 / RATE / np.exp(values["lasting.speed_mps"]))
+    held = step[:2, 2:] * 2.0  # what is held of an acceleration, from what is held of a force
+    f.F = np.block([[step[:2, :2], held], [np.zeros((1, 2)), np.array([[keep]])]])
+    f.B, f.H = np.vstack([step[:2, 2:], [[0.0]]]), np.array([[1.0, 0.0, 0.0]])
+    f.Q = np.zeros((3, 3))
+    f.Q[:2, :2], f.Q[2, 2] = whole[2:, 2:].T @ whole[:2, 2:], push**2 * (1.0 - keep**2)
+    f.R = np.array([[np.exp(2 * values["noise.position_m"])]])
+    f.x = np.vstack([model._starts[0].states[:, :1], [[0.0]]])
+    f.P = np.diag([*model._starts[0].spread ** 2, push**2])
     first = run.told[:, :, 0, 0, 0]
     for k in range(model.blocks[0].stop):
         f.update(recording.columns["position_m"][k])

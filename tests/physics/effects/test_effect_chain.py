@@ -9,7 +9,13 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
-from wakedeploy.physics.effects.chain import Chain, believed, neutral_values, unplaced_constants
+from wakedeploy.physics.effects.chain import (
+    Chain,
+    believed,
+    default_lead_s,
+    neutral_values,
+    unplaced_constants,
+)
 from wakedeploy.physics.field_grid import FieldPhysics
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet
@@ -110,7 +116,7 @@ def test_a_rigs_effects_on_constants_are_folded_into_what_its_model_believes() -
         "range.hold_s": 0.0,
         "command.window_s": 0.004,
     }
-    assert model.default_lead_s == rig.default_lead_s == pytest.approx(0.018 + 0.03 + 0.16)
+    assert default_lead_s(model) == default_lead_s(rig) == pytest.approx(0.018 + 0.03 + 0.16)
     assert believed(RIG) is RIG
 
 

@@ -19,6 +19,7 @@ from runtime.loop.safety import LINK_LOST_S
 from runtime.loop.watch import GapWatch
 from runtime.reference import hold_plan, random_plan
 from wakedeploy.core.errors import UnusableInput
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 FLIGHT_S = 5.2
@@ -29,7 +30,7 @@ class Forces:
 
     def __init__(self, force=lambda n: 0.0, ready_after=4, low=-10.0, high=10.0):
         self.force, self.ready_after = force, ready_after
-        self.lead_s = RIG.default_lead_s
+        self.lead_s = default_lead_s(RIG)
         self.low, self.high = np.full(5, low, np.float32), np.full(5, high, np.float32)
         self.most_n = np.inf
         self.calls = self.resets = self.seen = 0

@@ -1,22 +1,33 @@
-"""The effects of a rig as plain functions: their own methods, with names that stand alone.
+"""The physics as plain functions: the simulation's own, with names that stand alone.
 
-In: effects of a `Chain`. Out: Python syntax trees of functions `<effect>_<method>(p, m, s, …)`,
-made from the source of the methods that the simulation calls, so that there is one equation only.
+In: effects of a `Chain`. Out: Python syntax trees of functions, those of effects named
+`<effect>_<method>(p, m, s, …)`, made from the source of what the simulation calls, so that there is
+one equation only.
 """
 
 import ast
 import inspect
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Callable, Collection, Iterable
+from typing import Any
 
 import numpy as np
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.expression import VARIABLES
+from wakedeploy.physics.effects.acting import in_steps
 from wakedeploy.physics.effects.base import Effect, Motion, Setting
 from wakedeploy.physics.effects.chain import METHODS, Chain
 from wakedeploy.physics.effects.symbolic import MOST_WEIGHTS, ExpressionForce
+from wakedeploy.physics.jet import air_mps, drag_force, paces, puff_shapes
+from wakedeploy.physics.motor import approached, kept, mean_thrust, spooled
+from wakedeploy.physics.rail import is_held, slid
+from wakedeploy.physics.range_sensor import seen_m
 
+_STAGES: tuple[Callable[..., Any], ...] = (
+    in_steps, kept, approached, spooled, mean_thrust, puff_shapes, paces, air_mps, drag_force,
+    is_held, slid, seen_m,
+)  # fmt: skip
 _FUNCTIONS = {"abs": "abs", "min": "minimum", "max": "maximum"}  # the others are called alike
 _COMBINED = {
     "source_n": ("changed_source_n", "m.source_n = {call}", "return m.source_n"),
@@ -35,13 +46,21 @@ def acting_name(one: Effect) -> str:
 
 def is_acting(one: Effect) -> bool:
     """Whether an effect does more than to replace constants."""
-    return any(acts(one, method) for method in METHODS)
+    return any(one.changes(method) for method in METHODS)
+
+
+def stage_functions() -> list[ast.FunctionDef]:
+    """The functions of the plant's stages that the exported model calls."""
+    return [_stage(function) for function in _STAGES]
 
 
 def effect_functions(chain: Chain) -> list[ast.FunctionDef]:
     """One function per effect and method that acts, in the order in which effects act."""
     return [
-        _function(one, method) for one, _ in chain.parts for method in METHODS if acts(one, method)
+        _function(one, method)
+        for one, _ in chain.parts
+        for method in METHODS
+        if one.changes(method)
     ]
 
 
@@ -49,11 +68,6 @@ def combining_functions(chain: Chain) -> list[ast.FunctionDef]:
     """The functions by which the model asks for everything that the effects change."""
     made = [_combined(chain, method, *shape) for method, shape in _COMBINED.items()]
     return [*made, _accepted(chain), _trailed(chain), _ranged(chain), _motion()]
-
-
-def acts(one: Effect, method: str) -> bool:
-    """Whether an effect changes this quantity."""
-    return getattr(type(one), method) is not getattr(Effect, method)
 
 
 def _function(one: Effect, method: str) -> ast.FunctionDef:
@@ -67,19 +81,37 @@ def _function(one: Effect, method: str) -> ast.FunctionDef:
             f"The effect {one.name!r} has no source text, so it cannot be exported; define it in "
             "a file."
         ) from error
-    tree = ast.parse(source).body[0]
-    assert isinstance(tree, ast.FunctionDef)
-    plain = _Plain(one.name, function.__globals__).visit(tree)
+    plain = _Plain(one.name, function.__globals__).visit(_parsed(source))
     assert isinstance(plain, ast.FunctionDef)
     plain.name = f"{acting_name(one)}_{method}"
     return ast.fix_missing_locations(plain)
 
 
-class _Plain(ast.NodeTransformer):
-    """A method without its class: no self, no annotations, values for the file's own numbers."""
+def _stage(function: Callable[..., Any]) -> ast.FunctionDef:
+    tree = _OfNumpy().visit(_parsed(inspect.getsource(function)))
+    known = function.__globals__ | {"np": np}
+    plain = _Plain(function.__name__, known, _STAGES).visit(tree)
+    assert isinstance(plain, ast.FunctionDef)
+    return ast.fix_missing_locations(plain)
 
-    def __init__(self, effect: str, known: dict[str, object]) -> None:
-        self._effect, self._known = effect, known
+
+class _OfNumpy(ast.NodeTransformer):
+    """numpy's functions in place of those of the same name in `math`."""
+
+    def visit_Name(self, node: ast.Name) -> ast.Name:
+        return ast.Name("np", node.ctx) if node.id == "math" else node
+
+
+class _Plain(ast.NodeTransformer):
+    """A method without its class: no self, no annotations, values for the file's own numbers.
+
+    It may call the functions of `others`, which are exported, too.
+    """
+
+    def __init__(
+        self, effect: str, known: dict[str, object], others: Collection[object] = ()
+    ) -> None:
+        self._effect, self._known, self._others = effect, known, others
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
         node.args.args = [ast.arg(one.arg) for one in node.args.args if one.arg != "self"]
@@ -106,7 +138,9 @@ class _Plain(ast.NodeTransformer):
             return ast.Constant(float(value))
         if value is np:
             return ast.Name("np", ast.Load())
-        if value is None and node.id in ("abs", "min", "max", "round"):
+        if value in self._others:
+            return node
+        if value is None and node.id in ("abs", "min", "max", "round", "int"):
             return node
         raise UnusableInput(
             f"The effect {self._effect!r} uses {node.id!r}, which cannot be exported; write its "
@@ -179,7 +213,7 @@ def _motion() -> ast.FunctionDef:
 
 
 def _acting(chain: Chain, method: str) -> list[Effect]:
-    return [one for one, _ in chain.parts if acts(one, method)]
+    return [one for one, _ in chain.parts if one.changes(method)]
 
 
 def _call(one: Effect, method: str, rest: str) -> str:

@@ -1,8 +1,8 @@
 """A rig's model as files for elsewhere: a plain Python module and a MATLAB script.
 
 In: a rig, its effects included. Out: `gantry_model.py` (needs numpy alone) and `gantry_model.m`
-(MATLAB or Octave), which compute the same from the same text: `gantry_model` and the effects' own
-methods.
+(MATLAB or Octave), which compute the same from the same text: `gantry_model`, the functions that
+the simulation calls, and the effects' own methods.
 """
 
 import ast
@@ -23,6 +23,7 @@ from wakedeploy.gap.model_export.effects import (
     combining_functions,
     effect_functions,
     is_acting,
+    stage_functions,
 )
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects.acting import LEAST_MOTION_MPS, TAKEN_OFF
@@ -30,7 +31,7 @@ from wakedeploy.physics.effects.base import Effect
 from wakedeploy.physics.effects.chain import Chain, setting_of
 from wakedeploy.physics.effects.symbolic import ExpressionForce
 from wakedeploy.physics.gantry import INNER_RATE_HZ
-from wakedeploy.physics.jet import AIR_DENSITY_KGPM3, LEAST_ROOT_THRUST, puff_count
+from wakedeploy.physics.jet import puff_count
 
 NAME = "gantry_model"
 _FROM, _TO = "# exported from here on\n", "# exported up to here\n"
@@ -57,6 +58,7 @@ def python_module(rig: Rig) -> str:
         f'"""{_title(rig)}\n\n{_about(chain, "simulate")}\n"""',
         "from types import SimpleNamespace\nfrom typing import Any\n\nimport numpy as np",
         _python_constants(_constants(rig, chain)),
+        *(ast.unparse(one) for one in stage_functions()),
         *(ast.unparse(one) for one in effect_functions(chain)),
         *(ast.unparse(one) for one in combining_functions(chain)),
         _core_text().strip(),
@@ -77,6 +79,7 @@ def matlab_script(rig: Rig) -> str:
     parts = [
         "\n".join([first, *comments, "  %", *rest]) + "\n",
         _matlab_constants(_constants(rig, chain)),
+        *(matlab.function(one) for one in stage_functions()),
         *(matlab.function(one) for one in effect_functions(chain)),
         *(matlab.function(one) for one in combining_functions(chain)),
         *(matlab.function(one) for one in others),
@@ -123,7 +126,7 @@ def _constants(rig: Rig, chain: Chain) -> dict[str, Constant]:
     for motor in ("source", "sufferer"):
         curve, lag = getattr(plain.thrust, motor), getattr(plain.spool, motor)
         made |= {f"{motor}_us": curve.pulse_us, f"{motor}_n": curve.thrust_n}
-        made |= {f"{motor}_up_s": lag.up_s, f"{motor}_down_s": lag.down_s}
+        made[f"{motor}_lag"] = dict(lag)
     made |= vars(setting_of(plain)) | _of_sections(plain)
     made |= {
         "command_delay_s": moved["command.delay_s"],
@@ -142,20 +145,9 @@ def _of_sections(rig: Rig) -> dict[str, Constant]:
     return {
         "idle_us": rig.limits.pulse_us[0],
         "esc_frame_s": rig.disturbance.esc_frame_s,
-        "wake_speed_mps": wake.speed_mps,
-        "wake_speed_exponent": wake.speed_exponent,
-        "wake_diffusivity_m2ps": wake.diffusivity_m2ps,
-        "wake_decay_per_s": wake.decay_per_s,
-        "wake_strength": wake.strength,
-        "wake_width_m": wake.width_m,
+        "wake": dict(wake),
         "wake_life_s": life_s,
-        "drag_area_m2": wake.drag_area_m2,
-        "reference_thrust_n": wake.reference_thrust_n,
-        "least_root": LEAST_ROOT_THRUST,
-        "air_density_kgpm3": AIR_DENSITY_KGPM3,
-        "coulomb_n": rail.coulomb_n,
-        "stiction_n": rail.stiction_n,
-        "viscous_n_per_mps": rail.viscous_n_per_mps,
+        "rail": dict(rail),
         "range_period_s": rig.range_sensor.period_s,
         "readout_delay_s": 0.5 * rig.latency.round_trip_s,
         "least_motion_mps": LEAST_MOTION_MPS,

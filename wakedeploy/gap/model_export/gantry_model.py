@@ -1,8 +1,9 @@
-"""The gantry's model as it is exported: plain arithmetic, one function per piece of physics.
+"""The gantry's model as it is exported: the order in which the stages of the physics act.
 
 This file is the text of the exported Python module and the source of the MATLAB script, so it keeps
-to what both can say: numbers, arrays, loops, conditions. The functions below the second mark stand
-for those that the export writes for one rig: its constants, and what its effects change.
+to what both can say: numbers, arrays, loops, conditions. The physics itself is exported from the
+functions that the simulation calls. The functions below the second mark stand for those that the
+export writes for one rig: its constants, and what its effects change.
 """
 
 from types import SimpleNamespace
@@ -10,38 +11,18 @@ from typing import Any
 
 import numpy as np
 
+from wakedeploy.physics.effects.acting import in_steps
+from wakedeploy.physics.jet import air_mps, drag_force, paces, puff_shapes
+from wakedeploy.physics.motor import mean_thrust, spooled
+from wakedeploy.physics.rail import slid
+from wakedeploy.physics.range_sensor import seen_m
+
 # exported from here on
-
-
-def thrust_at(pulse_us: float, curve_us: Any, curve_n: Any) -> Any:
-    """Static thrust [N] at a pulse width [us], linear between the points of the table."""
-    return np.interp(pulse_us, curve_us, curve_n)
-
-
-def spooled(speed: float, target: float, up_s: float, down_s: float, dt_s: float) -> Any:
-    """Rotor speed [sqrt(N)] after dt_s of a first-order lag, slower down than up."""
-    lag_s = down_s
-    if target > speed:
-        lag_s = up_s
-    if lag_s <= 0.0:
-        return target
-    return target + (speed - target) * np.exp(-dt_s / lag_s)
-
-
-def mean_thrust(before: float, after: float, up_s: float, down_s: float) -> Any:
-    """Mean thrust [N] of a step from one rotor speed to another; without lag, the latter's."""
-    lag_s = down_s
-    if after > before:
-        lag_s = up_s
-    if lag_s <= 0.0:
-        return after**2
-    return (before**2 + before * after + after**2) / 3.0
 
 
 def delayed(values: Any, k: int, delay_s: float, dt_s: float, initial: float) -> Any:
     """The value of delay_s before step k, linear between the steps."""
-    whole = int(np.floor(delay_s / dt_s + 1e-9))
-    share = max(delay_s / dt_s - whole, 0.0)
+    whole, share = in_steps(delay_s, dt_s)
     newer = initial
     older = initial
     if k - whole >= 0:
@@ -52,54 +33,21 @@ def delayed(values: Any, k: int, delay_s: float, dt_s: float, initial: float) ->
 
 
 def puff_table(c: Any, dt_s: float) -> Any:
-    """What a puff of each age contributes: amplitude [m/s], width [m], way sunk [m]."""
+    """What a puff of each age contributes; as the simulation's own table."""
+    table = SimpleNamespace()
     ages_s = dt_s * (0.5 + np.arange(int(np.ceil(c.wake_life_s / dt_s - 1e-9))))
-    width2 = c.wake_width_m**2 + 2.0 * c.wake_diffusivity_m2ps * ages_s
-    fading = np.exp(-c.wake_decay_per_s * ages_s) * c.wake_width_m**2 / width2
-    amplitude_mps = c.wake_strength * dt_s * fading
-    return amplitude_mps, width2, c.wake_speed_mps * ages_s
+    table.amplitude_mps, width2_m2 = puff_shapes(c.wake, ages_s, dt_s)
+    table.inverse_2width2 = 0.5 / width2_m2
+    table.sunk_m = c.wake.speed_mps * ages_s
+    return table
 
 
-def wake_velocity(c: Any, puffs: Any, roots: Any, x_m: float, above_m: float) -> Any:
+def wake_velocity(c: Any, table: Any, roots: Any, x_m: float, above_m: float) -> Any:
     """Vertical speed of the air [m/s] as a sum over puffs; roots are newest first."""
-    amplitude_mps, width2, sunk_m = puffs.amplitude_mps, puffs.width2, puffs.sunk_m
-    if c.wake_speed_exponent != 0.0:
-        sunk_m = sunk_m * np.maximum(roots, c.least_root) ** (2.0 * c.wake_speed_exponent)
-    distance2 = x_m**2 + (above_m + sunk_m) ** 2
-    return -np.sum(amplitude_mps * roots * np.exp(-0.5 * distance2 / width2))
-
-
-def is_held(c: Any, z_m: float, driving_n: float) -> Any:
-    """Whether stiction or a stop keeps a resting sufferer where it is."""
-    if abs(driving_n) <= max(c.stiction_n, c.coulomb_n):
-        return True
-    if z_m <= 0.0 and driving_n < 0.0:
-        return True
-    return z_m >= c.travel_m and driving_n > 0.0
-
-
-def body_step(
-    c: Any, z_m: float, vz_mps: float, force_n: float, added_kg: float, dt_s: float
-) -> Any:
-    """Height [m] and speed [m/s] after dt_s on the rail, between its two inelastic stops."""
-    driving_n = force_n - c.weight_n
-    after = 0.0
-    if vz_mps != 0.0 or not is_held(c, z_m, driving_n):
-        direction = np.sign(driving_n)
-        if vz_mps != 0.0:
-            direction = np.sign(vz_mps)
-        resisting_n = c.coulomb_n * direction + c.viscous_n_per_mps * vz_mps
-        after = vz_mps + (driving_n - resisting_n) / (c.mass_kg + added_kg) * dt_s
-        if after * vz_mps < 0.0 and c.coulomb_n > 0.0:
-            after = 0.0
-    z_m = z_m + 0.5 * (vz_mps + after) * dt_s
-    if z_m <= 0.0 and after <= 0.0:
-        z_m = 0.0
-        after = 0.0
-    if z_m >= c.travel_m and after >= 0.0:
-        z_m = c.travel_m
-        after = 0.0
-    return z_m, after
+    sunk_m = table.sunk_m
+    if c.wake.speed_exponent != 0.0:
+        sunk_m = sunk_m * paces(roots, c.wake.speed_exponent)
+    return air_mps(table, roots, sunk_m, x_m, above_m)
 
 
 def started(
@@ -156,8 +104,8 @@ def sensed(c: Any, m: Any, s: Any, z_m: Any, k: int, dt_s: float) -> Any:
         makes_one = now_s >= s.next_reading_s - 1e-9
     if makes_one:
         height_m = delayed(z_m, k, c.range_delay_s, dt_s, 0.0)
-        seen_m = c.range_bias_m + c.range_scale * height_m
-        s.made_m = max(changed_range_m(c, m, seen_m), 0.0)
+        range_m = seen_m(height_m, c.range_bias_m, c.range_scale)
+        s.made_m = max(changed_range_m(c, m, range_m), 0.0)
         s.next_reading_s = s.next_reading_s + c.range_hold_s
     if is_due:
         s.next_range_s = s.next_range_s + c.range_period_s
@@ -174,14 +122,14 @@ def driven(c: Any, s: Any, source_us: Any, sufferer_us: Any, k: int, dt_s: float
         s.source_us = accepted_us(c, late_us, s.source_us, "source")
         late_us = delayed(sufferer_us, k, c.command_delay_s, dt_s, c.idle_us)
         s.sufferer_us = accepted_us(c, late_us, s.sufferer_us, "sufferer")
-        s.source_target = np.sqrt(thrust_at(s.source_us, c.source_us, c.source_n))
-        s.sufferer_target = np.sqrt(thrust_at(s.sufferer_us, c.sufferer_us, c.sufferer_n))
+        s.source_target = np.sqrt(np.interp(s.source_us, c.source_us, c.source_n))
+        s.sufferer_target = np.sqrt(np.interp(s.sufferer_us, c.sufferer_us, c.sufferer_n))
     before = s.source_speed
-    s.source_speed = spooled(before, s.source_target, c.source_up_s, c.source_down_s, dt_s)
-    s.source_n = mean_thrust(before, s.source_speed, c.source_up_s, c.source_down_s)
+    s.source_speed = spooled(before, s.source_target, c.source_lag, dt_s)
+    s.source_n = mean_thrust(before, s.source_speed, c.source_lag)
     before = s.sufferer_speed
-    s.sufferer_speed = spooled(before, s.sufferer_target, c.sufferer_up_s, c.sufferer_down_s, dt_s)
-    s.sufferer_n = mean_thrust(before, s.sufferer_speed, c.sufferer_up_s, c.sufferer_down_s)
+    s.sufferer_speed = spooled(before, s.sufferer_target, c.sufferer_lag, dt_s)
+    s.sufferer_n = mean_thrust(before, s.sufferer_speed, c.sufferer_lag)
     return s
 
 
@@ -198,15 +146,15 @@ def powered(c: Any, m: Any, s: Any, now_s: float, dt_s: float) -> Any:
     return m, s
 
 
-def blown(c: Any, m: Any, s: Any, puffs: Any) -> Any:
+def blown(c: Any, m: Any, s: Any, table: Any) -> Any:
     """The wake's air and force at the sufferer, and the sufferer's thrust in it."""
     s.roots = np.roll(s.roots, 1)
-    s.roots[0] = np.sqrt(max(m.source_n, 0.0) / c.reference_thrust_n)
+    s.roots[0] = np.sqrt(max(m.source_n, 0.0) / c.wake.reference_thrust_n)
     s.carriage_m = carriage_place_m(c, m.x_m, s.carriage_m)
     aside_m = s.carriage_m - added_offset_m(c, m)
-    m.wake_mps = wake_velocity(c, puffs, s.roots, aside_m, m.z_m - c.source_height_m)
+    m.wake_mps = wake_velocity(c, table, s.roots, aside_m, m.z_m - c.source_height_m)
     m.wake_mps = changed_wake_mps(c, m)
-    m.wake_n = 0.5 * c.air_density_kgpm3 * c.drag_area_m2 * m.wake_mps * abs(m.wake_mps)
+    m.wake_n = drag_force(c.wake, 0.0, m.wake_mps)
     m.sufferer_n = changed_sufferer_n(c, m)
     return m, s
 
@@ -234,9 +182,8 @@ def simulate(
     m = motion_at_rest()
     n = len(t_s)
     dt_s = (t_s[n - 1] - t_s[0]) / (n - 1)
-    puffs = SimpleNamespace()
-    puffs.amplitude_mps, puffs.width2, puffs.sunk_m = puff_table(c, dt_s)
-    ages = len(puffs.sunk_m)
+    table = puff_table(c, dt_s)
+    ages = len(table.sunk_m)
     s = started(c, z0_m, x_m[0], frame_phase_s, range_phase_s, reading_phase_s, ages)
     z_m, vz_mps, range_m = np.zeros(n), np.zeros(n), np.zeros(n)
     source_n, sufferer_n, wake_n, effect_n = np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n)
@@ -251,12 +198,13 @@ def simulate(
         range_m[k] = s.range_m
         s = driven(c, s, source_us, sufferer_us, k, dt_s)
         m, s = powered(c, m, s, k * dt_s, dt_s)
-        m, s = blown(c, m, s, puffs)
+        m, s = blown(c, m, s, table)
         source_n[k], sufferer_n[k], wake_n[k] = m.source_n, m.sufferer_n, m.wake_n
         effect_n[k] = added_force_n(c, m)
-        total_n = m.sufferer_n + m.wake_n + effect_n[k]
-        s.height_m, s.speed_mps = body_step(
-            c, s.height_m, s.speed_mps, total_n, added_mass_kg(c, m), dt_s
+        driving_n = m.sufferer_n + m.wake_n + effect_n[k] - c.weight_n
+        inertia_kg = c.mass_kg + added_mass_kg(c, m)
+        s.height_m, s.speed_mps = slid(
+            c.rail, s.height_m, s.speed_mps, driving_n, inertia_kg, 0.0, c.travel_m, dt_s
         )
     return {
         "t_s": t_s,

@@ -36,7 +36,7 @@ def _places(
     each = [model.coordinates(e) for e in sealed]
     result = []
     for coordinate, (coordinate_unit, _) in each[0].items():
-        edges, inside = _joined(_ranges(np.concatenate([c[coordinate][1] for c in each])))
+        edges, inside = _joined(ranges(np.concatenate([c[coordinate][1] for c in each])))
         for row, (channel, unit) in enumerate(model.channels):
             entry: dict[str, Any] = {"channel": channel, "unit": unit, "coordinate": coordinate}
             entry |= {"coordinate_unit": coordinate_unit, "edges": edges}
@@ -46,7 +46,7 @@ def _places(
     return [entry for entry in result if entry["before"]]
 
 
-def _ranges(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
+def ranges(at: FloatArray) -> list[tuple[float, float, FloatArray]]:
     """Up to six ranges with as many samples each: lowest, highest and which samples."""
     known = at[np.isfinite(at)]
     if not len(known):

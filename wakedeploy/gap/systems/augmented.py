@@ -15,11 +15,14 @@ from wakedeploy.gap.systems.kinds.inputs import InputKind, shifted
 from wakedeploy.gap.systems.kinds.library import Effect
 from wakedeploy.gap.systems.kinds.sensors import ConstantKind, OutputKind
 from wakedeploy.gap.systems.system import Point, System
+from wakedeploy.physics.kalman import bumped
 
 Arrays = Mapping[str, Any]
 
 BUMPS = (-1.5, -0.75, 0.0, 0.75, 1.5)  # of the model-form term, in usual sizes of the state
 _BUMP_WIDTH = 0.75
+_CENTRES = np.array(BUMPS)
+_FARTHEST_BUMP = 6.0  # usual sizes; no bump reaches there
 FORM_SD = 0.05  # of the model-form term, as a share of the rate
 FORM_EACH = FORM_SD / 1.4  # of one bump: neighbours overlap
 FORM_MOST = 2.0 * FORM_EACH  # long logs would outvote a prior
@@ -64,6 +67,17 @@ class Acting:
         acting = (e for e in self._of["input"] if e.port.name == name)
         own = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
         return (f"clock.{name}", *own)
+
+    def formed(self, values: Arrays) -> dict[str, FloatArray]:
+        """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
+        lanes = next(iter(values.values())).shape[1]
+        none = np.zeros((1, lanes))
+        return {
+            f"form.{name}": np.vstack(
+                [values.get(f"form.{name}.{k}", none) for k in range(len(BUMPS))]
+            )
+            for name in self.form
+        }
 
     def constants(self, values: Arrays, time_s: FloatArray) -> Point:
         """Values of the constants, with what acts on them."""
@@ -129,13 +143,13 @@ class Acting:
         return told[name]
 
     def _form(self, name: str, named: Arrays, told: Arrays, values: Arrays) -> Any:
-        """A small smooth share of the rate, over the state itself."""
+        """A small smooth share of the rate, over the state itself; `formed` has its sizes."""
         at = named[name] / self.sizes[name]
-        share = 0.0
-        for k, centre in enumerate(BUMPS):
-            size = values.get(f"form.{name}.{k}")
-            if size is not None:
-                share = share + size * np.exp(-0.5 * ((at - centre) / _BUMP_WIDTH) ** 2)
+        sizes = values.get(f"form.{name}")
+        if sizes is None:
+            return 0.0
+        flat = at.reshape(-1, at.shape[-1])
+        share = bumped(flat, sizes, _CENTRES, _BUMP_WIDTH, _FARTHEST_BUMP).reshape(at.shape)
         return self._dt_s * share * self._base(name, named, told)
 
     def _force(

@@ -16,10 +16,13 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.blocks import Block, Log, Pieces, pieces_of
+from wakedeploy.gap.systems.system import System
 from wakedeploy.physics.kalman import corrected, stepped
+from wakedeploy.physics.series import IntArray
 
 OUTLIER_SPREAD = 6.0  # sd of outliers over that of the other samples
 _ASIDE = 1e-4  # of a usual size: how far beside a state a Jacobian looks
+_OWN_STATES = 6  # samples more that settle what effects may add; the same for every hypothesis
 _LOST = 1e12  # usual sizes: a state that far away has left the model
 
 
@@ -33,11 +36,47 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a filter told: `told` (4, T, m, K, S) and the corrected states (T, k, K, S)."""
+    """What a filter told: `told` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
+
+    The last d of them are the lasting pushes on the driven states.
+    """
 
     told: FloatArray
     states: FloatArray
     pieces: Pieces
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """What disturbs lanes, (…, L): variances of sensors, sd of white pushes, and lasting ones.
+
+    A lasting push has the sd `lasting`, keeps the share `keep` of itself from one sample to the
+    next, and gets fresh noise of sd `fresh`: an Ornstein–Uhlenbeck process. It stands for whatever
+    acts on a rate and is not white, what the model lacks included, so that innovations are white
+    under every hypothesis.
+    """
+
+    sensor: FloatArray
+    white: FloatArray
+    lasting: FloatArray
+    keep: FloatArray
+    fresh: FloatArray
+
+    @classmethod
+    def of(
+        cls, system: System, driven: Sequence[str], values: Mapping[str, FloatArray], dt_s: float
+    ) -> "Noise":
+        """From parameters by name, (1, L) each."""
+        lanes = next(iter(values.values())).shape[1]
+
+        def rows(prefix: str) -> FloatArray:
+            found = [np.exp(values[f"{prefix}.{n}"][0]) for n in driven]
+            return np.array(found).reshape(len(driven), lanes)
+
+        lasting, keep = rows("push"), np.exp(-dt_s / rows("lasting"))
+        sensor = np.array([np.exp(2 * values[f"noise.{o.name}"][0]) for o in system.outputs])
+        fresh = lasting * np.sqrt(1.0 - keep**2)
+        return cls(sensor, rows("force"), lasting, keep, fresh)
 
 
 class Filter:
@@ -67,43 +106,47 @@ class Filter:
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
-        pieces = pieces_of(blocks, 2 * len(acting.states) + 2)
+        pieces = pieces_of(blocks, 2 * len(acting.system.states) + _OWN_STATES)
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
         columns = self._columns(acting, values)
         spread = {n: np.repeat(v, parts)[None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
         logged = self._outputs if outputs is None else outputs
-        x, p = self._begin(acting, at[0], count)
-        k, nd, m = len(acting.states), len(self.driven), len(logged)
-        driven = np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
-        sd = np.array([np.exp(spread[f"force.{n}"][0]) for n in self.driven]).reshape(nd, lanes)
-        noise = np.array([np.exp(2 * spread[f"noise.{o.name}"][0]) for o in acting.system.outputs])
+        dt_s = 1.0 / acting.system.rate_hz
+        noise = Noise.of(acting.system, self.driven, spread, dt_s)
+        x, p = self._begin(acting, at[0], count, noise)
+        k, m = len(acting.states), len(logged)
+        driven = self._places(acting)
         aside = self._aside(acting, lanes)
         told = np.empty((len(at), 4, m, lanes))
-        states = np.empty((len(at), k, lanes))
-        dt_s = 1.0 / acting.system.rate_hz
+        states = np.empty((len(at), len(x), lanes))
         names = [i.name for i in acting.system.inputs]
         timeless = not any(e.port.role == "constant" for e in acting.effects)
         c = acting.constants(spread, np.zeros((1, 1)))
+        points = np.empty((k, k + 1, lanes))
+        times = np.tile(pieces.sample * dt_s, count)
+        told_by = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
+        told_by = np.tile(told_by, (1, 1, count))
         for t, here in enumerate(at):
-            time_s = np.tile(pieces.sample[t] * dt_s, count)[None, :]
+            time_s = times[t][None, :]
             u = {n: columns[i][:, here].reshape(1, lanes) for i, n in enumerate(names)}
-            y = np.tile(np.where(pieces.valid[t], logged[:, here], np.nan), (1, count))
             if not timeless:
                 c = acting.constants(spread, time_s)
-            around = _around(x, aside)
-            shown = acting.readings(around, u, c, spread, time_s)
-            corrected(x, p, shown, aside, y, noise, self.outliers, OUTLIER_SPREAD, told[t])
+            shown = acting.readings(_around(x, aside, points), u, c, spread, time_s)
+            corrected(x, p, shown, aside, told_by[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
+                      told[t])  # fmt: skip
             states[t] = x
-            rates = acting.rates(_around(x, aside), u, c, spread, time_s)
-            stepped(x, p, rates, aside, driven, sd, dt_s, acting.system.has_step)
+            rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
+            stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, dt_s,
+                    acting.system.has_step)  # fmt: skip
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
                 told[t][:, :, lost] = np.array([0.0, 1.0, LOST_NATS, 1.0])[:, None, None]
         shape = (len(at), 4, m, count, parts)
-        states = states.reshape(len(at), k, count, parts)
+        states = states.reshape(len(at), len(x), count, parts)
         return Run(np.moveaxis(told.reshape(shape), 1, 0), states, pieces)
 
     def forecasts(
@@ -112,10 +155,12 @@ class Filter:
         values: Mapping[str, FloatArray],
         episodes: Sequence[int],
         horizon: int,
+        chosen: Sequence[int] | None = None,
     ) -> list[FloatArray]:
         """Measured less forecast (m, n) of each block, NaN where nothing is forecast.
 
         From every `horizon`-th sample the model goes on alone, uncorrected by measurements.
+        `chosen` says which parameter set is each block's; the first if it is not given.
         """
         run = self.run(acting, values, episodes)
         every = [(t, s) for s in range(run.pieces.sample.shape[1])
@@ -127,36 +172,41 @@ class Filter:
             return result
         t0, s0 = (np.array(column) for column in zip(*every, strict=True))
         lanes = len(t0)
-        spread = {n: np.repeat(v, lanes)[None, :] for n, v in values.items()}
+        owner = run.pieces.block[s0]
+        set_of = np.zeros(lanes, dtype=int) if chosen is None else np.array(chosen)[owner]
+        spread = {n: v[set_of][None, :] for n, v in values.items()}
+        spread |= acting.formed(spread)
         columns = self._columns(acting, values)
-        x = np.ascontiguousarray(run.states[t0, :, 0, s0].T)
+        x = np.ascontiguousarray(run.states[t0, : len(acting.states), set_of, s0].T)
         p = np.zeros((len(x), len(x), lanes))
-        aside = self._aside(acting, lanes)
+        aside, points = self._aside(acting, lanes), np.empty((len(x), len(x) + 1, lanes))
         nothing = np.zeros((0, lanes))
         dt_s = 1.0 / acting.system.rate_hz
         names = [i.name for i in acting.system.inputs]
         none = np.zeros(0, dtype=np.int64)
         last = len(run.states) - 1
+        first = np.array([self.blocks[e].start for e in episodes])[owner]
         for step in range(horizon):
             t = np.minimum(t0 + step, last)
             sample = run.pieces.sample[t, s0]
             here = sample + self._offset[run.pieces.log[s0]]
             time_s = (sample * dt_s)[None, :]
-            u = {n: columns[i][:, here] for i, n in enumerate(names)}
+            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             c = acting.constants(spread, time_s)
-            rates = acting.rates(_around(x, aside), u, c, spread, time_s)
-            stepped(x, p, rates, aside, none, nothing, dt_s, acting.system.has_step)
+            rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
+            stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
+                    acting.system.has_step)  # fmt: skip
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             t = t0 + step + 1
             inside = (t <= last) & run.pieces.scored[np.minimum(t, last), s0]
             sample = run.pieces.sample[np.minimum(t, last), s0]
             here = sample + self._offset[run.pieces.log[s0]]
-            u = {n: columns[i][:, here] for i, n in enumerate(names)}
+            u = {n: columns[i][set_of, here][None, :] for i, n in enumerate(names)}
             shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
-            for lane in np.flatnonzero(inside):
-                block = int(run.pieces.block[s0[lane]])
-                at = sample[lane] - self.blocks[episodes[block]].start
-                result[block][:, at] = self._outputs[:, here[lane]] - shown[:, lane]
+            error = self._outputs[:, here] - shown
+            for block in range(len(episodes)):
+                own = inside & (owner == block)
+                result[block][:, sample[own] - first[own]] = error[:, own]
         return result
 
     def free_run(
@@ -165,7 +215,8 @@ class Filter:
         """States (k, n) and readings (m, n) of the first log, from its first sample on."""
         columns = self._columns(acting, values)
         spread = {n: v[None, :] for n, v in values.items()}
-        x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1)
+        spread |= acting.formed(spread)
+        x, p = self._begin(acting, np.zeros(1, dtype=np.int64), 1, None)
         aside, dt_s = self._aside(acting, 1), 1.0 / acting.system.rate_hz
         none, nothing = np.zeros(0, dtype=np.int64), np.zeros((0, 1))
         states, shown = [], []
@@ -176,7 +227,8 @@ class Filter:
             states.append(x[:, 0].copy())
             shown.append(acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0, 0])
             rates = acting.rates(_around(x, aside), u, c, spread, time_s)
-            stepped(x, p, rates, aside, none, nothing, dt_s, acting.system.has_step)
+            stepped(x, p, rates, aside, none, nothing, nothing, nothing, dt_s,
+                    acting.system.has_step)  # fmt: skip
         return np.array(states).T, np.array(shown).T
 
     def _columns(self, acting: Acting, values: Mapping[str, FloatArray]) -> list[FloatArray]:
@@ -200,8 +252,10 @@ class Filter:
             result.append(np.array(rows))
         return result
 
-    def _begin(self, acting: Acting, at: FloatArray, count: int) -> tuple[FloatArray, FloatArray]:
-        """States and covariances at the first sample of every lane."""
+    def _begin(
+        self, acting: Acting, at: FloatArray, count: int, noise: "Noise | None"
+    ) -> tuple[FloatArray, FloatArray]:
+        """States and covariances at the first sample of every lane, lasting pushes after them."""
         own = self._states[:, at]  # (n, S)
         sd = np.tile(self.starts[0].spread[:, None], (1, own.shape[1]))
         for effect in acting.effects:
@@ -216,20 +270,30 @@ class Filter:
                 sd = np.vstack([sd, np.full((1, sd.shape[1]), width)])
         x = own
         x, sd = np.tile(x, (1, count)), np.tile(sd, (1, count))
+        if noise is not None:
+            x, sd = np.vstack([x, 0.0 * noise.lasting]), np.vstack([sd, noise.lasting])
         p = np.zeros((len(x), *x.shape))
         for i in range(len(x)):
             p[i, i] = sd[i] ** 2
         return np.ascontiguousarray(x), p
+
+    def _places(self, acting: Acting) -> IntArray:
+        """Where the driven states stand among all."""
+        return np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
 
     def _aside(self, acting: Acting, lanes: int) -> FloatArray:
         sizes = [acting.sizes.get(n, 1.0) for n in acting.states]
         return np.tile(_ASIDE * np.array(sizes)[:, None], (1, lanes))
 
 
-def _around(x: FloatArray, aside: FloatArray) -> FloatArray:
-    """States (k, L) and those beside them in each direction, (k, k + 1, L)."""
-    k = len(x)
-    points = np.repeat(x[:, None, :], k + 1, axis=1)
+def _around(x: FloatArray, aside: FloatArray, points: FloatArray | None = None) -> FloatArray:
+    """The first k states of `x` (≥ k, L) and those beside them in each direction, (k, k + 1, L).
+
+    `points`, if it is given, is where they are written.
+    """
+    k = len(aside)
+    points = np.empty((k, k + 1, x.shape[1])) if points is None else points
+    points[:] = x[:k, None, :]
     for i in range(k):
         points[i, i + 1] += aside[i]
     return points

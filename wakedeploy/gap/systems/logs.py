@@ -8,6 +8,8 @@ clocks within a sample, constants within their spreads, and a small smooth error
 
 import functools
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from typing import Any
 
 import numpy as np
 from scipy.signal import savgol_filter
@@ -20,13 +22,19 @@ from wakedeploy.gap.systems.augmented import BUMPS, FORM_EACH, FORM_MOST, Acting
 from wakedeploy.gap.systems.blocks import Block, Log, blocks_of, logs_of
 from wakedeploy.gap.systems.filter import Filter, Run, Start
 from wakedeploy.gap.systems.kinds.library import offered
+from wakedeploy.gap.systems.leftover import leftovers
 from wakedeploy.gap.systems.system import Point, System
 
 SEALED_SHARE = 0.25
+_TOGETHER = 15000  # samples times effects that are looked at in one run
 _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
 _LN_SD = 2.0
+# ln sd by which a sensor may be better than stated, or than guessed: a filter that trusts a sensor
+# without limit takes the time within a sample at which a force turned for a force.
+_BETTER, _MUCH_BETTER = 1.0, 6.0
+_USUAL_PUSH, _SHORTEST_PUSH, _LONGEST_PUSH = 15, 2, 300  # samples that a push on a rate lasts
 
 
 class LogModel:
@@ -129,6 +137,29 @@ class LogModel:
         values = self.values(fitted.hypothesis, fitted.theta)
         return self._forecast(fitted.hypothesis, values, episodes)
 
+    def groups(self, names: Sequence[str]) -> list[list[str]]:
+        """Effects that one run can tell of, as long as the logs are so short that this saves time.
+
+        Those with states of their own stay alone.
+        """
+        simple = [n for n in names if not self.library[n].own_states]
+        size = max(_TOGETHER // sum(log.outputs.shape[1] for log in self.logs), 1)
+        groups = [simple[i : i + size] for i in range(0, len(simple), size)]
+        return groups + [[n] for n in names if self.library[n].own_states]
+
+    def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
+        """What still acts and is explained by nothing, as JSON has it."""
+        return tuple(asdict(one) for one in leftovers(self, fitted))
+
+    def crossed_disagreements(
+        self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
+    ) -> list[FloatArray]:
+        """The same of a fit's own blocks, each with one of several parameter sets (K, p)."""
+        sets = dict(zip(fitted.names, np.asarray(thetas, dtype=float).T, strict=True))
+        acting = self.acting(fitted.hypothesis)
+        with np.errstate(all="ignore"):
+            return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
+
     def _forecast(
         self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
     ) -> list[FloatArray]:
@@ -177,7 +208,8 @@ class LogModel:
         for output in self.system.outputs:
             size = self.sizes[f"y {output.name}"]
             guess = float(np.log(output.noise or 0.01 * size))
-            name, bounds = f"noise.{output.name}", (guess - 12.0, float(np.log(10.0 * size)))
+            better = _BETTER if output.noise else _MUCH_BETTER
+            name, bounds = f"noise.{output.name}", (guess - better, float(np.log(10.0 * size)))
             told.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
         for name in self.driven:
             rate = self.sizes[f"d {name}"]
@@ -185,7 +217,18 @@ class LogModel:
             unit = f"{self.system.states[name]}/s"
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
             told.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
+            told += self._lasting(name, unit, rate)
         return told
+
+    def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
+        """Logarithms of sd and time of a push that lasts."""
+        guess, bounds = float(np.log(0.1 * rate)), np.log([1e-6 * rate, 30.0 * rate])
+        shortest, longest = np.log([_SHORTEST_PUSH * self.dt_s, _LONGEST_PUSH * self.dt_s])
+        usual = float(np.log(_USUAL_PUSH * self.dt_s))
+        return [
+            Free(f"push.{name}", unit, guess, _LN_SD, float(bounds[0]), float(bounds[1]), 0.01),
+            Free(f"lasting.{name}", "s", usual, 1.0, float(shortest), float(longest), 0.02),
+        ]
 
     def _clocks(self) -> list[Free]:
         """An input may act up to half a sample sooner or later than its row says."""

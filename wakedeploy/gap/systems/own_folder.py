@@ -22,7 +22,7 @@ from wakedeploy.gap.search.rounds import (
     named_document,
     shown_document,
 )
-from wakedeploy.gap.search.scan import Weight
+from wakedeploy.gap.search.weighing import Weight
 from wakedeploy.gap.systems.correction import correction_of, write_correction
 from wakedeploy.gap.systems.logs import LogModel
 

@@ -13,7 +13,7 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, neutral, prior_precision
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.search.scan import look
+from wakedeploy.gap.search.looking import Ground, look
 from wakedeploy.gap.systems.logs import LogModel
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
@@ -40,6 +40,7 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
     """Constants first, then effects, in the library's order."""
     known = np.concatenate(whitened(base.slopes))
     prior = np.sqrt(prior_precision(base.free))
+    ground = Ground.of(base)
     moved: dict[str, FloatArray] = {}
     left: dict[str, FloatArray] = {}
     for i, free in enumerate(base.free):
@@ -51,7 +52,7 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
     for done, (name, effect) in enumerate(model.library.items(), 1):
         first = effect.free[0]
         far = (first.starts[0] - first.neutral) or first.step
-        moved[name] = look(model, base, name).columns[0][:, 0] * far
+        moved[name] = look(model, ground, name).columns[0][:, 0] * far
         left[name] = _left(moved[name], known, prior)
         steps(done, len(model.library))
     names = list(moved)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from wakedeploy.gap.search.judging import ACCEPTED, CHANCE
 from wakedeploy.gap.wording import listed
 
 _MOST_PLACES, _MOST_RANKED = 6, 5
@@ -12,7 +13,7 @@ def sentences(step: str, told: Mapping[str, Any]) -> list[str]:
     """The lines that a command prints."""
     if step == "find":
         return _found(told)
-    lines = [_verdict(told), *_effects(told), *_rejected(told)]
+    lines = [_verdict(told), *_effects(told), *_unexplained(told), *_rejected(told)]
     if "gap" in told:
         lines += _gap(told)
     return lines
@@ -39,7 +40,7 @@ def _verdict(told: Mapping[str, Any]) -> str:
         return f"The system lacks {listed(names)}."
     if told["verdict"] == "none":
         return "Nothing that matters is missing from the system."
-    return "Something is missing that no single effect explains."
+    return "Something acts on the system that no known effect explains."
 
 
 def _effects(told: Mapping[str, Any]) -> list[str]:
@@ -52,10 +53,29 @@ def _effects(told: Mapping[str, Any]) -> list[str]:
         share = effect["forecast"]
         lines.append(
             f"  {effect['name']}: {sizes}; removes {_percent(share['share'])} of the squared "
-            f"forecast error of sealed blocks [{_percent(share['low'])}, {_percent(share['high'])}]"
+            "forecast error where it was not fitted "
+            f"[{_percent(share['low'])}, {_percent(share['high'])}]"
         )
     for name in told.get("unsettled", ()):
         lines.append(f"  The fit with {name} had not settled: its size is a lower guess.")
+    return lines
+
+
+def _unexplained(told: Mapping[str, Any]) -> list[str]:
+    """What still acts: on which rate, how large, how long, and what it follows."""
+    lines = []
+    for one in told.get("unexplained", ()):
+        lines.append(
+            f"  Not explained: on {one['state']}, {one['sd']:.3g} {one['unit']} (sd) that last "
+            f"{one['lasts_s']:.2g} s, {_percent(one['share'])} of the usual rate."
+        )
+        at = one["against"]
+        if at is not None:
+            lines.append(
+                f"    It follows {at['coordinate']}, which tells {_percent(at['share'])} of it: "
+                f"from {at['means'][0]:+.3g} {one['unit']} at {at['edges'][0]:.3g} {at['unit']} "
+                f"to {at['means'][-1]:+.3g} {one['unit']} at {at['edges'][-1]:.3g} {at['unit']}."
+            )
     return lines
 
 
@@ -71,7 +91,7 @@ def _rejected(told: Mapping[str, Any]) -> list[str]:
     lines = []
     for entry in told["rounds"][-1]["ranking"][:_MOST_RANKED]:
         why = entry.get("judged", "")
-        if why and why not in ("accepted", "no more than chance"):
+        if why and why not in (ACCEPTED, CHANCE):
             lines.append(f"  Not named: {entry['name']}: {why}.")
     return lines
 

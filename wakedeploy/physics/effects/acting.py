@@ -1,32 +1,75 @@
-"""Effects while a plant is stepped: what they may look at, and what has to be remembered for them.
+"""Effects along a motion: what they may look at, what is remembered for them, and their order.
 
-In: the plant's motion, step by step. Out: thrusts, air, forces and readings as the effects leave
-them. The gap workflow computes the same integrals from a log; their definitions stand here.
+In: a motion, step by step, or a whole flight's at once. Out: thrusts, air, forces and readings as
+the effects leave them.
 """
 
 import math
 from collections import deque
 
+import numpy as np
+
 from wakedeploy.core.rig import Rig
-from wakedeploy.physics.effects.base import Motion
+from wakedeploy.physics.effects.base import FloatArray, Motion, Number, Setting
 from wakedeploy.physics.effects.chain import Chain, setting_of
 
 TAKEN_OFF = 0.5  # of its weight: the sufferer's thrust at which `Motion.time_s` begins to count
 LEAST_MOTION_MPS = 0.005  # a slower carriage keeps its direction: step counts cannot tell
 
 
+def in_steps(delay_s: float, dt_s: float) -> tuple[int, float]:
+    """A delay as whole steps and the share of one more."""
+    whole = int(math.floor(delay_s / dt_s + 1e-9))  # noqa: RUF046  an exported model needs the int
+    return whole, max(delay_s / dt_s - whole, 0.0)
+
+
 class DelayLine:
     """A value as it was `delay_s` ago, in steps of `dt_s`, linear between them."""
 
     def __init__(self, delay_s: float, dt_s: float, initial: float) -> None:
-        whole = math.floor(delay_s / dt_s + 1e-9)
-        self._share = max(delay_s / dt_s - whole, 0.0)
+        whole, self._share = in_steps(delay_s, dt_s)
         self._past = deque([initial] * (whole + 2), maxlen=whole + 2)  # oldest first
 
     def passed(self, value: float) -> float:
         """Put in the present value, take out the old one; called once per step."""
         self._past.append(value)
         return (1.0 - self._share) * self._past[1] + self._share * self._past[0]
+
+
+def motion_along(
+    t_s: FloatArray, take_off_s: float, x_m: FloatArray, vx_mps: FloatArray, dt_s: float
+) -> Motion:
+    """What effects may look at of time and carriage, over a flight's steps (N,) of `dt_s`.
+
+    The same as `ActingEffects` notes step by step.
+    """
+    moving = np.abs(vx_mps) >= LEAST_MOTION_MPS
+    last = np.maximum.accumulate(np.where(moving, np.arange(len(vx_mps)), -1))
+    return Motion(
+        time_s=np.maximum(t_s - take_off_s, 0.0),
+        x_m=x_m,
+        vx_mps=vx_mps,
+        travelled_m=np.cumsum(np.abs(vx_mps)) * dt_s,
+        direction=np.where(last >= 0, np.sign(vx_mps[np.maximum(last, 0)]), 0.0),
+    )
+
+
+def blow(chain: Chain, m: Motion, setting: Setting, air_mps: Number) -> Number:
+    """The air's vertical speed [m/s] at the sufferer after effects, which is noted in `m`."""
+    m.wake_mps = air_mps
+    m.wake_mps = chain.wake_mps(m, setting)
+    return m.wake_mps
+
+
+def push(chain: Chain, m: Motion, setting: Setting, wake_n: Number) -> tuple[Number, Number]:
+    """The effects' extra force [N] and inertia [kg] on a sufferer in a wake of this force.
+
+    `m` gets the wake's force and the sufferer's thrust in it, which forces and inertia may depend
+    on.
+    """
+    m.wake_n = wake_n
+    m.sufferer_n = chain.sufferer_n(m, setting)
+    return chain.force_n(m, setting), chain.added_mass_kg(m, setting)
 
 
 class ActingEffects:
@@ -83,23 +126,12 @@ class ActingEffects:
 
     def wake_mps(self, wake_mps: float) -> float:
         """The air's vertical speed [m/s] at the sufferer."""
-        self.motion.wake_mps = wake_mps
-        self.motion.wake_mps = self._chain.wake_mps(self.motion, self._setting)
-        return float(self.motion.wake_mps)
+        return float(blow(self._chain, self.motion, self._setting, wake_mps))
 
-    def sufferer_n(self, wake_n: float) -> float:
-        """The sufferer's thrust [N] in a wake of this force."""
-        self.motion.wake_n = wake_n
-        self.motion.sufferer_n = self._chain.sufferer_n(self.motion, self._setting)
-        return float(self.motion.sufferer_n)
-
-    def force_n(self) -> float:
-        """The extra force [N] on the sufferer."""
-        return float(self._chain.force_n(self.motion, self._setting))
-
-    def added_mass_kg(self) -> float:
-        """What the sufferer's inertia gains [kg]."""
-        return float(self._chain.added_mass_kg(self.motion, self._setting))
+    def push(self, wake_n: float) -> tuple[float, float, float]:
+        """The sufferer's thrust [N] in a wake of this force, extra force [N] and inertia [kg]."""
+        force_n, added_kg = push(self._chain, self.motion, self._setting, wake_n)
+        return float(self.motion.sufferer_n), float(force_n), float(added_kg)
 
     def travel(self, carriage_mps: float) -> None:
         """A step ends in which the carriage went at this speed."""

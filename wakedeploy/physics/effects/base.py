@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import numpy.typing as npt
 
-Number = float | npt.NDArray[np.float64]  # one step of the plant, or a whole flight
+FloatArray = npt.NDArray[np.float64]
+Number = float | FloatArray  # one step of the plant, or a whole flight
 Values = Mapping[str, float]
 
 Stage = Literal["command", "actuator", "wake", "force", "body", "sensor"]
@@ -116,9 +117,7 @@ class Effect:
         """
         return pulse_us
 
-    def pulses_us(
-        self, p: Values, pulses_us: npt.NDArray[np.float64], motor: str, idle_us: float
-    ) -> npt.NDArray[np.float64]:
+    def pulses_us(self, p: Values, pulses_us: FloatArray, motor: str, idle_us: float) -> FloatArray:
         """What the ESC takes over [µs] (n,) of a whole flight's pulses (n,), from idle on.
 
         The same as `pulse_us` frame by frame; fits ask it thousands of times.
@@ -144,7 +143,7 @@ class Effect:
         """
         return drive_m
 
-    def carriages_m(self, p: Values, drive_m: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+    def carriages_m(self, p: Values, drive_m: FloatArray) -> FloatArray:
         """Where the carriage is [m] (n,) along its drive's path (n,), at whose start they agree."""
         places_m = np.empty_like(drive_m)
         carriage_m = float(drive_m[0])

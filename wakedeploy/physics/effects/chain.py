@@ -3,6 +3,7 @@
 In: a rig's `[[effect]]` entries, or values that a fit tries. Out: what all of them together change.
 """
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
@@ -16,6 +17,7 @@ from wakedeploy.physics.effects import LIBRARY, effect
 from wakedeploy.physics.effects.base import (
     STAGES,
     Effect,
+    FloatArray,
     Motion,
     Number,
     Parameter,
@@ -26,6 +28,7 @@ from wakedeploy.physics.effects.base import (
 from wakedeploy.physics.effects.symbolic import SYMBOLIC, symbolic_effect
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
+Parts = tuple[tuple[Effect, Values], ...]
 METHODS: Final = (
     "pulse_us",
     "source_n",
@@ -37,6 +40,7 @@ METHODS: Final = (
     "added_mass_kg",
     "range_m",
 )
+_NONE: Final[Mapping[str, Parts]] = dict.fromkeys(METHODS, ())
 
 
 class Chain:
@@ -53,13 +57,22 @@ class Chain:
         known = [added.get(name) or effect(name) for name in values]
         order = [*LIBRARY, *added]
         known.sort(key=lambda one: (STAGES.index(one.stage), order.index(one.name)))
-        self.parts: tuple[tuple[Effect, Values], ...] = tuple(
-            (one, as_numbers(values[one.name])) for one in known
-        )
-        self._acting = {
-            method: tuple(part for part in self.parts if part[0].changes(method))
-            for method in METHODS
-        }
+        self._keep(tuple((one, as_numbers(values[one.name])) for one in known))
+
+    def _keep(self, parts: Parts) -> None:
+        self.parts = parts
+        acting = dict(_NONE)
+        for part in parts:
+            for method in _changed_by(part[0]):
+                acting[method] += (part,)
+        self._acting = acting
+
+    @classmethod
+    def in_order(cls, parts: Parts) -> "Chain":
+        """Effects with values that already stand in the order in which they act."""
+        chain = cls.__new__(cls)
+        chain._keep(parts)
+        return chain
 
     @classmethod
     def of(cls, rig: Rig) -> "Chain":
@@ -86,8 +99,12 @@ class Chain:
         """All values by dotted name: `{"battery-sag.sag_per_s": 0.003}`."""
         return {f"{one.name}.{name}": value for one, p in self.parts for name, value in p.items()}
 
+    def acting(self, method: str) -> Parts:
+        """The effects that change a quantity, named as `Effect`'s method, with their values."""
+        return self._acting[method]
+
     def acts_on(self, method: str) -> bool:
-        """Whether any of the effects changes this quantity, named as the method of `Effect`."""
+        """Whether any of the effects changes this quantity."""
         return bool(self._acting[method])
 
     @property
@@ -103,6 +120,12 @@ class Chain:
                 if parameter.constant is not None:
                     moved[parameter.constant] = p[parameter.name]
         return moved
+
+    def pulses_us(self, pulses_us: FloatArray, motor: str, idle_us: float) -> FloatArray:
+        """What an ESC takes over of a flight's pulses [µs], (n,), from idle on."""
+        for one, p in self._acting["pulse_us"]:
+            pulses_us = one.pulses_us(p, pulses_us, motor, idle_us)
+        return pulses_us
 
     def pulse_us(self, pulse_us: float, applied_us: float, motor: str, idle_us: float) -> float:
         """The pulse [µs] that an ESC takes over; `applied_us` is the answer of the frame before."""
@@ -130,6 +153,12 @@ class Chain:
         before_m = drive_m if before_m is None else before_m
         for one, p in self._acting["carriage_m"]:
             drive_m = one.carriage_m(p, drive_m, before_m)
+        return drive_m
+
+    def carriages_m(self, drive_m: FloatArray) -> FloatArray:
+        """Where the carriage is [m] along its drive's path, (N,)."""
+        for one, p in self._acting["carriage_m"]:
+            drive_m = one.carriages_m(p, drive_m)
         return drive_m
 
     def wake_offset_m(self, m: Motion, s: Setting) -> Number:
@@ -166,6 +195,12 @@ class Chain:
         return range_m
 
 
+@functools.lru_cache(maxsize=256)
+def _changed_by(one: Effect) -> frozenset[str]:
+    """The quantities that an effect changes; a fit asks it a million times."""
+    return frozenset(method for method in METHODS if one.changes(method))
+
+
 def require_effects(rig: Rig) -> None:
     """UnusableInput for effects that a rig file may not list; as `Chain.of`."""
     if rig.effect:
@@ -199,6 +234,18 @@ def believed(rig: Rig) -> Rig:
     folded = with_constants(rig, chain.constants(constants_of(rig)))
     kept = tuple(entry for entry in rig.effect if not _in_sections(effect_of(entry)))
     return folded.model_copy(update={"effect": kept})
+
+
+def default_lead_s(rig: Rig) -> float:
+    """How long a command takes to act [s]: round trip, latency, and the sufferer's mean spool lag.
+
+    Effects of the rig file that replace these constants count.
+    """
+    constants = constants_of(rig)
+    if rig.effect:
+        constants = Chain.of(rig).constants(constants)
+    lags_s = constants["spool.sufferer.up_s"] + constants["spool.sufferer.down_s"]
+    return round(rig.latency.round_trip_s + constants["command.delay_s"] + 0.5 * lags_s, 4)
 
 
 def unplaced_constants(rig: Rig) -> Constants:

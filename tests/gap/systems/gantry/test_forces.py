@@ -14,8 +14,10 @@ from wakedeploy.gap.systems.gantry.forces import Physics
 from wakedeploy.gap.systems.gantry.repeated_readings import likely_periods_s
 from wakedeploy.physics.constants import constants_of, with_constants
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import Chain
 
 CONSTANTS = constants_of(QUIET) | {"command.window_s": 0.0}
+NONE = Chain({})
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +35,7 @@ def flown():
 
 def active(name: str, **values: float):
     """One effect of the library at work."""
-    return ((LIBRARY[name], values),)
+    return Chain({name: values})
 
 
 def rms(values) -> float:
@@ -43,7 +45,7 @@ def rms(values) -> float:
 @pytest.mark.parametrize("motor", ["source", "sufferer"])
 def test_thrusts_are_the_plants(flown, motor: str) -> None:
     flight, physics, _, probe, at = flown
-    found = getattr(physics.forces(CONSTANTS, ()), f"{motor}_n")
+    found = getattr(physics.forces(CONSTANTS, NONE), f"{motor}_n")
     true_n = np.interp(flight.grid_s + 0.5 * DT_S, probe["t_s"], probe[f"{motor}_thrust_n"])
     assert np.ptp(true_n[at]) > 1.0
     assert rms((found - true_n)[at]) < 0.02 * true_n[at].mean()
@@ -52,7 +54,7 @@ def test_thrusts_are_the_plants(flown, motor: str) -> None:
 
 def test_the_wakes_force_is_the_plants(flown) -> None:
     flight, physics, log, _, at = flown
-    found = physics.forces(CONSTANTS, ())
+    found = physics.forces(CONSTANTS, NONE)
     inside = (log["t_s"] > flight.grid_s[at[0]]) & (log["t_s"] < flight.grid_s[at[-1]])
     true_n = log["true_wake_force_n"][inside]
     modelled_n = np.interp(log["t_s"][inside], flight.grid_s + 0.5 * DT_S, found.wake_n)
@@ -79,13 +81,13 @@ def test_the_wakes_force_under_a_belt_with_play_is_the_plants() -> None:
         wake_n = physics.forces(CONSTANTS, effects).wake_n
         return rms(np.interp(log["t_s"][inside], middle_s, wake_n) - true_n) / rms(true_n)
 
-    assert error(()) > 0.1
+    assert error(NONE) > 0.1
     assert error(active("belt-backlash", backlash_m=0.06)) < 0.01
 
 
 def test_accelerations_sum_up_to_the_speed_that_was_gained(flown) -> None:
     flight, physics, _, _, at = flown
-    summed = np.cumsum(physics.forces(CONSTANTS, ()).acceleration[0]) * DT_S
+    summed = np.cumsum(physics.forces(CONSTANTS, NONE).acceleration[0]) * DT_S
     window = round(0.5 / DT_S)
     first, last = at[: -window : window // 2], at[window :: window // 2]
     count = min(len(first), len(last))
@@ -105,7 +107,7 @@ def test_slopes_are_those_of_a_moved_flight(
     flown, effect, moved_m: float, moved_mps: float
 ) -> None:
     flight, physics, _, _, at = flown
-    effects = active("ground-effect", gain=0.2, height_m=0.2) if effect else ()
+    effects = active("ground-effect", gain=0.2, height_m=0.2) if effect else NONE
     here = physics.forces(CONSTANTS, effects).acceleration
     moved = flight.nominal + np.array([[moved_m], [moved_mps]])
     there = Physics(QUIET, dataclasses.replace(flight, nominal=moved)).forces(CONSTANTS, effects)
@@ -129,8 +131,8 @@ def test_a_moved_constant_is_the_rig_that_has_it(flown) -> None:
         "rail.coulomb_n": 0.08,
     }
     rig = with_constants(QUIET, moved)
-    same = Physics(rig, flight).forces(constants_of(rig) | {"command.window_s": 0.0}, ())
-    found = physics.forces(moved, ())
+    same = Physics(rig, flight).forces(constants_of(rig) | {"command.window_s": 0.0}, NONE)
+    found = physics.forces(moved, NONE)
     assert found.acceleration == pytest.approx(same.acceleration, abs=1e-6)
     assert found.source_n == pytest.approx(same.source_n, abs=1e-9)
 
@@ -140,7 +142,7 @@ def test_what_was_kept_is_what_would_be_computed_again(flown) -> None:
     flight, physics, *_ = flown
     rng = np.random.default_rng(0)
     names = ["wake.speed_mps", "spool.source.up_s", "thrust.sufferer.scale", "command.delay_s"]
-    effects = [(), active("tether-spring", stiffness_n_per_m=1.0, slack_m=0.4)]
+    effects = [NONE, active("tether-spring", stiffness_n_per_m=1.0, slack_m=0.4)]
     for _ in range(8):
         constants = dict(CONSTANTS)
         name = names[rng.integers(len(names))]
@@ -159,7 +161,7 @@ def test_a_neutral_effect_changes_nothing(flown, name: str) -> None:
         p.name: CONSTANTS[p.constant] if p.constant is not None else p.neutral
         for p in LIBRARY[name].parameters
     }
-    with_it, without = (physics.forces(CONSTANTS, e) for e in (active(name, **values), ()))
+    with_it, without = (physics.forces(CONSTANTS, e) for e in (active(name, **values), NONE))
     for field in ("acceleration", "expected", "wake_n", "taken_s"):
         assert getattr(with_it, field) == pytest.approx(getattr(without, field), abs=1e-9)
 
@@ -167,8 +169,8 @@ def test_a_neutral_effect_changes_nothing(flown, name: str) -> None:
 def test_latency_is_a_later_thrust(flown) -> None:
     _, physics, _, _, at = flown
     shift = 5
-    now = physics.forces(CONSTANTS, ()).sufferer_n
-    late = physics.forces(CONSTANTS | {"command.delay_s": shift * DT_S}, ()).sufferer_n
+    now = physics.forces(CONSTANTS, NONE).sufferer_n
+    late = physics.forces(CONSTANTS | {"command.delay_s": shift * DT_S}, NONE).sufferer_n
     # The frames stay where they are, so single pulses may come up to a frame apart.
     assert rms(late[at] - now[at - shift]) < 0.4 * rms(late[at] - now[at])
 
@@ -176,7 +178,7 @@ def test_latency_is_a_later_thrust(flown) -> None:
 def test_the_expected_reading_is_the_height_as_the_sensor_sees_it(flown) -> None:
     flight, physics, *_ = flown
     constants = CONSTANTS | {"range.bias_m": 0.01, "range.scale": 1.02, "range.delay_s": 0.02}
-    found = physics.forces(constants, ())
+    found = physics.forces(constants, NONE)
     assert found.taken_s == pytest.approx(flight.sample_s - 0.02)
     z_m = np.interp(flight.sample_s - 0.02, flight.grid_s, flight.nominal[0])
     assert found.expected[0] == pytest.approx(0.01 + 1.02 * z_m)
@@ -184,7 +186,7 @@ def test_the_expected_reading_is_the_height_as_the_sensor_sees_it(flown) -> None
     rested = dataclasses.replace(
         flight, rest=np.array([[0.0, 1e-6, 1.0, 0.0], [0.0, 1e-6, 14.0, 0.0]])
     )
-    assert Physics(QUIET, rested).at_rest(constants, ()) == pytest.approx([0.01, 0.01])
+    assert Physics(QUIET, rested).at_rest(constants, NONE) == pytest.approx([0.01, 0.01])
 
 
 def test_a_held_reading_is_as_old_as_its_repeats_say(flown) -> None:
@@ -195,7 +197,7 @@ def test_a_held_reading_is_as_old_as_its_repeats_say(flown) -> None:
     truth_s = sample_s + 0.013 - hold_s * made
     reading_m = np.random.default_rng(3).normal(0.5, 0.2, 200)[made.astype(int)]
     held = dataclasses.replace(flight, sample_s=sample_s, reading_m=reading_m)
-    found = Physics(QUIET, held).forces({**CONSTANTS, "range.hold_s": hold_s}, ())
+    found = Physics(QUIET, held).forces({**CONSTANTS, "range.hold_s": hold_s}, NONE)
     told_s = sample_s - found.taken_s
     inner = slice(10, -10)
     assert np.abs(told_s - truth_s)[inner].max() < 0.008
@@ -203,7 +205,7 @@ def test_a_held_reading_is_as_old_as_its_repeats_say(flown) -> None:
     repeats = np.append(False, np.diff(made) == 0)
     assert (found.held.probability[repeats][10:] > 0.5).mean() > 0.9
     assert (found.held.probability[~repeats][10:] < 0.5).mean() > 0.9
-    assert not physics.forces(CONSTANTS, ()).held.age_s.any()
+    assert not physics.forces(CONSTANTS, NONE).held.age_s.any()
 
 
 def repeats_of(hold_s: float, flights: int, seed: int):
@@ -236,7 +238,7 @@ def test_a_clock_and_its_mirror_image_are_both_likely() -> None:
 def test_added_mass_makes_everything_slower(flown) -> None:
     _, physics, *_ = flown
     mass_kg = QUIET.sufferer.mass_kg
-    light, heavy = (physics.forces(CONSTANTS, e) for e in ((), active("added-mass", mass_kg=0.1)))
+    light, heavy = (physics.forces(CONSTANTS, e) for e in (NONE, active("added-mass", mass_kg=0.1)))
     assert heavy.inertia_kg == pytest.approx(np.full(len(heavy.inertia_kg), mass_kg + 0.1))
     ratio = mass_kg / (mass_kg + 0.1)
     assert heavy.acceleration[0] == pytest.approx(ratio * light.acceleration[0], abs=1e-9)
@@ -246,7 +248,7 @@ def test_added_mass_makes_everything_slower(flown) -> None:
 @given(hold_s=st.floats(0.005, 0.3))
 def test_readings_are_in_order_whatever_the_hold(flown, hold_s: float) -> None:
     flight, physics, *_ = flown
-    found = physics.forces({**CONSTANTS, "range.hold_s": hold_s}, ())
+    found = physics.forces({**CONSTANTS, "range.hold_s": hold_s}, NONE)
     assert (np.diff(found.taken_s) >= 0.0).all()
     assert (found.taken_s <= flight.sample_s + 1e-9).all()
     assert (found.held.age_variance_s2 >= 0.0).all()

@@ -15,6 +15,7 @@ from wakedeploy.gap.systems.gantry.retraining import (
     rms_over_flights,
     rms_ratio,
 )
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 TRUTH = default_rig()
@@ -116,7 +117,7 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
     assert told["unit"] == "N"
     alone = retrain(OLD, TRUTH, paths[:1], tmp_path / "alone", minutes=2, epochs=1)
     assert (alone["flights"], alone["ratio_interval"]) == (1, None)  # of one flight there is none
-    assert told["lead_s"] == {"old": OLD.default_lead_s, "new": TRUTH.default_lead_s}
+    assert told["lead_s"] == {"old": default_lead_s(OLD), "new": default_lead_s(TRUTH)}
     pilots = [
         Pilot(rig, tmp_path / "out" / f"{name}.onnx")
         for name, rig in (("old", OLD), ("new", TRUTH))

@@ -15,6 +15,7 @@ from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
 from wakedeploy.gap.systems.gantry.servo_frames import frames_of, period_s, reported_period_s
 from wakedeploy.physics.constants import constants_of
+from wakedeploy.physics.effects.chain import Chain
 
 TICK_S = 0.03125
 SEEDS = (40, 41, 42)
@@ -185,9 +186,9 @@ def test_with_the_logs_period_thrusts_are_those_of_the_rig_that_has_it() -> None
     truth = with_frame(0.038)
     log = record(truth, seconds=12.0, seed=SEEDS[0], model_rig=RIG).without_truth()
     constants = constants_of(RIG) | {"disturbance.esc_frame_s": 0.038}
-    found = Physics(RIG, flight_from_log(log, RIG, "x")).forces(constants, ())
-    true = Physics(truth, flight_from_log(log, truth, "x")).forces(constants, ())
-    plain = Physics(RIG, flight_from_log(log, RIG, "x")).forces(constants_of(RIG), ())
+    found = Physics(RIG, flight_from_log(log, RIG, "x")).forces(constants, Chain({}))
+    true = Physics(truth, flight_from_log(log, truth, "x")).forces(constants, Chain({}))
+    plain = Physics(RIG, flight_from_log(log, RIG, "x")).forces(constants_of(RIG), Chain({}))
     away_n = np.abs(plain.sufferer_n - true.sufferer_n)
     assert np.abs(found.sufferer_n - true.sufferer_n).max() < 0.02 * away_n.max()
     assert away_n.max() > 0.1

@@ -14,6 +14,7 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.systems.gantry.flight import DT_S, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
+from wakedeploy.physics.effects.chain import default_lead_s
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,7 @@ def tracking_error(rig: Rig, force_n: FloatArray) -> FloatArray:
     Linear: a mass, the rig file's gains, and a command that takes effect a lead later.
     """
     control, mass_kg = rig.control, rig.sufferer.mass_kg
-    late = max(round(rig.default_lead_s / DT_S), 1)
+    late = max(round(default_lead_s(rig) / DT_S), 1)
     commands = np.zeros(len(force_n) + late)
     height = speed = integral = 0.0
     error = np.empty(len(force_n))

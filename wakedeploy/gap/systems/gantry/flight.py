@@ -193,7 +193,7 @@ def _take_off_s(sufferer: Line, frame_s: FloatArray, rig: Rig, begins_s: float) 
     fine_s = np.arange(begins_s, begins_s + _TAKE_OFF_LIMIT_S, _FINE_S)
     taken = np.maximum(np.searchsorted(frame_s, fine_s, side="right") - 1, 0)
     curve, lag = rig.thrust.sufferer, rig.spool.sufferer
-    target = np.sqrt(np.interp(sufferer.at(frame_s[taken]), curve.pulse_us, curve.thrust_n))
+    target = np.sqrt(curve.thrusts(sufferer.at(frame_s[taken])))
     thrust_n = spooled_thrust(target, lag.up_s, lag.down_s, _FINE_S)
     lifts = thrust_n >= TAKEN_OFF * rig.sufferer.mass_kg * GRAVITY_MPS2
     return float(fine_s[np.argmax(lifts)])

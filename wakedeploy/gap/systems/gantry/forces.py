@@ -7,7 +7,7 @@ because a fit moves one parameter at a time.
 
 import math
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -26,12 +26,13 @@ from wakedeploy.gap.systems.gantry.flight import DT_S, Flight, FloatArray, Line
 from wakedeploy.gap.systems.gantry.repeated_readings import Held, chance_of_equals, held
 from wakedeploy.gap.systems.gantry.servo_frames import period_s
 from wakedeploy.physics.constants import Constants, moved_thrust
-from wakedeploy.physics.effects import Effect, Motion, Setting
-from wakedeploy.physics.effects.chain import setting_of
-from wakedeploy.physics.jet import AIR_DENSITY_KGPM3
+from wakedeploy.physics.effects import Motion, Setting
+from wakedeploy.physics.effects.acting import blow, motion_along, push
+from wakedeploy.physics.effects.chain import Chain, Parts, setting_of
+from wakedeploy.physics.jet import Floats, drag_force, paces, puff_count, puff_shapes
+from wakedeploy.physics.range_sensor import seen_m
 from wakedeploy.physics.series import jet_along, rail_friction, spooled_thrust
 
-Active = tuple[tuple[Effect, Mapping[str, float]], ...]
 Result = TypeVar("Result")
 
 _JET_DT_S = 2.0 * DT_S  # puffs at 64 Hz still overlap by more than their width
@@ -41,6 +42,8 @@ _SLIDING_MPS = 0.003  # how far a smoothed speed errs about zero; more bends a s
 _RESTING_MPS = 0.006  # slower than this, smoothed, the sufferer stands as often as not
 _PASSED_S = 3.0  # a puff is gone by then, however slow the wake
 _KEPT = 3
+_SHAPING = ("speed_mps", "speed_exponent", "diffusivity_m2ps", "decay_per_s", "width_m")
+_PUSHING = ("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
 _PULSES_AVERAGED = 5
 
 
@@ -76,27 +79,22 @@ class Physics:
         self._air = slice(max(first - round(_PASSED_S / DT_S), 0) // 2 * 2, last)
         self._kept: dict[str, OrderedDict[Hashable, object]] = {}
         self._bends: dict[tuple[float, float], FloatArray] = {}
-        travelled = np.cumsum(np.abs(flight.vx_mps)) * DT_S
-        self._still = Motion(
-            time_s=np.maximum(flight.grid_s - flight.take_off_s, 0.0),
-            x_m=flight.x_m,
-            vx_mps=flight.vx_mps,
-            travelled_m=travelled,
-            direction=_direction(flight.vx_mps),
+        self._still = motion_along(
+            flight.grid_s, flight.take_off_s, flight.x_m, flight.vx_mps, DT_S
         )
         edges = np.append(flight.grid_s, flight.grid_s[-1] + DT_S)
         self._edges = edges
         sensor = rig.range_sensor
         self._chance = chance_of_equals(sensor.resolution_m, sensor.noise_m)
 
-    def forces(self, constants: Constants, effects: Active) -> Forces:
+    def forces(self, constants: Constants, effects: Chain) -> Forces:
         """All stages; see `Forces`."""
         source_n, sufferer_n, charge_s = self._thrusts(constants, effects)
         wake = self._wake(constants, effects, source_n)
         return self._summed(constants, effects, source_n, sufferer_n, charge_s, wake)
 
     def _thrusts(
-        self, constants: Constants, effects: Active
+        self, constants: Constants, effects: Chain
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         source = self._motor("source", constants, effects)
         sufferer = self._motor("sufferer", constants, effects)
@@ -106,25 +104,24 @@ class Physics:
             id(sufferer),
             lambda: (np.cumsum(sufferer) * (DT_S / self._weight_n), sufferer),
         )
-        motion = self._still
-        for effect, values in _overriding(effects, "source_n"):
-            motion = _with(motion, source_n=source, sufferer_n=sufferer, charge_s=charge_s)
-            source = np.asarray(effect.source_n(values, motion, self._setting))
+        if effects.acts_on("source_n"):
+            made = _with(self._still, source_n=source, sufferer_n=sufferer, charge_s=charge_s)
+            source = np.asarray(effects.source_n(made, self._setting))
         return source, sufferer, charge_s
 
-    def _motor(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
+    def _motor(self, motor: str, constants: Constants, effects: Chain) -> FloatArray:
         """Thrust [N] on the grid, spool lag included."""
         names = ("command.delay_s", "command.window_s", "disturbance.esc_frame_s")
         own = [f"thrust.{motor}.{c}" for c in ("scale", "exponent")]
         lags = [f"spool.{motor}.{c}" for c in ("up_s", "down_s")]
-        pulses = tuple(_overriding(effects, "pulse_us"))
-        key = (*(constants[n] for n in (*names, *own, *lags)), _key(pulses))
+        pulses = _key(effects.acting("pulse_us"))
+        key = (*(constants[n] for n in (*names, *own, *lags)), pulses)
 
         def compute() -> FloatArray:
             pulse_us = self._remembered(
                 f"pulses.{motor}",
-                (*key[:3], _key(pulses)),
-                lambda: self._pulses(motor, constants, pulses),
+                (*key[:3], pulses),
+                lambda: self._pulses(motor, constants, effects),
             )
             curve = getattr(self._rig.thrust, motor)
             table = np.array(curve.thrust_n)
@@ -134,7 +131,7 @@ class Physics:
 
         return self._remembered(f"motor.{motor}", key, compute)
 
-    def _pulses(self, motor: str, constants: Constants, effects: Active) -> FloatArray:
+    def _pulses(self, motor: str, constants: Constants, effects: Chain) -> FloatArray:
         """Mean pulse [µs] that the ESC acted on in each step.
 
         Where the log tells the frames of another period than the rig file's, a period on the way
@@ -155,7 +152,7 @@ class Physics:
         self,
         motor: str,
         constants: Constants,
-        effects: Active,
+        effects: Chain,
         frame_s: FloatArray,
         longer_s: float,
     ) -> FloatArray:
@@ -165,8 +162,7 @@ class Physics:
         back_s = constants["command.window_s"] * (share - 0.5) + longer_s * share
         asked_s = frame_s[:, None] - constants["command.delay_s"] - back_s[None, :]
         pulse = line.at(asked_s).mean(axis=1)
-        for effect, values in effects:
-            pulse = effect.pulses_us(values, pulse, motor, self._rig.limits.pulse_us[0])
+        pulse = effects.pulses_us(pulse, motor, self._rig.limits.pulse_us[0])
         area = np.concatenate([[0.0], np.cumsum(pulse[:-1] * np.diff(frame_s))])
         at_edges = np.interp(self._edges, frame_s, area)
         mean = np.diff(at_edges) / DT_S
@@ -175,21 +171,20 @@ class Physics:
         return np.asarray(mean)
 
     def _wake(
-        self, constants: Constants, effects: Active, source_n: FloatArray
+        self, constants: Constants, effects: Chain, source_n: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Vertical air speed [m/s] at the nominal height and its slope [1/s], (N,) each."""
         # The air's speed is linear in the strength, which therefore needs no new sum over puffs.
-        names = [n for n in constants if n.startswith("wake.") and n != "wake.strength"]
-        moving = tuple(_overriding(effects, "wake_offset_m"))
+        moving = _key(effects.acting("wake_offset_m"))
         carriage_m = self._carriage_m(effects)
-        key = (id(source_n), *(constants[n] for n in names), id(carriage_m), _key(moving))
+        shape = tuple(_of_wake(constants).values())
+        key = (id(source_n), shape, id(carriage_m), moving)
 
         def compute() -> tuple[FloatArray, FloatArray, FloatArray]:
-            offset = np.zeros(len(source_n))
-            motion = _with(self._still, source_n=source_n)
-            for effect, values in moving:
-                offset = offset + effect.wake_offset_m(values, motion, self._setting)
-            lateral_m = carriage_m - offset if moving else carriage_m
+            lateral_m = carriage_m
+            if moving:
+                motion = _with(self._still, source_n=source_n)
+                lateral_m = carriage_m - effects.wake_offset_m(motion, self._setting)
             return *self._jet(constants, source_n, lateral_m), lateral_m
 
         air, *_ = self._remembered("air", key, lambda: (compute(), source_n, carriage_m))
@@ -222,17 +217,13 @@ class Physics:
 
         return self._remembered("formed", (id(wake), id(basis), sizes), compute)[0]
 
-    def _carriage_m(self, effects: Active) -> FloatArray:
+    def _carriage_m(self, effects: Chain) -> FloatArray:
         """Where the carriage is [m] when its steps say `x_m`."""
-        trailing = tuple(_overriding(effects, "carriage_m"))
-
-        def compute() -> FloatArray:
-            carriage_m = self._flight.x_m
-            for effect, values in trailing:
-                carriage_m = effect.carriages_m(values, carriage_m)
-            return carriage_m
-
-        return self._remembered("carriage", _key(trailing), compute)
+        return self._remembered(
+            "carriage",
+            _key(effects.acting("carriage_m")),
+            lambda: effects.carriages_m(self._flight.x_m),
+        )
 
     def _jet(
         self, constants: Constants, source_n: FloatArray, x_m: FloatArray
@@ -244,32 +235,27 @@ class Physics:
         root /= math.sqrt(self._rig.wake.reference_thrust_n)
         ends = air.start + 2 * np.arange(1, count + 1) - 1
         above = self._flight.nominal[0, ends] - self._rig.source.height_m
-        slowest = constants["wake.speed_mps"]
-        if constants["wake.speed_exponent"] != 0.0:
-            slowest *= 0.5
-        reach_m = self._rig.source.height_m + 6.0 * 0.35
-        puffs = int(reach_m / slowest / _JET_DT_S) + 2
-        velocity, slope = jet_along(
-            root,
-            x_m[ends],
-            above,
-            _JET_DT_S,
-            constants["wake.speed_mps"],
-            constants["wake.speed_exponent"],
-            constants["wake.diffusivity_m2ps"],
-            constants["wake.decay_per_s"],
-            1.0,
-            constants["wake.width_m"],
-            min(puffs, count),
-        )
+        shape = _of_wake(constants)
+        ages, *shapes = self._remembered("puffs", tuple(shape.values()), lambda: self._puffs(shape))
+        speed = np.full(count, shape["speed_mps"])
+        if shape["speed_exponent"] != 0.0:
+            speed *= paces(root, shape["speed_exponent"])
+        velocity, slope = jet_along(root, x_m[ends], above, speed, ages, *shapes)
         # Evaluated at the ends of pairs of steps, wanted at the middle of each step.
         at = np.arange(len(source_n)) + 0.5
         return np.interp(at, ends + 1.0, velocity), np.interp(at, ends + 1.0, slope)
 
+    def _puffs(self, shape: dict[str, float]) -> tuple[FloatArray, Floats, Floats]:
+        """Ages [s], axial speeds [m/s] and widths² [m²] of the puffs in the air, (M,)."""
+        wake = self._rig.wake.model_copy(update=shape)
+        count = puff_count(wake, _JET_DT_S, self._rig.source.height_m)
+        ages = np.asarray(_JET_DT_S * (np.arange(count) + 0.5), float)
+        return ages, *puff_shapes(wake, ages, _JET_DT_S)
+
     def _summed(
         self,
         constants: Constants,
-        effects: Active,
+        effects: Chain,
         source_n: FloatArray,
         sufferer_n: FloatArray,
         charge_s: FloatArray,
@@ -288,9 +274,7 @@ class Physics:
         rail = tuple(
             constants[f"rail.{c}"] for c in ("coulomb_n", "viscous_n_per_mps", "stiction_n")
         )
-        acting = tuple(
-            e for e in effects if e[0].changes("sufferer_n", "wake_mps", "force_n", "added_mass_kg")
-        )
+        acting = tuple(_key(effects.acting(quantity)) for quantity in _PUSHING)
         form = tuple(v for n, v in constants.items() if n.startswith("discrepancy.friction."))
         key = (id(source_n), id(sufferer_n), id(wake[0]), rail, form)
 
@@ -298,17 +282,17 @@ class Physics:
             # Half of a log is before take-off and after touch-down: nobody asks for its forces.
             flown, air = _part(motion, self._flown), (wake[0][self._flown], wake[1][self._flown])
             at = _Motions(self._rig, self._setting, flown, air, self._bends)
-            middle = at.acceleration(constants, acting, 0.0, 0.0)
-            higher = at.acceleration(constants, acting, _DZ_M, 0.0)[0]
-            faster = at.acceleration(constants, acting, 0.0, _DV_MPS)[0]
-            slower = at.acceleration(constants, acting, 0.0, -_DV_MPS)[0]
+            middle = at.acceleration(constants, effects, 0.0, 0.0)
+            higher = at.acceleration(constants, effects, _DZ_M, 0.0)[0]
+            faster = at.acceleration(constants, effects, 0.0, _DV_MPS)[0]
+            slower = at.acceleration(constants, effects, 0.0, -_DV_MPS)[0]
             slopes = (higher - middle[0]) / _DZ_M, (faster - slower) / (2 * _DV_MPS)
             linear = np.stack([self._held(values) for values in (middle[0], *slopes)])
             thrust_n, air_mps, wake_n, inertia_kg = (self._held(values) for values in middle[1:])
             made_of = (source_n, sufferer_n, wake)
             return _Sum(linear, thrust_n, air_mps, wake_n, inertia_kg, made_of)
 
-        found = self._remembered("sum", (*key, _key(acting)), compute)
+        found = self._remembered("sum", (*key, acting), compute)
         return Forces(
             source_n,
             found.sufferer_n,
@@ -327,7 +311,7 @@ class Physics:
         return whole
 
     def _reading(
-        self, constants: Constants, effects: Active, motion: Motion
+        self, constants: Constants, effects: Chain, motion: Motion
     ) -> tuple[FloatArray, FloatArray, Held]:
         flight = self._flight
         hold_s = constants["range.hold_s"]
@@ -338,25 +322,20 @@ class Physics:
         made_s = np.maximum.accumulate(flight.sample_s - pattern.age_s)
         taken_s = made_s - constants["range.delay_s"]
         z = np.interp(taken_s, flight.grid_s, flight.nominal[0])
-        reading = tuple(_overriding(effects, "range_m"))
         expected = []
         for dz in (0.0, _DZ_M):
             at = _with(motion, time_s=taken_s - flight.take_off_s, z_m=z + dz)
-            value = constants["range.scale"] * (z + dz) + constants["range.bias_m"]
-            for effect, values in reading:
-                value = np.asarray(effect.range_m(values, value, at, self._setting))
-            expected.append(value)
+            value = seen_m(z + dz, constants["range.bias_m"], constants["range.scale"])
+            expected.append(np.asarray(effects.range_m(value, at, self._setting)))
         slope = (expected[1] - expected[0]) / _DZ_M
         return taken_s, np.stack([expected[0], slope]), pattern
 
-    def at_rest(self, constants: Constants, effects: Active) -> FloatArray:
+    def at_rest(self, constants: Constants, effects: Chain) -> FloatArray:
         """The readings (r,) expected at rest on the stop, before and after the flight."""
         time_s = np.maximum(self._flight.rest[:, 2] - self._flight.take_off_s, 0.0)
-        value = np.full(len(time_s), constants["range.bias_m"])
-        still = Motion(time_s=time_s)
-        for effect, values in _overriding(effects, "range_m"):
-            value = np.asarray(effect.range_m(values, value, still, self._setting))
-        return value
+        stop_m = np.zeros(len(time_s))
+        value = seen_m(stop_m, constants["range.bias_m"], constants["range.scale"])
+        return np.asarray(effects.range_m(value, Motion(time_s=time_s), self._setting))
 
     def _remembered(self, stage: str, key: Hashable, compute: Callable[[], Result]) -> Result:
         kept = self._kept.setdefault(stage, OrderedDict())
@@ -392,7 +371,7 @@ class _Motions:
     bends: dict[tuple[float, float], FloatArray]  # of the friction, at motions that were asked for
 
     def acceleration(
-        self, constants: Constants, effects: Active, dz_m: float, dv_mps: float
+        self, constants: Constants, effects: Chain, dz_m: float, dv_mps: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
         """Acceleration [m/s²], the sufferer's thrust, the wake's speed and force, the inertia."""
         air = self.wake[0] + self.wake[1] * dz_m
@@ -400,22 +379,12 @@ class _Motions:
             self.nominal,
             z_m=self.nominal.z_m + dz_m,
             vz_mps=self.nominal.vz_mps + dv_mps,
-            wake_mps=air,
         )
-        for effect, values in _overriding(effects, "wake_mps"):
-            m = _with(m, wake_mps=effect.wake_mps(values, m, self.setting))
-        area_m2 = self.rig.wake.drag_area_m2
-        wake_n = 0.5 * AIR_DENSITY_KGPM3 * area_m2 * m.wake_mps * np.abs(m.wake_mps)
-        m = _with(m, wake_n=wake_n)
-        for effect, values in _overriding(effects, "sufferer_n"):
-            m = _with(m, sufferer_n=effect.sufferer_n(values, m, self.setting))
-        extra = np.zeros(len(wake_n))
-        for effect, values in _overriding(effects, "force_n"):
-            extra = extra + effect.force_n(values, m, self.setting)
-        inertia = np.full(len(wake_n), self.setting.mass_kg)
-        for effect, values in _overriding(effects, "added_mass_kg"):
-            inertia = inertia + effect.added_mass_kg(values, m, self.setting)
-        driving = np.asarray(m.sufferer_n + wake_n + extra - self.setting.weight_n)
+        air_mps = np.asarray(blow(effects, m, self.setting, air))
+        wake_n = drag_force(self.rig.wake, 0.0, air_mps)
+        extra_n, added_kg = push(effects, m, self.setting, wake_n)
+        inertia = np.full(len(wake_n), self.setting.mass_kg) + added_kg
+        driving = np.asarray(m.sufferer_n + wake_n + extra_n - self.setting.weight_n)
         total = driving - rail_friction(
             np.asarray(m.vz_mps),
             driving,
@@ -429,7 +398,7 @@ class _Motions:
             heights = heights_of(self.setting.travel_m, np.asarray(m.z_m))
             self.bends[dz_m, dv_mps] = friction_basis(np.asarray(m.vz_mps), heights)
         total = total - friction_n(self.rig, constants, self.bends[dz_m, dv_mps])
-        return total / inertia, np.asarray(m.sufferer_n), np.asarray(m.wake_mps), wake_n, inertia
+        return total / inertia, np.asarray(m.sufferer_n), air_mps, wake_n, inertia
 
 
 def _in_the_air(flight: Flight) -> tuple[int, int]:
@@ -444,18 +413,12 @@ def _part(motion: Motion, steps: slice) -> Motion:
     return Motion(**{n: v[steps] if np.ndim(v) else v for n, v in vars(motion).items()})
 
 
-def _direction(vx_mps: FloatArray) -> FloatArray:
-    """The sign of the last motion, held while at rest; 0 before the first."""
-    moving = np.abs(vx_mps) > 0.005
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(vx_mps)), -1))
-    return np.where(last >= 0, np.sign(vx_mps[np.maximum(last, 0)]), 0.0)
+def _of_wake(constants: Constants) -> dict[str, float]:
+    """The wake's constants by their names in its section, of unit strength."""
+    return {name: constants[f"wake.{name}"] for name in _SHAPING} | {"strength": 1.0}
 
 
-def _overriding(effects: Active, method: str) -> tuple[tuple[Effect, Mapping[str, float]], ...]:
-    return tuple(entry for entry in effects if entry[0].changes(method))
-
-
-def _key(effects: Active) -> Hashable:
+def _key(effects: Parts) -> Hashable:
     return tuple((effect.name, *values.values()) for effect, values in effects)
 
 

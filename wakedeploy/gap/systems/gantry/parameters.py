@@ -17,7 +17,7 @@ from wakedeploy.gap.systems.gantry.discrepancy import free_terms
 from wakedeploy.gap.systems.gantry.flight import FloatArray
 from wakedeploy.physics.constants import Constants, constants_of, spreads_of
 from wakedeploy.physics.effects import LIBRARY, Effect, Parameter, replacing
-from wakedeploy.physics.effects.chain import effect_of
+from wakedeploy.physics.effects.chain import Chain, effect_of
 from wakedeploy.physics.effects.symbolic import ExpressionForce
 
 NOISE = (
@@ -86,10 +86,8 @@ class Layout:
         self._values.sort(key=lambda entry: order.get(entry[0].name, len(order)))
         self.free = tuple(_begun(f, held_s, frames_s) for f in free)
 
-    def read(
-        self, theta: FloatArray
-    ) -> tuple[Constants, tuple[tuple[Effect, dict[str, float]], ...]]:
-        """Constants and effects with their values."""
+    def read(self, theta: FloatArray) -> tuple[Constants, Chain]:
+        """Constants, and effects with their values."""
         constants = dict(self._base)
         for i, name in self._constants:
             constants[name] = float(theta[i])
@@ -102,7 +100,7 @@ class Layout:
                 elif p.constant is not None:
                     constants[p.constant] = values[p.name]
             effects.append((effect, values))
-        return constants, tuple(effects)
+        return constants, Chain.in_order(tuple(effects))
 
     def _add(self, free: list[Free], effect: Effect, known: Mapping[str, Free]) -> None:
         places = []

@@ -26,6 +26,7 @@ from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import parse_rig
 
 FloatArray = npt.NDArray[np.float64]
@@ -104,7 +105,7 @@ def retrain(
         "measured_rms": _rms(truth, "force"),
         "arch": arch,
         "minutes": minutes,
-        "lead_s": {name: rig.default_lead_s for name, rig in rigs.items()},
+        "lead_s": {name: default_lead_s(rig) for name, rig in rigs.items()},
         "packages": {name: str(path) for name, path in packages.items()},
     }
 
@@ -169,7 +170,7 @@ def _trained(job: _Job) -> Path:
     rig = parse_rig(job.rig_text)
     data = make_set(rig, minutes=job.minutes, seed=job.seed, workers=1)
     settings = settings_for(job.arch, epochs=job.epochs)
-    config = configure(data, job.arch, seed=job.seed, lead_s=rig.default_lead_s, settings=settings)
+    config = configure(data, job.arch, seed=job.seed, lead_s=default_lead_s(rig), settings=settings)
     run = train(config, data, job.out / f"runs-{job.name}", fresh=True)
     path = job.out / f"{job.name}.onnx"
     export_run(run, data, path)

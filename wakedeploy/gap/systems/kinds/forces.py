@@ -1,7 +1,7 @@
 """Kinds that act as a force on a state: friction, springs, drag, hysteresis and what couples.
 
 Each is written for one point and called with arrays; `at` is where the system is, `p` the
-parameters. Signs are smoothed over a hundredth of the usual speed, so that a filter can follow.
+parameters. Signs are smoothed over a small share of the usual speed, so that a filter can follow.
 """
 
 from dataclasses import dataclass
@@ -74,16 +74,24 @@ class Viscous(ForceKind):
 
 
 class Coulomb(ForceKind):
-    """Friction that depends on the sign of speed alone."""
+    """Friction that depends on the sign of speed alone.
+
+    What is stuck creeps within the speed over which the sign turns; where a motion turns within a
+    sample, a wider one tells its time less sharply. The log says which it is.
+    """
 
     name = "coulomb-friction"
-    equation = "−F sign(v)"
+    equation = "−F tanh(v/turning)"
     source = _ARMSTRONG
-    parameters = (Parameter("force", _FORCE, low=0.0),)
+    parameters = (
+        Parameter("force", _FORCE, low=0.0),
+        Parameter("turning", {"speed": 1}, neutral=_STILL, low=0.002, high=0.1,
+                  starts=(_STILL, 0.005), step=2e-4, prior=0.03),
+    )  # fmt: skip
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """Against the motion."""
-        return np.asarray(-p["force"] * at.sign)
+        return np.asarray(-p["force"] * np.tanh(at.speed / p["turning"]))
 
 
 class Stribeck(ForceKind):

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from scipy.signal import lfilter
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
@@ -59,11 +60,15 @@ def _pushes(
     count: int,
     random: np.random.Generator,
 ) -> FloatArray:
-    """What acts on the rates of all states beside the model, (k, count)."""
+    """What acts on the rates of all states beside the model, (k, count): white, and lasting."""
     pushes = np.zeros((len(acting.states), count))
     for name in model.driven:
-        sd = float(np.exp(values[f"force.{name}"]))
-        pushes[acting.states.index(name)] = sd * random.standard_normal(count)
+        white, sd, lasting_s = (float(np.exp(values[f"{part}.{name}"]))
+                                for part in ("force", "push", "lasting"))  # fmt: skip
+        keep = float(np.exp(-model.dt_s / lasting_s))
+        fresh = sd * (1.0 - keep**2) ** 0.5 * random.standard_normal(count)
+        lasting = lfilter([1.0], [1.0, -keep], fresh)
+        pushes[acting.states.index(name)] = white * random.standard_normal(count) + lasting
     return pushes
 
 

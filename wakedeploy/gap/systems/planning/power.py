@@ -14,7 +14,8 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, extended
 from wakedeploy.gap.evidence.separation import ENOUGH_NATS
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.gap.search.scan import CHANCE, LEAST_NATS, LEAST_SHARE
+from wakedeploy.gap.search.scan import CHANCE, LEAST_NATS
+from wakedeploy.gap.search.weighing import LEAST_SHARE
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.planning.responses import GRID, Responses, lost_nats
 

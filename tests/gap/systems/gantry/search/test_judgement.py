@@ -12,6 +12,7 @@ from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed, removed
 from wakedeploy.gap.systems.gantry.search.judgement import judged, parts_of, unexplained
 from wakedeploy.gap.systems.gantry.search.naming import with_terms
+from wakedeploy.physics.effects.chain import default_lead_s
 
 NAMED = {"verdict": "named", "effects": [{"name": "crosswind-offset", "parameters": {}}]}
 
@@ -156,7 +157,7 @@ def test_a_constant_force_is_integrated_away_and_a_slow_one_is_not() -> None:
     steps = 128 * 60
     assert abs(tracking_error(RIG, np.full(steps, 0.1))[-1]) < 1e-4
     w, c = 2.0, RIG.control
-    late = np.exp(-1j * w * RIG.default_lead_s)
+    late = np.exp(-1j * w * default_lead_s(RIG))
     loop = RIG.sufferer.mass_kg * (1j * w) ** 2
     loop += (c.kp_n_per_m + c.ki_n_per_ms / (1j * w) + c.kd_ns_per_m * 1j * w) * late
     error = tracking_error(RIG, 0.1 * np.sin(w * np.arange(steps) / 128.0))

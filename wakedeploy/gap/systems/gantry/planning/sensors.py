@@ -16,12 +16,12 @@ from wakedeploy.gap.evidence.separation import Evidence
 from wakedeploy.gap.systems.gantry.flight import DT_S, GRID_HZ, Flight, FloatArray
 from wakedeploy.gap.systems.gantry.forces import Forces
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.physics.effects import LIBRARY, Motion
+from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.acting import motion_along
 from wakedeploy.physics.effects.chain import setting_of
 from wakedeploy.physics.rail import GRAVITY_MPS2
 
 _STRIDE = round(GRID_HZ / LOOP_RATE_HZ)
-_STILL_MPS = 0.005
 _PLAIN_MOTION = ("accelerometer", "anemometer")  # every effect shows in them
 
 
@@ -160,15 +160,7 @@ _READINGS: dict[str, Callable[[Forces], FloatArray]] = {
 
 def _carriage_error(model: GantryModel, fitted: Fit, flight: Flight) -> FloatArray:
     """How far the carriage is from where its steps say, (N,) [m]."""
-    moving = np.abs(flight.vx_mps) > _STILL_MPS
-    last = np.maximum.accumulate(np.where(moving, np.arange(len(moving)), 0))
-    motion = Motion(
-        time_s=flight.grid_s - flight.take_off_s,
-        x_m=flight.x_m,
-        vx_mps=flight.vx_mps,
-        travelled_m=np.cumsum(np.abs(flight.vx_mps)) * DT_S,
-        direction=np.sign(flight.vx_mps[last]),
-    )
+    motion = motion_along(flight.grid_s, flight.take_off_s, flight.x_m, flight.vx_mps, DT_S)
     setting = setting_of(model.rig)
     theta = dict(zip((f.name for f in model.free(fitted.hypothesis)), fitted.theta, strict=True))
     error, carriage_m = np.zeros(len(flight.grid_s)), flight.x_m

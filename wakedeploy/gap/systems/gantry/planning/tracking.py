@@ -18,6 +18,7 @@ from wakedeploy.core.manifest import FloatArray
 from wakedeploy.core.rig import LOOP_RATE_HZ, EffectParameter, Rig
 from wakedeploy.core.rig import Effect as Entry
 from wakedeploy.physics.effects import LIBRARY
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.physics.jet import VerticalJet, drag_force
 from wakedeploy.physics.motor import Motor
@@ -33,7 +34,7 @@ class RigForecast:
     high: FloatArray = np.full(1, np.inf, np.float32)
 
     def __init__(self, rig: Rig) -> None:
-        self._rig, self.lead_s = rig, rig.default_lead_s
+        self._rig, self.lead_s = rig, default_lead_s(rig)
         self.reset()
 
     def is_possible(self, force_n: float) -> bool:

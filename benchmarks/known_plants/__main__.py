@@ -1,0 +1,104 @@
+"""Ask the workflow about the known plants and count its answers.
+
+`python -m benchmarks.known_plants --json docs/records/known-plants.json` takes five minutes of a
+processor; it keeps each answer in the folder `--out` and goes on where it was stopped.
+"""
+
+import json
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from benchmarks.known_plants.cases import CASES, Case
+from benchmarks.known_plants.plants import PLANTS
+from benchmarks.known_plants.recording import recorded
+from benchmarks.records import COMMIT, write
+from wakedeploy.core.files import append_json_line, read_json_lines
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document, shown_document
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.system import checked
+
+Row = dict[str, Any]
+
+
+def answered(case: Case) -> Row:
+    """The answer, whether it is right, and the seconds that it took."""
+    plant = PLANTS[case.plant]
+    recording = recorded(plant, case.hidden, case.drive, case.seed, case.coloured)
+    began_s = time.process_time()
+    model = LogModel(checked(plant.system()), [recording])
+    base = fitted_base(model)
+    told = named(model, base)
+    seconds = time.process_time() - began_s
+    document = named_document(model, told)
+    names = [e["name"] for e in document["effects"]]
+    answer = {"verdict": document["verdict"], "named": names, "class": document["class"]}
+    leading = document["rounds"][0]["ranking"][:3] if document["rounds"] else []
+    return {
+        "case": case.name,
+        **answer,
+        "judged": judged(case, answer),
+        "threshold_nats": document["threshold_nats"],
+        "leading": [
+            {k: e.get(k) for k in ("name", "gain_nats", "interval", "judged", "forecast")}
+            for e in leading
+        ],
+        "removed": shown_document(model, told)["removed"],
+        "seconds": seconds,
+    }
+
+
+def judged(case: Case, answer: Mapping[str, Any]) -> str:
+    """Right, class, partly (another name beside the right one), wrong, unknown or none."""
+    names = {*answer["named"], *answer["class"]}
+    if not names:
+        return str(answer["verdict"])
+    if not names & set(case.expected):
+        return "wrong"
+    if answer["class"]:
+        return "class"
+    return "right" if names <= {*case.expected, *case.further} else "partly"
+
+
+def counted(rows: Sequence[Row]) -> dict[str, dict[str, int]]:
+    """How often each judgement fell, with an effect hidden and without."""
+    hidden = {case.name for case in CASES if case.hidden}
+    return {
+        "hidden": dict(Counter(row["judged"] for row in rows if row["case"] in hidden)),
+        "nothing hidden": dict(Counter(row["judged"] for row in rows if row["case"] not in hidden)),
+    }
+
+
+@click.command()
+@click.option("--out", type=click.Path(path_type=Path), default=Path("runs/known-plants"))
+@click.option("--part", nargs=2, type=int, default=(0, 1), help="K N: every N-th case from K on")
+@click.option("--json", "record", type=click.Path(path_type=Path), help="write the record here")
+def main(out: Path, part: tuple[int, int], record: Path | None) -> None:
+    """Print each answer, and the counts of all that the folder has."""
+    out.mkdir(parents=True, exist_ok=True)
+    kept = out / "answers.jsonl"
+    known = {one["case"]: one for one in read_json_lines(kept) if one["commit"] == COMMIT}
+    for case in CASES[part[0] :: part[1]]:
+        if case.name not in known:
+            known[case.name] = {"commit": COMMIT, **answered(case)}
+            append_json_line(kept, known[case.name])
+            click.echo(_line(known[case.name]))
+    rows = [known[case.name] for case in CASES if case.name in known]
+    told = counted(rows)
+    click.echo(json.dumps(told))
+    if record is not None:
+        kept_rows = [{k: v for k, v in row.items() if k != "commit"} for row in rows]
+        write(record, {"counts": told, "rows": kept_rows})
+
+
+def _line(row: Row) -> str:
+    said = ", ".join(row["named"]) + (f" of {row['class']}" if row["class"] else "")
+    return f"{row['judged']:8} {row['case']:45} {said} ({row['seconds']:.1f} s)"
+
+
+if __name__ == "__main__":
+    main()

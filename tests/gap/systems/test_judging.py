@@ -1,0 +1,90 @@
+"""What is named and what is not: forecasts that run away, parameters of other blocks, leftovers."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
+from wakedeploy.gap.search.rounds import fitted_base, named, named_document, verdict_of
+from wakedeploy.gap.search.weighing import _weight, without
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.words import sentences
+from wakedeploy.physics.kalman import bumped
+
+RATE = 50.0
+
+
+class Slider(System):
+    """A mass on a rail, offered only effects that do not explain what rubs."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("force_n", "N")]
+    states: ClassVar = {"speed_mps": "m/s"}
+    outputs: ClassVar = [Output("speed_mps", "m/s", noise=2e-3)]
+    constants: ClassVar = [Constant("mass_kg", 2.0, spread=0.05)]
+    ports: ClassVar = [Port.input("force_n", kinds=["dead-time"])]
+
+    def derivative(self, state, inputs, c):
+        return {"speed_mps": inputs.force_n / c.mass_kg}
+
+
+@pytest.fixture(scope="module")
+def rubbing():
+    """The mass with 3 N of dry friction, which no port of it can have."""
+    rng = np.random.default_rng(4)
+    force = np.repeat(rng.uniform(-12.0, 12.0, 50), 16)
+    speed, shown = 0.0, np.empty(len(force))
+    for k, push in enumerate(force):
+        shown[k] = speed
+        for _ in range(10):
+            rub = 3.0 * np.tanh(speed / 0.01)
+            speed += (push - rub + 0.1 * rng.standard_normal()) / 2.0 / RATE / 10
+    shown += 2e-3 * rng.standard_normal(len(force))
+    columns = {"force_n": force, "speed_mps": shown}
+    return LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+
+
+def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing):
+    told = named(rubbing, fitted_base(rubbing))
+    assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
+    (left,) = told.leftover
+    assert left["state"] == "speed_mps"
+    assert 0.7 < left["sd"] < 3.0  # ± 3 N on 2 kg
+    assert left["against"]["coordinate"] == "speed_mps"
+    assert left["against"]["means"][0] > 0.1 > -0.1 > left["against"]["means"][-1]
+    lines = sentences("name", named_document(rubbing, told))
+    assert lines[0] == "Something acts on the system that no known effect explains."
+    assert "on speed_mps" in lines[1]
+
+
+def test_a_stretch_that_runs_away_does_not_decide():
+    was, now = np.full((20, 1), 1.0), np.full((20, 1), 0.5)
+    now[3] = 1e9
+    weight = _weight(was, now)
+    assert weight.share == pytest.approx(1.0 - (19 * 0.5 + 20.0) / 20.0)
+    now[3] = 0.5
+    assert _weight(was, now).share == pytest.approx(0.5)
+
+
+def test_without_a_block_a_mean_is_the_mean_of_the_others():
+    rng = np.random.default_rng(0)
+    blocks = [rng.standard_normal(30) + level for level in (0.0, 0.1, 0.4)]
+    mean = float(np.mean(blocks))
+    scores = tuple(
+        Score(-0.5 * (b - mean) ** 2, b - mean, np.ones(30), np.ones(30)) for b in blocks
+    )
+    slopes = Slopes(scores, (np.full((30, 1), -1.0),) * 3, (np.zeros((30, 1)),) * 3)
+    free = (Free("mean", "1", 0.0, np.inf, -9.0, 9.0, 1e-3),)
+    fitted = Fit((), free, (0, 1, 2), np.array([mean]), slopes, np.zeros(3))
+    assert without(fitted, [2]) == pytest.approx([np.mean(blocks[:2])])
+
+
+def test_bumps_are_gaussians():
+    rng = np.random.default_rng(1)
+    at, sizes = rng.uniform(-3.0, 3.0, (2, 7)), rng.standard_normal((4, 7))
+    centres = np.array([-1.5, -0.5, 0.5, 1.5])
+    each = np.exp(-0.5 * ((at[:, None] - centres[:, None]) / 0.75) ** 2)
+    assert bumped(at, sizes, centres, 0.75, 6.0) == pytest.approx((sizes * each).sum(1))

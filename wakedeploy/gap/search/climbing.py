@@ -1,0 +1,123 @@
+"""Candidates fitted beside each other: those that fall far behind are not fitted to the end.
+
+In: a `Comparison` and points. Out: fits. A step is tried with several dampings in one
+run over the logs, as a run costs little more with several parameter sets than with one.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import (
+    Fit,
+    FloatArray,
+    Score,
+    Slopes,
+    log_prior,
+    neutral,
+    prior_precision,
+    scores_of,
+)
+from wakedeploy.gap.search.comparison import Comparison
+
+_DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the latter where the former only fall
+_NEARLY_LINEAR = ("form.", "clock.")
+_MOST = 10  # steps of a climb
+_ENOUGH_NATS = 0.3  # a step that gains less ends a climb
+_RACED = 2  # steps after which those that fall behind stop
+_BEHIND = 0.5  # share of what the best has gained that another must have
+_NEAR_NATS = 15.0  # as near as that none has fallen behind
+
+
+def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
+    """Fits from all starts; those that soon gain much less than the best one are left there."""
+    fits, rising = [_fresh(model, one, one.theta) for one in starts], [True] * len(starts)
+    for step in range(_MOST):
+        best = max((f.objective for f in fits), default=0.0) - base.objective
+        for i, fitted in enumerate(fits):
+            gained = fitted.objective - base.objective
+            behind = step >= _RACED and gained < min(_BEHIND * best, best - _NEAR_NATS)
+            if rising[i] and not behind:
+                fits[i], rise = advanced(model, fitted)
+                rising[i] = rise > _ENOUGH_NATS
+    return fits
+
+
+def climbed(model: Comparison, start: Fit) -> Fit:
+    """A fit from a point."""
+    return raced(model, start, [start])[0]  # alone, it is behind none
+
+
+def begun(model: Comparison, hypothesis: tuple[str, ...], like: Fit, theta: FloatArray) -> Fit:
+    """A point of a hypothesis, on the blocks of another fit; it has no slopes yet."""
+    free = model.free(hypothesis)
+    return Fit(hypothesis, free, like.episodes, theta, Slopes((), (), ()), np.zeros(0))
+
+
+def advanced(model: Comparison, fitted: Fit) -> tuple[Fit, float]:
+    """One step on, with fresh slopes, and the nats that it gained."""
+    for dampings in _DAMPED:
+        points = np.array([_stepped(fitted, damping) for damping in dampings])
+        scores = scores_of(model, fitted.hypothesis, points, fitted.episodes)
+        reached = [_objective(fitted, p, s) for p, s in zip(points, scores, strict=True)]
+        best = int(np.argmax(np.nan_to_num(reached, nan=-np.inf)))
+        rise = reached[best] - fitted.objective
+        if rise > 0.0:
+            return _fresh(model, fitted, points[best]), float(rise)
+    return fitted, 0.0
+
+
+def _objective(fitted: Fit, theta: FloatArray, scores: Sequence[Score]) -> float:
+    return sum(float(s.log_density.sum()) for s in scores) + log_prior(fitted.free, theta)
+
+
+def _stepped(fitted: Fit, damping: float) -> FloatArray:
+    """A step of Levenberg and Marquardt, within the bounds."""
+    free, theta = fitted.free, fitted.theta
+    precision = prior_precision(free)
+    low, high = (np.array([getattr(f, end) for f in free]) for end in ("low", "high"))
+    gradient = fitted.slopes.gradient().sum(0) - precision * (theta - neutral(free))
+    curvature = fitted.slopes.fisher().sum(0) + np.diag(precision)
+    stuck = ((theta <= low) & (gradient < 0)) | ((theta >= high) & (gradient > 0))
+    gradient = np.where(stuck, 0.0, gradient)
+    curvature[stuck, :] = curvature[:, stuck] = 0.0
+    curvature[stuck, stuck] = 1.0
+    curvature += damping * np.diag(np.diag(curvature))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+    scaled = curvature * scale[:, None] * scale[None, :]
+    step = scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
+    return np.asarray(np.clip(theta + np.nan_to_num(step), low, high))
+
+
+def _fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
+    """The fit at another point, its scores and slopes from one run.
+
+    Slopes of what is nearly linear, form and clocks, are kept where they are known.
+    """
+    known = fitted.slopes.innovation
+    renewed = [
+        i for i, f in enumerate(fitted.free) if not (known and f.name.startswith(_NEARLY_LINEAR))
+    ]
+    points, sizes = [theta], []
+    for i in renewed:
+        free = fitted.free[i]
+        size = free.step if theta[i] + free.step <= free.high else -free.step
+        moved = theta.copy()
+        moved[i] += size
+        points.append(moved)
+        sizes.append(size)
+    here, *beside = scores_of(model, fitted.hypothesis, np.array(points), fitted.episodes)
+    innovation, variance = [], []
+    for e, score in enumerate(here):
+        shape = (len(score.innovation), len(fitted.free))
+        de = known[e].copy() if known else np.zeros(shape)
+        dv = fitted.slopes.variance[e].copy() if known else np.zeros(shape)
+        for i, there, size in zip(renewed, beside, sizes, strict=True):
+            de[:, i] = (there[e].innovation - score.innovation) / size
+            dv[:, i] = (there[e].variance - score.variance) / size
+        innovation.append(de)
+        variance.append(dv)
+    density = np.array([s.log_density.sum() for s in here])
+    slopes = Slopes(here, tuple(innovation), tuple(variance))
+    return replace(fitted, theta=theta, slopes=slopes, per_episode=density)

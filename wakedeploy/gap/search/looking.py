@@ -1,0 +1,298 @@
+"""A candidate effect around the base, before any fit: what its slopes promise, how far a step gets.
+
+In: a `Comparison`, a fit without the effect. Out: the score statistic (Rao, Math. Proc. Cambridge
+Philos. Soc. 44, 1948) from one pass over the logs, the best point that a Newton step from there
+reaches, and slopes from which a climb and the gain of chance are told.
+
+An effect's amplitude is a parameter whose neutral value is 0: there the effect vanishes, whatever
+its shapes are, and the base's scores hold.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import (
+    LOST_NATS,
+    Fit,
+    FloatArray,
+    Free,
+    Score,
+    Slopes,
+    extended,
+    neutral,
+    prior_precision,
+    scores_of,
+)
+from wakedeploy.gap.evidence.separation import whitened
+from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.search.comparison import Comparison
+
+_PARTS = (1.0, 0.3)  # of a step, as far as the likelihood rises
+_SEEDS = 2  # shapes from which a step is tried
+_PROMISING = 1.5  # nats, below which no step is tried
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """A base, seen from a candidate: its directions and what they leave of the innovations.
+
+    `q` (2n + p, p) and `r` (p, p) are its whitened slopes with the priors below; `rest` (2n + p,)
+    is what slopes are multiplied with to give a gradient.
+    """
+
+    base: Fit
+    q: FloatArray
+    r: FloatArray
+    rest: FloatArray
+
+    @classmethod
+    def of(cls, base: Fit) -> "Ground":
+        """From a fit's slopes."""
+        root = np.sqrt(prior_precision(base.free))
+        known = np.concatenate(whitened(base.slopes))
+        q, r = np.linalg.qr(np.vstack([known, np.diag(root)]))
+        told = np.concatenate([white_rest(s) for s in base.slopes.scores])
+        rest = np.concatenate([told, root * (neutral(base.free) - base.theta)])
+        return cls(base, q, r, rest - q @ (q.T @ rest))
+
+    def left(self, columns: FloatArray) -> FloatArray:
+        """What known directions leave of columns (2n, k): (2n + p, k)."""
+        padded = np.vstack([columns, np.zeros((len(self.r), columns.shape[1]))])
+        return np.asarray(padded - self.q @ (self.q[: len(columns)].T @ columns))
+
+    def followed(self, columns: FloatArray) -> FloatArray:
+        """How far the base's parameters go back with a unit of each column, (p, k)."""
+        pull = self.q[: len(columns)].T @ columns
+        return np.asarray(np.linalg.lstsq(self.r, pull, rcond=1e-12)[0])
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A candidate around the base: the best point reached, what is promised, and slopes.
+
+    `columns` are whitened slopes of its own for each shape, (2n, k).
+    """
+
+    name: str
+    fit: Fit
+    promised: float
+    columns: tuple[FloatArray, ...]
+
+    def prospect(self, base: Fit) -> float:
+        """What it may gain, by what was reached or promised [nats]."""
+        return max(self.fit.objective - base.objective, self.promised)
+
+
+def white_rest(score: Score) -> FloatArray:
+    """What whitened slopes are multiplied with to give a gradient, (2n,)."""
+    seen = score.log_density != 0.0
+    spread = np.sqrt(0.5 * score.weight) * (score.innovation**2 / score.variance - 1.0)
+    return np.concatenate([-score.white, np.where(seen, spread, 0.0)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Plan:
+    """Where a candidate is looked at: beside each seed, and at its starts."""
+
+    name: str
+    free: tuple[Free, ...]
+    amplitudes: list[int]
+    seeds: list[FloatArray]
+    moved: list[tuple[int, FloatArray, float]]
+    leaps: list[FloatArray]
+
+    @classmethod
+    def of(cls, model: Comparison, base: Fit, name: str) -> "_Plan":
+        free = model.free((*base.hypothesis, name))
+        own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        amplitudes = [i for i in own if free[i].neutral == 0.0] or own
+        origin = extended(base, free)
+        starts = _starts(origin, free, own)
+        seeds = _seeds(starts, origin, amplitudes)
+        moved = [(i, *_aside(seed, free, i)) for seed in seeds for i in amplitudes]
+        return cls(name, free, amplitudes, seeds, moved, starts)
+
+    @property
+    def thetas(self) -> list[FloatArray]:
+        """All points."""
+        return [*(theta for _, theta, _ in self.moved), *self.leaps]
+
+
+def looks(
+    model: Comparison, ground: Ground, names: Sequence[str], steps: Steps = uncounted
+) -> list[Look]:
+    """Every candidate; on short logs several at once, as each run costs about the same."""
+    base = ground.base
+    plans = {name: _Plan.of(model, base, name) for name in names}
+    apart = getattr(model, "groups", None)  # of those that one run can tell of
+    groups: list[list[str]] = [[n] for n in names] if apart is None else apart(names)
+    found = {}
+    for group in groups:
+        scores = _together(model, base, [plans[n] for n in group])
+        for name in group:
+            own = scores[: len(plans[name].thetas)]
+            scores = scores[len(own) :]
+            found[name] = _look(model, ground, plans[name], own)
+            steps(len(found), len(names))
+    return [found[name] for name in names]
+
+
+def look(model: Comparison, ground: Ground, name: str) -> Look:
+    """A candidate's slopes at each of its shapes, and a step from the most promising ones."""
+    return looks(model, ground, [name])[0]
+
+
+def _together(model: Comparison, base: Fit, plans: Sequence[_Plan]) -> list[tuple[Score, ...]]:
+    """Scores at the points of several candidates: all act, but one of them at a time is there."""
+    hypothesis = (*base.hypothesis, *(p.name for p in plans))
+    free = model.free(hypothesis)
+    origin = dict(zip([f.name for f in free], extended(base, free), strict=True))
+    thetas = []
+    for plan in plans:
+        for theta in plan.thetas:
+            own = dict(zip([f.name for f in plan.free], theta, strict=True))
+            thetas.append([{**origin, **own}[f.name] for f in free])
+    return scores_of(model, hypothesis, np.array(thetas), base.episodes)
+
+
+def _look(
+    model: Comparison, ground: Ground, plan: _Plan, scores: Sequence[tuple[Score, ...]]
+) -> Look:
+    base, moved, count = ground.base, plan.moved, len(plan.amplitudes)
+    climb = _Climb(model, ground, plan.name, plan.free, plan.amplitudes)
+    columns = [
+        _slopes(base, plan.free, scores[k : k + count], moved[k : k + count])
+        for k in range(0, len(moved), count)
+    ]
+    leapt = scores[len(moved) :]
+    tried = [climb.at(plan.seeds[0], base.slopes.scores, columns[0])]
+    tried += [climb.at(t, s, columns[0]) for t, s in zip(plan.leaps, leapt, strict=True)]
+    steps = [climb.promise(seed, slopes) for seed, slopes in zip(plan.seeds, columns, strict=True)]
+    best = sorted(range(len(steps)), key=lambda k: -steps[k][0])[:_SEEDS]
+    further = [(climb.within(plan.seeds[k] + part * steps[k][1]), columns[k])
+               for k in best if steps[k][0] > _PROMISING for part in _PARTS]  # fmt: skip
+    if further:
+        points = np.array([theta for theta, _ in further])
+        again = scores_of(model, (*base.hypothesis, plan.name), points, base.episodes)
+        tried += [climb.at(p, s, c) for (p, c), s in zip(further, again, strict=True)]
+    reached = max(tried, key=lambda f: f.objective)
+    mine = [np.concatenate(whitened(c))[:, plan.amplitudes] for c in columns]
+    mine += [_change(base, s) for s in leapt]
+    return Look(plan.name, reached, steps[best[0]][0], tuple(mine))
+
+
+class _Climb:
+    """Steps of a candidate's amplitudes, the base's parameters following."""
+
+    def __init__(
+        self,
+        model: Comparison,
+        ground: Ground,
+        name: str,
+        free: tuple[Free, ...],
+        amplitudes: Sequence[int],
+    ) -> None:
+        self._ground, self._free, self._own = ground, free, list(amplitudes)
+        self._hypothesis = (*ground.base.hypothesis, name)
+        place = {n: i for i, n in enumerate(ground.base.names)}
+        self._shared = [i for i, f in enumerate(free) if f.name in place]
+        self._theirs = [place[free[i].name] for i in self._shared]
+
+    def promise(self, seed: FloatArray, slopes: Slopes) -> tuple[float, FloatArray]:
+        """Nats that a step promises, and the step (p,)."""
+        columns = np.concatenate(whitened(slopes))[:, self._own]
+        span = self._ground.left(columns)
+        pull = span.T @ self._ground.rest
+        own = [self._free[i] for i in self._own]
+        curvature = span.T @ span + np.diag(prior_precision(own))
+        amount = np.linalg.lstsq(curvature, pull, rcond=1e-10)[0]
+        low, high = np.array([f.low for f in own]), np.array([f.high for f in own])
+        amount = np.clip(seed[self._own] + amount, low, high) - seed[self._own]
+        step = np.zeros(len(self._free))
+        step[self._own] = amount
+        step[self._shared] = -(self._ground.followed(columns) @ amount)[self._theirs]
+        return float(pull @ amount - 0.5 * amount @ curvature @ amount), np.nan_to_num(step)
+
+    def within(self, theta: FloatArray) -> FloatArray:
+        """A point moved to within the bounds."""
+        low, high = np.array([f.low for f in self._free]), np.array([f.high for f in self._free])
+        return np.asarray(np.clip(theta, low, high))
+
+    def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
+        """A point with its scores; slopes of where the step began stand for those there."""
+        density = np.array([s.log_density.sum() for s in scores])
+        told = Slopes(scores, slopes.innovation, slopes.variance)
+        return Fit(self._hypothesis, self._free, self._ground.base.episodes, theta, told, density)
+
+
+def _seeds(
+    starts: Sequence[FloatArray], origin: FloatArray, amplitudes: Sequence[int]
+) -> list[FloatArray]:
+    """Amplitudes at nothing, shapes at each of their starts."""
+    seeds: dict[bytes, FloatArray] = {}
+    for start in starts:
+        seed = start.copy()
+        seed[list(amplitudes)] = origin[list(amplitudes)]
+        seeds[seed.tobytes()] = seed
+    return list(seeds.values())
+
+
+def _starts(origin: FloatArray, free: Sequence[Free], own: Sequence[int]) -> list[FloatArray]:
+    """The effect at each of its starts."""
+    count = max(len(free[i].starts) for i in own)
+    starts = []
+    for k in range(count):
+        start = origin.copy()
+        for i in own:
+            of = free[i].starts or (free[i].neutral,)
+            start[i] = np.clip(of[min(k, len(of) - 1)], free[i].low, free[i].high)
+        starts.append(start)
+    return starts
+
+
+def _aside(theta: FloatArray, free: Sequence[Free], i: int) -> tuple[FloatArray, float]:
+    size = free[i].step if theta[i] + free[i].step <= free[i].high else -free[i].step
+    moved = theta.copy()
+    moved[i] += size
+    return moved, size
+
+
+def _slopes(
+    base: Fit,
+    free: Sequence[Free],
+    beside: Sequence[tuple[Score, ...]],
+    moved: Sequence[tuple[int, FloatArray, float]],
+) -> Slopes:
+    """The base's slopes for what is shared, fresh ones for the effect's amplitudes."""
+    place = {name: i for i, name in enumerate(base.names)}
+    innovation, variance = [], []
+    for e, score in enumerate(base.slopes.scores):
+        de, dv = (np.zeros((len(score.innovation), len(free))) for _ in range(2))
+        for i, f in enumerate(free):
+            if f.name in place:
+                de[:, i] = base.slopes.innovation[e][:, place[f.name]]
+                dv[:, i] = base.slopes.variance[e][:, place[f.name]]
+        for there, (i, _, size) in zip(beside, moved, strict=True):
+            seen = _seen(there[e], score)
+            de[:, i] = np.where(seen, there[e].innovation - score.innovation, 0.0) / size
+            dv[:, i] = np.where(seen, there[e].variance - score.variance, 0.0) / size
+        innovation.append(de)
+        variance.append(dv)
+    return Slopes(base.slopes.scores, tuple(innovation), tuple(variance))
+
+
+def _change(base: Fit, scores: Sequence[Score]) -> FloatArray:
+    """What an effect at a start changes, whitened, as one column (2n, 1)."""
+    parts = []
+    for here, there in zip(base.slopes.scores, scores, strict=True):
+        root = np.sqrt(here.weight) * _seen(there, here)
+        parts.append(root * (there.innovation - here.innovation) / np.sqrt(here.variance))
+        parts.append(root * (there.variance - here.variance) / (here.variance * 2.0**0.5))
+    return np.nan_to_num(np.concatenate(parts))[:, None]
+
+
+def _seen(one: Score, other: Score) -> FloatArray:
+    """Samples at which neither filter has lost its track."""
+    return np.asarray((one.log_density > LOST_NATS) & (other.log_density > LOST_NATS))

@@ -1,0 +1,114 @@
+"""What an effect does to forecasts: the share of their squared error that it removes.
+
+In: a `Comparison`, fits without and with an effect. Out: the share with its interval. On the blocks
+of the fit each stretch is forecast with parameters that other blocks prefer (cross-fitting), so
+that these can decide; sealed blocks take no part in that, and report.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, prior_precision
+from wakedeploy.gap.search.comparison import Comparison
+
+LEAST_SHARE = 0.01  # of the squared forecast error that an effect has to remove to matter
+_FOLDS = 4
+_CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
+_FARTHEST = 16.0  # square of a step in standard deviations that leaving blocks out may take
+
+
+@dataclass(frozen=True)
+class Weight:
+    """The share of squared forecast error that an effect removes."""
+
+    share: float
+    low: float
+    high: float
+
+    @property
+    def matters(self) -> bool:
+        """Whether the forecast gets better by it, by four chances to one.
+
+        What is asked is whether it is worth anything; that it is there, evidence has said.
+        """
+        return self.share >= LEAST_SHARE and self.share + self.low > 0.0
+
+
+def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
+    """On blocks that neither fit has seen."""
+    was, now = (_stretches(model, model.disagreements(f, episodes)) for f in (before, after))
+    return _weight(was, now)
+
+
+def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
+    """On the blocks of a fit; `before` is what `crossed` says of the fit without the effect."""
+    return _weight(before, crossed(model, after))
+
+
+def crossed(model: Comparison, fitted: Fit) -> FloatArray:
+    """Squared errors of stretches, (stretches, channels), with parameters that others prefer."""
+    count = len(fitted.episodes)
+    folds = np.array_split(np.arange(count), min(_FOLDS, count))
+    thetas = np.array([without(fitted, fold.tolist()) for fold in folds])
+    at_once = getattr(model, "crossed_disagreements", None)
+    if at_once is None:
+        errors = [
+            error
+            for fold, theta in zip(folds, thetas, strict=True)
+            for error in model.disagreements(
+                replace(fitted, theta=theta), [fitted.episodes[i] for i in fold]
+            )
+        ]
+    else:
+        errors = at_once(
+            fitted, thetas, np.repeat(np.arange(len(folds)), [len(f) for f in folds]).tolist()
+        )
+    return _stretches(model, errors)
+
+
+def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
+    """The parameters (p,) that a fit's episodes prefer without those at `places`."""
+    if len(places) == len(fitted.episodes):
+        return fitted.theta
+    gradient = fitted.slopes.gradient()[places].sum(0)
+    fisher = fitted.slopes.fisher()
+    rest = fisher.sum(0) - fisher[places].sum(0) + np.diag(prior_precision(fitted.free))
+    low, high = (np.array([getattr(f, end) for f in fitted.free]) for end in ("low", "high"))
+    stuck = (fitted.theta <= low) | (fitted.theta >= high)
+    rest[stuck], rest[:, stuck], gradient[stuck] = 0.0, 0.0, 0.0
+    rest[stuck, stuck] = 1.0
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(rest), 1e-300))
+    scaled = rest * scale[:, None] * scale[None, :]
+    step = -scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
+    step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
+    return np.asarray(np.clip(fitted.theta + step, low, high))
+
+
+def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
+    """Sums of squares over stretches of a few horizons, (stretches, channels)."""
+    sums = []
+    for block in errors:
+        for part in np.array_split(block, max(block.shape[1] // (2 * model.horizon), 1), axis=1):
+            sums.append(np.nansum(part**2, axis=1))
+    return np.array(sums)
+
+
+def _weight(was: FloatArray, now: FloatArray) -> Weight:
+    """Of stretches without and with an effect, those that run away counted no more than some."""
+    if not np.all(np.isfinite(now)):
+        return Weight(-1.0, -1.0, -1.0)
+    usual = was.sum(0)
+    was, now = (e @ (1.0 / np.where(usual > 0.0, usual, 1.0)) for e in (was, now))
+    cap = _CAP * float(np.median(was)) or np.inf
+    was, now = np.minimum(was, cap), np.minimum(now, cap)
+    share = 1.0 - float(now.sum() / was.sum())
+    count = len(was)
+    if count < 3:
+        return Weight(share, -1.0, 1.0)
+    left_out = 1.0 - (now.sum() - now) / (was.sum() - was)
+    reach = float(student_t.ppf(0.95, count - 1))
+    reach *= float(np.sqrt((count - 1) ** 2 / count * np.var(left_out, ddof=1)))
+    return Weight(share, share - reach, min(share + reach, 1.0))
