@@ -24,7 +24,7 @@ def compared(records: Records) -> Section:
         "The same recordings and the same sealed blocks, by a least-squares fit, PySINDy and a "
         "small network.",
         paragraphs(
-            f"Of {len(answers)} recordings, the {len(told['rows'])} that were measured. Root mean "
+            f"Of {len(answers)} recordings, {len(told['rows'])} were measured. Root mean "
             "square of measured less forecast on sealed blocks. *Plain fit*: the "
             "textbook system's constants by least squares of its forecasts. *PySINDy* "
             f"{told['pysindy']}: sparse polynomials of states and inputs for what the system "
