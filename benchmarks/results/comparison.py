@@ -24,11 +24,13 @@ def compared(records: Records) -> Section:
         "The same recordings and the same sealed blocks, by a least-squares fit, PySINDy and a "
         "small network.",
         paragraphs(
-            "Root mean square of measured less forecast on sealed blocks. *Plain fit*: the "
+            f"Of {len(answers)} recordings, {len(told['rows'])} were measured. Root mean "
+            "square of measured less forecast on sealed blocks. *Plain fit*: the "
             "textbook system's constants by least squares of its forecasts. *PySINDy* "
             f"{told['pysindy']}: sparse polynomials of states and inputs for what the system "
             "leaves of its rates. *Network*: two layers of 32 for the same; it names nothing. The "
-            "best of a row is bold. A dash is a forecast that ran off, or a missing answer.",
+            "best of a row is bold. *With what was named* is from the record above. A dash is a "
+            "forecast that ran off, or a missing answer.",
             table(head, lines),
         ),
         (_COMMAND,),

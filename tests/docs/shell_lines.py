@@ -48,6 +48,7 @@ NOT_RUN = {
     r"^docs/results": "makes a record: takes minutes to hours",
     r" (data import (?!table)|study .*--recordings|gap domain \w+ PATH)": "needs public recordings",
     r" study ": "takes minutes to hours; tests/study run the studies on a few episodes",
+    r" --mjcf ": "needs a MuJoCo model; tests/gap/systems/test_mjcf.py makes one",
     r" gap domain downwash": "takes minutes; tests/gap/domains run it on short flights",
     r" gap follow ": "needs a class that is open; test_follow_up.py has one",
     r" (gap reference |--rig reference/)": "needs ordinary flights; test_learning.py flies some",

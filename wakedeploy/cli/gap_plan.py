@@ -29,7 +29,7 @@ _MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple
 @_MEASURED
 @COLUMNS
 @click.option(
-    "--class", "names", multiple=True,
+    "--class", "names", multiple=True, shell_complete=EFFECT.shell_complete,
     help="An effect of the class; at least two, of a system one will do.",
 )  # fmt: skip
 @click.option(

@@ -187,9 +187,22 @@ def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:
         read_system(target)
 
 
+LEVER = """
+<mujoco model="lever">
+  <compiler angle="radian"/>
+  <worldbody>
+    <body name="link">
+      <joint name="shoulder" axis="0 1 0" damping="0.05" armature="0.01"/>
+      <geom type="capsule" fromto="0 0 0 0.3 0 0" size="0.02" mass="0.5"/>
+    </body>
+  </worldbody>
+  <actuator><position name="shoulder" joint="shoulder" kp="20" kv="0.8"{hidden}/></actuator>
+  <sensor><jointpos joint="shoulder"/></sensor>
+</mujoco>
+"""
 _FEWER = """
 COMMAND = ["dead-time", "lag", "gain"]
-JOINT = ["viscous-friction", "coulomb-friction", "added-inertia", "offset"]
+JOINT = ["viscous-friction", "coulomb-friction", "offset"]
 SENSOR = ["sensor-bias"]
 
 
@@ -197,50 +210,53 @@ class MyArm"""
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(3000)
-def test_hidden_friction_and_lag_are_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
-    system_of(tmp_path)
-    file = tmp_path / "my_arm.py"
-    text = file.read_text().replace("rate_hz = 100.0", "rate_hz = 50.0")
-    file.write_text(text.replace("\n\nclass MyArm", _FEWER))
-    hidden = ARM.format(shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
+@pytest.mark.timeout(1800)
+def test_a_hidden_dead_time_is_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
+    """MuJoCo itself replays a new log, from its commands alone, with a tenth of the error."""
+    (tmp_path / "arm.xml").write_text(LEVER.format(hidden=""))
+    target = tmp_path / "my_arm.py"
+    text = mjcf_template(tmp_path / "arm.xml", target).replace("rate_hz = 100.0", "rate_hz = 50.0")
+    target.write_text(text.replace("\n\nclass MyArm", _FEWER))
+    hidden = LEVER.format(hidden=' delay="0.04" nsample="21"')
     first, second = (_log(tmp_path / f"{seed}.csv", hidden, seed) for seed in (0, 1))
     command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]
     told = subprocess.run(
         [*command, "--measured", first.name, "--out", "gap"],
         cwd=tmp_path, check=True, capture_output=True, text=True,
     ).stdout  # fmt: skip
-    assert "coulomb-friction@shoulder_radps" in told
-    assert "lag@elbow_command" in told
+    assert "The system lacks dead-time@shoulder_command." in told
     rows = np.genfromtxt(second, delimiter=",", names=True)
-    model = mujoco.MjModel.from_xml_path(str(tmp_path / "gap" / CORRECTED))
-    commands = np.column_stack([rows["shoulder_command"], rows["elbow_command"]])
-    off = _played(model, commands) - np.column_stack([rows["shoulder_rad"], rows["elbow_rad"]])
-    assert np.sqrt(np.mean(off**2, axis=0)) == pytest.approx([1e-3, 1e-3], rel=0.5)
+    off = [
+        _played(mujoco.MjModel.from_xml_path(str(path)), rows["shoulder_command"])
+        - rows["shoulder_rad"]
+        for path in (tmp_path / "arm.xml", tmp_path / "gap" / CORRECTED)
+    ]
+    before, after = (float(np.sqrt(np.mean(one**2))) for one in off)
+    assert before > 0.02
+    assert after < 0.1 * before, (before, after)
 
 
 def _log(path: Path, text: str, seed: int) -> Path:
     random = np.random.default_rng(seed)
-    time_s = np.arange(2000) / 100.0
-    waves = zip(random.uniform(0.1, 1.5, (8, 2)), random.uniform(0, 6.28, (8, 2)), strict=True)
-    commands = sum(
-        0.25 * np.sin(2 * np.pi * f * time_s[:, None] + p) / (1 + f) for f, p in waves
-    ) + np.repeat(random.uniform(-0.4, 0.4, (10, 2)), 200, axis=0)
+    time_s = np.arange(1500) / 50.0
+    waves = zip(random.uniform(0.1, 1.5, 8), random.uniform(0, 6.28, 8), strict=True)
+    commands = sum(0.25 * np.sin(2 * np.pi * f * time_s + p) / (1 + f) for f, p in waves)
+    commands = commands + np.repeat(random.uniform(-0.4, 0.4, 30), 50)
     shown = _played(mujoco.MjModel.from_xml_string(text), commands)
-    shown += 1e-3 * random.standard_normal(shown.shape)
+    shown += 1e-3 * random.standard_normal(len(shown))
+    header = "time_s,shoulder_command,shoulder_rad"
     table = np.column_stack([time_s, commands, shown])
-    header = "time_s,shoulder_command,elbow_command,shoulder_rad,elbow_rad"
     np.savetxt(path, table, "%.6f", ",", header=header, comments="")
     return path
 
 
 def _played(model: mujoco.MjModel, commands: np.ndarray) -> np.ndarray:
+    """Angles at the samples of a log, each command held over ten steps of MuJoCo."""
     data = mujoco.MjData(model)
-    data.qpos[:] = commands[0]
+    data.qpos[0] = commands[0]
     shown = []
     for command in commands:
-        shown.append(data.qpos.copy())
-        data.ctrl[:] = command
-        for _ in range(10):
-            mujoco.mj_step(model, data)
+        shown.append(data.qpos[0])
+        data.ctrl[0] = command
+        mujoco.mj_step(model, data, nstep=10)
     return np.array(shown)

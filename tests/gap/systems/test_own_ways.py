@@ -8,8 +8,8 @@ from click.testing import CliRunner
 
 from wakedeploy.cli import main
 from wakedeploy.core.recording import Recording
+from wakedeploy.gap import workflow
 from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
-from wakedeploy.gap.systems import own_folder
 from wakedeploy.gap.systems.correction import correction_of
 from wakedeploy.gap.systems.files import read_system
 from wakedeploy.gap.systems.logs import LogModel
@@ -90,13 +90,13 @@ def test_what_had_finished_before_it_was_stopped_is_kept(
     logs = [str(tank.parent / f"{seed}.csv") for seed in (0, 1)]
     command = ["gap", "add", "--system", str(tank), "--measured", *logs, "--out", str(tmp_path)]
     with monkeypatch.context() as patched:
-        patched.setattr(own_folder, "named", stopped)
+        patched.setattr(workflow, "named", stopped)
         told = CliRunner().invoke(main, command)
     assert told.exit_code == 130
     assert "finished steps are kept" in told.output
     assert sorted(p.name for p in tmp_path.glob("*.*") if p.suffix != ".lock") == ["find.json"]
     fitted = (tmp_path / "find.json").read_bytes()
-    monkeypatch.setattr(own_folder, "fitted_base", stopped)
+    monkeypatch.setattr(workflow, "fitted_base", stopped)
     told = CliRunner().invoke(main, command)
     assert told.exit_code == 0, told.output
     assert "lacks evaporation" in told.output

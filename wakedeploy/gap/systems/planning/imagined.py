@@ -61,7 +61,7 @@ def _pushes(
     count: int,
     random: np.random.Generator,
 ) -> FloatArray:
-    """What acts on the rates of all states beside the model, (k, count)."""
+    """What acts on the rates of all states beside the model, (k, count): white, and lasting."""
     pushes = np.zeros((len(acting.states), count))
     for name in model.driven:
         sd = float(np.exp(values[f"force.{name}"]))

@@ -183,7 +183,7 @@ def test_every_plausible_size_can_be_flown_as_an_effect_of_a_rig() -> None:
 
 
 def test_the_share_of_promises_kept_is_the_benchmarks() -> None:
-    records = Path(__file__).parents[3] / "docs" / "records"
+    records = Path(__file__).parents[5] / "docs" / "records"
     told = json.loads((records / "gap-power.json").read_text())
     measured = told[f"promised {SURELY:g} to 1"]
     assert (measured["cases"], round(measured["named"], 2)) == (KEPT_OF, KEPT)

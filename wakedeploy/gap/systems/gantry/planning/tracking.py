@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from runtime.loop.loop import Loop
+from runtime.loop.pilot import OBSERVATION
 from runtime.loop.prediction import Result
 from runtime.reference import random_plan
 from runtime.simulated import SimulatedGantry
@@ -30,8 +31,8 @@ _STEPS_PER_TICK = 2  # puffs this close still overlap
 class RigForecast:
     """The wake force that a rig file predicts, as feedforward: a predictor without training."""
 
-    low: FloatArray = np.full(1, -np.inf, np.float32)
-    high: FloatArray = np.full(1, np.inf, np.float32)
+    low: FloatArray = np.full(len(OBSERVATION), -np.inf, np.float32)
+    high: FloatArray = np.full(len(OBSERVATION), np.inf, np.float32)
 
     def __init__(self, rig: Rig) -> None:
         self._rig, self.lead_s = rig, default_lead_s(rig)
