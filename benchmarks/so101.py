@@ -1,11 +1,12 @@
 """What each joint of a small arm lacks, found in its public motions, and what that is worth.
 
 `python -m benchmarks.so101` asks the gap workflow about the six joints of an SO-101, each a servo
-of second order, on four motions that move all joints. Every other motion in which a joint moves is
-replayed from its commands alone: by the command itself, by a servo fitted in the usual way (least
-squares of the replay), and by the servo with what was named. Answers are kept in the folder
-`--out`, a joint each; `--json` writes the record when all are there. The arm's MJCF is not among
-the recordings, so that each joint stands alone: a weight that turns with other joints is not in it.
+of second order, on the first minute of two motions that move all joints. Every other motion in
+which a joint moves is replayed from its commands alone: by the command itself, by a servo fitted in
+the usual way (least squares of the replay), and by the servo with what was named. Answers are kept
+in the folder `--out`, a joint each; `--json` writes the record when all are there. The arm's MJCF
+is not among the recordings, so that each joint stands alone: a weight that turns with other joints
+is not in it.
 """
 
 import time
@@ -32,8 +33,9 @@ from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.system import System
 
 JOINTS = ("rotation", "pitch", "elbow", "wrist_pitch", "wrist_roll", "jaw")
-TRAINED = ("frequency_sweep", "prbs_excitation", "trapezoidal_profile", "step_response")
+TRAINED = ("prbs_excitation", "trapezoidal_profile")
 SHOWN = ("elbow", "random_waypoints", 0, 700)  # joint, motion and samples of the figure
+_MINUTE = 3000  # samples of each motion that the search sees
 _STILL_RAD = 0.03  # a joint whose command varies less does not move
 _LEADING = 6
 FloatArray = npt.NDArray[np.float64]
@@ -43,7 +45,7 @@ def told_of(joint: str, out: Path) -> dict[str, Any]:
     """Everything about one joint, as plain numbers."""
     began_s = time.process_time()
     system = read_system(EXAMPLES / "so101.py")
-    trained = [_recording(system, joint, name) for name in TRAINED]
+    trained = [_begun(_recording(system, joint, name)) for name in TRAINED]
     model = LogModel(system, trained)
     base = fitted_base(model)
     answer = named(model, base)
@@ -123,6 +125,12 @@ def _shown(
 def _leading(entry: Mapping[str, Any]) -> dict[str, Any]:
     kept = {key: entry[key] for key in ("name", "gain_nats", "interval", "note")}
     return kept | {key: entry.get(key) for key in ("judged", "forecast")}
+
+
+def _begun(one: Recording) -> Recording:
+    """Its first minute."""
+    columns = {name: values[:_MINUTE] for name, values in one.columns.items()}
+    return Recording(one.name, one.time_s[:_MINUTE], columns)
 
 
 def _unseen(system: System, joint: str) -> list[Recording]:

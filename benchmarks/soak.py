@@ -8,6 +8,7 @@ the next one goes on. One core takes about a quarter of an hour for 10⁶ ticks,
 """
 
 import argparse
+import itertools
 import json
 import os
 import sys
@@ -152,9 +153,11 @@ def read_back(log: Path) -> Logged:
 
 
 def _rows(log: Path) -> Iterator[dict[str, Any]]:
+    """Ticks, each of the messages that have its number."""
     with log.open("rb") as stream:
-        for _, _, message in make_reader(stream).iter_messages():
-            yield json.loads(message.data)
+        messages = (message for _, _, message in make_reader(stream).iter_messages())
+        for _, tick in itertools.groupby(messages, lambda message: message.sequence):
+            yield {key: value for one in tick for key, value in json.loads(one.data).items()}
 
 
 def main() -> None:

@@ -3,6 +3,7 @@
 from benchmarks import records, tuned
 from benchmarks.hidden_effects.page import draw
 from benchmarks.hidden_effects.table import summary
+from benchmarks.results import so101
 from benchmarks.results.pages import Pages
 from benchmarks.results.section import Records
 from wakedeploy.core import figures
@@ -22,6 +23,9 @@ def main() -> None:
         ("gap-benchmark", draw(summary(read.lines("gap-benchmark.jsonl")))),
     ):
         figures.save(drawn, records.FIGURES / f"{name}.png")
+    if (records.FOLDER / so101.RECORD).exists():
+        arm = so101.drawn(read.json(so101.RECORD))
+        figures.save(arm, records.FIGURES / f"{so101.FIGURE}.png")
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ from benchmarks import downwash_estimates, records, tuned
 from benchmarks.hidden_effects.page import markdown_of
 from benchmarks.hidden_effects.table import summary
 from benchmarks.results import (
+    comparison,
     compiled,
     effects,
     faults,
@@ -22,6 +23,7 @@ from benchmarks.results import (
     readme,
     real_systems,
     simulators,
+    so101,
     studies,
     tutorials,
 )
@@ -60,6 +62,8 @@ SECTIONS: dict[str, tuple[Callable[[Records], Section], ...]] = {
         gap_domains.domains,
         *((real_systems.named,) if (records.FOLDER / real_systems.RECORD).exists() else ()),
         *((known_plants.counted,) if (records.FOLDER / known_plants.RECORD).exists() else ()),
+        *((comparison.compared,) if (records.FOLDER / comparison.RECORD).exists() else ()),
+        *((so101.joints,) if (records.FOLDER / so101.RECORD).exists() else ()),
     ),
     "Simulators and firmware": (
         simulators.downwash_speed,

@@ -17,7 +17,7 @@ from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 HEAVY = [
     "torch", "numpy", "scipy", "onnx", "onnxruntime", "optuna", "numba", "pandas", "matplotlib",
-    "plotly", "filterpy", "pydantic", "mcap", "serial", "rich", "safetensors", "sympy",
+    "plotly", "filterpy", "pydantic", "mcap", "serial", "rich", "safetensors", "sympy", "jinja2",
 ]  # fmt: skip
 
 

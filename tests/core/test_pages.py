@@ -32,7 +32,7 @@ def a_page(table: pages.Table, title: str = "kept") -> str:
     """A study's page with one table."""
     part = {"name": "p", "title": "p", "sentence": "", "picture": None, "table": table}
     return pages.page(
-        "wakedeploy.study", "study.html", title=title, parts=[part], sets=[], commit=None
+        "wakedeploy.study", "study.html", title=title, parts=[part], sets=[], commit=None, next=[]
     )
 
 

@@ -49,11 +49,14 @@ def test_without_the_extra_one_sentence_says_what_to_install(words, monkeypatch)
 def test_nothing_of_the_web_is_in_the_process_that_flies():
     code = (
         "import sys, wakedeploy.cli.run_gantry, wakedeploy.live.process, runtime.run;"
-        "print(sorted({m.split('.')[0] for m in sys.modules} & {'tornado', 'asyncio', 'http'}))"
+        "print(sorted({m.split('.')[0] for m in sys.modules} & {'tornado', 'asyncio', 'http',"
+        "'jinja2', 'foxglove'}))"
     )
     told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert "tornado" not in told.stdout
     assert "http" not in told.stdout
+    assert "jinja2" not in told.stdout
+    assert "foxglove" not in told.stdout
 
 
 def test_the_results_say_what_a_record_has():

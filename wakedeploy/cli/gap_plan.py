@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from wakedeploy.cli.gap_system import COLUMNS, SYSTEM
+from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.output import print_table, progress, write_json
 from wakedeploy.cli.workers import workers_option
@@ -17,35 +19,59 @@ if TYPE_CHECKING:
 _FILE = click.Path(dir_okay=False, path_type=Path)
 _FOLDER = click.Path(file_okay=False, path_type=Path)
 _RIG = click.option("--rig", "rig_path", type=_FILE, help="Default: the default rig.")
+_MEASURED = click.option("--measured", type=click.Path(path_type=Path), multiple=True,
+                         help="With --system: logs, from which its noise is known.")  # fmt: skip
 
 
-@click.command()
+@click.command(cls=Many)
 @_RIG
+@SYSTEM
+@_MEASURED
+@COLUMNS
 @click.option(
-    "--class", "names", type=EFFECT, multiple=True, help="An effect of the class; at least two."
-)
+    "--class", "names", multiple=True,
+    help="An effect of the class; at least two, of a system one will do.",
+)  # fmt: skip
 @click.option(
-    "--out", type=_FOLDER, help="Read the class from result.json here; write plan.json here."
+    "--out",
+    type=_FOLDER,
+    help="Read the class from what is here; a rig's plan.json goes here, too.",
 )
 @click.option("--write-reference", "reference", type=_FILE, help="CSV for run-gantry --reference.")
+@click.option("--write-input", "input_path", type=_FILE, help="With --system: its input, as CSV.")
 @click.option("--json", "json_path", type=_FILE, help="Also write the plan as JSON.")
 def plan(
     rig_path: Path | None,
+    system_path: Path | None,
+    measured: tuple[Path, ...],
+    columns: Path | None,
     names: tuple[str, ...],
     out: Path | None,
     reference: Path | None,
+    input_path: Path | None,
     json_path: Path | None,
 ) -> None:
-    """Find the manoeuvre that best splits a class of effects, by simulating each of a menu.
+    """Find the manoeuvre or input that best splits a class of effects, out of a menu.
 
     For every manoeuvre: the nats by which the rival of each pair would lose in one flight, and how
-    many new flights that takes with margin. With --out, at the sizes that were found.
+    many new flights that takes with margin. With --out, at the sizes that were found. Of a system
+    of your own: which input, within its limits, splits the class, or makes one effect seen.
 
     \b
     Example:
         wakedeploy gap plan --class coulomb-friction --class viscous-friction
         wakedeploy gap plan --rig rig.toml --out gap --write-reference fly.csv
+        wakedeploy gap plan --system my_robot.py --measured log.csv --out gap --write-input next.csv
     """
+    if _is_system(system_path, rig_path, bool(measured or columns or input_path)):
+        from wakedeploy.cli.gap_plan_system import run_plan
+
+        if reference is not None:
+            raise click.UsageError("'--write-reference' goes with '--rig'; give '--write-input'.")
+        assert system_path is not None
+        run_plan(system_path, measured, columns, names, out, input_path, json_path)
+        return
+    names = tuple(EFFECT.convert(name, None, click.get_current_context()) for name in names)
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.systems.gantry.planning.manoeuvres import menu
     from wakedeploy.gap.systems.gantry.planning.plan import make_plan, write_plan_reference
@@ -71,8 +97,11 @@ def plan(
         click.echo(f"Written: {reference}. Fly it with `wakedeploy run-gantry --reference`.")
 
 
-@click.command()
+@click.command(cls=Many)
 @_RIG
+@SYSTEM
+@_MEASURED
+@COLUMNS
 @click.option("--flights", type=click.IntRange(4, 500), default=7, show_default=True)
 @click.option("--seconds", type=click.FloatRange(8, 600), default=20.0, show_default=True)
 @click.option("--out", type=_FOLDER, help="Write power.json, power.html and figures here.")
@@ -84,6 +113,9 @@ def plan(
 )
 def power(
     rig_path: Path | None,
+    system_path: Path | None,
+    measured: tuple[Path, ...],
+    columns: Path | None,
     flights: int,
     seconds: float,
     out: Path | None,
@@ -94,12 +126,20 @@ def power(
 
     Per effect of the library: the smallest size that will be detected, and named; the rivals that
     remain; minutes of flight until it is named; the cheapest sensor that names it; and what
-    ignoring it costs in tracking error. With --out, a page to read before buying a sensor.
+    ignoring it costs in tracking error. With --out, a page to read before buying a sensor. Of a
+    system of your own: how large each effect must be to be named on logs like those measured.
 
     \b
     Example:
         wakedeploy gap power --rig rig.toml --flights 7 --seconds 20 --out power
+        wakedeploy gap power --system my_robot.py --measured log.csv
     """
+    if _is_system(system_path, rig_path, bool(measured or columns)):
+        from wakedeploy.cli.gap_plan_system import run_power
+
+        assert system_path is not None
+        run_power(system_path, measured, columns, out)
+        return
     from wakedeploy.gap.report.power_page import COLUMNS, rows, sentences, write_page
     from wakedeploy.gap.systems.gantry.planning.power import power as compute
     from wakedeploy.gap.systems.gantry.planning.power import step_count
@@ -122,6 +162,15 @@ def power(
     if out is not None:
         write_json(out / "power.json", told.as_json())
         click.echo(f"Page: {write_page(told, out)}")
+
+
+def _is_system(system_path: Path | None, rig_path: Path | None, of_system: bool) -> bool:
+    """Whether a user's system is meant; UsageError for options that do not go together."""
+    if system_path is not None and rig_path is not None:
+        raise click.UsageError("Give one of '--rig' and '--system'.")
+    if system_path is None and of_system:
+        raise click.UsageError("'--measured', '--columns' and '--write-input' go with '--system'.")
+    return system_path is not None
 
 
 def _tell_plan(made: "Plan") -> None:

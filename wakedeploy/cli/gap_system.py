@@ -1,5 +1,6 @@
 """`wakedeploy gap init`, `check` and `simulate`, and the steps where a `--system` is given."""
 
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -172,6 +173,7 @@ def run_steps(
     from wakedeploy.gap.folder import at_work
     from wakedeploy.gap.report.system_page import write_page
     from wakedeploy.gap.systems.own_folder import CORRECTION, Folder
+    from wakedeploy.gap.systems.words import sentences
 
     page: Path | None = None
     out.mkdir(parents=True, exist_ok=True)
@@ -182,7 +184,11 @@ def run_steps(
             told = folder.run(step)
             if step in ("show", "close"):
                 progress("drawing the report")
-                page = write_page(told, out)
+                asked = [f"--measured {shlex.quote(str(path))}" for path in measured]
+                asked += [] if columns is None else [f"--columns {shlex.quote(str(columns))}"]
+                after = _next(told, system_path, " ".join(asked), out)
+                said = [each.strip() for each in sentences(step, told)]
+                page = write_page(told, out, said=said, next_commands=after)
         except KeyboardInterrupt:
             click.echo(f"{out}: finished steps are kept; give the same command again.", err=True)
             raise
@@ -195,6 +201,17 @@ def run_steps(
         click.echo(f"Report: {page}")
     if json_path:
         write_json(json_path, told)
+
+
+def _next(told: dict[str, Any], system_path: Path, logs: str, out: Path) -> list[str]:
+    """Replay with what was found; where nothing was, see what the logs could have shown."""
+    from wakedeploy.gap.systems.own_folder import CORRECTION
+
+    system = shlex.quote(str(system_path))
+    if not told.get("effects"):
+        return [f"wakedeploy gap check {system} {logs}"]
+    correction = shlex.quote(str(out / CORRECTION))
+    return [f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"]
 
 
 def _print(step: str, told: dict[str, Any]) -> None:

@@ -1,5 +1,6 @@
 """What all studies ask for: which models, how many seeds, where the recordings are."""
 
+import shlex
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,4 +155,29 @@ def write_page(
     from wakedeploy.study.folder import write_study
 
     with progress("Drawing", 1):
-        return write_study(folder, title, parts(), result, sets)
+        return write_study(folder, title, parts(), result, sets, next_commands=_commands())
+
+
+def _commands() -> list[str]:
+    """This command again, and of a quick look the whole study; then what lies in its folder."""
+    context = click.get_current_context(silent=True)
+    if context is None:
+        return []
+    asked = [option for option in context.command.params if _was_given(context, option)]
+    whole = [_as_given(context, option) for option in asked if option.name != "quick"]
+    again = [context.command_path, *whole]
+    out = shlex.quote(str(context.params.get("out", "study")))
+    return [" ".join(again), f"wakedeploy log browse {out}"]
+
+
+def _was_given(context: click.Context, option: click.Parameter) -> bool:
+    source = context.get_parameter_source(str(option.name))
+    return source is click.core.ParameterSource.COMMANDLINE
+
+
+def _as_given(context: click.Context, option: click.Parameter) -> str:
+    value = context.params[str(option.name)]
+    if value is True:
+        return option.opts[-1]
+    several = ",".join(map(str, value)) if isinstance(value, tuple | list) else str(value)
+    return f"{option.opts[-1]} {shlex.quote(several)}"

@@ -45,8 +45,11 @@ def write_study(
     parts: Sequence[Part],
     result: Mapping[str, Any],
     sets: Sequence[EpisodeSet],
+    next_commands: Sequence[str] = (),
 ) -> Path:
     """Write everything and return the page's path. `result` goes into `study.json`.
+
+    `next_commands` stand on the page, to copy.
 
     `study.json` also says what each part says, which code and which revision of training it is of
     and which sets, in no order that matters, and lists the study's files; those that an earlier one
@@ -55,7 +58,7 @@ def write_study(
     """
     with one_at_a_time(folder, "study", traceless=True):
         remove_unfinished(folder)
-        return _write(folder, title, parts, result, sets)
+        return _write(folder, title, parts, result, sets, next_commands)
 
 
 def _write(
@@ -64,6 +67,7 @@ def _write(
     parts: Sequence[Part],
     result: Mapping[str, Any],
     sets: Sequence[EpisodeSet],
+    next_commands: Sequence[str],
 ) -> Path:
     from trainers.training.runs import TRAINING
 
@@ -88,7 +92,7 @@ def _write(
     told_sets = [(data.domain, data.sha256[:12]) for data in sets]
     text = pages.page(
         "wakedeploy.study", "study.html", title=title, parts=shown, sets=told_sets,
-        commit=told["commit"],
+        commit=told["commit"], next=next_commands,
     )  # fmt: skip
     write_text_whole(path, text)
     return path

@@ -57,6 +57,14 @@ def system_of(folder: Path, **more: str) -> MjcfSystem:
     return system
 
 
+def test_the_written_file_asks_for_the_kinds_that_it_names(tmp_path: Path) -> None:
+    ports = {port.name: port.kinds for port in system_of(tmp_path).ports}
+    assert "dead-time" in ports["shoulder_command"]
+    assert "coulomb-friction" in ports["elbow_radps"]
+    assert "upper-stop" not in ports["elbow_radps"]
+    assert "sensor-lag" in ports["elbow_rad"]
+
+
 def test_rates_are_mujoco_s_own(tmp_path: Path) -> None:
     system = system_of(tmp_path, shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
     model = mujoco.MjModel.from_xml_path(str(tmp_path / "arm.xml"))
@@ -179,11 +187,22 @@ def test_names_that_the_model_does_not_have_are_refused(tmp_path: Path) -> None:
         read_system(target)
 
 
+_FEWER = """
+COMMAND = ["dead-time", "lag", "gain"]
+JOINT = ["viscous-friction", "coulomb-friction", "added-inertia", "offset"]
+SENSOR = ["sensor-bias"]
+
+
+class MyArm"""
+
+
 @pytest.mark.slow
+@pytest.mark.timeout(3000)
 def test_hidden_friction_and_lag_are_named_and_the_corrected_model_replays(tmp_path: Path) -> None:
     system_of(tmp_path)
     file = tmp_path / "my_arm.py"
-    file.write_text(file.read_text().replace("rate_hz = 100.0", "rate_hz = 50.0"))
+    text = file.read_text().replace("rate_hz = 100.0", "rate_hz = 50.0")
+    file.write_text(text.replace("\n\nclass MyArm", _FEWER))
     hidden = ARM.format(shoulder='frictionloss="0.4"', elbow='timeconst="0.06"')
     first, second = (_log(tmp_path / f"{seed}.csv", hidden, seed) for seed in (0, 1))
     command = [sys.executable, "-m", "wakedeploy", "gap", "close", "--system", "my_arm.py"]

@@ -22,6 +22,7 @@ from wakedeploy.gap.evidence.inference import (
     Slopes,
     extended,
     prior_precision,
+    scores_of,
 )
 
 ENOUGH_NATS = 3.0  # what the best must be ahead of the next by, to be named alone
@@ -292,8 +293,8 @@ def changes(
 ) -> list[FloatArray]:
     """Innovations minus the base's, and variances likewise, whitened, (2n,) per episode."""
     parts = []
-    for score, episode in zip(base.slopes.scores, base.episodes, strict=True):
-        there = model.score(hypothesis, theta, episode)
+    moved = scores_of(model, hypothesis, np.asarray(theta)[None], base.episodes)[0]
+    for score, there in zip(base.slopes.scores, moved, strict=True):
         root = np.sqrt(score.weight)
         shift = root * (there.innovation - score.innovation) / np.sqrt(score.variance)
         stretch = root * (there.variance - score.variance) / (score.variance * 2.0**0.5)

@@ -4,7 +4,7 @@ In: the document of `closing.close` with what the domain itself adds, as in `dom
 `report.html` and `figures/*.png` in the same folder. May import what `wakedeploy.gap` may.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -55,16 +55,26 @@ Document = Mapping[str, Any]
 Drawing = Callable[[Document], "Figure | None"]
 
 
-def write_page(document: Document, out: Path) -> Path:
+def write_page(
+    document: Document,
+    out: Path,
+    *,
+    said: Sequence[str] = (),
+    next_commands: Sequence[str] = (),
+) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
+
+    `said` is the answer in sentences, where there is more to say than the verdict; `next_commands`
+    stand on the page, to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
-    title = f"The gap in the domain {document.get('domain')}"
+    title = f"Simulation against measurement: {document.get('domain')}"
     accounts = [_account(title, document, out, "")]
     if far := mapping(document.get("far")):
         accounts.append(_account("The same, where no wake is", far, out, "far_"))
     told = {"title": title, "accounts": accounts, "further": _further(document, out)}
+    told |= {"next": next_commands, "said": said}
     path = out / "report.html"
     write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
     return path

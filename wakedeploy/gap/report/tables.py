@@ -36,6 +36,7 @@ from wakedeploy.gap.wording import (
 )
 
 _MOST_PLACES, _MOST_RANKED = 16, 10
+_NO_NATS = 0.05
 
 Artefact = Mapping[str, Any]
 
@@ -77,8 +78,16 @@ def ranked(round_: Artefact) -> list[Artefact]:
 
 def _ranked(candidate: Artefact) -> list[str]:
     values = ", ".join(f"{spoken(name)} {value}" for name, value in parameters_of(candidate))
-    gain = measured(candidate.get("gain_nats"), *interval(candidate.get("interval")), "")
+    gain = _gain(candidate)
     return [str(candidate.get("name")), gain, confidence(candidate.get("confidence")), values]
+
+
+def _gain(candidate: Artefact) -> str:
+    """A gain in nats with its interval; below a twentieth of one it says nothing."""
+    nats, ends = number(candidate.get("gain_nats")), interval(candidate.get("interval"))
+    if max(map(abs, (nats, *ends))) < _NO_NATS:
+        return "0.0"
+    return measured(nats, *ends, "")
 
 
 def noise_table(noise: Artefact) -> Table:

@@ -77,6 +77,10 @@ class LogModel:
         shortest = min(b.stop - b.start for b in self.blocks)
         return int(np.clip(shortest // 4, _FORECAST, _LONGEST_FORECAST))
 
+    def first_states(self) -> FloatArray:
+        """Where the first log begins, as far as its outputs tell, (n,)."""
+        return np.asarray(self._starts[0].states[:, 0])
+
     def sealed(self) -> tuple[int, ...]:
         """The last quarter of the blocks, one after another: excitations may repeat."""
         count = max(round(SEALED_SHARE * self.episodes), 1)

@@ -37,13 +37,16 @@ class Input:
 
     `hold` says what the input does between two samples: "step" keeps the older one, as a digital
     controller does; "linear" goes straight to the next, as a sampled signal does. `unit` is one of
-    the project's, "" for none; a log's column (T,) is converted to it. A name or a unit that is not
-    known raises UnusableInput when the system is loaded.
+    the project's, "" for none; a log's column (T,) is converted to it. `low` and `high` are limits
+    that `gap plan` keeps to, without them those of the logs. A name or a unit that is not known and
+    limits in the wrong order raise UnusableInput when the system is loaded.
     """
 
     name: str
     unit: str
     hold: str = "step"
+    low: float | None = None
+    high: float | None = None
 
 
 @dataclass(frozen=True)
@@ -370,6 +373,11 @@ def _check_names(system: System) -> None:
     for name in {i.name for i in system.inputs} & {*system.states, *_names(system.outputs)}:
         raise UnusableInput(f"{system.name}: {name!r} is an input and a state; rename one.")
     for i in system.inputs:
+        if i.low is not None and i.high is not None and not i.low < i.high:
+            raise UnusableInput(
+                f"{system.name}: input {i.name!r} has the limits {i.low} and {i.high}; give the "
+                "lower one first."
+            )
         if i.hold not in _HOLDS:
             raise UnusableInput(f"{system.name}: input {i.name!r} holds {i.hold!r}, not {_HOLDS}.")
     for o in system.outputs:

@@ -144,6 +144,7 @@ async function choose(name, over) {
   else chosen = over && chosen.length && chosen[0] !== name ? [chosen[0], name] : [name];
   mark();
   const asked = [...chosen];
+  const slow = setTimeout(() => notice(`Reading ${name} …`), 400);
   try {
     const flights = await (await ask(`/api/flight?${query()}`)).json();
     if (asked.join() !== chosen.join()) return; // another one was chosen meanwhile
@@ -153,6 +154,8 @@ async function choose(name, over) {
     notice("");
   } catch (error) {
     notice(`${name} cannot be drawn (${error.message}).`);
+  } finally {
+    clearTimeout(slow);
   }
 }
 

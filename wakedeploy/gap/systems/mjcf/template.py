@@ -118,5 +118,6 @@ def _inertia(joint: Joint) -> str:
 
 def _force(joint: Joint) -> str:
     return (
-        f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", position="{joint.position}"),'
+        f'Port.force("{joint.speed}", inertia="{joint.inertia_name}", '
+        f'position="{joint.position}", kinds=JOINT),'
     )

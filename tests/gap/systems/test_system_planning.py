@@ -1,0 +1,93 @@
+"""What logs can tell, and which input tells more: held against logs that are made and fitted."""
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy.signal import cont2discrete, lfilter, ss2tf
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.cli import main
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import extended, fit
+from wakedeploy.gap.search.rounds import fitted_base
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.plan import plan
+from wakedeploy.gap.systems.planning.power import power
+
+RATE = 50.0
+DRAG, LAG, DEAD_TIME = "viscous-friction@speed_mps", "lag@force_n", "dead-time@force_n"
+
+
+class Mass(System):
+    rate_hz = RATE
+    inputs = [Input("force_n", "N", low=-20.0, high=20.0)]
+    states = {"position_m": "m", "speed_mps": "m/s"}
+    outputs = [Output("position_m", "m", noise=1e-3)]
+    constants = [Constant("mass_kg", 2.0)]
+    ports = [
+        Port.input("force_n", kinds=["dead-time", "lag"]),
+        Port.force("speed_mps", inertia="mass_kg", position="position_m",
+                   kinds=["viscous-friction", "coulomb-friction"]),
+    ]  # fmt: skip
+
+    def derivative(self, state, inputs, c):
+        force = inputs.force_n - 30.0 * state.position_m - 3.0 * state.speed_mps
+        return {"position_m": state.speed_mps, "speed_mps": force / c.mass_kg}
+
+
+def recorded(seed: int, drag: float = 0.0) -> Recording:
+    """The mass with a little more damping, stepped exactly, with noise on force and sensor."""
+    random = np.random.default_rng(seed)
+    force = np.repeat(random.standard_normal(40) * 8.0, 20)
+    a = np.array([[0.0, 1.0], [-15.0, -(3.0 + drag) / 2.0]])
+    b, c, d = np.array([[0.0], [0.5]]), np.eye(2)[:1], np.zeros((1, 1))
+    phi, gamma, *_ = cont2discrete((a, b, c, d), 1.0 / RATE)
+    above, below = ss2tf(phi, gamma, c, d)
+    shown = lfilter(above[0], below, force + 0.3 * random.standard_normal(len(force)))
+    shown += 1e-3 * random.standard_normal(len(force))
+    return Recording("made", np.arange(len(force)) / RATE, {"force_n": force, "position_m": shown})
+
+
+@pytest.fixture(scope="module")
+def model() -> LogModel:
+    return LogModel(Mass(), [recorded(0)])
+
+
+@pytest.fixture(scope="module")
+def base(model: LogModel):
+    return fitted_base(model)
+
+
+def test_an_effect_of_the_size_that_is_told_gains_what_was_told(model, base) -> None:
+    """Mean gain of fits to logs that have it: the threshold, and what makes it sure beside it."""
+    told = power(model, base, (DRAG,))
+    size = told.effects[0].detected
+    gains = []
+    for seed in range(4):
+        other = LogModel(Mass(), [recorded(10 + seed, drag=size)])
+        start = fit(other, (), base.episodes, extended(base, other.free(())))
+        free = other.free((DRAG,))
+        with_it = extended(start, free)
+        gains.append(fit(other, (DRAG,), base.episodes, with_it).objective - start.objective)
+    wanted = told.threshold_nats + 1.0
+    assert np.mean(gains) == pytest.approx(wanted + 0.8416 * np.sqrt(2 * wanted), rel=0.5)
+    assert told.effects[0].matters < size
+
+
+def test_fast_jumps_tell_a_lag_from_a_dead_time(model, base) -> None:
+    """Their phases part at high frequencies: slow motion looks the same with both."""
+    sizes = {LAG: (0.03,), DEAD_TIME: (0.03,)}
+    made = plan(model, base, (LAG, DEAD_TIME), sizes)
+    nats = {o.excitation.name: o.nats for o in made.options}
+    assert made.options[0].excitation.name == "fast-binary"
+    assert nats["fast-binary"] > 5.0 * nats["triangle"]
+    for option in made.options:
+        assert np.abs(option.columns["force_n"]).max() <= 20.0
+        seen = np.ptp(model.logs[0].outputs[0])
+        assert np.ptp(option.columns["position_m"]) <= 1.5 * seen
+
+
+def test_options_of_a_rig_and_of_a_system_do_not_mix() -> None:
+    told = CliRunner().invoke(main, ["gap", "plan", "--measured", "x.csv", "--class", "lag"])
+    assert told.exit_code == 2
+    assert "go with '--system'" in told.output

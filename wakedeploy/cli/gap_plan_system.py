@@ -1,0 +1,161 @@
+"""`gap plan` and `gap power` of a user's own system."""
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from wakedeploy.cli.gap_system import open_model
+from wakedeploy.cli.log_lines import stages
+from wakedeploy.cli.output import print_table, write_json
+from wakedeploy.core.errors import CheckFailed, UnusableInput
+
+if TYPE_CHECKING:
+    from wakedeploy.gap.evidence.inference import Fit
+    from wakedeploy.gap.systems.logs import LogModel
+    from wakedeploy.gap.systems.planning.plan import Plan
+
+_SHOWN = 8  # inputs
+
+
+def run_plan(
+    system_path: Path,
+    measured: tuple[Path, ...],
+    columns: Path | None,
+    names: tuple[str, ...],
+    out: Path | None,
+    input_path: Path | None,
+    json_path: Path | None,
+) -> None:
+    """Which input to record next, on the terminal and as files."""
+    from wakedeploy.gap.systems.planning.plan import plan
+
+    told = _named(out)
+    chosen = names or tuple(told.get("class", ()))
+    if not chosen:
+        raise UnusableInput(
+            "Say what to look for: --class NAME, or --out with a class in name.json."
+        )
+    with stages() as progress:
+        model, base = _fitted(system_path, measured, columns, progress)
+        made = plan(model, base, chosen, _sizes(told, model, chosen),
+                    lambda done, of: progress("trying inputs", done, of))  # fmt: skip
+    _tell(made)
+    if json_path is not None:
+        write_json(json_path, {"names": made.names, "logged_nats": made.logged_nats,
+                               "options": [_row(o) for o in made.options]})  # fmt: skip
+    if input_path is not None:
+        _write_input(input_path, model, made)
+
+
+def run_power(
+    system_path: Path, measured: tuple[Path, ...], columns: Path | None, out: Path | None
+) -> None:
+    """How large effects have to be, on the terminal and in a folder."""
+    from wakedeploy.gap.systems.planning.power import power
+
+    with stages() as progress:
+        model, base = _fitted(system_path, measured, columns, progress)
+        told = power(model, base, steps=lambda done, of: progress("trying effects", done, of))
+    print_table(
+        "The smallest size that logs like these tell, four times in five",
+        ["effect", "of", "seen", "named", "nearest rival", "matters", "unit"],
+        [[e.name, e.parameter, _number(e.detected), _number(e.named), e.rival,
+          _number(e.matters), e.unit] for e in told.effects],
+    )  # fmt: skip
+    click.echo(
+        f"Seen: gains more than chance, {told.threshold_nats:.1f} nats. Named: also ahead of its "
+        "nearest rival. Matters: removes a hundredth of the squared forecast error."
+    )
+    if out is not None:
+        rows = [{k: _finite(v) for k, v in vars(e).items()} for e in told.effects]
+        write_json(out / "power.json", {"threshold_nats": told.threshold_nats, "effects": rows})
+        click.echo(f"Written: {out / 'power.json'}")
+
+
+def _fitted(
+    system_path: Path, measured: tuple[Path, ...], columns: Path | None, progress: Any
+) -> "tuple[LogModel, Fit]":
+    from wakedeploy.gap.search.rounds import fitted_base
+
+    if not measured:
+        raise click.UsageError("'--system' goes with '--measured', from which the noise is known.")
+    progress("reading the logs")
+    model = open_model(system_path, measured, columns)
+    progress("fitting the system as it is")
+    return model, fitted_base(model)
+
+
+def _named(out: Path | None) -> dict[str, Any]:
+    """What `gap name` left in a folder; nothing without one."""
+    from wakedeploy.core.files import json_of, text_of
+
+    if out is None:
+        return {}
+    try:
+        told = json_of(text_of(out / "name.json"))
+    except (OSError, ValueError) as error:
+        raise UnusableInput(f"{out / 'name.json'} cannot be read; `gap name` writes it.") from error
+    return told if isinstance(told, dict) else {}
+
+
+def _sizes(
+    told: dict[str, Any], model: "LogModel", names: tuple[str, ...]
+) -> dict[str, tuple[float, ...]]:
+    """The parameters of the effects as the first round that ranked them fitted them."""
+    ranking = {e["name"]: e["parameters"] for r in told.get("rounds", ()) for e in r["ranking"]}
+    return {
+        name: tuple(float(ranking[name][f.name]["value"]) for f in model.effects[name])
+        for name in names
+        if name in ranking and name in model.effects
+    }
+
+
+def _tell(made: "Plan") -> None:
+    rows = [[o.excitation.name, ", ".join(o.moved), f"{o.share:.0%}", f"{o.seconds:.0f}",
+             f"{o.nats:.3g}", str(o.logs or "-"), o.excitation.description]
+            for o in made.options[:_SHOWN]]  # fmt: skip
+    title = "Nats by which the closest rival loses in one log"
+    if len(made.names) == 1:
+        title = f"Nats that {made.names[0]} gains in one log"
+    print_table(title, ["input", "moves", "of its limits", "s", "nats", "logs", ""], rows)
+    best = made.options[0] if made.options else None
+    if best is None or best.logs is None:
+        click.echo(
+            "No input of the menu tells enough within the limits; widen them, or add a sensor."
+        )
+        return
+    click.echo(
+        f"Record {best.excitation.name} on {', '.join(best.moved)}: {best.nats:.3g} nats in "
+        f"{best.seconds:.0f} s, where as much of the present logs has {made.logged_nats:.3g}."
+    )
+
+
+def _write_input(path: Path, model: "LogModel", made: "Plan") -> None:
+    """The best input as CSV, to be played to the system."""
+    import numpy as np
+
+    if not made.options or made.options[0].logs is None:
+        raise CheckFailed(f"{path}: not written, for no input tells enough.")
+    best = made.options[0].columns
+    names = [i.name for i in model.system.inputs]
+    time_s = model.dt_s * np.arange(len(best[names[0]]))
+    table = np.column_stack([time_s, *(best[n] for n in names)])
+    np.savetxt(path, table, "%.9g", ",", header=",".join(["time_s", *names]), comments="")
+    click.echo(f"Written: {path}")
+
+
+def _row(option: Any) -> dict[str, Any]:
+    told = {"input": option.excitation.name, "description": option.excitation.description}
+    kept = {k: getattr(option, k) for k in ("moved", "share", "seconds", "nats", "logs")}
+    return told | kept
+
+
+def _number(value: float) -> str:
+    return f"{value:.3g}" if math.isfinite(value) else "-"
+
+
+def _finite(value: Any) -> Any:
+    """JSON has no infinity."""
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,88 @@
+"""Logs that have not been recorded: a system simulated from its inputs, with the noise of its logs.
+
+In: a `LogModel`, a fit and inputs. Out: outputs as they would be logged. Rates are integrated in
+fine steps by Runge and Kutta's fourth order, apart from the filter that judges the logs afterwards.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.systems.augmented import Acting
+from wakedeploy.gap.systems.logs import LogModel
+
+_FINE = 4  # steps of a sample
+_LOST = 1e9  # a state this far away has run off
+
+
+def imagined(
+    model: LogModel, fitted: Fit, columns: Mapping[str, FloatArray], seed: int = 0
+) -> dict[str, FloatArray]:
+    """Outputs (L, n) by name along inputs (L, n) by name; NaN from where a system has run off.
+
+    Each of the L logs starts where the first real one did, at rest. Pushes on rates and noise of
+    sensors are drawn anew, alike in all.
+    """
+    acting = model.acting(fitted.hypothesis)
+    values = model.values(fitted.hypothesis, fitted.theta)
+    random = np.random.default_rng(seed)
+    driven = {n: np.array([acting.column(n, row, values, model.dt_s) for row in rows])
+              for n, rows in columns.items()}  # fmt: skip
+    lanes, count = next(iter(columns.values())).shape
+    pushes = _pushes(model, acting, values, count, random)
+    noise = np.array([np.exp(values[f"noise.{o.name}"]) for o in model.system.outputs])
+    first = np.zeros(len(acting.states))
+    first[: len(model.system.states)] = model.first_states()
+    for speed in model.system.kinematic().values():
+        first[acting.states.index(speed)] = 0.0
+    x = np.repeat(first[:, None], lanes, axis=1)
+    shown = np.empty((len(noise), lanes, count))
+    one = {n: np.full(lanes, v) for n, v in values.items()}
+    with np.errstate(all="ignore"):
+        for t in range(count):
+            x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
+            time_s = np.full(lanes, t * model.dt_s)
+            u = {n: rows[:, t] for n, rows in driven.items()}
+            given = (u, acting.constants(one, time_s), one, time_s)
+            shown[:, :, t] = acting.readings(x, *given)
+            x = _advanced(acting, x, given, pushes[:, t : t + 1])
+    shown += noise[:, None, None] * random.standard_normal((len(noise), 1, count))
+    return {o.name: shown[i] for i, o in enumerate(model.system.outputs)}
+
+
+def _pushes(
+    model: LogModel,
+    acting: Acting,
+    values: Mapping[str, float],
+    count: int,
+    random: np.random.Generator,
+) -> FloatArray:
+    """What acts on the rates of all states beside the model, (k, count)."""
+    pushes = np.zeros((len(acting.states), count))
+    for name in model.driven:
+        sd = float(np.exp(values[f"force.{name}"]))
+        pushes[acting.states.index(name)] = sd * random.standard_normal(count)
+    return pushes
+
+
+def _advanced(
+    acting: Acting, x: FloatArray, given: tuple[Any, ...], push: FloatArray
+) -> FloatArray:
+    """States (k, L) one sample later."""
+    dt_s = 1.0 / acting.system.rate_hz
+
+    def rates(at: FloatArray) -> FloatArray:
+        return acting.rates(at, *given)
+
+    if acting.system.has_step:
+        return rates(x) + dt_s * push
+    h = dt_s / _FINE
+    for _ in range(_FINE):
+        one = rates(x)
+        two = rates(x + 0.5 * h * one)
+        three = rates(x + 0.5 * h * two)
+        four = rates(x + h * three)
+        x = x + h * ((one + 2.0 * two + 2.0 * three + four) / 6.0 + push)
+    return x

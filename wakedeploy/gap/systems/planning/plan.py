@@ -1,0 +1,177 @@
+"""Which input to record next: the one that makes an effect seen, or splits a class best.
+
+In: a `LogModel`, its base fit, the names of an effect or of a class. Out: for every input of a menu
+the nats by which the closest rival would lose in one such log (or an effect would gain), and how
+many logs that takes with margin. Inputs stay within the limits that the system states for them
+(those of the logs without), outputs within what the logs have seen and a little beyond; the system
+is simulated, and judged by the likelihood that `gap name` uses.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, slopes_at
+from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.systems.planning.excitation import MENU, Excitation
+from wakedeploy.gap.systems.planning.imagined import imagined
+from wakedeploy.gap.systems.planning.responses import Responses, lost_nats
+
+MARGIN_NATS = 5.9  # of which more than 3 are left four times in five
+_SHARES = (1.0, 0.5, 0.25, 0.1, 0.03)  # of the limits, the largest that the outputs allow
+_BEYOND = 0.25  # of their range, by which outputs may leave what the logs have seen
+_MULTIPLES = 2.0 ** np.linspace(-4.0, 2.0, 13)  # of a rival's size
+_SHORTEST = 200  # samples of an imagined log, which ends where its outputs leave
+_LONGEST = 3000  # samples of an imagined log
+
+
+@dataclass(frozen=True, eq=False)
+class Option:
+    """An input: `moved` the inputs that it moves, by `share` of their limits, and what it tells.
+
+    `nats` of one such log, those of the closest pair where there is a class; `columns` (n,) by
+    name, the inputs to record with and outputs as they would be.
+    """
+
+    excitation: Excitation
+    moved: tuple[str, ...]
+    share: float
+    seconds: float
+    nats: float
+    columns: Mapping[str, FloatArray]
+
+    @property
+    def logs(self) -> int | None:
+        """How many such logs tell enough, with margin; None where none do."""
+        return math.ceil(MARGIN_NATS / self.nats) if self.nats > 1e-3 * MARGIN_NATS else None
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """Options, best first, and what as long a piece of the present logs tells in `logged_nats`."""
+
+    names: tuple[str, ...]
+    options: tuple[Option, ...]
+    logged_nats: float
+
+
+def plan(
+    model: LogModel,
+    base: Fit,
+    names: Sequence[str],
+    sizes: Mapping[str, Sequence[float]] | None = None,
+    steps: Steps = uncounted,
+) -> Plan:
+    """Judge every input of the menu; `sizes` are the effects' parameters where they are known.
+
+    Raises UnusableInput for no name, an unknown one, and a system without inputs.
+    """
+    chosen = tuple(dict.fromkeys(names))
+    model.acting(chosen)
+    if not chosen:
+        raise UnusableInput(f"{model.name}: no effect to look for; name one or a class of them.")
+    if not model.system.inputs:
+        raise UnusableInput(f"{model.name} has no input, so that there is none to choose.")
+    responses = Responses(model, base)
+    usual = {n: tuple(map(float, responses.usual(n)[0])) for n in chosen}
+    known = usual | {n: tuple(size) for n, size in (sizes or {}).items() if n in chosen}
+    samples = min(max(log.inputs.shape[1] for log in model.logs), _LONGEST)
+    tried = _imagined(model, base, samples)
+    options = []
+    for done, one in enumerate(tried, 1):
+        nats = _nats(*_at_base(model, base, one.columns), known)
+        options.append(replace(one, nats=nats))
+        steps(done, len(tried))
+    order = sorted(options, key=lambda o: -o.nats)
+    share = samples / sum(log.inputs.shape[1] for log in model.logs)
+    return Plan(chosen, tuple(order), share * _nats(model, base, known))
+
+
+def _candidates(model: LogModel) -> Iterator[tuple[Excitation, tuple[str, ...]]]:
+    """Every shape for each input alone, and for all together."""
+    alone = [(i.name,) for i in model.system.inputs]
+    together = [tuple(i.name for i in model.system.inputs)] if len(alone) > 1 else []
+    yield from itertools.product(MENU, alone + together)
+
+
+def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
+    """Every candidate as large as outputs allow for the longest time, with its outputs.
+
+    All are simulated side by side; those are left out that drive outputs too far at once.
+    """
+    tried = list(itertools.product(_candidates(model), _SHARES))
+    each = [_columns(model, *candidate, share, samples) for candidate, share in tried]
+    columns = {i.name: np.array([one[i.name] for one in each]) for i in model.system.inputs}
+    shown = imagined(model, base, columns)
+    longest: dict[tuple[str, tuple[str, ...]], Option] = {}
+    for k, ((excitation, moved), share) in enumerate(tried):
+        outputs = {name: rows[k] for name, rows in shown.items()}
+        stays, key = _stays(model, outputs), (excitation.name, moved)
+        known = longest.get(key)
+        if stays >= _SHORTEST and (known is None or stays * model.dt_s > known.seconds):
+            cut = {n: v[:stays] for n, v in (each[k] | outputs).items()}
+            longest[key] = Option(excitation, moved, share, stays * model.dt_s, 0.0, cut)
+    return list(longest.values())
+
+
+def _columns(
+    model: LogModel, excitation: Excitation, moved: tuple[str, ...], share: float, samples: int
+) -> dict[str, FloatArray]:
+    """Inputs (n,) by name; what is not moved stays at its logged mean, or at its middle."""
+    columns = {}
+    for i, stated in enumerate(model.system.inputs):
+        logged = np.concatenate([log.inputs[i] for log in model.logs])
+        low = float(logged.min()) if stated.low is None else stated.low
+        high = float(logged.max()) if stated.high is None else stated.high
+        middle, reach = 0.5 * (low + high), 0.5 * (high - low)
+        still = float(np.clip(logged.mean(), low, high))
+        shape = excitation.made(samples, i)
+        value = middle + share * reach * shape
+        columns[stated.name] = value if stated.name in moved else np.full(samples, still)
+    return columns
+
+
+def _stays(model: LogModel, shown: Mapping[str, FloatArray]) -> int:
+    """For how many samples outputs stay where logs have been, or a little beyond."""
+    stays = len(next(iter(shown.values())))
+    for i, output in enumerate(model.system.outputs):
+        logged = np.concatenate([log.outputs[i] for log in model.logs])
+        low, high = float(np.nanmin(logged)), float(np.nanmax(logged))
+        more = _BEYOND * (high - low)
+        left = ~((shown[output.name] >= low - more) & (shown[output.name] <= high + more))
+        stays = min(stays, int(np.argmax(left)) if left.any() else stays)
+    return stays
+
+
+def _at_base(model: LogModel, base: Fit, columns: Mapping[str, FloatArray]) -> tuple[LogModel, Fit]:
+    """An imagined log, with noise and constants as the real ones have them."""
+    time_s = np.asarray(model.dt_s * np.arange(len(next(iter(columns.values())))))
+    other = LogModel(model.system, [Recording("imagined", time_s, columns)])
+    free = other.free(base.hypothesis)
+    known = dict(zip(base.names, base.theta, strict=True))
+    alike = {f.name for f in free if not f.is_form and not f.name.startswith("form.")}
+    theta = np.array([known.get(f.name, f.neutral) if f.name in alike else f.neutral for f in free])
+    theta = np.clip(theta, [f.low for f in free], [f.high for f in free])
+    used = tuple(range(other.episodes))
+    slopes = slopes_at(other, base.hypothesis, used, theta)
+    per_block = np.array([s.log_density.sum() for s in slopes.scores])
+    return other, replace(base, free=free, episodes=used, theta=theta, slopes=slopes,
+                          per_episode=per_block)  # fmt: skip
+
+
+def _nats(model: LogModel, base: Fit, sizes: Mapping[str, Sequence[float]]) -> float:
+    """What the closest rival of a class loses, or what a single effect gains."""
+    responses = Responses(model, base)
+    points = {n: np.array([size], dtype=float) for n, size in sizes.items()}
+    truths = {n: responses.of(n, at)[0] for n, at in points.items()}
+    if len(sizes) == 1:
+        return float(0.5 * sum(t @ t for t in truths.values()))
+    curves = {n: responses.of(n, responses.scaled(n, at, _MULTIPLES)[0])[None]
+              for n, at in points.items()}  # fmt: skip
+    return min(lost_nats(truths[n], curves[rival]) for n, rival in itertools.permutations(sizes, 2))
