@@ -99,15 +99,15 @@ def with_the_motors_swapped(sketch: str) -> str:
 
 
 def with_pulses_too_long(sketch: str) -> str:
-    """By an eighth; a division would take longer than the interrupt has."""
-    return re.sub(r"(OCR1[AB]) = (mcu.+);", r"\1 = (\2) + ((\2) >> 3);", sketch)
+    """By a quarter; a division would take longer than the interrupt has."""
+    return re.sub(r"(OCR1[AB]) = (mcu.+);", r"\1 = (\2) + ((\2) >> 2);", sketch)
 
 
 @pytest.mark.parametrize(
     ("spoil", "ends"),
     [
         (with_the_motors_swapped, "failsafe: thrust_lost"),
-        (with_pulses_too_long, "failsafe: z_limit"),
+        (with_pulses_too_long, "failsafe: height_impossible"),
     ],
 )
 def test_a_bug_in_the_sketch_is_seen_in_the_flight(

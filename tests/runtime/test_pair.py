@@ -72,7 +72,8 @@ def test_the_difference_is_the_wake_though_the_thrust_curve_is_wrong(pair):
     both = min(len(on), len(off))  # one may touch down later
     airborne = on.flying[:both] & (on["true_z_m"][:both] > 0.05) & (off["true_z_m"][:both] > 0.05)
     true_n = on["true_wake_force_n"][:both][airborne]
-    assert wake.mean_n == pytest.approx(np.mean(true_n), rel=0.15)
+    # What carries the wake is a tenth less than the rig file says, too: that does not cancel.
+    assert wake.mean_n == pytest.approx(np.mean(true_n) / 0.9, abs=3.0 * wake.mean_sd_n)
     assert wake.max_abs_n == pytest.approx(np.max(np.abs(true_n)), rel=0.3)
     assert wake.thrust_n == pytest.approx(-np.mean(true_n), rel=0.3)
     assert 0.0 < wake.mean_sd_n < 0.05
