@@ -93,9 +93,9 @@ bench: $(INSTALLED)
 results: $(INSTALLED)
 	$(BIN)/python -m benchmarks.results
 
-# Warnings are errors; no network.
+# Warnings are errors; no network. Always anew: pages are made of code and records, too.
 docs: $(INSTALLED)
-	$(BIN)/python -m sphinx -W --keep-going -q -c docs/site -d build/docs/doctrees docs build/docs/html
+	$(BIN)/python -m sphinx -E -a -W --keep-going -q -c docs/site -d build/docs/doctrees docs build/docs/html
 
 firmware: $(INSTALLED)
 	$(BIN)/python -m runtime.virtual.firmware_build

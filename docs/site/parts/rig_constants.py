@@ -47,7 +47,7 @@ def _section(path: str, model: type[BaseModel]) -> str:
 
 
 def _row(path: str, name: str, field: FieldInfo) -> list[str]:
-    unit = "–" if isinstance(field.default, bool) else unit_of(name) or "1"
+    unit = "–" if isinstance(field.default, bool | dict) else unit_of(name) or "1"
     words = plain(COMMENTS.get((path, name), ""))
     return [f"`{name}`", unit, _shown(_stated(path, name, field)), bounds(field) or "–", words]
 
@@ -60,6 +60,8 @@ def _stated(path: str, name: str, field: FieldInfo) -> Any:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, dict):
+        return ", ".join(value) or "none"
     if isinstance(value, list | tuple):
         return ", ".join(f"{one:g}" for one in value) if len(value) < 3 else f"{len(value)} points"
     if isinstance(value, bool) or value is None:
