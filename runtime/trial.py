@@ -9,9 +9,7 @@ import json
 import math
 import os
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
@@ -19,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from runtime.io.realtime import become_ordinary
+from runtime.own_process import Ended, run_apart
 from runtime.replay import Difference, Replay, replay
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.package import Package, package_from_bytes
 
 _MIB = 1 << 20
-_LOOK_S = 0.1  # how often who waits is heard
 _OWN_END_S = 1.0  # after the limit, should nobody be left to end it
 
 
@@ -59,58 +57,28 @@ def tried(
     Raises CheckFailed where a check fails, where a limit is exceeded or the process dies, and
     UnusableInput where onnxruntime does not take the model.
     """
-    process = _started(package.model_bytes, limits)
-    try:
-        out, err = _ended(process, limits, waiting)
-    except BaseException:  # Ctrl-C as well
-        process.kill()
-        process.communicate()
-        raise
-    return _answer(process.returncode, out, err, limits)
-
-
-def _started(model: bytes, limits: Limits) -> "subprocess.Popen[bytes]":
     asked = json.dumps(asdict(limits))
-    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
-    with tempfile.TemporaryFile() as file:
-        file.write(model)
-        file.seek(0)
-        return subprocess.Popen(  # noqa: S603
-            [sys.executable, "-P", "-m", "runtime.trial", asked],
-            stdin=file,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            start_new_session=True,  # a terminal's Ctrl-C is for the parent, which ends it
-            env=os.environ
-            | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": paths},
+    try:
+        ended = run_apart(
+            "runtime.trial", asked, package.model_bytes, seconds=limits.seconds, waiting=waiting
         )
+    except TimeoutError as error:
+        raise CheckFailed(
+            f"The package's trial had not ended after {limits.seconds:g} s: do not fly it; or, if"
+            " the computer is busy, try again."
+        ) from error
+    return _answer(ended, limits)
 
 
-def _ended(
-    process: "subprocess.Popen[bytes]", limits: Limits, waiting: Callable[[], None]
-) -> tuple[bytes, bytes]:
-    """What the process wrote, once it has ended by itself."""
-    end_s = time.monotonic() + limits.seconds
-    while time.monotonic() < end_s:
-        try:
-            return process.communicate(timeout=_LOOK_S)
-        except subprocess.TimeoutExpired:
-            waiting()
-    raise CheckFailed(
-        f"The package's trial had not ended after {limits.seconds:g} s: do not fly it; or, if the"
-        " computer is busy, try again."
-    )
-
-
-def _answer(status: int, out: bytes, err: bytes, limits: Limits) -> Replay:
-    if status == -signal.SIGXCPU:
+def _answer(ended: Ended, limits: Limits) -> Replay:
+    if ended.status == -signal.SIGXCPU:
         raise CheckFailed(
             f"The package's trial took more than {limits.cpu_s:g} s of processor time: do not fly"
             " it, its steps are too slow for this computer."
         )
-    if status != 0:
-        raise CheckFailed(f"The package's trial {_why(status, err)}: do not fly it.")
-    told: dict[str, Any] = json.loads(out)
+    if ended.status != 0:
+        raise CheckFailed(f"The package's trial {ended.why}: do not fly it.")
+    told: dict[str, Any] = json.loads(ended.out)
     if "unusable" in told:
         raise UnusableInput(told["unusable"])
     if "failed" in told:
@@ -120,16 +88,6 @@ def _answer(status: int, out: bytes, err: bytes, limits: Limits) -> Replay:
             f"The package's trial took more than {limits.memory_mib} MiB of memory: do not fly it."
         )
     return Replay(Difference(**told.pop("difference")), **told)
-
-
-def _why(status: int, err: bytes) -> str:
-    """How a trial ended that should not have, from the signal or from its last words."""
-    lines = err.decode(errors="replace").split("\n")
-    last = next((line.strip() for line in reversed(lines) if line.strip()), "no word")
-    said = last[:200] if last.isprintable() else repr(last)[:200]
-    if status >= 0:
-        return f"ended with exit status {status} ({said})"
-    return f"was ended by {signal.Signals(-status).name} ({said})"
 
 
 def main() -> None:

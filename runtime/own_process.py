@@ -1,0 +1,82 @@
+"""A module of this project in a process of its own: bytes go in, bytes come out.
+
+What it loads, takes or dies of is not the caller's, and Ctrl-C ends it at once.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+_LOOK_S = 0.1  # how often who waits is heard
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How it ended: exit status (negative: by that signal), and what it wrote."""
+
+    status: int
+    out: bytes
+    err: bytes
+
+    @property
+    def why(self) -> str:
+        """How it ended where it should not have, from the signal or from its last words."""
+        lines = self.err.decode(errors="replace").split("\n")
+        last = next((line.strip() for line in reversed(lines) if line.strip()), "no word")
+        said = last[:200] if last.isprintable() else repr(last)[:200]
+        if self.status >= 0:
+            return f"ended with exit status {self.status} ({said})"
+        return f"was ended by {signal.Signals(-self.status).name} ({said})"
+
+
+def run_apart(
+    module: str, argument: str, given: bytes, *, seconds: float, waiting: Callable[[], None]
+) -> Ended:
+    """Run a module with one argument and `given` as its standard input, until it ends by itself.
+
+    `waiting` is called again and again meanwhile. Raises TimeoutError after `seconds`; the process
+    is then killed, as after whatever `waiting` raises.
+    """
+    process = _started(module, argument, given)
+    try:
+        return _ended(process, seconds, waiting)
+    except BaseException:  # Ctrl-C as well
+        process.kill()
+        process.communicate()
+        raise
+
+
+def _started(module: str, argument: str, given: bytes) -> "subprocess.Popen[bytes]":
+    paths = os.pathsep.join(path or str(Path.cwd()) for path in sys.path)
+    with tempfile.TemporaryFile() as file:
+        file.write(given)
+        file.seek(0)
+        return subprocess.Popen(  # noqa: S603
+            [sys.executable, "-P", "-m", module, argument],
+            stdin=file,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            start_new_session=True,  # a terminal's Ctrl-C is for the parent, which ends it
+            env=os.environ
+            | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONPATH": paths},
+        )
+
+
+def _ended(
+    process: "subprocess.Popen[bytes]", seconds: float, waiting: Callable[[], None]
+) -> Ended:
+    end_s = time.monotonic() + seconds
+    while time.monotonic() < end_s:
+        try:
+            out, err = process.communicate(timeout=_LOOK_S)
+        except subprocess.TimeoutExpired:
+            waiting()
+        else:
+            return Ended(process.returncode, out, err)
+    raise TimeoutError
