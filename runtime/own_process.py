@@ -41,13 +41,13 @@ def run_apart(
     """Run a module with one argument and `given` as its standard input, until it ends by itself.
 
     `waiting` is called again and again meanwhile. Raises TimeoutError after `seconds`; the process
-    is then killed, as after whatever `waiting` raises.
+    is then killed with those that it started, as after whatever `waiting` raises.
     """
     process = _started(module, argument, given)
     try:
         return _ended(process, seconds, waiting)
     except BaseException:  # Ctrl-C as well
-        process.kill()
+        os.killpg(process.pid, signal.SIGKILL)  # with the compiler that it may have started
         process.communicate()
         raise
 

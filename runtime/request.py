@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from runtime.compiled.folder import CFolder
 from runtime.flyable import Flyable, read_flyable, require_tried
 from runtime.loop.loop import PERIOD_S, require_wait
 from runtime.loop.pilot import FORCE, OBSERVATION
@@ -12,6 +13,7 @@ from runtime.reference import FlightPlan, random_plan, require_plan_fits
 from runtime.reference_file import read_reference
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.manifest import ForceChannel, Manifest
+from wakedeploy.core.package import Package
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import read_rig
@@ -21,6 +23,7 @@ LEAD_TOLERANCE_S = 0.5 * PERIOD_S
 Tell = Callable[[Tally], None]
 Show = Callable[[float, float], None]
 Warn = Callable[[str], None]
+AsC = Callable[[Package, Callable[[], None]], CFolder]
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,7 @@ class RunRequest:
     start. With an
     `arm_file` the run stands by until that file appears. `wake_off` leaves the source idle.
     `plant_seed` is the virtual gantry's chance, `seed` unless given; `notes` go into the log's
-    metadata.
+    metadata. `as_c` makes the C that flies in a package's place.
     """
 
     rig: Rig
@@ -49,6 +52,7 @@ class RunRequest:
     reference: Path | None = None
     plan: FlightPlan | None = None
     package: Path | None = None
+    as_c: AsC | None = None
     port: str | None = None
     wall_clock: bool = False
     range_socket: Path | None = None
@@ -107,6 +111,8 @@ def wanted(
     package = read_flyable(request.package)
     require_fit(package.manifest, request.rig, request.allow_lead_mismatch)
     require_wait(request.rig)
+    if request.as_c is not None and isinstance(package, Package):
+        package = request.as_c(package, waiting)
     require_tried(package, waiting)
     return plan, package
 

@@ -6,6 +6,7 @@ graph with the same rounded weights, computed in float64; what the rounding itse
 measured apart and has a tolerance of its own.
 """
 
+import importlib.util
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
@@ -40,6 +41,7 @@ from wakedeploy.core.package import Package
 TOLERANCE = 0.02  # by which share rounded weights may make the error grow
 _FORWARD = "the training-time forward"
 _GRAPH = "the package's graph in onnxruntime"
+_WIDE = "the package's graph in float64"
 _ROUNDED = "the package's graph with the same rounded weights, in float64,"
 
 Forward = Callable[[FloatArray], FloatArray]
@@ -75,8 +77,9 @@ def export_c(
 ) -> CFolder:
     """Write a package as C into a new folder, once every build of it has passed the gate.
 
-    `forward` is the training-time forward (T, d) -> (T, o), limited as the package is; without it
-    the reference is the package itself, in onnxruntime, which passed the same gate.
+    `forward` is the training-time forward (T, d) -> (T, o), limited as the package is. Without it
+    the reference is the package itself, which passed the same gate: in onnxruntime, or in float64
+    where that is not installed, and the rollout that the training-time forward left in it.
 
     Raises UnusableInput for a name, a folder or a graph that cannot be used and where there is no
     compiler, CheckFailed where a build differs or rounding exceeds its tolerance; no files then.
@@ -126,8 +129,8 @@ class _Reference:
     def __init__(
         self, package: Package, graph: Graph, model: Model, forward: Forward | None
     ) -> None:
-        self.trained: Forward = forward or _onnxruntime(package)
-        self.name = _FORWARD if forward else _GRAPH
+        self.trained, self.name = (forward, _FORWARD) if forward else _graph(package, graph)
+        self.record = None if forward else package.example
         self.limit = package.manifest.parity.limit
         self.rounded: Forward | None = None
         if model.kind != "float32":
@@ -141,11 +144,15 @@ class _Reference:
         return (self.rounded or self.trained)(observations)
 
 
-def _onnxruntime(package: Package) -> Forward:
+def _graph(package: Package, graph: Graph) -> tuple[Forward, str]:
+    """The package's own graph, and what it is called."""
+    if importlib.util.find_spec("onnxruntime") is None:
+        exact = Interpreter(graph, package.manifest)
+        return lambda observations: exact.rollout(observations).astype(np.float32), _WIDE
     from runtime.predictor import PackagePredictor
     from runtime.replay import rolled_out
 
-    return lambda observations: rolled_out(PackagePredictor(package), observations)
+    return lambda observations: rolled_out(PackagePredictor(package), observations), _GRAPH
 
 
 def _rounded(graph: Graph, package: Package, model: Model) -> Forward:
@@ -228,7 +235,12 @@ def _stepped(
     """The worst difference of the library that the loop would load, on real samples if any."""
     inputs = reference.inputs if real is None else real.observation
     expected = reference.expected if real is None else reference(inputs)
-    return compare(_rolled(CompiledPredictor(folder, flags=flags), inputs), expected).max_rel
+    predictor = CompiledPredictor(folder, flags=flags)
+    worst = compare(_rolled(predictor, inputs), expected).max_rel
+    if reference.record is None or reference.rounded is not None:
+        return worst
+    recorded = reference.record
+    return max(worst, compare(_rolled(predictor, recorded.observation), recorded.force).max_rel)
 
 
 def _rolled(predictor: CompiledPredictor, observations: FloatArray) -> FloatArray:

@@ -77,7 +77,7 @@ def shared_library(source: Path, flags: Sequence[str] | None = None) -> Path:
     """The library of a source, from the cache where it has been compiled here before."""
     compiler = host_compiler()
     used = native_flags(compiler) if flags is None else tuple(flags)
-    out = _cache() / f"{source.stem}-{_key(source, compiler, used)}.so"
+    out = kept_folder() / f"{source.stem}-{_key(source, compiler, used)}.so"
     if not out.exists():
         with tempfile.TemporaryDirectory(dir=out.parent) as folder:
             made = compiled(
@@ -105,8 +105,8 @@ def _processor() -> str:
     return "\n".join(sorted({line for line in lines if line.startswith(("flags", "Features"))}))
 
 
-def _cache() -> Path:
-    """A folder for libraries that only this user writes to."""
+def kept_folder() -> Path:
+    """A folder for what need not be compiled or written twice; only this user writes to it."""
     home = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     folder = Path(home) / "wakedeploy" / "c"
     try:

@@ -1,9 +1,11 @@
 """A folder of C flies as its package does, and needs no onnxruntime for it."""
 
 import json
+import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 from made_packages import gantry_package
@@ -13,7 +15,8 @@ from export.c.packaging import Wish, export_c
 from runtime.predictor import inference_session
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.package import write_package
+from wakedeploy.core.package import Example, make_package, read_package, write_package
+from wakedeploy.core.runlog import read_run_log
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
@@ -30,12 +33,20 @@ def site(tmp_path_factory):
     return folder
 
 
-def flown(site, package) -> dict:
+@pytest.fixture(autouse=True)
+def own_cache(tmp_path_factory, monkeypatch):
+    """Whatever is kept for the next flight is kept here."""
+    cache = tmp_path_factory.getbasetemp() / "cache"
+    monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
+    return cache
+
+
+def flown(site, package, *options) -> dict:
     told = site / "told.json"
     said = CliRunner().invoke(
         main,
         ["run-gantry", "--package", str(site / package), "--virtual", "--seconds", "6",
-         "--json", str(told)],
+         "--json", str(told), *options],
     )  # fmt: skip
     assert said.exit_code == 0, said.output
     return json.loads(told.read_text())
@@ -90,6 +101,81 @@ def test_a_package_without_onnxruntime_is_told_what_to_do(site, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(UnusableInput, match="as C"):
         inference_session(b"")
+
+
+def kept(cache) -> list:
+    return sorted(cache.glob("wakedeploy/c/packages/*/*.c"))
+
+
+def test_a_package_flies_as_c_and_its_c_is_kept(site, own_cache):
+    package, c = flown(site, "p.onnx"), flown(site, "p.onnx", "--backend", "c")
+    assert abs(package["true_rmse_mm"] - c["true_rmse_mm"]) < 0.1
+    source = next(path for path in kept(own_cache) if not path.stem.endswith("_test"))
+    written_ns = source.stat().st_mtime_ns
+    assert flown(site, "p.onnx", "--backend", "c") == c
+    assert source.stat().st_mtime_ns == written_ns
+    source.write_text(source.read_text().replace("float", "double", 1))  # damaged: written anew
+    assert flown(site, "p.onnx", "--backend", "c") == c
+    assert source.stat().st_mtime_ns > written_ns
+
+
+def test_a_package_flies_as_c_where_onnxruntime_is_not(site, tmp_path):
+    """Its C is held against its graph in float64 and the rollout that travels with it."""
+    (tmp_path / "sitecustomize.py").write_text(
+        "import importlib.machinery as m\n"
+        "found = m.PathFinder.find_spec\n"
+        "m.PathFinder.find_spec = lambda name, *more: ("
+        "None if name == 'onnxruntime' else found(name, *more))"
+    )
+    script = (
+        "import sitecustomize\n"
+        "from wakedeploy.cli import main\n"
+        f"main(['run-gantry', '--package', {str(site / 'p.onnx')!r}, '--backend', 'c',"
+        " '--virtual', '--seconds', '6'])"
+    )
+    cache = tmp_path / "cache"
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert "whole" in done.stdout
+    (page,) = cache.glob("wakedeploy/c/packages/*/README.md")
+    assert "graph in float64" in page.read_text()
+
+
+def test_c_that_does_not_do_what_training_recorded_is_not_written(site, tmp_path):
+    good = read_package(site / "p.onnx")
+    other = Example(0, good.example.observation, good.example.force + np.float32(1.0))
+    write_package(make_package(good.model_bytes, good.manifest, other), tmp_path / "p.onnx")
+    asked = ["run-gantry", "--package", str(tmp_path / "p.onnx"), "--backend", "c", "--virtual"]
+    said = CliRunner().invoke(main, asked)
+    assert said.exit_code == 1
+    assert "differs from the package's graph" in said.output
+    assert "nothing was written" in said.output
+
+
+def test_one_word_for_each_backend_that_cannot_be(site, monkeypatch, tmp_path):
+    for options, words in (
+        (["--baseline", "--backend", "c"], "belongs to --package"),
+        (["--package", str(site / "c"), "--backend", "onnx"], "a folder of C flies as C"),
+    ):
+        said = CliRunner().invoke(main, ["run-gantry", *options, "--virtual"])
+        assert said.exit_code == 2
+        assert words in said.output
+    monkeypatch.setenv("PATH", str(tmp_path))
+    asked = ["run-gantry", "--package", str(site / "p.onnx"), "--backend", "c", "--virtual"]
+    said = CliRunner().invoke(main, asked)
+    assert said.exit_code == 2
+    assert "no C compiler" in said.output
+
+
+def test_a_pair_is_flown_as_c_too(site, tmp_path):
+    asked = ["--package", str(site / "p.onnx"), "--backend", "c", "--seconds", "6"]
+    said = CliRunner().invoke(main, ["fly-pair", *asked, "--virtual", "--out", str(tmp_path / "p")])
+    assert said.exit_code == 0, said.output
+    flown = read_run_log(tmp_path / "p" / "wake-on.mcap")
+    assert flown.metadata["package_sha256"] != read_package(site / "p.onnx").sha256
 
 
 def test_an_altered_folder_does_not_fly(site, tmp_path):

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack, overload
+from typing import TYPE_CHECKING, Any, Literal, TypedDict, Unpack, get_args, overload
 
 from wakedeploy.api.display import data_frame, png_of, showing_itself
 from wakedeploy.api.inputs import PathLike, path_of, rig_of
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from wakedeploy.core.rig import Rig
 
 SECONDS = 20.0  # of a random plan
+Backend = Literal["onnx", "c"]
 
 
 class Place(TypedDict, total=False):
@@ -41,7 +42,9 @@ class Place(TypedDict, total=False):
     real time, with the sketch on a simulated UNO, what it is in truth, what disturbs it.
     `reference` is a CSV to fly instead of a random plan, `arm_file` a file to wait for, `wake_off`
     leaves the source idle, `watch_gap` warns when the rig file explains the flight no more,
-    `allow_lead_mismatch` flies a package made for another lead.
+    `allow_lead_mismatch` flies a package made for another lead. `backend` "onnx" computes a package
+    by onnxruntime, "c" as C, which is written and proved once and kept; without it a file flies by
+    onnxruntime and a folder as the C that it is.
     """
 
     port: str | None
@@ -57,6 +60,7 @@ class Place(TypedDict, total=False):
     wake_off: bool
     watch_gap: bool
     allow_lead_mismatch: bool
+    backend: Backend | None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -363,12 +367,17 @@ def request_of(
     from wakedeploy.core.rig import Rig
 
     others: dict[str, Any] = dict(place)
+    path = _package_path(package)
+    if _flies_c(others.pop("backend", None), path):
+        from export.c.kept import kept_c
+
+        others["as_c"] = kept_c
     if (plant := others.pop("plant_rig", None)) is not None:
         others["plant_rig"] = rig_of(plant)
     return RunRequest(
         rig=rig_of(rig),
         rig_path=None if isinstance(rig, Rig) else path_of(rig),
-        package=_package_path(package),
+        package=path,
         seconds=seconds,
         seed=seed,
         log=path_of(log),
@@ -381,6 +390,24 @@ def _package_path(package: "Predictor | PathLike | None") -> Path | None:
     from wakedeploy.api.predictors import Predictor
 
     return package.path if isinstance(package, Predictor) else path_of(package)
+
+
+def _flies_c(backend: str | None, package: Path | None) -> bool:
+    """Whether C is to be made of a package; UnusableInput where nothing flies as it is asked."""
+    if backend is None:
+        return False
+    if backend not in get_args(Backend):
+        raise UnusableInput(
+            f"backend {backend!r}: packages fly by {' or '.join(get_args(Backend))}."
+        )
+    if package is None:
+        raise UnusableInput("A backend belongs to a package; PID alone has nothing to predict.")
+    if backend == "onnx" and package.is_dir():
+        raise UnusableInput(
+            f"{package}: a folder of C flies as C; give the package that it was made from, or leave"
+            " the backend out."
+        )
+    return backend == "c"
 
 
 def _inside(folder: Path, flights: int | None) -> Path:

@@ -45,6 +45,11 @@ _FLIGHT = (
         metavar="FILE",
         help="Predictor whose force is fed forward; a folder of C is one, too.",
     ),
+    click.option(
+        "--backend",
+        type=click.Choice(("onnx", "c")),
+        help="How a package's file is computed. Default: onnx; c makes C of it, once.",
+    ),
     click.option("--baseline", is_flag=True, help="PID alone, no package."),
     click.option("--rig", type=FILE, help="Default: the default rig."),
     *_PLACE,
@@ -149,6 +154,8 @@ def asked_flight(
         raise UnusableInput("Say what to fly: either --package FILE or --baseline.")
     if baseline and others["allow_lead_mismatch"]:
         raise UnusableInput("--allow-lead-mismatch belongs to --package; PID alone has no lead.")
+    if baseline and others["backend"] is not None:
+        raise UnusableInput("--backend belongs to --package; PID alone has nothing to predict.")
     if (port is None) != virtual:
         raise UnusableInput("Say where to fly: either --virtual or --port PORT.")
     placing = {
