@@ -1,10 +1,11 @@
 """Whether every library that wakedeploy needs on a Raspberry Pi is there as a wheel for it.
 
 Asks the package index that pip is set up for, for each Python that wakedeploy supports, which wheel
-a 64-bit Raspberry Pi OS would take: the base install at the versions of constraints.txt, and the
-extra [rig], transitively, each requirement's markers judged as on the Pi. Prints a table; exit
-status 1 when a library of the base install has no wheel. What [rig] lacks is told and does not
-count: pip builds it on the Pi, which needs a compiler and python3-dev.
+a 64-bit Raspberry Pi OS would take: the base install with [onnx] at the versions of
+constraints.txt, and the extra [rig], transitively, each requirement's markers judged as on the Pi.
+Prints a table; exit status 1 when a library of the base install or of [onnx] has no wheel. What
+[rig] lacks is told and does not count: pip builds it on the Pi, which needs a compiler and
+python3-dev.
 
     python deployment/aarch64_wheels.py
 """
@@ -39,7 +40,7 @@ class Found:
     rig_only: set[str] = field(default_factory=set)
 
     def missing(self) -> list[str]:
-        """Libraries of the base install without a wheel."""
+        """Libraries of the base install and of [onnx] without a wheel."""
         return [n for n, wheel in self.wheels.items() if wheel is None and n not in self.rig_only]
 
 
@@ -120,8 +121,9 @@ def search(python: str) -> Found:
     """All wheels for one Python."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     found, constraints = Found(python), ROOT / "constraints.txt"
-    follow(found, project["dependencies"], constraints, rig=False)
-    follow(found, project["optional-dependencies"]["rig"], constraints, rig=True)
+    extras = project["optional-dependencies"]
+    follow(found, project["dependencies"] + extras["onnx"], constraints, rig=False)
+    follow(found, extras["rig"], constraints, rig=True)
     return found
 
 
@@ -146,7 +148,7 @@ def main() -> int:
     if missing:
         print(f"No wheel for aarch64, if pip reaches its index: {', '.join(missing)}")
         return 1
-    print("Every library of the base install has a wheel for aarch64.")
+    print("Every library of the base install and of [onnx] has a wheel for aarch64.")
     return 0
 
 

@@ -12,7 +12,8 @@ from pydantic import ValidationError
 from export.example import example_rollout
 from export.graph import graph_bytes
 from export.limits import force_channels
-from export.parity import joined, measure, require_parity
+from export.parity import measure, require_parity
+from export.samples import joined
 from runtime.replay import require_bounded
 from trainers.model import Predictor
 from trainers.training.runs import RunConfig, TrainedRun

@@ -8,7 +8,6 @@ import copy
 import math
 from collections.abc import Sequence
 
-import numpy as np
 import torch
 
 from export.example import rollout
@@ -16,10 +15,8 @@ from export.limits import limited
 from runtime.predictor import PackagePredictor
 from runtime.replay import Difference, compare, require_manners, rolled_out
 from trainers.model import Predictor
-from wakedeploy.core.episodes import Episode
-from wakedeploy.core.errors import CheckFailed, UnusableInput
+from wakedeploy.core.errors import CheckFailed
 from wakedeploy.core.manifest import (
-    PARITY_STEPS,
     WORST_FLOAT32_ERROR,
     FloatArray,
     ForceChannel,
@@ -27,22 +24,6 @@ from wakedeploy.core.manifest import (
     parity_limit,
 )
 from wakedeploy.core.package import Package
-
-
-def joined(episodes: tuple[Episode, ...], steps: int = PARITY_STEPS) -> FloatArray:
-    """Observations (T, d) of whole episodes in a row, at least `steps` of them, without a reset.
-
-    Raises UnusableInput when the episodes are too few: parity is not proved on repeated samples.
-    """
-    chosen: list[FloatArray] = []
-    for episode in episodes:
-        chosen.append(episode.observation)
-        if sum(map(len, chosen)) >= steps:
-            return np.concatenate(chosen)
-    raise UnusableInput(
-        f"Parity needs {steps} samples of real episodes and the set holds "
-        f"{sum(map(len, chosen))}; give a larger one with --data."
-    )
 
 
 def measure(package: Package, predictor: Predictor, observations: FloatArray) -> Parity:

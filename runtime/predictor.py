@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from runtime.stepped import SteppedPredictor
-from wakedeploy.core.errors import CheckFailed, UnusableInput, one_line
+from wakedeploy.core.errors import CheckFailed, UnusableInput, installs, one_line
 from wakedeploy.core.manifest import FloatArray, Manifest, Memory
 from wakedeploy.core.package import Package
 
@@ -47,13 +47,13 @@ def inference_session(model_bytes: bytes) -> "ort.InferenceSession":
 
 
 def _onnxruntime() -> Any:
-    """Loaded with the first session: C does without it, and some machines have no wheel."""
+    """Loaded with the first session: C does without it, and a base install has none."""
     try:
         import onnxruntime
     except ImportError as error:
         raise UnusableInput(
-            f"onnxruntime cannot be loaded here ({one_line(error)}); install it, or fly the package"
-            " as C: `wakedeploy export --package FILE --c FOLDER` on another machine."
+            f"onnxruntime, which packages need, cannot be loaded here ({one_line(error)}):"
+            f" {installs('onnx')}; or fly the package as C: run-gantry --backend c."
         ) from error
     return onnxruntime
 

@@ -11,16 +11,18 @@ from email import message_from_string as metadata_of
 from pathlib import Path
 
 import pytest
-from made_packages import sound
+from made_packages import gantry_package, sound
+from needs import c_compiler
 
 from wakedeploy.core.package import Package, write_package
+from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
 pytestmark = [pytest.mark.slow, pytest.mark.install]
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = {"wakedeploy", "trainers", "export", "runtime"}
-ABSENT = ["torch", "onnx", "onnxscript", "optuna", "numba", "pandas", "safetensors"]
+ABSENT = ["torch", "onnx", "onnxruntime", "onnxscript", "optuna", "numba", "pandas", "safetensors"]
 
 
 def end(*command: str | Path, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -59,13 +61,23 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def base(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The programs of an environment with the wheel and no extra, versions as locked."""
-    folder = tmp_path_factory.mktemp("base") / "venv"
+    return installed(str(wheel), tmp_path_factory.mktemp("base") / "venv")
+
+
+@pytest.fixture(scope="module")
+def with_onnx(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same with the extra that flies packages."""
+    return installed(f"{wheel}[onnx]", tmp_path_factory.mktemp("onnx") / "venv")
+
+
+def installed(what: str, folder: Path) -> Path:
+    """The programs of a new environment that pip installs this into."""
     venv.create(folder)
     # The pip that runs this installs there, and what is never imported is not compiled: both save
     # seconds and change nothing of what is installed.
     pip = [sys.executable, "-m", "pip", "--python", folder / "bin" / "python"]
     constraints = ("--constraint", ROOT / "constraints.txt")
-    run(*pip, "install", "--quiet", "--no-compile", *constraints, wheel, cwd=folder)
+    run(*pip, "install", "--quiet", "--no-compile", *constraints, what, cwd=folder)
     return folder / "bin"
 
 
@@ -147,15 +159,36 @@ def package(tiny_package: Callable[..., Package], tmp_path: Path) -> Path:
     return tmp_path / "tiny.onnx"
 
 
-def test_a_package_is_checked_without_torch(base: Path, package: Path) -> None:
-    check = [base / "wakedeploy", "check", package, "--json", "check.json"]
+def test_a_base_install_says_what_packages_need(base: Path, package: Path) -> None:
+    told = run(base / "wakedeploy", "check", package, cwd=package.parent, status=2)
+    assert "-m pip install --constraint constraints.txt '.[onnx]'" in told
+    assert "Traceback" not in told
+
+
+@c_compiler
+def test_a_base_install_makes_c_of_a_package_checks_and_flies_it(
+    base: Path, package: Path, tmp_path: Path
+) -> None:
+    export = [base / "wakedeploy", "export", "--package", package, "--c", "c"]
+    run(*export, cwd=tmp_path)
+    run(base / "wakedeploy", "check", "c", cwd=tmp_path)
+    default_rig().changed(disturbance={"rest_s": 0.2}).write(tmp_path / "rig.toml")
+    flown = gantry_package(default_lead_s(default_rig()), gain=-0.01)
+    write_package(flown, tmp_path / "gantry.onnx")
+    fly = ["run-gantry", "--package", "gantry.onnx", "--backend", "c", "--virtual"]
+    told = run(base / "wakedeploy", *fly, "--rig", "rig.toml", "--seconds", "6", cwd=tmp_path)
+    assert "whole" in told
+
+
+def test_a_package_is_checked_without_torch(with_onnx: Path, package: Path) -> None:
+    check = [with_onnx / "wakedeploy", "check", package, "--json", "check.json"]
     run(*check, cwd=package.parent)
     assert json.loads((package.parent / "check.json").read_text())["ok"]
 
 
-def test_a_package_is_timed_without_torch(base: Path, package: Path) -> None:
+def test_a_package_is_timed_without_torch(with_onnx: Path, package: Path) -> None:
     """Timed, and the exit status is the verdict's: which of the two depends on the machine."""
-    bench = [base / "wakedeploy", "bench", "latency", package, "--ticks", "64"]
+    bench = [with_onnx / "wakedeploy", "bench", "latency", package, "--ticks", "64"]
     ended = end(*bench, "--json", "bench.json", cwd=package.parent)
     (row,) = json.loads((package.parent / "bench.json").read_text())["rows"]
     assert 0.0 < row["p50_ms"] <= row["max_ms"]

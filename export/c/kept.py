@@ -63,8 +63,8 @@ def _write(package: Package, folder: Path, waiting: Callable[[], None]) -> None:
         )
     except TimeoutError as error:
         raise CheckFailed(
-            f"The package had not become C after {_LIMIT_S:g} s: export it with"
-            " `wakedeploy export --package FILE --c FOLDER`, or, if the computer is busy, try again."
+            f"The package had not become C after {_LIMIT_S:g} s: fly it without --backend c; or, if"
+            " the computer is busy, try again."
         ) from error
     if ended.status != 0:
         raise CheckFailed(f"What makes C of the package {ended.why}: fly it without --backend c.")

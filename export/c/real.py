@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from export.parity import joined
+from export.samples import joined
 from trainers.training.targets import shift_ahead
 from wakedeploy.core.episodes import EpisodeSet
 from wakedeploy.core.errors import UnusableInput

@@ -74,13 +74,20 @@ def unpacked(debs, root):
 
 
 def install_for_the_pi(built, libraries):
-    """pip's own install of the wheel and what it requires, as locked, but for aarch64."""
+    """pip's own install of the wheel with [onnx], as locked, but for aarch64."""
     platforms = ["manylinux2014_aarch64"]
     platforms += [f"manylinux_2_{minor}_aarch64" for minor in range(17, GLIBC + 1)]
     pip = [sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
     aimed = ["--target", libraries, "--python-version", PYTHON, "--only-binary", ":all:"]
     aimed += [word for name in platforms for word in ("--platform", name)]
-    run(*pip, *aimed, "--constraint", ROOT / "constraints.txt", built, cwd=libraries.parent)
+    run(
+        *pip,
+        *aimed,
+        "--constraint",
+        ROOT / "constraints.txt",
+        f"{built}[onnx]",
+        cwd=libraries.parent,
+    )
 
 
 @pytest.fixture(scope="module")

@@ -11,12 +11,12 @@ from click.testing import CliRunner
 from made_packages import gantry_package
 from needs import c_compiler
 
+from export.c.kept import kept_c
 from export.c.packaging import Wish, export_c
 from runtime.predictor import inference_session
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.package import Example, make_package, read_package, write_package
-from wakedeploy.core.runlog import read_run_log
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
@@ -57,6 +57,7 @@ def test_two_flights_are_a_tenth_of_a_millimetre_apart_at_most(site):
     assert abs(package["true_rmse_mm"] - c["true_rmse_mm"]) < 0.1
     assert package["ended"] == c["ended"] == "whole"
     assert package["ticks"] == c["ticks"]
+    assert flown(site, "p.onnx", "--backend", "c") == c
 
 
 def test_a_flight_of_c_loads_no_onnxruntime(site):
@@ -99,27 +100,22 @@ def test_a_process_that_flies_c_holds_nothing_that_a_flight_does_not_need(site):
 
 def test_a_package_without_onnxruntime_is_told_what_to_do(site, monkeypatch):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
-    with pytest.raises(UnusableInput, match="as C"):
+    with pytest.raises(UnusableInput, match=r"'\.\[onnx\]'.*--backend c"):
         inference_session(b"")
 
 
-def kept(cache) -> list:
-    return sorted(cache.glob("wakedeploy/c/packages/*/*.c"))
-
-
-def test_a_package_flies_as_c_and_its_c_is_kept(site, own_cache):
-    package, c = flown(site, "p.onnx"), flown(site, "p.onnx", "--backend", "c")
-    assert abs(package["true_rmse_mm"] - c["true_rmse_mm"]) < 0.1
-    source = next(path for path in kept(own_cache) if not path.stem.endswith("_test"))
+def test_the_c_of_a_package_is_written_once_unless_it_is_damaged(site):
+    package = read_package(site / "p.onnx")
+    source = kept_c(package).source
     written_ns = source.stat().st_mtime_ns
-    assert flown(site, "p.onnx", "--backend", "c") == c
-    assert source.stat().st_mtime_ns == written_ns
-    source.write_text(source.read_text().replace("float", "double", 1))  # damaged: written anew
-    assert flown(site, "p.onnx", "--backend", "c") == c
+    assert kept_c(package).source.stat().st_mtime_ns == written_ns
+    source.write_text(source.read_text().replace("float", "double", 1))
+    assert kept_c(package).source == source
     assert source.stat().st_mtime_ns > written_ns
+    assert not source.read_text().startswith("double")
 
 
-def test_a_package_flies_as_c_where_onnxruntime_is_not(site, tmp_path):
+def test_a_package_becomes_c_where_onnxruntime_is_not(site, tmp_path):
     """Its C is held against its graph in float64 and the rollout that travels with it."""
     (tmp_path / "sitecustomize.py").write_text(
         "import importlib.machinery as m\n"
@@ -129,19 +125,17 @@ def test_a_package_flies_as_c_where_onnxruntime_is_not(site, tmp_path):
     )
     script = (
         "import sitecustomize\n"
-        "from wakedeploy.cli import main\n"
-        f"main(['run-gantry', '--package', {str(site / 'p.onnx')!r}, '--backend', 'c',"
-        " '--virtual', '--seconds', '6'])"
+        "from pathlib import Path\n"
+        "from export.c.kept import kept_c\n"
+        "from wakedeploy.core.package import read_package\n"
+        f"print(kept_c(read_package(Path({str(site / 'p.onnx')!r}))).document.reference)"
     )
-    cache = tmp_path / "cache"
-    environment = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(cache)}
+    environment = os.environ | {"PYTHONPATH": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
     done = subprocess.run(
         [sys.executable, "-c", script], capture_output=True, text=True, env=environment
     )
     assert done.returncode == 0, done.stderr
-    assert "whole" in done.stdout
-    (page,) = cache.glob("wakedeploy/c/packages/*/README.md")
-    assert "graph in float64" in page.read_text()
+    assert done.stdout.strip() == "the package's graph in float64"
 
 
 def test_c_that_does_not_do_what_training_recorded_is_not_written(site, tmp_path):
@@ -168,14 +162,6 @@ def test_one_word_for_each_backend_that_cannot_be(site, monkeypatch, tmp_path):
     said = CliRunner().invoke(main, asked)
     assert said.exit_code == 2
     assert "no C compiler" in said.output
-
-
-def test_a_pair_is_flown_as_c_too(site, tmp_path):
-    asked = ["--package", str(site / "p.onnx"), "--backend", "c", "--seconds", "6"]
-    said = CliRunner().invoke(main, ["fly-pair", *asked, "--virtual", "--out", str(tmp_path / "p")])
-    assert said.exit_code == 0, said.output
-    flown = read_run_log(tmp_path / "p" / "wake-on.mcap")
-    assert flown.metadata["package_sha256"] != read_package(site / "p.onnx").sha256
 
 
 def test_an_altered_folder_does_not_fly(site, tmp_path):

@@ -27,10 +27,7 @@ _ENOUGH_DISK_GIB = 1.0
 _TRIAL_S = 60.0
 _I2C_BUSES = "/dev/i2c-*"
 _RUNTIME = "onnxruntime"
-_FLIES_C = (
-    "predictors fly here as C: `wakedeploy export --package gru.onnx --c gru_c` on a 64-bit"
-    " machine, then `run-gantry --package gru_c` here. Packages (.onnx) need the 64-bit system."
-)
+_FLIES_C = "packages fly here as C: `run-gantry --package gru.onnx --backend c`"
 _LONGEST_FROZEN_S = 60.0  # flights are shorter
 # Propellers, battery, belt and the sensor's window change within weeks of flying; nobody has
 # measured how fast on this rig, so a month is a habit rather than a finding.
@@ -110,8 +107,7 @@ def python_version() -> list[Finding]:
 
 def base_libraries() -> list[Finding]:
     """What every use needs, as the package's own metadata lists it."""
-    wanted = [name for name in _required("") if name != _RUNTIME or not _lacks_wheels()]
-    return [_library(name) for name in wanted]
+    return [_library(name) for name in _required("")]
 
 
 def extras() -> list[Finding]:
@@ -129,13 +125,16 @@ def extras() -> list[Finding]:
 
 def onnxruntime_starts() -> list[Finding]:
     """Import onnxruntime in a process of its own: a wrong build kills the interpreter."""
+    if _version(_RUNTIME) is None:
+        found, more = "missing", f"to check packages and fly them by it, too: {installs('onnx')}"
+        if _lacks_wheels():
+            found = f"no wheel for a 32-bit Python on {platform.machine()}"
+            more = "to check packages take the 64-bit system"
+        return [Finding("onnxruntime starts", OPTIONAL, found, f"{_FLIES_C}; {more}.")]
     ended = _try("import onnxruntime; print(onnxruntime.__version__)")
     if ended.returncode == 0:
         return [Finding("onnxruntime starts", OK, "yes")]
-    if _lacks_wheels():
-        found = f"no wheel for a 32-bit Python on {platform.machine()}"
-        return [Finding("onnxruntime starts", OPTIONAL, found, _FLIES_C)]
-    fix = f"{installs('')}; on a Raspberry Pi use the 64-bit system."
+    fix = f"{installs('onnx')}; on a Raspberry Pi use the 64-bit system."
     return [Finding("onnxruntime starts", BROKEN, _why(ended), fix)]
 
 
