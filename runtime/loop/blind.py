@@ -140,7 +140,7 @@ class BlindPlanner:
         """The impulse [N s] that the wake gives from `span_s` from now on, the source idle then."""
         held_s = span_s + _SPOOL_DOWN_S
         ahead_s = (span_s + (i + 0.5) * _WAKE_STEP_S for i in range(_WAKE_STEPS))
-        return _WAKE_STEP_S * sum(trim.wake_n(now.x_m, now.z_m, t_s, held_s) for t_s in ahead_s)
+        return _WAKE_STEP_S * sum(trim.wakes_n(now.x_m, now.z_m, ahead_s, held_s))
 
     def _gained_mps(self, now: Reckoned, trim: TrimReader, held_us: float, span_s: float) -> float:
         """The speed [m/s] gained while a pulse is held and the source stays as it is."""

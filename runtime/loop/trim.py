@@ -7,6 +7,7 @@ of the thrust stays.
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from runtime.loop.copies import replace
@@ -98,6 +99,16 @@ class TrimReader:
         It keeps its present thrust for `held_s` and is idle from then on.
         """
         return self.trim.strength * self._model_n(x_m, z_m, ahead_s, held_s)
+
+    def wakes_n(
+        self, x_m: float, z_m: float, aheads_s: Iterable[float], held_s: float
+    ) -> list[float]:
+        """`wake_n` for many times at one place."""
+        if not (math.isfinite(x_m) and math.isfinite(z_m)):
+            return [0.0 for _ in aheads_s]
+        speeds_mps = self._jet.velocities_ahead(x_m, z_m, aheads_s, held_s)
+        wake, strength = self._rig.wake, self.trim.strength
+        return [strength * drag_force(wake, 0.0, vz_mps) for vz_mps in speeds_mps]
 
     def _swing(self, off_n: float) -> None:
         share = -math.expm1(-_TICK_S / _SWING_S)

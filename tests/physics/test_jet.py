@@ -60,3 +60,16 @@ def test_the_future_is_what_comes_when_the_thrust_is_held() -> None:
     for _ in range(24):
         jet.inject(3.0)
     assert foreseen == pytest.approx(jet.velocity(0.05, 0.7), rel=1e-12)
+
+
+@pytest.mark.parametrize("speed_exponent", [0.0, 0.3])
+def test_many_leads_at_one_place_are_the_leads_one_by_one(speed_exponent: float) -> None:
+    wake = RIG.changed(wake={"speed_exponent": speed_exponent}).wake
+    jet = VerticalJet(wake, RIG.source.height_m, DT_S)
+    for thrust_n in np.random.default_rng(2).uniform(1.0, 8.0, 300):
+        jet.inject(float(thrust_n))
+    leads_s = [0.0, 0.02, 0.1, 0.31, 30.0]
+    together = jet.velocities_ahead(0.05, 0.7, leads_s, 0.05)
+    alone = [jet.velocity_ahead(0.05, 0.7, lead_s, 0.05) for lead_s in leads_s]
+    assert together == pytest.approx(alone, rel=1e-12)
+    assert len({round(v, 6) for v in alone}) == len(alone)

@@ -7,6 +7,7 @@ whose speed goes with the thrust that made it only lets each puff sink at a pace
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any, TypeVar
 
 import numpy as np
@@ -46,6 +47,11 @@ class PuffTable:
         """
         sunk_m = self.sunk_m if pace is None else pace * self.sunk_m  # (M,)
         return float(air_mps(self, root_thrust, sunk_m, x_m, above_m))
+
+    def weights(self, x_m: float, above_m: float) -> FloatArray:
+        """What each puff (M,) adds to the velocity there, over its `root_thrust`, at one pace."""
+        distance2 = x_m * x_m + (above_m + self.sunk_m) ** 2  # (M,)
+        return np.asarray(-self.amplitude_mps * np.exp(-distance2 * self.inverse_2width2))
 
 
 def puff_shapes(wake: Wake, ages_s: Floats, dt_s: float) -> tuple[Floats, Floats]:
@@ -109,6 +115,23 @@ class VerticalJet:
         known[:steps], known[steps:] = roots[0], roots[: self._length - steps]
         known[:idle] = 0.0
         return self._table.velocity(known, x_m, z_m - self._height_m, self._pace(known))
+
+    def velocities_ahead(
+        self, x_m: float, z_m: float, leads_s: Iterable[float], idle_after_s: float
+    ) -> list[float]:
+        """`velocity_ahead` for many leads at one place, whose puffs weigh the same for all."""
+        if self._wake.speed_exponent != 0.0:
+            return [self.velocity_ahead(x_m, z_m, lead_s, idle_after_s) for lead_s in leads_s]
+        weights = self._table.weights(x_m, z_m - self._height_m)  # (M,)
+        roots = self._history[self._newest : self._newest + self._length]
+        summed = [0.0, *np.cumsum(weights).tolist()]  # of so many, newest first
+        found = []
+        for lead_s in leads_s:
+            steps = min(round(lead_s / self._dt_s), self._length)
+            idle = round(max(lead_s - idle_after_s, 0.0) / self._dt_s)
+            new = roots[0] * (summed[steps] - summed[min(idle, steps)])
+            found.append(float(new + roots[: self._length - steps].dot(weights[steps:])))
+        return found
 
     def _pace(self, roots: FloatArray) -> FloatArray | None:
         """Each puff's speed over the wake's, (M,); None where all have the same."""
