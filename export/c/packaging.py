@@ -293,9 +293,9 @@ def _require_tolerance(rounding: Rounding | None, wish: Wish) -> None:
     is_real = rounding.worse is not None
     measured = rounding.rel_rms if rounding.worse is None else rounding.worse
     if measured > wish.tolerance:
-        what = "the error grow" if is_real else "the force change"
+        what = "the error grows" if is_real else "the force changes"
         raise CheckFailed(
-            f"With {wish.kind} weights {what} by {measured:.1%} on {rounding.on}, and"
-            f" {wish.tolerance:.1%} are tolerated; nothing was written. Keep more bits with"
+            f"With {wish.kind} weights {what} by {100.0 * measured:.2g} % on {rounding.on}, and"
+            f" {100.0 * wish.tolerance:g} % are tolerated; nothing was written. Keep more bits with"
             " --weights, or allow more with --tolerance."
         )
