@@ -38,14 +38,19 @@ _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
 _HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
 # Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
 # model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
-# file says is believed the less, down to a 200th.
+# file says is believed the less, down to a 600th.
 _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
-_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 600.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
+# Half of the last five innovations, and half of their second differences, are off by so many times
+# the noise of the rig file: this is noise already, before a mean has told. A push bends the
+# innovations by little, and few strays leave a median as it is.
+_SUDDEN_READINGS, _SUDDEN_SD, _MEDIAN_SD = 5, 4.0, 1.4826
 # A sensor with so much noise, or so many strays, is none. One stray in five is not many.
 _STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
 _TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
+_MERE_NOISE = 300.0  # by itself: 17 times the noise
 _SWING = 2.0  # a stray is off by half as much from the sample before as from the filter, at least
 _FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
@@ -55,7 +60,11 @@ _STARTLED = 9.0  # an innovation's square over its variance, after which a forec
 # Wakes as in the rig file do this once in three hundred ticks, and the filter is less sure then.
 _PUSH_SUM_SD, _PUSH_DRIFT_SD, _PUSH_MOST_SD = 3.5, 1.0, 3.5
 _FAR_SD, _PUSH_GROWTH, _WARY_TICKS, _PUSH_SIDE = 8.0, (1.3, 3.0), 8, 3
-_PUSH_SD_N, _PUSH_AGO_S = 3.0, 0.1
+_PUSH_SD_N, _PUSH_AGO_S, _PUSH_ABOVE_M = 3.0, 0.1, 0.03
+# Noise and strays can add up, too: for some ticks a filter that knows of no push goes on beside.
+# Where it foresees the readings better, there was none.
+_UNPUSHED_TICKS, _NO_PUSH, _PUSH = 8, 2.0, -6.0
+_MOST_SD = 6.0  # as which an innovation counts at most in a log likelihood
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,12 +112,16 @@ class Estimate:
     pushed: tuple[float, float] = (0.0, 0.0)  # innovations that add up downwards and upwards, in sd
     side: int = 0  # innovations in a row to one side, with its sign
     wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
+    lately_m: tuple[float, ...] = ()  # the last innovations, oldest first
+    unpushed: "Estimate | None" = None  # what it would be without the push that was told last
+    unpushed_more: float = 0.0  # log likelihood of that over this, since then
+    unpushed_ticks: int = 0
 
     @property
     def is_noisy(self) -> bool:
         """Whether too little is left of what the sensor says to fly by it."""
         most = _MANY_STRAYS if self.noise_scale > _TOO_NOISY else _TOO_MANY_STRAYS
-        return self.stray_share > most
+        return self.stray_share > most or self.noise_scale > _MERE_NOISE
 
     @property
     def is_calm(self) -> bool:
@@ -192,7 +205,12 @@ class Estimator:
         predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
         if measured.steps_repeats == 0:
             predicted = self._update_lateral(predicted, measured.steps)
-        return self._update_height(predicted, measured)
+        after = self._update_height(predicted, measured)
+        if before.unpushed is None or after.unpushed is not before.unpushed:
+            return after
+        unaware = replace(measured, acts_known=False)  # where no push is told
+        without = self.step(before.unpushed, unaware, pulses_us, wake_n)
+        return _judged(after, without)
 
     def ahead(
         self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
@@ -279,7 +297,9 @@ class Estimator:
         ago_s, mass_kg = _PUSH_AGO_S, self._rig.sufferer.mass_kg
         moved = _PUSH_SD_N * np.array([0.5 * ago_s**2 / mass_kg, ago_s / mass_kg, 1.0])
         height_cov = now.height_cov + np.outer(moved, moved)
-        return replace(now, height_cov=height_cov, pushed=(0.0, 0.0))
+        return replace(
+            now, height_cov=height_cov, pushed=(0.0, 0.0), unpushed_more=0.0, unpushed_ticks=0
+        )
 
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
         position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
@@ -302,12 +322,22 @@ class Estimator:
         innovation = range_m - float((row @ now.height)[0])
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
-        seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
+        lately_m = (*unseen.lately_m[-_SUDDEN_READINGS - 1 :], innovation)
+        seen = replace(
+            unseen, innovation_m=innovation, innovation_var_m2=variance, lately_m=lately_m
+        )
         seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
-        if max(seen.pushed) > _PUSH_SUM_SD and abs(seen.side) >= _PUSH_SIDE:
-            now = seen = self._after_a_push(seen)
+        sudden_var = _sudden_m(lately_m) ** 2
+        is_clear = now.z_m > _PUSH_ABOVE_M  # nearer, the stop itself pushes
+        is_sudden = sudden_var > _SUDDEN_SD**2 * self._range_var
+        if is_sudden:
+            seen = replace(seen, pushed=(0.0, 0.0))
+            variance += max(sudden_var - noise_var, 0.0)
+            noise_var = max(sudden_var, noise_var)
+        elif max(seen.pushed) > _PUSH_SUM_SD and abs(seen.side) >= _PUSH_SIDE and is_clear:
+            now = seen = self._after_a_push(replace(seen, unpushed=unseen))
             variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
-        excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
+        excess_var = max(noise_var - _GATED_NOISE * self._range_var, 0.0)
         is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
         off_m = min(now.off_m, abs(innovation))
         first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
@@ -356,6 +386,35 @@ def _added_up(now: Estimate, *, acts_known: bool) -> Estimate:
     down, up = now.pushed
     sums = (max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0))
     return replace(now, pushed=sums)
+
+
+def _judged(pushed: Estimate, without: Estimate) -> Estimate:
+    """The filter that was told of a push, or the one `without`, if that foresees better."""
+    more, ticks = pushed.unpushed_more, pushed.unpushed_ticks + 1
+    if math.isfinite(pushed.innovation_m + without.innovation_m):
+        more += log_likelihood(without) - log_likelihood(pushed)
+    if more > _NO_PUSH:
+        return replace(without, lateral=pushed.lateral, lateral_cov=pushed.lateral_cov)
+    if more < _PUSH or ticks > _UNPUSHED_TICKS:
+        return replace(pushed, unpushed=None)
+    return replace(pushed, unpushed=without, unpushed_more=more, unpushed_ticks=ticks)
+
+
+def log_likelihood(now: Estimate) -> float:
+    """How well the filter foresaw its last reading; one that is far off counts as a stray does."""
+    square = min(now.innovation_m**2 / now.innovation_var_m2, _MOST_SD**2)
+    return -0.5 * (square + math.log(now.innovation_var_m2))
+
+
+def _sudden_m(lately_m: tuple[float, ...]) -> float:
+    """The noise [m] that the last innovations [m] and their second differences both have."""
+    if len(lately_m) < _SUDDEN_READINGS + 2:
+        return 0.0
+    threes = zip(lately_m, lately_m[1:], lately_m[2:], strict=False)
+    bends_m = sorted(abs(c - 2.0 * b + a) for a, b, c in threes)
+    sizes_m = sorted(map(abs, lately_m[2:]))
+    middle = _SUDDEN_READINGS // 2
+    return _MEDIAN_SD * min(bends_m[middle] / math.sqrt(6.0), sizes_m[middle])
 
 
 def _surprised(now: Estimate) -> Estimate:
