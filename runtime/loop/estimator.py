@@ -43,10 +43,10 @@ _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
 _NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 600.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
-# Half of the last five innovations, and half of their second differences, are off by so many times
-# the noise of the rig file: this is noise already, before a mean has told. A push bends the
-# innovations by little, and few strays leave a median as it is.
-_SUDDEN_READINGS, _SUDDEN_SD, _MEDIAN_SD = 5, 4.0, 1.4826
+# Half of the last seven innovations, and half of the readings' second differences, are off by so
+# many times the noise of the rig file: this is noise already, before a mean has told. No motion
+# bends so much from one reading to the next, and a stray leaves a median as it is.
+_SUDDEN_READINGS, _SUDDEN_SD, _MEDIAN_SD = 7, 4.0, 1.4826
 # A sensor with so much noise, or so many strays, is none. One stray in five is not many.
 _STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
 _TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
@@ -112,7 +112,9 @@ class Estimate:
     pushed: tuple[float, float] = (0.0, 0.0)  # innovations that add up downwards and upwards, in sd
     side: int = 0  # innovations in a row to one side, with its sign
     wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
-    lately_m: tuple[float, ...] = ()  # the last innovations, oldest first
+    # Of the last readings, oldest first: when each was taken [s], what it said [m], its innovation.
+    lately: tuple[tuple[float, float, float], ...] = ()
+    is_sudden: bool = False  # they are noisier than a mean has told
     unpushed: "Estimate | None" = None  # what it would be without the push that was told last
     unpushed_more: float = 0.0  # log likelihood of that over this, since then
     unpushed_ticks: int = 0
@@ -322,14 +324,18 @@ class Estimator:
         innovation = range_m - float((row @ now.height)[0])
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
-        lately_m = (*unseen.lately_m[-_SUDDEN_READINGS - 1 :], innovation)
+        lately = (*unseen.lately[-_SUDDEN_READINGS - 1 :], (measured.t_s - age, range_m, innovation))
+        sudden_var = _sudden_m(lately) ** 2
+        is_sudden = sudden_var > _SUDDEN_SD**2 * self._range_var
         seen = replace(
-            unseen, innovation_m=innovation, innovation_var_m2=variance, lately_m=lately_m
+            unseen,
+            innovation_m=innovation,
+            innovation_var_m2=variance,
+            lately=lately,
+            is_sudden=is_sudden,
         )
         seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
-        sudden_var = _sudden_m(lately_m) ** 2
         is_clear = now.z_m > _PUSH_ABOVE_M  # nearer, the stop itself pushes
-        is_sudden = sudden_var > _SUDDEN_SD**2 * self._range_var
         if is_sudden:
             seen = replace(seen, pushed=(0.0, 0.0))
             variance += max(sudden_var - noise_var, 0.0)
@@ -406,15 +412,20 @@ def log_likelihood(now: Estimate) -> float:
     return -0.5 * (square + math.log(now.innovation_var_m2))
 
 
-def _sudden_m(lately_m: tuple[float, ...]) -> float:
-    """The noise [m] that the last innovations [m] and their second differences both have."""
-    if len(lately_m) < _SUDDEN_READINGS + 2:
+def _sudden_m(lately: tuple[tuple[float, float, float], ...]) -> float:
+    """The noise [m] that the last innovations and the readings' second differences both have."""
+    if len(lately) < _SUDDEN_READINGS + 2:
         return 0.0
-    threes = zip(lately_m, lately_m[1:], lately_m[2:], strict=False)
-    bends_m = sorted(abs(c - 2.0 * b + a) for a, b, c in threes)
-    sizes_m = sorted(map(abs, lately_m[2:]))
+    bends_m = sorted(map(_bent_m, lately, lately[1:], lately[2:]))
+    sizes_m = sorted(abs(one[2]) for one in lately[2:])
     middle = _SUDDEN_READINGS // 2
     return _MEDIAN_SD * min(bends_m[middle] / math.sqrt(6.0), sizes_m[middle])
+
+
+def _bent_m(a: tuple[float, ...], b: tuple[float, ...], c: tuple[float, ...]) -> float:
+    """How far the last of three readings is off the line of the others [m]."""
+    share = (c[0] - b[0]) / (b[0] - a[0]) if b[0] > a[0] else 1.0
+    return abs(c[1] - b[1] - share * (b[1] - a[1]))
 
 
 def _surprised(now: Estimate) -> Estimate:

@@ -92,7 +92,10 @@ class Lateness:
             if last is None
             else self._estimator.step(last, measured, pulses, now.wake_n)
         )
-        more = _for_the_rival(self._rivals[self._adopted or LATE_TICKS[0]], own)
+        rival, more = self._rivals[self._adopted or LATE_TICKS[0]], 0.0
+        if math.isfinite(own.innovation_m + rival.innovation_m):
+            more = log_likelihood(own) - log_likelihood(rival)
+            more = min(max(more, -_MOST_A_TICK), _MOST_A_TICK)
         self._own, self._against = own, max(self._against + more, 0.0)
         self._is_refuted = self._against > _REFUTED
         return own
@@ -121,7 +124,8 @@ def _for_the_rival(own: Estimate, rival: Estimate) -> float:
     What surprises both, as a push does, is nothing for the rival. Noise favours neither: the larger
     it is, the farther do two sums of it stray apart.
     """
-    if own.noise_scale > 1.0 or not (own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)):
+    is_judged = own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)
+    if not is_judged or own.is_sudden or own.noise_scale > 1.0:
         return 0.0
     foresees = rival.innovation_m**2 < _FORESEEN * rival.innovation_var_m2
     more = log_likelihood(rival) - log_likelihood(own)
