@@ -38,10 +38,10 @@ _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
 _HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
 # Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
 # model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
-# file says is believed the less, down to a 600th.
+# file says is believed the less, down to a 200th.
 _SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
 _SURPRISED, _CALM = 3.0, 1.2
-_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 600.0
+_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
 # Half of the last seven innovations, and half of the readings' second differences, are off by so
 # many times the noise of the rig file: this is noise already, before a mean has told. No motion
@@ -50,7 +50,7 @@ _SUDDEN_READINGS, _SUDDEN_SD, _MEDIAN_SD = 7, 4.0, 1.4826
 # A sensor with so much noise, or so many strays, is none. One stray in five is not many.
 _STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
 _TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
-_MERE_NOISE = 300.0  # by itself: 17 times the noise
+_MERE_NOISE, _MERE_TICKS = 190.0, 20  # by itself: 14 times the noise, in most readings for long
 _SWING = 2.0  # a stray is off by half as much from the sample before as from the filter, at least
 _FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
@@ -64,6 +64,7 @@ _PUSH_SD_N, _PUSH_AGO_S, _PUSH_ABOVE_M = 3.0, 0.1, 0.03
 # Noise and strays can add up, too: for some ticks a filter that knows of no push goes on beside.
 # Where it foresees the readings better, there was none.
 _UNPUSHED_TICKS, _NO_PUSH, _PUSH = 8, 2.0, -6.0
+_UNSURE_MPS = 0.5  # with so little known of the speed, one goes on without the first reading, too
 _MOST_SD = 6.0  # as which an innovation counts at most in a log likelihood
 
 
@@ -114,8 +115,9 @@ class Estimate:
     wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
     # Of the last readings, oldest first: when each was taken [s], what it said [m], its innovation.
     lately: tuple[tuple[float, float, float], ...] = ()
-    is_sudden: bool = False  # they are noisier than a mean has told
-    unpushed: "Estimate | None" = None  # what it would be without the push that was told last
+    sudden_ticks: int = 0  # since they are noisier than a mean has told
+    # What it would be without the push that was told last, or without the first reading after a pause.
+    unpushed: "Estimate | None" = None
     unpushed_more: float = 0.0  # log likelihood of that over this, since then
     unpushed_ticks: int = 0
 
@@ -123,7 +125,8 @@ class Estimate:
     def is_noisy(self) -> bool:
         """Whether too little is left of what the sensor says to fly by it."""
         most = _MANY_STRAYS if self.noise_scale > _TOO_NOISY else _TOO_MANY_STRAYS
-        return self.stray_share > most or self.noise_scale > _MERE_NOISE
+        is_mere = self.noise_scale > _MERE_NOISE and self.sudden_ticks > _MERE_TICKS
+        return self.stray_share > most or is_mere
 
     @property
     def is_calm(self) -> bool:
@@ -324,6 +327,9 @@ class Estimator:
         innovation = range_m - float((row @ now.height)[0])
         noise_var = self._range_var * now.noise_scale
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
+        if now.height_cov[1, 1] > _UNSURE_MPS**2 and now.unpushed is None:
+            # After a pause a single reading would tell the speed, and it may be a stray.
+            unseen = replace(unseen, unpushed=unseen, unpushed_more=0.0, unpushed_ticks=0)
         lately = (*unseen.lately[-_SUDDEN_READINGS - 1 :], (measured.t_s - age, range_m, innovation))
         sudden_var = _sudden_m(lately) ** 2
         is_sudden = sudden_var > _SUDDEN_SD**2 * self._range_var
@@ -332,7 +338,7 @@ class Estimator:
             innovation_m=innovation,
             innovation_var_m2=variance,
             lately=lately,
-            is_sudden=is_sudden,
+            sudden_ticks=unseen.sudden_ticks + 1 if is_sudden else 0,
         )
         seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
         is_clear = now.z_m > _PUSH_ABOVE_M  # nearer, the stop itself pushes

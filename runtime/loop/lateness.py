@@ -125,7 +125,7 @@ def _for_the_rival(own: Estimate, rival: Estimate) -> float:
     it is, the farther do two sums of it stray apart.
     """
     is_judged = own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)
-    if not is_judged or own.is_sudden or own.noise_scale > 1.0:
+    if not is_judged or own.sudden_ticks or own.noise_scale > 1.0:
         return 0.0
     foresees = rival.innovation_m**2 < _FORESEEN * rival.innovation_var_m2
     more = log_likelihood(rival) - log_likelihood(own)

@@ -319,6 +319,7 @@ class Loop:
         self.tally.stood_still(stalled_s, measured.t_s)
         asked_s, at_rest = self._link.unanswered_since_s, self._safety.mode is Mode.ARMED
         silent_s = 0.0 if asked_s is None else now_s - behind_s - asked_s
+        self._way_down.late_s = heard.answer.round_trip_s - self._rig.latency.round_trip_s
         status, estimate = heard.answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,
