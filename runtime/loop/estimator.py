@@ -116,7 +116,7 @@ class Estimate:
     # Of the last readings, oldest first: when each was taken [s], what it said [m], its innovation.
     lately: tuple[tuple[float, float, float], ...] = ()
     sudden_ticks: int = 0  # since they are noisier than a mean has told
-    # What it would be without the push that was told last, or without the first reading after a pause.
+    # What it would be without the push that was told last, or the first reading after a pause.
     unpushed: "Estimate | None" = None
     unpushed_more: float = 0.0  # log likelihood of that over this, since then
     unpushed_ticks: int = 0
@@ -207,15 +207,24 @@ class Estimator:
         one acts from the command delay on. `wake_n`: the wake's force [N] as it was forecast for
         this time, if it was; the disturbance is what that leaves over.
         """
-        predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
-        if measured.steps_repeats == 0:
-            predicted = self._update_lateral(predicted, measured.steps)
-        after = self._update_height(predicted, measured)
+        after = self._stepped(before, measured, pulses_us, wake_n)
         if before.unpushed is None or after.unpushed is not before.unpushed:
             return after
         unaware = replace(measured, acts_known=False)  # where no push is told
-        without = self.step(before.unpushed, unaware, pulses_us, wake_n)
-        return _judged(after, without)
+        without = self._stepped(before.unpushed, unaware, pulses_us, wake_n)
+        return _judged(after, replace(without, unpushed=None))
+
+    def _stepped(
+        self,
+        before: Estimate,
+        measured: Measurement,
+        pulses_us: tuple[float, float],
+        wake_n: float | None,
+    ) -> Estimate:
+        predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
+        if measured.steps_repeats == 0:
+            predicted = self._update_lateral(predicted, measured.steps)
+        return self._update_height(predicted, measured)
 
     def ahead(
         self, now: Estimate, t_s: float, pulses_us: tuple[float, float], wake_n: float | None
@@ -302,9 +311,7 @@ class Estimator:
         ago_s, mass_kg = _PUSH_AGO_S, self._rig.sufferer.mass_kg
         moved = _PUSH_SD_N * np.array([0.5 * ago_s**2 / mass_kg, ago_s / mass_kg, 1.0])
         height_cov = now.height_cov + np.outer(moved, moved)
-        return replace(
-            now, height_cov=height_cov, pushed=(0.0, 0.0), unpushed_more=0.0, unpushed_ticks=0
-        )
+        return replace(now, height_cov=height_cov, pushed=(0.0, 0.0))
 
     def _update_lateral(self, now: Estimate, steps: int) -> Estimate:
         position = np.array([(steps + 0.5) / self._rig.stepper.steps_per_m])
@@ -329,8 +336,11 @@ class Estimator:
         variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         if now.height_cov[1, 1] > _UNSURE_MPS**2 and now.unpushed is None:
             # After a pause a single reading would tell the speed, and it may be a stray.
-            unseen = replace(unseen, unpushed=unseen, unpushed_more=0.0, unpushed_ticks=0)
-        lately = (*unseen.lately[-_SUDDEN_READINGS - 1 :], (measured.t_s - age, range_m, innovation))
+            unseen = _apart(unseen, unseen)
+        lately = (
+            *unseen.lately[-_SUDDEN_READINGS - 1 :],
+            (measured.t_s - age, range_m, innovation),
+        )
         sudden_var = _sudden_m(lately) ** 2
         is_sudden = sudden_var > _SUDDEN_SD**2 * self._range_var
         seen = replace(
@@ -347,7 +357,7 @@ class Estimator:
             variance += max(sudden_var - noise_var, 0.0)
             noise_var = max(sudden_var, noise_var)
         elif max(seen.pushed) > _PUSH_SUM_SD and abs(seen.side) >= _PUSH_SIDE and is_clear:
-            now = seen = self._after_a_push(replace(seen, unpushed=unseen))
+            now = seen = self._after_a_push(_apart(seen, unseen))
             variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
         excess_var = max(noise_var - _GATED_NOISE * self._range_var, 0.0)
         is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
@@ -398,6 +408,12 @@ def _added_up(now: Estimate, *, acts_known: bool) -> Estimate:
     down, up = now.pushed
     sums = (max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0))
     return replace(now, pushed=sums)
+
+
+def _apart(now: Estimate, without: Estimate) -> Estimate:
+    """The filter, and beside it from now on the one `without` its news."""
+    without = replace(without, unpushed=None)
+    return replace(now, unpushed=without, unpushed_more=0.0, unpushed_ticks=0)
 
 
 def _judged(pushed: Estimate, without: Estimate) -> Estimate:

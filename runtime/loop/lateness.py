@@ -81,9 +81,7 @@ class Lateness:
                 more = _for_the_rival(now.estimate, after)
                 self._evidence[ticks] = max(self._evidence[ticks] + more, 0.0)
 
-    def _followed_own(
-        self, before: PilotState, now: PilotState, measured: Measurement
-    ) -> Estimate:
+    def _followed_own(self, before: PilotState, now: PilotState, measured: Measurement) -> Estimate:
         """The loop's own filter goes on beside the adopted one, and may prove to be the better."""
         pulses = (before.before_last_us, before.last_us)
         last = self._own
