@@ -51,6 +51,7 @@ NOISE, LONG_UNCALM_S = frozenset({"sensor_noisy", "sensor_jump"}), 1.5
 # Commands that act so much later than they should control nothing: the forces alone say where it is
 # by then, and no height is waited for.
 BLIND_LATE_S = 0.12
+UNSEEN_SHARE = 0.99  # of the weight: between two tests of a touch-down, if no motion is seen
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -197,9 +198,10 @@ class WayDown:
             return ladder_pulse(self._ladder, measured.t_s - now.stage_s, limits)
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
-        # On the stop, what carries the sufferer would count as a force that lifts.
-        seen_n = state.unexplained_n if is_off(state.estimate) else -math.inf
-        return self._planner.sinking(state.estimate, max(self._lifting_n, seen_n))
+        if not is_off(state.estimate):
+            # Nothing is seen of its speed: by a sensor that drifted to the stop it may fall already.
+            return self._planner.carried(UNSEEN_SHARE, self._lifting_n, self._hover_n)
+        return self._planner.sinking(state.estimate, max(self._lifting_n, state.unexplained_n))
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""
