@@ -351,7 +351,8 @@ class Estimator:
             sudden_ticks=unseen.sudden_ticks + 1 if is_sudden else 0,
         )
         seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
-        is_clear = now.z_m > _PUSH_ABOVE_M  # nearer, the stop itself pushes
+        # Nearer, the stop itself pushes; and the same reading again is no news.
+        is_clear = now.z_m > _PUSH_ABOVE_M and measured.alike == 0
         if is_sudden:
             seen = replace(seen, pushed=(0.0, 0.0))
             variance += max(sudden_var - noise_var, 0.0)
