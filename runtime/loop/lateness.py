@@ -13,13 +13,9 @@ from collections import deque
 import numpy as np
 
 from runtime.loop.copies import replace
-from runtime.loop.estimator import (
-    Estimate,
-    Estimator,
-    Measurement,
-    initial_estimate,
-    log_likelihood,
-)
+from runtime.loop.estimate import Estimate, Measurement, initial_estimate
+from runtime.loop.estimator import Estimator
+from runtime.loop.innovations import log_likelihood
 from runtime.loop.pilot import PilotState
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 

@@ -20,7 +20,8 @@ from runtime.loop.arming import arm_limits, require_battery, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.controller import Command, Terms
 from runtime.loop.copies import replace
-from runtime.loop.estimator import SAME_TICKS, Measurement
+from runtime.loop.estimate import Measurement
+from runtime.loop.estimator import SAME_TICKS
 from runtime.loop.forecasting import Forecasting, Prediction
 from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row

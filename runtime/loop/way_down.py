@@ -30,7 +30,7 @@ from runtime.loop.descent import (
     is_down,
     limit_s,
 )
-from runtime.loop.estimator import Measurement
+from runtime.loop.estimate import Measurement
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.safety import UNEXPLAINED_SD_N
 from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, is_off, settled
@@ -199,7 +199,7 @@ class WayDown:
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
         if not is_off(state.estimate):
-            # Nothing is seen of its speed: by a sensor that drifted to the stop it may fall already.
+            # Nothing is seen of its speed: where a sensor drifted to the stop it may fall already.
             return self._planner.carried(UNSEEN_SHARE, self._lifting_n, self._hover_n)
         return self._planner.sinking(state.estimate, max(self._lifting_n, state.unexplained_n))
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from runtime.loop.estimator import Estimate, Measurement, initial_estimate
+from runtime.loop.estimate import Estimate, Measurement, initial_estimate
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
 from wakedeploy.rig.file import default_rig
 

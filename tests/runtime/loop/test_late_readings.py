@@ -1,4 +1,4 @@
-"""Readings older than their stamps are told by the motion; pushes and noise do not pass for them."""
+"""Readings older than their stamps are told by the motion; pushes and noise are not taken for it."""
 
 import math
 from dataclasses import replace
@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 from sufferer_in_numbers import AGE_S, DT_S, HOVER_US, RIG, hovering
 
-from runtime.loop.estimator import Estimator, Measurement
+from runtime.loop.estimate import Measurement
+from runtime.loop.estimator import Estimator
 from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import Pilot
 from runtime.loop.safety import RANGE_DOUBTED, RANGE_LATE

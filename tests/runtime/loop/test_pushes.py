@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from sufferer_in_numbers import AGE_S, DT_S, HOVER_US, RIG, hovering, moved, reading
 
-from runtime.loop.estimator import Estimator, Measurement
+from runtime.loop.estimate import Measurement
+from runtime.loop.estimator import Estimator
 
 BEGINS_S = 1.0
 SEEDS = range(6)

@@ -1,4 +1,4 @@
-"""Ways down on which the loop cannot see what it does: late commands, a sensor that drifted away."""
+"""Ways down on which the loop does not see what it does: late commands, a drifted sensor."""
 
 from dataclasses import replace
 
@@ -7,7 +7,7 @@ import pytest
 from sufferer_in_numbers import AGE_S, DT_S, HOVER_US, MASS_KG, RIG, WEIGHT_N, hovering
 
 from runtime.loop.controller import Command
-from runtime.loop.estimator import Measurement
+from runtime.loop.estimate import Measurement
 from runtime.loop.pilot import Pilot
 from runtime.loop.way_down import BLIND_LATE_S, WayDown
 from wakedeploy.physics.rail import smooth_friction
