@@ -1,4 +1,4 @@
-"""Readings older than their stamps are told by the motion; pushes and noise are not taken for it."""
+"""Readings older than their stamps show in the motion; pushes and noise do not look like them."""
 
 import math
 from dataclasses import replace
