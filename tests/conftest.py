@@ -1,5 +1,7 @@
 """What all tests share: how examples are drawn, signals, tiny packages."""
 
+import functools
+import importlib.util
 import math
 import multiprocessing
 import os
@@ -83,6 +85,29 @@ def workers_begin_warm():
             "get_context",
             lambda method=None: warm.context() if method == "spawn" else ordinary(method),
         )
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def the_exporter_reads_its_library_once():
+    """For each graph torch's exporter would parse all 500 functions of its library anew."""
+    if importlib.util.find_spec("torch") is None:
+        yield
+        return
+    from export import graph
+
+    exported = graph._exported
+    with pytest.MonkeyPatch.context() as patch:
+
+        def once(*arguments):
+            from torch.onnx._internal.exporter._registration import ONNXRegistry
+
+            read = functools.cache(ONNXRegistry.from_torchlib)  # by version of the operators
+            patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(read))
+            patch.setattr(graph, "_exported", exported)
+            return exported(*arguments)
+
+        patch.setattr(graph, "_exported", once)
         yield
 
 
