@@ -37,7 +37,7 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_collection_finish() -> None:
-    """What collecting has loaded stays: looking through it again and again takes 2 % of the time."""
+    """What collecting has loaded stays: no need to look through it for garbage again and again."""
     gc.collect()
     gc.freeze()
 

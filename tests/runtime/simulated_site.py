@@ -11,7 +11,6 @@ from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.runlog_columns import STAGES
 from wakedeploy.physics.gantry import GantryPlant
 
-
 _FLOWN: dict[tuple[object, ...], RunLog] = {}
 
 
