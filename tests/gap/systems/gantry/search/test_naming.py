@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from recorded import RIG, SECONDS, changed, flown, with_effects
+from recorded import RIG, SECONDS, based, changed, flown, with_effects
 
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.domains.gantry import record
@@ -64,7 +64,8 @@ def ground() -> Answer:
 
 @pytest.fixture(scope="module")
 def nothing() -> Answer:
-    return answered()
+    model, base = based(*SEEDS)
+    return name_effects(RIG, model, LIMITS, candidates=TRIED, base=base)
 
 
 def test_nothing_that_matters_is_missing_where_nothing_is_hidden(nothing, tmp_path) -> None:
