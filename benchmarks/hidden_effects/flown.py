@@ -51,7 +51,8 @@ def tracked(case: Case, world: Path) -> dict[str, Any] | None:
     before, after = (
         Pilot(rig, Path(trained["packages"][name])) for name, rig in (("old", old), ("new", new))
     )
-    return compared(case, before, after) | {"retrain": {k: trained[k] for k in _OF_TRAINING}}
+    kept = trained.model_dump(mode="json", include=set(_OF_TRAINING))
+    return compared(case, before, after) | {"retrain": kept}
 
 
 def compared(

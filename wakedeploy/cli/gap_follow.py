@@ -68,13 +68,13 @@ def follow(
             progress(f"flying {planned.name}, {planned.flights} times")
             logs = after.flown(out, left, planned, _virtual(left, plant_rig, hooks))
         told = after.answered_again(out, left, logs, workers=workers, progress=progress)
-    click.echo(f"Before: {told['before']['headline']}")
-    click.echo(f"Now: {told['after']['headline']}")
-    if not after.is_settled(told):
+    click.echo(f"Before: {told.before.headline}")
+    click.echo(f"Now: {told.after.headline}")
+    if not told.is_settled:
         click.echo("It is still open; run this again to fly on, or see the report's next step.")
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
-        write_json(json_path, {key: told[key] for key in ("split", "new_logs", "before", "after")})
+        write_json(json_path, told.model_dump(mode="json", by_alias=True))
 
 
 def _virtual(left: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":

@@ -1,13 +1,12 @@
 """The result in plain words: what is missing, how sure that is, how much of the gap it closes.
 
-In: `result.json`, or more (see `steps.Steps.summary`). Out: sentences.
+In: the summary of a folder. Out: sentences.
 """
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, these, unconfirmed
 from wakedeploy.gap.report.first_screen import first_screen
@@ -15,7 +14,6 @@ from wakedeploy.gap.report.mattering import (
     NOTHING,
     explainable_sentences,
     form_sentences,
-    matters,
     repeated_sentences,
     small_clause,
     small_rest_sentences,
@@ -25,21 +23,26 @@ from wakedeploy.gap.report.mattering import (
 )
 from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, placebo, shrinking
 from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.artefacts import Place, White
 from wakedeploy.gap.search.places import forbids_none
+from wakedeploy.gap.systems.gantry.artefacts import (
+    Detectable,
+    Effect,
+    Expression,
+    Leading,
+    Retraining,
+    Sized,
+    Summary,
+)
 from wakedeploy.gap.wording import (
     confidence,
     counted,
-    entries,
     listed,
-    mapping,
-    number,
-    parameters_of,
+    measured,
     probability,
     quantity,
     span,
     spoken,
-    texts,
-    unit_of,
 )
 from wakedeploy.physics.effects import LIBRARY
 
@@ -51,61 +54,54 @@ _NOTHING_AT_ALL = "Nothing is missing from the model beyond noise."
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
-def account(result: Mapping[str, Any]) -> str:
+def account(told: Summary) -> str:
     """A short account of a result, one sentence or two per line: the first screen, then why.
 
-    Only `verdict` is needed; whatever else is missing or null is left out or shown as a dash.
+    Only `verdict` is needed; whatever else is missing is left out or shown as a dash.
     """
-    asked = [f"{question} {answer}" for question, answer in first_screen(result)]
+    asked = [f"{question} {answer}" for question, answer in first_screen(told)]
     apart = ["", "In detail:"] if asked else []
-    return "\n".join([verdict_sentence(result), *asked, *apart, *evidence(result)])
+    return "\n".join([verdict_sentence(told), *asked, *apart, *evidence(told)])
 
 
-def verdict_sentence(result: Mapping[str, Any]) -> str:
+def verdict_sentence(told: Summary) -> str:
     """What is missing, in one sentence; of too few flights, how many it takes to tell."""
-    flights = flight_count(result)
+    flights = flight_count(told)
     if cannot_tell(flights):
         return headline(flights)
-    told = _verdict_of(result)
-    if unconfirmed(flights) and result.get("verdict") in _CLAIMS:
-        told += f" {in_words(flights).capitalize()} say so; one more has to confirm it."
-    return told
+    sentence = _verdict_of(told)
+    if unconfirmed(flights) and told.verdict in _CLAIMS:
+        sentence += f" {in_words(flights).capitalize()} say so; one more has to confirm it."
+    return sentence
 
 
-def _verdict_of(result: Mapping[str, Any]) -> str:
+def _verdict_of(told: Summary) -> str:
     """The sentence of a verdict, whatever it rests on."""
-    verdict = result.get("verdict")
-    names = [str(e.get("name")) for e in entries(result.get("effects"))]
-    if verdict == "named" and names:
-        return _named_sentence(result)
-    if verdict == "class":
-        members, others = texts(result.get("class")), texts(result.get("others"))
-        more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
-        return _class_sentence(members, names) + more + _more_classes(result)
-    if verdict == "unknown" and entries(result.get("beside")):
+    if told.verdict == "named" and told.effects:
+        return _named_sentence(told)
+    if told.verdict == "class":
+        return _class_sentence(told)
+    if told.verdict == "unknown" and told.beside:
         return "Something is missing from the model, and known effects explain only a part of it."
-    if verdict == "unknown" and result.get("closest"):
-        near = (
-            f"the known effect that comes nearest, {result['closest']}, explains too little of it"
-        )
+    if told.verdict == "unknown" and told.closest:
+        near = f"the known effect that comes nearest, {told.closest}, explains too little of it"
         return f"Something is missing from the model; {near}."
-    if verdict == "unknown":
+    if told.verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
-    if verdict == "none":
-        return f"{NOTHING}." if _was_judged(result) else _NOTHING_AT_ALL
+    if told.verdict == "none":
+        return f"{NOTHING}." if _was_judged(told) else _NOTHING_AT_ALL
     return "No verdict yet."
 
 
-def _was_judged(result: Mapping[str, Any]) -> bool:
+def _was_judged(told: Summary) -> bool:
     """Whether something was found, and found not to count."""
-    small = mapping(result.get("small")) or mapping(result.get("explainable"))
-    return bool(entries(result.get("withdrawn")) or small)
+    return bool(told.withdrawn) or told.small is not None or told.explainable is not None
 
 
-def _named_sentence(result: Mapping[str, Any]) -> str:
+def _named_sentence(told: Summary) -> str:
     """The effects that matter, and those that are there and do not."""
-    names = [str(e.get("name")) for e in entries(result.get("effects")) if matters(e)]
-    small = small_clause(result)
+    names = [effect.name for effect in told.to_add]
+    small = small_clause(told)
     if not names:
         return f"{NOTHING}: {small}."
     several = "Effects" if len(names) > 1 else "Effect"
@@ -113,57 +109,67 @@ def _named_sentence(result: Mapping[str, Any]) -> str:
     return f"{several} missing from the model: {listed(names)}.{also}"
 
 
-def evidence(result: Mapping[str, Any]) -> list[str]:
+def _class_sentence(told: Summary) -> str:
+    """What is sure, the class, what is nearly as near, and what else is missing."""
+    sure = [effect.name for effect in told.effects if effect.name not in told.rivals]
+    several = "either" if len(told.rivals) == 2 else "one of"
+    members = f"{several} {listed(told.rivals, 'or')}; these flights cannot tell which."
+    known = f"{listed(sure)}, and " if sure else ""
+    others = told.others
+    more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
+    classes = [listed(each, "or") for each in told.more_classes if each]
+    besides = "".join(f" Besides, {each} is missing." for each in classes)
+    return f"Missing from the model: {known}{members}{more}{besides}"
+
+
+def evidence(told: Summary) -> list[str]:
     """The sentences that follow the verdict, in the order in which a reader asks for them."""
-    verdict = result.get("verdict")
-    if cannot_tell(flight_count(result)):
-        return _hints(result)
-    told = _values(result)
-    told += withdrawn_sentences(result) + small_rest_sentences(result)
-    told += explainable_sentences(result)
-    if verdict == "class":
-        told += worth_sentences(result, "The best of them") + _splitting(result)
-    if verdict == "unknown":
-        told += _part(result) + _rest(mapping(result.get("unknown"))) + worth_sentences(result)
-    told += form_sentences(result) + repeated_sentences(result) + unsettled_sentences(result)
-    told += _place(result)
-    told += shrinking(result) + placebo(result) + _retraining(result)
-    if verdict == "none":
-        told += _fitted_anew(result) + _detectable(result)
-    return told + _caveats(result) + _doubts(result)
+    if cannot_tell(flight_count(told)):
+        return _hints(told)
+    sentences = _values(told)
+    sentences += withdrawn_sentences(told) + small_rest_sentences(told.small)
+    sentences += explainable_sentences(told)
+    if told.verdict == "class":
+        sentences += worth_sentences(told.worth, "The best of them") + _splitting(told)
+    if told.verdict == "unknown":
+        sentences += _part(told.beside) + _rest(told.unknown) + worth_sentences(told.worth)
+    sentences += form_sentences(told) + repeated_sentences(told) + unsettled_sentences(told)
+    sentences += _place(told)
+    sentences += shrinking(told) + placebo(told) + _retraining(told)
+    if told.verdict == "none":
+        sentences += _fitted_anew(told.white_before) + _detectable(told.detectable)
+    return sentences + _caveats(told) + _doubts(told)
 
 
-def _hints(result: Mapping[str, Any]) -> list[str]:
+def _hints(told: Summary) -> list[str]:
     """What too few flights show, none of it a conclusion."""
-    told = leading_sentences(result) + _sizes_if(result) + _place(result) + _more_than_noise(result)
-    told += shrinking(result)
-    if mapping(result.get("leading")).get("clear"):
-        told.append("In brackets: 90 % intervals.")
-        told.append("No flight was kept apart: the error with it may look smaller than it is.")
-    return told + _bent(result) + _doubts(result)
+    sentences = leading_sentences(told) + _sizes_if(told.members) + _place(told)
+    sentences += _more_than_noise(told) + shrinking(told)
+    if told.leading is not None and told.leading.clear:
+        sentences.append("In brackets: 90 % intervals.")
+        sentences.append("No flight was kept apart: the error with it may look smaller than it is.")
+    return sentences + _bent(told) + _doubts(told)
 
 
-def leading_sentences(result: Mapping[str, Any]) -> list[str]:
+def leading_sentences(told: Summary) -> list[str]:
     """Which effect explains the most of few flights, by how much, and why that is not enough."""
-    leading = mapping(result.get("leading"))
-    names, gain = texts(leading.get("names")), number(leading.get("gain_nats"))
-    if not names or math.isnan(gain):
+    leading = told.leading
+    if leading is None or not leading.names or math.isnan(leading.gain_nats):
         return []
-    flights, several = flight_count(result), bool(names[1:])
-    if gain <= 0.0:
+    names, flights = leading.names, flight_count(told)
+    if leading.gain_nats <= 0.0:
         return [f"No effect stands out: none gains anything in {these(flights)}."]
-    gains = f"{_nats(gain)} nats in {these(flights)}"
-    if not leading.get("clear"):
+    gains = f"{_nats(leading.gain_nats)} nats in {these(flights)}"
+    if not leading.clear:
         return [f"No effect stands out: the best, {names[0]}, gains {gains}{_by_chance(leading)}."]
-    others = texts(leading.get("others"))
-    more = f" ({listed(others)} nearly as much)" if others else ""
-    told = f"{listed(names)} lead: they gain about" if several else f"{names[0]} leads: it gains"
-    after = f", the next, {leading['next']}, " if leading.get("next") else ""
-    after += _nats(number(leading.get("next_nats"))) if after else ""
+    several = len(names) > 1
+    more = f" ({listed(leading.others)} nearly as much)" if leading.others else ""
+    lead = f"{listed(names)} lead: they gain about" if several else f"{names[0]} leads: it gains"
+    after = f", the next, {leading.next}, {_nats(leading.next_nats)}" if leading.next else ""
     what = "which it is" if several else "it"
     verb = "tell" if several else "confirm"
     return [
-        f"{told} {gains}{more}{after}{_by_chance(leading)}. "
+        f"{lead} {gains}{more}{after}{_by_chance(leading)}. "
         f"{in_words(flights).capitalize()} cannot {verb} {what}."
     ]
 
@@ -172,99 +178,85 @@ def _nats(gain: float) -> str:
     return f"{gain:.{0 if abs(gain) >= 10.0 else 1}f}".replace("-", "−")
 
 
-def _by_chance(leading: Mapping[str, Any]) -> str:
+def _by_chance(leading: Leading) -> str:
     """What an effect has to gain before it is more than chance."""
-    least = number(leading.get("threshold_nats"))
-    if math.isnan(least):
+    if math.isnan(leading.threshold_nats):
         return "; what chance alone gives on this rig is not simulated yet"
-    return f"; chance alone gives up to {least:.1f}"
+    return f"; chance alone gives up to {leading.threshold_nats:.1f}"
 
 
-def _fitted_anew(result: Mapping[str, Any]) -> list[str]:
+def _fitted_anew(white: White | None) -> list[str]:
     """Why nothing is missing although the first fit of the rig file left more than noise."""
-    if mapping(result.get("white_before")).get("passes") is not False:
+    if white is None or white.passes:
         return []
     return ["Noise and calibration, fitted anew beside the effects tried, leave only noise."]
 
 
-def _more_than_noise(result: Mapping[str, Any]) -> list[str]:
+def _more_than_noise(told: Summary) -> list[str]:
     """That few flights as a whole do not look like noise under the rig file as it is."""
-    white = mapping(result.get("white_before"))
-    if white.get("passes") is not False:
+    white = told.white_before
+    if white is None or white.passes:
         return []
-    whole = f"Taken as a whole, {these(flight_count(result))} left more than noise"
+    whole = f"Taken as a whole, {these(flight_count(told))} left more than noise"
     return [f"{whole} under the rig file as it is ({whiteness_words(white)})."]
 
 
-def _class_sentence(members: list[str], named: list[str]) -> str:
-    sure = [name for name in named if name not in members]
-    several = "either" if len(members) == 2 else "one of"
-    one = f"{several} {listed(members, 'or')}; these flights cannot tell which."
-    if sure:
-        return f"Missing from the model: {listed(sure)}, and {one}"
-    return f"Missing from the model: {one}"
-
-
-def _more_classes(result: Mapping[str, Any]) -> str:
-    """What else is missing, and cannot be told from rivals of its own."""
-    classes = [texts(each) for each in result.get("more_classes") or ()]
-    told = [listed(each, "or") for each in classes if each]
-    return "".join(f" Besides, {each} is missing." for each in told)
-
-
-def _values(result: Mapping[str, Any]) -> list[str]:
+def _values(told: Summary) -> list[str]:
     """One sentence per effect: its values, how sure the name is, its physics; then of a class."""
-    told = []
-    for effect in entries(result.get("effects")):
-        name = str(effect.get("name"))
-        values = [f"{spoken(each)} {value}" for each, value in parameters_of(effect)]
-        sure = number(effect.get("confidence"))
-        if not math.isnan(sure) and not unconfirmed(flight_count(result)):
-            values.append(f"{confidence(sure)} sure")
-        physics = f" {LIBRARY[name].physics}" if name in LIBRARY else ""
-        told.append(f"{name}: {', '.join(values) or 'without parameters'}.{physics}")
-        told += worth_sentences(effect) + _at_bound(effect) + _may_be_nothing(effect)
-    return told + _sizes_if(result)
+    sentences = []
+    for effect in told.effects:
+        values = _spoken_values(effect)
+        if not math.isnan(effect.confidence) and not unconfirmed(flight_count(told)):
+            values.append(f"{confidence(effect.confidence)} sure")
+        physics = f" {LIBRARY[effect.name].physics}" if effect.name in LIBRARY else ""
+        sentences.append(f"{effect.name}: {', '.join(values) or 'without parameters'}.{physics}")
+        sentences += worth_sentences(effect.worth) + _at_bound(effect) + _may_be_nothing(effect)
+    return sentences + _sizes_if(told.members)
 
 
-def _sizes_if(result: Mapping[str, Any]) -> list[str]:
+def _spoken_values(effect: Sized) -> list[str]:
+    return [
+        f"{spoken(name)} {measured(size.value, size.low, size.high, size.unit)}"
+        for name, size in effect.parameters.items()
+    ]
+
+
+def _sizes_if(members: Sequence[Effect]) -> list[str]:
     """The sizes of each effect of a class, or of those that lead."""
-    told = []
-    for member in entries(result.get("members")):
-        values = [f"{spoken(each)} {value}" for each, value in parameters_of(member)]
-        told.append(f"If it is {member.get('name')}: {', '.join(values) or 'without parameters'}.")
-    return told
+    return [
+        f"If it is {member.name}: {', '.join(_spoken_values(member)) or 'without parameters'}."
+        for member in members
+    ]
 
 
-def _may_be_nothing(effect: Mapping[str, Any]) -> list[str]:
+def _may_be_nothing(effect: Sized) -> list[str]:
     """That an effect gained what it must, and the flights still do not agree that it is there."""
-    sizes = [mapping(p) for p in mapping(effect.get("parameters")).values()]
-    if not sizes or not all(p.get("holds_neutral") is True for p in sizes):
+    sizes = effect.parameters.values()
+    if not sizes or not all(size.holds_neutral for size in sizes):
         return []
     return [
-        f"Doubt {effect.get('name')}: its interval reaches to where it changes nothing, so the "
+        f"Doubt {effect.name}: its interval reaches to where it changes nothing, so the "
         "flights do not agree on it; more of them would tell."
     ]
 
 
-def _at_bound(effect: Mapping[str, Any]) -> list[str]:
+def _at_bound(effect: Sized) -> list[str]:
     """That sizes of an effect are the library's bounds rather than estimates."""
-    sizes = mapping(effect.get("parameters")).items()
-    ends = [spoken(str(name)) for name, p in sizes if mapping(p).get("at_bound") is True]
+    ends = [spoken(name) for name, size in effect.parameters.items() if size.at_bound]
     if not ends:
         return []
     stand = "stand at the ends of their ranges" if ends[1:] else "stands at the end of its range"
     return [
-        f"The {listed(ends)} of {effect.get('name')} {stand}: the effect may have another shape, "
+        f"The {listed(ends)} of {effect.name} {stand}: the effect may have another shape, "
         "or be stronger than the library allows."
     ]
 
 
-def _splitting(result: Mapping[str, Any]) -> list[str]:
-    plan = mapping(result.get("plan"))
-    split_by = str(plan.get("sentence") or result.get("split_by") or "").rstrip(".")
+def _splitting(told: Summary) -> list[str]:
+    plan = told.plan
+    split_by = ((plan.sentence if plan else "") or told.split_by).rstrip(".")
     asked = "`wakedeploy gap plan`, with the same --rig and --out,"
-    if plan.get("manoeuvre"):
+    if plan is not None and plan.manoeuvre:
         flown = "writes it with --write-reference FILE, which `run-gantry --reference` flies"
         return [f"What would tell them apart: {split_by}.", f"{asked} {flown}."]
     if not split_by:
@@ -275,205 +267,178 @@ def _splitting(result: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def _part(result: Mapping[str, Any]) -> list[str]:
+def _part(known: Sequence[Sized]) -> list[str]:
     """The effects that explain a part of what is unknown."""
-    known = entries(result.get("beside"))
     if not known:
         return []
-    names = listed([str(effect.get("name")) for effect in known])
-    bounds = [told for effect in known for told in _at_bound(effect)]
+    names = listed([effect.name for effect in known])
+    bounds = [sentence for effect in known for sentence in _at_bound(effect)]
     which = "which are not added by themselves" if known[1:] else "which is not added by itself"
     return [f"A part of it looks like {names}, {which}.", *bounds]
 
 
-def _rest(unknown: Mapping[str, Any]) -> list[str]:
+def _rest(unknown: Expression | None) -> list[str]:
     """What is known of an effect without a name."""
-    told = []
-    coordinates = texts(unknown.get("coordinates"))
-    if coordinates:
-        told.append(f"What is left depends on the {listed([coordinate(c) for c in coordinates])}.")
-    expression = unknown.get("text") or unknown.get("expression")
-    if expression:
-        gain = number(unknown.get("gain_nats"))
+    sentences = []
+    if unknown is not None and unknown.coordinates:
+        names = listed([coordinate(c) for c in unknown.coordinates])
+        sentences.append(f"What is left depends on the {names}.")
+    expression = "" if unknown is None else unknown.text or unknown.expression
+    if unknown is not None and expression:
+        gain = unknown.gain_nats
         gains = "" if math.isnan(gain) else f", which explains {gain:.0f} nats of it"
-        told.append(f"As an expression{gains}: {expression}")
-    return told
+        sentences.append(f"As an expression{gains}: {expression}")
+    return sentences
 
 
-def _place(result: Mapping[str, Any]) -> list[str]:
+def _place(told: Summary) -> list[str]:
     """Where the disagreement is strongest, in words that the verdict can stand beside."""
-    places = entries(result.get("places")) or entries(result.get("where"))
-    places = [place for place in places if number(place.get("q_value")) <= RULES.false_discoveries]
-    few = cannot_tell(flight_count(result))
-    claims = result.get("verdict") in _CLAIMS and not few
+    places = [p for p in told.places or () if p.q_value <= RULES.false_discoveries]
+    few = cannot_tell(flight_count(told))
+    claims = told.verdict in _CLAIMS and not few
     if not places:
-        known = "places" in result or "where" in result
+        known = told.places is not None
         return ["No single place stands out: it shows in the flights as a whole."] * (
             known and claims
         )
-    words = place_words(places[0])
+    words, q = place_words(places[0]), probability("q", places[0].q_value)
     at = "" if words.startswith(_NEEDS_NO_AT) else "at "
     if claims:
-        return [f"It shows most ({_q(places[0])}) {at}{words}."]
+        return [f"It shows most ({q}) {at}{words}."]
     if few and forbids_none(places):
-        one = flight_count(result) == 1
-        subject = f"{these(flight_count(result)).capitalize()} disagree{'s' * one}"
-        told = f"{subject} most with the rig file ({_q(places[0])}) {at}{words}"
-        return [f"{told}; whether others would, {'it' if one else 'they'} cannot tell."]
-    return [f"Too little to say that something is missing ({_q(places[0])}): {words}."]
+        alone = flight_count(told) == 1
+        subject = f"{these(flight_count(told)).capitalize()} disagree{'s' * alone}"
+        most = f"{subject} most with the rig file ({q}) {at}{words}"
+        return [f"{most}; whether others would, {'it' if alone else 'they'} cannot tell."]
+    return [f"Too little to say that something is missing ({q}): {words}."]
 
 
-def place_words(place: Mapping[str, Any]) -> str:
+def place_words(place: Place) -> str:
     """A place in words: those it came with, without the q value, or made of its bounds."""
-    if place.get("words"):
-        return _STATED_Q.sub("", str(place["words"]).rstrip("."))
-    where = span(place.get("low"), place.get("high"), str(place.get("coordinate_unit", "")))
-    residual = quantity(place.get("residual"), str(place.get("unit", "")), signed=True)
-    return f"at {place.get('coordinate')} {where}: {place.get('channel')} {residual}"
+    if place.words:
+        return _STATED_Q.sub("", place.words.rstrip("."))
+    where = span(place.low, place.high, place.coordinate_unit)
+    residual = quantity(place.residual, place.unit, signed=True)
+    return f"at {place.coordinate} {where}: {place.channel} {residual}"
 
 
-def _q(place: Mapping[str, Any]) -> str:
-    return probability("q", place.get("q_value"))
-
-
-def _of_the_ratio(scores: Mapping[str, Any]) -> str:
+def _of_the_ratio(scores: Retraining) -> str:
     """What the flights say of new over old; nothing of one flight alone."""
-    ends = scores.get("ratio_interval")
-    if not isinstance(ends, list) or len(ends) != 2:
+    if scores.ratio_interval is None:
         return ""
-    low, high = ends
-    told = f" That is {number(scores.get('ratio')):.2f} of it, {low:.2f} to {high:.2f} over flights"
+    low, high = scores.ratio_interval
+    told = f" That is {scores.ratio:.2f} of it, {low:.2f} to {high:.2f} over flights"
     return f"{told}: they cannot tell whether it helps." if low < 1.0 < high else f"{told}."
 
 
-def _retraining(result: Mapping[str, Any]) -> list[str]:
-    retrain = mapping(result.get("retrain"))
-    if not retrain:
+def _retraining(told: Summary) -> list[str]:
+    scores = told.retrain
+    if scores is None:
         return []
-    unit = unit_of(retrain)
-    old, new = (quantity(retrain.get(key), unit) for key in ("old_rmse", "new_rmse"))
-    scored = len(texts(retrain.get("scored_on")))
-    if result.get("in_sample") or result.get("cross_validated"):
+    old, new = (quantity(error, scores.unit) for error in (scores.old_rmse, scores.new_rmse))
+    count = len(scores.scored_on)
+    if told.in_sample or told.cross_validated:
         where = "on the very flights that the effect was found in"
     else:
-        where = f"on {counted(scored, 'sealed flight')}" if scored else "on measured data"
-    told = f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."
-    told += _of_the_ratio(retrain)
-    by_old = mapping(retrain.get("by_old_label"))
-    if by_old:
-        old, new = (quantity(by_old.get(key), unit) for key in ("old_rmse", "new_rmse"))
-        told += (
+        where = f"on {counted(count, 'sealed flight')}" if count else "on measured data"
+    sentence = f"A predictor trained on the corrected rig errs by {new} {where}; before, {old}."
+    sentence += _of_the_ratio(scores)
+    by_old = scores.by_old_label
+    if by_old is not None:
+        old, new = (quantity(error, scores.unit) for error in (by_old.old_rmse, by_old.new_rmse))
+        sentence += (
             " The force there is measured with the corrected rig; by the force that the old one "
             f"measures, {new} and {old}."
         )
-    return [told]
+    return [sentence]
 
 
-def _detectable(result: Mapping[str, Any]) -> list[str]:
+def _detectable(sizes: Mapping[str, Detectable]) -> list[str]:
     """What would have been seen, had it been there."""
-    sizes = detectable_sizes(result)
-    hidden = undetectable(result)
+    found, hidden = detectable_sizes(sizes), undetectable(sizes)
     blind = [f"No plausible size of these would have shown: {listed(hidden)}."] if hidden else []
-    if bent := untold(result):
+    if bent := untold(sizes):
         blind.append(f"From which size these would have shown is not known: {listed(bent)}.")
-    if not sizes:
+    if not found:
         return blind
-    shown = [f"{name}, {parameter} off by {size}" for name, parameter, size in sizes[:_MOST]]
-    more = len(sizes) - len(shown)
+    shown = [f"{name}, {parameter} off by {size}" for name, parameter, size in found[:_MOST]]
+    more = len(found) - len(shown)
     tail = f"; {more} more in the report" if more > 0 else ""
     return [f"What these flights would have shown: {'; '.join(shown)}{tail}.", *blind]
 
 
-def detectable_sizes(result: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+def detectable_sizes(sizes: Mapping[str, Detectable]) -> list[tuple[str, str, str]]:
     """(effect, parameter, smallest size that would have been found) where that is known."""
     return [
-        (
-            str(name),
-            spoken(str(size.get("parameter", "size"))),
-            quantity(size.get("size"), unit_of(size)),
-        )
-        for name, size in mapping(result.get("detectable")).items()
-        if isinstance(size, Mapping) and not math.isnan(number(size.get("size")))
+        (name, spoken(size.parameter), quantity(size.size, size.unit))
+        for name, size in sizes.items()
+        if not math.isnan(size.size)
     ]
 
 
-def undetectable(result: Mapping[str, Any]) -> list[str]:
+def undetectable(sizes: Mapping[str, Detectable]) -> list[str]:
     """Effects that would not have been found at any size within their bounds."""
-    return _sizeless(result, known=True)
+    return [name for name, size in sizes.items() if math.isnan(size.size) and size.known]
 
 
-def untold(result: Mapping[str, Any]) -> list[str]:
+def untold(sizes: Mapping[str, Detectable]) -> list[str]:
     """Effects that are so far from linear that no size can be told without flying them."""
-    return _sizeless(result, known=False)
+    return [name for name, size in sizes.items() if math.isnan(size.size) and not size.known]
 
 
-def _sizeless(result: Mapping[str, Any], *, known: bool) -> list[str]:
-    return [
-        str(name)
-        for name, size in mapping(result.get("detectable")).items()
-        if isinstance(size, Mapping)
-        and math.isnan(number(size.get("size")))
-        and bool(size.get("known", True)) is known
-    ]
-
-
-def _caveats(result: Mapping[str, Any]) -> list[str]:
-    told = []
-    if entries(result.get("effects")) or gap_channel(result)[1].get("before_interval"):
-        told.append("In brackets: 90 % intervals.")
-    if result.get("in_sample") or result.get("cross_validated"):
-        told.append("There were too few flights to seal any: the gap may look smaller than it is.")
-    used = texts(mapping(result.get("split")).get("fit"))
-    logs = [log for log in entries(result.get("logs")) if log.get("path") in used]
-    flown_s = sum(number(log.get("seconds")) for log in logs)
-    simulated_s = number(result.get("threshold_of_s"))
-    if flown_s > _MUCH_MORE * simulated_s:
-        told.append(
-            f"The thresholds were simulated for {simulated_s:.0f} s of flight, these are "
+def _caveats(told: Summary) -> list[str]:
+    sentences = []
+    _, channel = gap_channel(told)
+    if told.effects or (channel is not None and not math.isnan(channel.before_interval[0])):
+        sentences.append("In brackets: 90 % intervals.")
+    if told.in_sample or told.cross_validated:
+        few = "There were too few flights to seal any: the gap may look smaller than it is."
+        sentences.append(few)
+    flown_s = sum(log.seconds for log in told.logs if log.path in told.split.fit)
+    if flown_s > _MUCH_MORE * told.threshold_of_s:
+        sentences.append(
+            f"The thresholds were simulated for {told.threshold_of_s:.0f} s of flight, these are "
             f"{flown_s:.0f} s: what is approximate in the model shows more in so many, and an "
             "effect that barely passed may be that."
         )
-    told += _bent(result)
-    white = mapping(result.get("white"))
-    if white.get("passes") is False and result.get("verdict") == "unknown":
-        told.append(f"What is left over is not white noise ({whiteness_words(white)}).")
-    return told
+    sentences += _bent(told)
+    white = told.white
+    if white is not None and not white.passes and told.verdict == "unknown":
+        sentences.append(f"What is left over is not white noise ({whiteness_words(white)}).")
+    return sentences
 
 
-def _bent(result: Mapping[str, Any]) -> list[str]:
+def _bent(told: Summary) -> list[str]:
     """Constants that had to be bent: errors are those of the rig file as recalibrated by this."""
-    flights = flight_count(result)
+    flights = flight_count(told)
     few = cannot_tell(flights)
     agree = (
         f"{these(flights).capitalize()} agree{'s' * (flights == 1)}" if few else "The flights agree"
     )
     return [
-        f"{agree} only with {one.get('name')} at {number(one.get('fitted')):.3g}, where "
-        f"the rig file has {number(one.get('stated')):.3g} ± {number(one.get('spread')):.2g} "
-        f"({number(one.get('away_sd')):.1f} of its spreads away); errors told here are with it."
+        f"{agree} only with {bent.name} at {bent.fitted:.3g}, where "
+        f"the rig file has {bent.stated:.3g} ± {bent.spread:.2g} "
+        f"({bent.away_sd:.1f} of its spreads away); errors told here are with it."
         f"{'' if few else ' Calibrate it again.'}"
-        for one in entries(result.get("calibration"))
+        for bent in told.calibration
     ]
 
 
-def _doubts(result: Mapping[str, Any]) -> list[str]:
+def _doubts(told: Summary) -> list[str]:
     """What the flights cannot tell, or what had to be assumed of them, each said once."""
-    logs = entries(result.get("logs"))
-    doubts = dict.fromkeys(note for log in logs for note in texts(log.get("notes")))
-    told = []
-    for doubt in doubts:
-        doubtful = [log for log in logs if doubt in texts(log.get("notes"))]
-        names = [Path(str(log.get("path"))).name for log in doubtful]
-        where = "every flight" if len(names) == len(logs) else listed(names)
-        told.append(f"In {where}: {doubt}.")
-    return told
+    sentences = []
+    for doubt in dict.fromkeys(note for log in told.logs for note in log.notes):
+        names = [Path(log.path).name for log in told.logs if doubt in log.notes]
+        where = "every flight" if len(names) == len(told.logs) else listed(names)
+        sentences.append(f"In {where}: {doubt}.")
+    return sentences
 
 
-def whiteness_words(white: Mapping[str, Any]) -> str:
+def whiteness_words(white: White) -> str:
     """The statistic beside what noise alone hardly exceeds; the p value where no limit is known."""
-    if math.isnan(number(white.get("limit"))):
-        return probability("p", white.get("p_value"))
-    statistic, limit = (quantity(white.get(key), "") for key in ("statistic", "limit"))
+    if math.isnan(white.limit):
+        return probability("p", white.p_value)
+    statistic, limit = (quantity(each, "") for each in (white.statistic, white.limit))
     return f"statistic {statistic}, of noise alone at most {limit}"
 
 

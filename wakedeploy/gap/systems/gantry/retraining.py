@@ -26,6 +26,7 @@ from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.systems.gantry.artefacts import Interval, Retraining, Scores
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import parse_rig
 
@@ -59,7 +60,7 @@ def retrain(
     epochs: int = EPOCHS,
     workers: int = 2,
     progress: Progress = quiet,
-) -> dict[str, Any]:
+) -> Retraining:
     """Train the same small predictor on both rigs' simulations; score both on measured flights.
 
     Give flights that took no part in finding what the corrected rig has, where there are some.
@@ -94,20 +95,19 @@ def retrain(
     progress(stage)
     packages = _in_processes(jobs, workers, functools.partial(progress, stage))
     predictors = {name: read_package(path) for name, path in packages.items()}
-    return {
-        "unit": "N",
-        **_scores(predictors, truth),
-        "by_old_label": _scores(predictors, by_old),
-        "scored_on": [
+    return Retraining(
+        **dict(_scores(predictors, truth)),
+        by_old_label=_scores(predictors, by_old),
+        scored_on=[
             str(log) if isinstance(log, Path) else n for n, log in zip(logs, measured, strict=True)
         ],
-        "label_sd": _rms(truth, "sd"),
-        "measured_rms": _rms(truth, "force"),
-        "arch": arch,
-        "minutes": minutes,
-        "lead_s": {name: default_lead_s(rig) for name, rig in rigs.items()},
-        "packages": {name: str(path) for name, path in packages.items()},
-    }
+        label_sd=_rms(truth, "sd"),
+        measured_rms=_rms(truth, "force"),
+        arch=arch,
+        minutes=minutes,
+        lead_s={name: default_lead_s(rig) for name, rig in rigs.items()},
+        packages={name: str(path) for name, path in packages.items()},
+    )
 
 
 def fly_both(
@@ -181,9 +181,8 @@ def _opened(log: RunLog | Path) -> RunLog:
     return log if isinstance(log, RunLog) else read_run_log(log)
 
 
-def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
-    """`<name>_rmse` with its interval for each package, and the ratio of the last to the first."""
-    told: dict[str, Any] = {}
+def _scores(packages: Mapping[str, Package], flights: Flown) -> Scores:
+    """Both packages' errors with intervals, and the ratio of the new one's to the old one's."""
     sums = {
         name: np.array([_squares(package, episodes) for episodes in flights.values()])
         for name, package in packages.items()
@@ -193,14 +192,21 @@ def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
         raise UnusableInput(
             "No measured flight is longer than the predictor's memory and lead; fly 8 s or more."
         )
-    for name, each in sums.items():
-        told[f"{name}_rmse"], told[f"{name}_rmse_interval"] = rms_over_flights(each[scored])
-    old, new = (each[scored] for each in sums.values())
-    told["ratio"], told["ratio_interval"] = rms_ratio(old, new)
-    return told | {"flights": int(scored.sum())}
+    old, new = sums["old"][scored], sums["new"][scored]
+    (old_rmse, of_old), (new_rmse, of_new) = rms_over_flights(old), rms_over_flights(new)
+    ratio, of_ratio = rms_ratio(old, new)
+    return Scores(
+        old_rmse=old_rmse,
+        old_rmse_interval=of_old,
+        new_rmse=new_rmse,
+        new_rmse_interval=of_new,
+        ratio=ratio,
+        ratio_interval=of_ratio,
+        flights=int(scored.sum()),
+    )
 
 
-def rms_over_flights(sums: FloatArray) -> tuple[float, list[float] | None]:
+def rms_over_flights(sums: FloatArray) -> tuple[float, Interval]:
     """Root mean square from each flight's sum of squares and count (k, 2), and its 90 % interval.
 
     Flights are the clusters of a ratio estimate; its logarithm is taken as t distributed with
@@ -210,7 +216,7 @@ def rms_over_flights(sums: FloatArray) -> tuple[float, list[float] | None]:
     return math.exp(value), _interval(value, influence)
 
 
-def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, list[float] | None]:
+def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, Interval]:
     """Root mean square of `new` over that of `old`, (k, 2) each, flights paired, and its interval.
 
     What makes a flight hard for both, such as a rough wake, does not widen it.
@@ -227,13 +233,13 @@ def _log_rms(sums: FloatArray) -> tuple[float, FloatArray]:
     return 0.5 * math.log(mean), np.asarray(influence)
 
 
-def _interval(value: float, influence: FloatArray) -> list[float] | None:
+def _interval(value: float, influence: FloatArray) -> Interval:
     k = len(influence)
     if k < 2:
         return None
     spread = math.sqrt(k / (k - 1) * float(np.square(influence).sum()))
     reach = float(student.ppf(0.5 + LEVEL / 2.0, k - 1)) * spread
-    return [math.exp(value - reach), math.exp(value + reach)]
+    return math.exp(value - reach), math.exp(value + reach)
 
 
 def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, float]:

@@ -13,6 +13,7 @@ import numpy as np
 
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
+from wakedeploy.gap.systems.gantry.artefacts import Sized
 from wakedeploy.gap.systems.gantry.discrepancy import PREFIX
 from wakedeploy.gap.systems.gantry.reference.learning import Reference
 from wakedeploy.gap.systems.gantry.search.answer import sizes_of
@@ -101,7 +102,7 @@ def corrected(reference: Reference) -> Rig:
     )
     digest = sha256_of("".join(f.sha256 for f in reference.flights).encode())
     found = [
-        entry_of({"name": n, "parameters": sizes_of(reference.fit, n)}, digest, date)
+        entry_of(Sized(name=n, parameters=sizes_of(reference.fit, n)), digest, date)
         for n in reference.fit.hypothesis
     ]
     return rig.model_copy(update={"effect": (*rig.effect, *found)})

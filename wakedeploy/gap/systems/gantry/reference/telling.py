@@ -35,7 +35,10 @@ def as_json(reference: Reference) -> dict[str, Any]:
             for o in reference.odd
         ],
         "constants": [one.as_json() for one in constants_learned(reference)],
-        "effects": {n: sizes_of(reference.fit, n) for n in reference.fit.hypothesis},
+        "effects": {
+            name: {p: size.model_dump() for p, size in sizes_of(reference.fit, name).items()}
+            for name in reference.fit.hypothesis
+        },
         "form_force_n": form_force_n(reference),
         "sentences": sentences(reference),
     }
@@ -60,8 +63,8 @@ def sentences(reference: Reference) -> list[str]:
     told += [_variation(one) for one in reference.own]
     for name in reference.fit.hypothesis:
         for parameter, size in sizes_of(reference.fit, name).items():
-            ends = f"[{size['low']:.3g}, {size['high']:.3g}]"
-            told.append(f"{name}: {parameter} {size['value']:.3g} {size['unit']} {ends}.")
+            ends = f"[{size.low:.3g}, {size.high:.3g}]"
+            told.append(f"{name}: {parameter} {size.value:.3g} {size.unit} {ends}.")
     moved = [
         f"{c.name} {c.stated:.4g} → {c.value:.4g} ± {c.spread:.2g}"
         for c in constants_learned(reference)

@@ -14,7 +14,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from wakedeploy.core import rig
 from wakedeploy.core.errors import UnusableInput, one_line
@@ -42,6 +41,7 @@ from wakedeploy.gap.evidence.inference import (
     held_out,
 )
 from wakedeploy.gap.evidence.ranking import Candidate, rank
+from wakedeploy.gap.systems.gantry import artefacts
 from wakedeploy.gap.systems.gantry.search.expression_terms import (
     TERMS,
     is_wave_in_time,
@@ -102,19 +102,20 @@ class Symbolic:
         """The sum over the episodes, and what the priors say."""
         return float(self.gains.sum()) + self.prior_gain
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def told(self) -> artefacts.Expression:
         """What `name.json` says under "unknown"."""
-        return {
-            "coordinates": list(self.coordinates),
-            "expression": self.expression,
-            "text": self.text,
-            "gain_nats": self.gain_nats,
-            "terms": list(self.terms),
-            "parameters": {
-                c.name: {"value": c.value, "low": c.low, "high": c.high, "unit": c.unit}
+        return artefacts.Expression(
+            coordinates=list(self.coordinates),
+            expression=self.expression,
+            text=self.text,
+            gain_nats=self.gain_nats,
+            terms=list(self.terms),
+            parameters={
+                c.name: artefacts.Size(value=c.value, low=c.low, high=c.high, unit=c.unit)
                 for c in self.coefficients
             },
-        }
+        )
 
 
 def search(
@@ -149,7 +150,7 @@ def search(
 
 
 def to_effect(
-    symbolic: Symbolic | Mapping[str, Any],
+    symbolic: Symbolic | artefacts.Expression,
     data_sha256: str | None = None,
     date: str | None = None,
     onto: rig.Effect | None = None,
@@ -159,11 +160,11 @@ def to_effect(
     `onto` is the symbolic force that the rig has already; both are summed. Raises UnusableInput for
     what is no expression in the variables and its own parameters.
     """
-    known = symbolic.as_json() if isinstance(symbolic, Symbolic) else symbolic
+    known = symbolic.told if isinstance(symbolic, Symbolic) else symbolic
     try:
-        stated = {n: rig.EffectParameter(**p) for n, p in known["parameters"].items()}
-        expression = expression_of(str(known["expression"]), stated)
-    except (KeyError, TypeError, ValueError) as error:
+        stated = known.entries()
+        expression = expression_of(known.expression, stated)
+    except ValueError as error:
         raise UnusableInput(
             f"The result's unknown force cannot be read ({one_line(error)}); name it again."
         ) from error

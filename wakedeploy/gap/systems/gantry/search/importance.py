@@ -9,19 +9,21 @@ block against the same model without it, what it gains in likelihood there, and 
 placebo: a wrong effect.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, fit
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.search.artefacts import Forecast
+from wakedeploy.gap.systems.gantry.artefacts import Tracking, Worth
 from wakedeploy.gap.systems.gantry.effect_force import Cost, cost_of
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.before_after import Shown, wrong_effects
+from wakedeploy.gap.systems.gantry.search.before_after import Shown, under, wrong_effects
 from wakedeploy.gap.systems.gantry.search.refitting import reduced
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 
@@ -42,9 +44,10 @@ class Removed:
         """Whether it is a share that counts, and surely not nothing."""
         return self.share >= RULES.least_share and self.low > 0.0
 
-    def as_json(self) -> dict[str, float]:
+    @property
+    def told(self) -> Forecast:
         """As `name.json` holds it."""
-        return {"share": self.share, "low": self.low, "high": self.high}
+        return Forecast(share=self.share, low=self.low, high=self.high)
 
 
 @dataclass(frozen=True)
@@ -91,23 +94,22 @@ class Mattering:
         surely = self.speaks or any(r.clearly for r in counts)
         return self.helps and not spoils and bool(counts) and surely
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def told(self) -> Worth:
         """As `name.json` holds it."""
-        return {
-            "matters": self.matters,
-            "confirmed": self.is_confirmed,
-            "removed": {f"{h:g} s ahead": r.as_json() for h, r in self.removed.items()},
-            "sealed_gain_nats": self.gain_nats,
-            "force_n": self.cost.force_n,
-            "tracking_m": {
-                "value": self.cost.tracking_m,
-                "low": self.cost.low_m,
-                "high": self.cost.high_m,
-            },
-            "placebo_removed": self.placebo_shares
-            and {f"{h:g} s ahead": share for h, share in self.placebo_shares.items()},
-            "placebo_gain_nats": self.placebo_nats,
-        }
+        wrong = self.placebo_shares
+        return Worth(
+            matters=self.matters,
+            confirmed=self.is_confirmed,
+            removed={f"{h:g} s ahead": r.told for h, r in self.removed.items()},
+            sealed_gain_nats=self.gain_nats,
+            force_n=self.cost.force_n,
+            tracking_m=Tracking(
+                value=self.cost.tracking_m, low=self.cost.low_m, high=self.cost.high_m
+            ),
+            placebo_removed=wrong and {f"{h:g} s ahead": share for h, share in wrong.items()},
+            placebo_gain_nats=math.nan if self.placebo_nats is None else self.placebo_nats,
+        )
 
 
 def mattering(
@@ -179,15 +181,6 @@ class _Judge:
         """Under the best wrong effect, as the search fitted it; None where there is no other."""
         wrong = wrong_effects(found.tried, found.fit.hypothesis, members)
         return self.errors(found.base_model, wrong[0].fit) if wrong else None
-
-
-def under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
-    """The flights under a fit, or each under what the others of them say (`crossed`)."""
-    if not crossed:
-        return Shown.of(flights, fitted)
-    others = [[j for j in range(flights.episodes) if j != i] for i in range(flights.episodes)]
-    fits = [fit(fitted_in, fitted.hypothesis, some, fitted.theta) for some in others]
-    return Shown.left_out(flights, fits)
 
 
 def _blocks(shown: Shown, horizon_s: float) -> list[FloatArray]:

@@ -8,12 +8,11 @@ In: the flights, an answer. Out: what each half leads with, at which size, and w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
+from wakedeploy.gap.systems.gantry.artefacts import Half, Repeated
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
@@ -23,36 +22,6 @@ from wakedeploy.physics.effects import LIBRARY
 FEWEST = 2 * RULES.fewest_flights
 _RIVALS = 3  # of the whole search's ranking that each half looks at as well
 _PROMISING = 3
-
-
-@dataclass(frozen=True)
-class Half:
-    """One half's answer: what leads there, what it gains, and its first parameter's interval."""
-
-    flights: tuple[str, ...]
-    leading: str
-    gain_nats: float
-    near: tuple[str, ...]  # all within a class's width of the leading one
-    parameter: str
-    low: float
-    high: float
-    unit: str
-
-    def as_json(self) -> dict[str, Any]:
-        """As `name.json` holds it."""
-        return {**vars(self), "flights": list(self.flights), "near": list(self.near)}
-
-
-@dataclass(frozen=True)
-class Repeated:
-    """Both halves; `agree` where both lead with what the whole search found, at one size."""
-
-    halves: tuple[Half, Half]
-    agree: bool
-
-    def as_json(self) -> dict[str, Any]:
-        """As `name.json` holds it."""
-        return {"agree": self.agree, "halves": [half.as_json() for half in self.halves]}
 
 
 def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
@@ -68,8 +37,8 @@ def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
     moved = with_terms(GantryModel(answer.model.rig, sealed)).around_own_motion(answer.base)
     flights = (*answer.base_model.flights, *moved.flights)
     wanted = _shortlist(answer, found)
-    halves = tuple(_half(answer, flights[start::2], found, wanted) for start in (0, 1))
-    return Repeated((halves[0], halves[1]), _agree(halves[0], halves[1], found))
+    halves = [_half(answer, flights[start::2], found, wanted) for start in (0, 1)]
+    return Repeated(agree=_agree(halves[0], halves[1], found), halves=halves)
 
 
 def _shortlist(answer: Answer, found: str) -> list[str]:
@@ -96,14 +65,14 @@ def _told(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> H
     parameter = LIBRARY[leading.name].parameters[0]
     low, high = leading.fit.interval(f"{leading.name}.{parameter.name}")
     return Half(
-        tuple(f.name for f in flights),
-        leading.name,
-        leading.gain_nats,
-        tuple(c.name for c in near),
-        parameter.name,
-        low,
-        high,
-        parameter.unit,
+        flights=[f.name for f in flights],
+        leading=leading.name,
+        gain_nats=leading.gain_nats,
+        near=[c.name for c in near],
+        parameter=parameter.name,
+        low=low,
+        high=high,
+        unit=parameter.unit,
     )
 
 

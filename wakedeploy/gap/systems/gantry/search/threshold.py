@@ -8,11 +8,10 @@ A threshold therefore belongs to a rig and cannot be chosen.
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.whiteness import whiteness
+from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -237,7 +237,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
         expression_nats=_best_term(rig, model, base, others),
         wave_nats=_best_term(rig, model, base, waves),
         whiteness=whiteness(base).at_reference,
-        places=_largest(find_places(model, base, 0.0)["places"]),
+        places=_largest(find_places(model, base, 0.0).places),
     )
 
 
@@ -250,10 +250,10 @@ def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) ->
     return max(expressed_by_own_motion(model, base, found).gain_nats, 0.0)
 
 
-def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def _largest(places: Sequence[Place]) -> dict[str, float]:
     sizes = dict.fromkeys(LEAST.places, 0.0)
     for place in places:
-        sizes[place["channel"]] = max(sizes.get(place["channel"], 0.0), abs(place["residual"]))
+        sizes[place.channel] = max(sizes.get(place.channel, 0.0), abs(place.residual))
     return sizes
 
 
