@@ -58,7 +58,8 @@ def _place(coordinate: str) -> Artefact:
     return {
         "channel": "force", "coordinate": coordinate, "exogenous": coordinate == "time",
         "low": 0.0, "high": 0.25, "residual": 0.41, "unit": "N", "coordinate_unit": "m",
-        "q_value": 0.001, "clarity": 5.0, "words": f"{coordinate} below 0.25 m: force +0.41 N, q = 0.001",
+        "q_value": 0.001, "clarity": 5.0,
+        "words": f"{coordinate} below 0.25 m: force +0.41 N, q = 0.001",
     }  # fmt: skip
 
 
@@ -154,7 +155,8 @@ def _show() -> Artefact:
         "sealed": [FLIGHTS[-1]], "in_sample": False, "cross_validated": False, "as_if": [],
         "gap": {FORECAST: channel, "force": channel | {"unit": "N"}},
         "places": [{"coordinate": "height", "channel": "force", "edges": [0.0, 0.5, 1.0],
-                    "unit": "m", "coordinate_unit": "m", "before": [0.02, 0.03], "after": [0.01, 0.012],
+                    "unit": "m", "coordinate_unit": "m",
+                    "before": [0.02, 0.03], "after": [0.01, 0.012],
                     "before_reach": [0.001, 0.002], "after_reach": [0.001, 0.001]}],
         "placebo": {"name": "range-drift", "before": 0.0213, "after": 0.0212, "unit": "m",
                     "gain_nats": 1.2, "found_gain_nats": 40.0, "helps": True},
@@ -172,7 +174,8 @@ def _plan() -> Artefact:
     return {
         "class": [NAMED, RIVAL], "sentence": "To split them, fly still-air.",
         "manoeuvre": "still-air", "flights": 1, "seconds": 30.0,
-        "split_by": {NAMED: "steps", RIVAL: "steps"}, "is_searched": True, "margin_nats": 5.9, "options": [option],
+        "split_by": {NAMED: "steps", RIVAL: "steps"}, "is_searched": True,
+        "margin_nats": 5.9, "options": [option],
     }  # fmt: skip
 
 
@@ -186,7 +189,8 @@ def _result(told: dict[str, Artefact]) -> Artefact:
     kept = ("effects", "class", "more_classes", "others", "unknown", "beside", "rest",
             "calibration", "detectable", "leading", "verdict")  # fmt: skip
     return {key: name[key] for key in kept} | {
-        "members": [{"name": NAMED, "confidence": 0.9, "parameters": _parameters(NAMED)}], "where": told["find"]["places"],
+        "members": [{"name": NAMED, "confidence": 0.9, "parameters": _parameters(NAMED)}],
+        "where": told["find"]["places"],
         "gap": show.get("gap", {}), "placebo": show.get("placebo"),
         "plan": _split(told.get("plan")), "as_if": [], "hidden_by": show.get("hidden_by", []),
         "log_density_gain_nats": show.get("log_density_gain_nats"), "in_sample": False,

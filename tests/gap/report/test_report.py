@@ -214,8 +214,9 @@ def test_the_account_needs_no_more_than_a_verdict():
 
 
 def test_the_account_says_how_little_it_rests_on():
-    told = account(summary({"verdict": "named", "effects": [{"name": "stiction", "confidence": 0.999}],
-                    "flights": 3, "cross_validated": True}))  # fmt: skip
+    sure = {"name": "stiction", "confidence": 0.999}
+    result = {"verdict": "named", "effects": [sure], "flights": 3, "cross_validated": True}
+    told = account(summary(result))
     assert "too few flights to seal" in told
     assert "Three flights say so; one more has to confirm it." in told
     assert "% sure" not in told

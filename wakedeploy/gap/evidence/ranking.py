@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -24,7 +25,6 @@ from wakedeploy.gap.evidence.inference import (
     slopes_at,
 )
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.physics.effects import LIBRARY
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
@@ -51,6 +51,26 @@ _MOST_SUMMITS = 3
 _SIZES_APIECE = 3  # scanned sizes that lie on one summit
 _MOVED_SD = 1.0  # a constant nearer to its calibration has taken nobody's place
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+
+
+class Related(Protocol):
+    """What an effect says of others: which it is confused with, which constants it moves."""
+
+    @property
+    def confused_with(self) -> Sequence[str]:
+        """Names of effects."""
+        ...
+
+    @property
+    def constants(self) -> Sequence[str]:
+        """The calibrated constants that its parameters stand for."""
+        ...
+
+
+def relations(model: Model) -> Mapping[str, Related]:
+    """What is known of a model's effects, by name; nothing where it has no `relations`."""
+    known: Mapping[str, Related] = getattr(model, "relations", {})
+    return known
 
 
 Scans = dict[tuple[Hypothesis, str, int], list[float]]  # the likeliest sizes of what is jagged
@@ -259,7 +279,8 @@ def _from_calibration(
         if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
     }
     owners = {n for n, fitted in zip(candidates, rough, strict=True) if bent & _moves(fitted, n)}
-    related = {r for n in owners if n in LIBRARY for r in LIBRARY[n].confused_with}
+    known = relations(model)
+    related = {r for n in owners if n in known for r in known[n].confused_with}
     sizes = [
         _released(model, base, fitted.hypothesis, n)
         for n, fitted in zip(candidates, rough, strict=True)
@@ -340,7 +361,7 @@ def _starts(
         if here > base.log_likelihood - _ABSURD_NATS:
             starts.append(theta)
     points = [neutral_point]
-    confusable = _constants_of_confused(hypothesis[-1])
+    confusable = _constants_of_confused(relations(model), hypothesis[-1])
     bent = [
         i
         for i, f in enumerate(free)
@@ -367,15 +388,12 @@ def _starts(
     return starts
 
 
-def _constants_of_confused(name: str) -> set[str]:
+def _constants_of_confused(known: Mapping[str, Related], name: str) -> set[str]:
     """The calibrated constants that effects move which this one is confused with."""
-    if name not in LIBRARY:
+    if name not in known:
         return set()
-    confused = {n for n, e in LIBRARY.items() if name in e.confused_with}
-    moved = {
-        p.constant for n in confused | {*LIBRARY[name].confused_with} for p in LIBRARY[n].parameters
-    }
-    return {constant for constant in moved if constant is not None}
+    confused = {n for n, effect in known.items() if name in effect.confused_with}
+    return {c for n in confused | {*known[name].confused_with} for c in known[n].constants}
 
 
 def _scanned(

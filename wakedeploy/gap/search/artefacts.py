@@ -429,14 +429,20 @@ def read(path: Path, kind: type[Kind], key: str) -> Kind | None:
         raise UnusableInput(f"{path} cannot be read; delete it to run the step anew.") from error
     if not isinstance(content, dict) or content.get("key") != key:
         return None
+    return stated(path, content, kind, "delete it to run the step anew")
+
+
+Form = TypeVar("Form", bound=Part)
+
+
+def stated(path: Path, content: dict[str, Any], kind: type[Form], otherwise: str) -> Form:
+    """What a file says, as a type; UnusableInput, with what to do `otherwise`, for another form."""
     if content.get("version") != VERSION:
         raise UnusableInput(
             f"{path}: version {content.get('version', 'not stated')}; this program reads {VERSION};"
-            " delete it to run the step anew."
+            f" {otherwise}."
         )
     try:
         return kind.model_validate(content)
     except ValidationError as error:
-        raise UnusableInput(
-            f"{path}: {first_problem(error)}; delete it to run the step anew."
-        ) from error
+        raise UnusableInput(f"{path}: {first_problem(error)}; {otherwise}.") from error

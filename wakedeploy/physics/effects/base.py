@@ -106,6 +106,11 @@ class Effect:
     split_by: ClassVar[str] = ""
     shows_in: ClassVar[tuple[str, ...]] = ()
 
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The rig's constants that its parameters stand for."""
+        return tuple(p.constant for p in self.parameters if p.constant is not None)
+
     @classmethod
     def changes(cls, *quantities: str) -> bool:
         """Whether it changes any of these quantities, named as its methods are."""

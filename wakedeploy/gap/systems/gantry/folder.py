@@ -10,13 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pydantic import ValidationError
-
 from wakedeploy.core.errors import UnusableInput, one_line
 from wakedeploy.core.files import json_of, json_text, sha256_of, text_of, write_text_whole
-from wakedeploy.core.validation import first_problem
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
-from wakedeploy.gap.search.artefacts import VERSION
+from wakedeploy.gap.search.artefacts import stated
 from wakedeploy.gap.systems.gantry.artefacts import (
     Add,
     Answer,
@@ -225,25 +222,14 @@ def required(folder: Path, before: str, rig_sha256: str, logs: Sequence[str]) ->
 def _read(path: Path, kind: type[Kind]) -> Kind | None:
     if not path.exists():
         return None
+    again = "run the step that writes it again"
     try:
         content = json_of(text_of(path))
     except (OSError, ValueError) as error:
-        raise UnusableInput(
-            f"{path}: cannot be read ({one_line(error)}); run the step that writes it again."
-        ) from error
+        raise UnusableInput(f"{path}: cannot be read ({one_line(error)}); {again}.") from error
     if not isinstance(content, dict):
-        raise UnusableInput(f"{path}: holds no JSON object; run the step that writes it again.")
-    if content.get("version") != VERSION:
-        raise UnusableInput(
-            f"{path}: version {content.get('version', 'not stated')}; this program reads {VERSION};"
-            " run the step that writes it again."
-        )
-    try:
-        return kind.model_validate(content)
-    except ValidationError as error:
-        raise UnusableInput(
-            f"{path}: {first_problem(error)}; run the step that writes it again."
-        ) from error
+        raise UnusableInput(f"{path}: holds no JSON object; {again}.")
+    return stated(path, content, kind, again)
 
 
 def write(folder: Path, told: Kind) -> Kind:
