@@ -7,6 +7,7 @@ import numpy as np
 from wakedeploy.gap.report.shrinkage import FORECAST
 from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.systems.gantry import artefacts as types
+from wakedeploy.gap.systems.gantry import findings
 
 Artefact = dict[str, Any]
 
@@ -180,7 +181,7 @@ def _plan() -> Artefact:
 
 
 def _split(plan: Artefact | None) -> Artefact | None:
-    return plan and {key: plan[key] for key in types.Splitting.model_fields}
+    return plan and {key: plan[key] for key in findings.Splitting.model_fields}
 
 
 def _result(told: dict[str, Artefact]) -> Artefact:

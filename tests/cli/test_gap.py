@@ -14,8 +14,9 @@ from wakedeploy.cli import main
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.folder import at_work
-from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Effect, Find, Name, Show
+from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Show
 from wakedeploy.gap.systems.gantry.artefacts import Result as Told
+from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path

@@ -28,7 +28,8 @@ from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
 from wakedeploy.gap.search.artefacts import Place
-from wakedeploy.gap.systems.gantry.artefacts import Leading, Ranked, Result
+from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
 from wakedeploy.gap.systems.gantry.folder import read_steps, write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence

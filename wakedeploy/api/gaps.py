@@ -12,7 +12,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.folder import at_work
 from wakedeploy.gap.progress import Progress, quiet
-from wakedeploy.gap.systems.gantry.artefacts import Result, Retraining
+from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
 from wakedeploy.rig.file import read_rig
 

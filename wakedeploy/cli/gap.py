@@ -19,7 +19,8 @@ from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
-    from wakedeploy.gap.systems.gantry.artefacts import Name, Round
+    from wakedeploy.gap.systems.gantry.artefacts import Name
+    from wakedeploy.gap.systems.gantry.findings import Round
     from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {

@@ -18,7 +18,7 @@ from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
-from wakedeploy.gap.systems.gantry.artefacts import Retraining
+from wakedeploy.gap.systems.gantry.findings import Retraining
 from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.retraining import Pilot, fly_both, retrain
 from wakedeploy.gap.systems.gantry.workflow import close

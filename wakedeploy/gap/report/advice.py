@@ -9,7 +9,8 @@ from pathlib import Path
 
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.rules import FEWEST_IN_ALL
-from wakedeploy.gap.systems.gantry.artefacts import Advice, Find
+from wakedeploy.gap.systems.gantry.artefacts import Find
+from wakedeploy.gap.systems.gantry.findings import Advice
 from wakedeploy.gap.systems.gantry.folder import Steps
 
 _SECONDS = 20  # as the flights that thresholds are simulated for

@@ -16,19 +16,8 @@ from wakedeploy.gap.report.shrinkage import closed_words, gap_channel, unchanged
 from wakedeploy.gap.report.tables import ranked
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import White
-from wakedeploy.gap.systems.gantry.artefacts import (
-    Confusion,
-    Find,
-    Gap,
-    Ranked,
-    Replay,
-    Retraining,
-    Round,
-    Show,
-    Spectrum,
-    Summary,
-    Traces,
-)
+from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Show, Spectrum, Summary, Traces
+from wakedeploy.gap.systems.gantry.findings import Confusion, Gap, Ranked, Retraining, Round
 from wakedeploy.gap.wording import FloatArray, numbers, quantity, scale_of
 
 if TYPE_CHECKING:

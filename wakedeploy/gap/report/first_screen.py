@@ -12,7 +12,8 @@ from collections.abc import Sequence
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.report.mattering import force_words, share_of
 from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, gap_values
-from wakedeploy.gap.systems.gantry.artefacts import Effect, Summary, Worth
+from wakedeploy.gap.systems.gantry.artefacts import Summary
+from wakedeploy.gap.systems.gantry.findings import Effect, Worth
 from wakedeploy.gap.wording import confidence, listed, percent
 
 _HORIZONS = ("0.25 s ahead", "1 s ahead")

@@ -6,7 +6,7 @@ In: an answer, and its effects with `worth`. Out: sentences.
 import math
 
 from wakedeploy.gap.search.artefacts import Forecast
-from wakedeploy.gap.systems.gantry.artefacts import Answer, Effect, Expression, Half, Worth
+from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Expression, Half, Worth
 from wakedeploy.gap.wording import listed, percent, quantity, span
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"

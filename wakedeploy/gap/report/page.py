@@ -39,7 +39,8 @@ from wakedeploy.gap.report.tables import (
     whiteness,
 )
 from wakedeploy.gap.search.artefacts import Map
-from wakedeploy.gap.systems.gantry.artefacts import Confusion, Find, Gap, Name, Show, Summary
+from wakedeploy.gap.systems.gantry.artefacts import Find, Name, Show, Summary
+from wakedeploy.gap.systems.gantry.findings import Confusion, Gap
 from wakedeploy.gap.systems.gantry.folder import TITLE, Steps, read_steps
 from wakedeploy.gap.wording import (
     UNKNOWN,

@@ -8,7 +8,8 @@ from collections.abc import Mapping
 
 from wakedeploy.gap.few_flights import cannot_tell, in_words
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.systems.gantry.artefacts import Gap, Summary
+from wakedeploy.gap.systems.gantry.artefacts import Summary
+from wakedeploy.gap.systems.gantry.findings import Gap
 from wakedeploy.gap.wording import counted, listed, measured, percent, quantity
 
 FORECAST = "height 0.25 s ahead"  # the channel by which the gap is judged

@@ -25,14 +25,14 @@ from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, placebo, 
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Place, White
 from wakedeploy.gap.search.places import forbids_none
-from wakedeploy.gap.systems.gantry.artefacts import (
+from wakedeploy.gap.systems.gantry.artefacts import Summary
+from wakedeploy.gap.systems.gantry.findings import (
     Detectable,
     Effect,
     Expression,
     Leading,
     Retraining,
     Sized,
-    Summary,
 )
 from wakedeploy.gap.wording import (
     confidence,

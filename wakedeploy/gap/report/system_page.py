@@ -16,8 +16,9 @@ from wakedeploy.gap.report.maps import draw_places
 from wakedeploy.gap.report.summary import place_words
 from wakedeploy.gap.report.tables import ranking_table, whiteness
 from wakedeploy.gap.search.artefacts import LabelAudit, Ranked, Result, Round, SingleSteps
-from wakedeploy.gap.systems.gantry import artefacts as drawn
-from wakedeploy.gap.systems.gantry.artefacts import Gap, Profile
+from wakedeploy.gap.systems.gantry import findings as drawn
+from wakedeploy.gap.systems.gantry.artefacts import Profile
+from wakedeploy.gap.systems.gantry.findings import Gap
 from wakedeploy.gap.wording import counted, listed, measured, number, probability, quantity
 
 if TYPE_CHECKING:

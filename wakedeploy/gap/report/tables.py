@@ -19,7 +19,8 @@ from wakedeploy.gap.report.summary import (
     whiteness_words,
 )
 from wakedeploy.gap.search.artefacts import Place, Quantity, White
-from wakedeploy.gap.systems.gantry.artefacts import Detectable, Expression, Gap, Log, Ranked, Sizes
+from wakedeploy.gap.systems.gantry.artefacts import Log
+from wakedeploy.gap.systems.gantry.findings import Detectable, Expression, Gap, Ranked, Sizes
 from wakedeploy.gap.wording import (
     UNKNOWN,
     confidence,

@@ -13,7 +13,8 @@ from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Effect as RigEffect
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.report import page
-from wakedeploy.gap.systems.gantry.artefacts import Add, Effect, Find, Name, Show
+from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Name, Show
+from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import (
     PICTURES,
     Steps,

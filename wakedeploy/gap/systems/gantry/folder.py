@@ -16,17 +16,15 @@ from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.search.artefacts import stated
 from wakedeploy.gap.systems.gantry.artefacts import (
     Add,
-    Answer,
     Artefact,
     Find,
-    Judged,
     Name,
     Plan,
     Result,
     Show,
     Summary,
-    Told,
 )
+from wakedeploy.gap.systems.gantry.findings import Answer, Judged, Told
 
 STEPS = ("find", "name", "add", "show", "result")
 TITLE = "The gap between simulation and measurement"  # of the report, by which it is known

@@ -26,7 +26,7 @@ from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
-from wakedeploy.gap.systems.gantry.artefacts import Interval, Retraining, Scores
+from wakedeploy.gap.systems.gantry.findings import Interval, Retraining, Scores
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import parse_rig
 

@@ -21,16 +21,8 @@ from wakedeploy.gap.few_flights import cannot_tell, headline
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.search.places import forbids_none
-from wakedeploy.gap.systems.gantry.artefacts import (
-    Add,
-    Find,
-    Log,
-    Name,
-    Retraining,
-    Show,
-    Sized,
-    Split,
-)
+from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Log, Name, Show, Split
+from wakedeploy.gap.systems.gantry.findings import Retraining, Sized
 from wakedeploy.gap.systems.gantry.flight import Flight, read_flights
 from wakedeploy.gap.systems.gantry.folder import (
     forget,

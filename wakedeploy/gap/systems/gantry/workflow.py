@@ -13,19 +13,8 @@ from wakedeploy.gap import workflow
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.summary import verdict_sentence
-from wakedeploy.gap.systems.gantry.artefacts import (
-    Add,
-    Answer,
-    Artefact,
-    Effect,
-    Find,
-    Judged,
-    Name,
-    Plan,
-    Result,
-    Show,
-    Splitting,
-)
+from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Plan, Result, Show
+from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Judged, Splitting
 from wakedeploy.gap.systems.gantry.folder import (
     Steps,
     parts,

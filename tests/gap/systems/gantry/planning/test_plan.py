@@ -10,7 +10,8 @@ from wakedeploy.gap.evidence.inference import Free, Score, fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.separation import gain_nats, gather, loss_nats
 from wakedeploy.gap.rules import sealed_count
-from wakedeploy.gap.systems.gantry.artefacts import Name, Ranked, Round, Size
+from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.findings import Ranked, Round, Size
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import manoeuvre

@@ -6,7 +6,7 @@ from recorded import RIG, based, flown
 
 from wakedeploy.gap.evidence.inference import extended, fit
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.systems.gantry.artefacts import Sized, Sizes
+from wakedeploy.gap.systems.gantry.findings import Sized, Sizes
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.answer import bent, sizes_of
 from wakedeploy.gap.systems.gantry.search.correction import entry_of

@@ -14,7 +14,8 @@ from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.report.shrinkage import channel_lines
 from wakedeploy.gap.report.summary import account
-from wakedeploy.gap.systems.gantry.artefacts import Effect, Name, Retraining, Show, Summary
+from wakedeploy.gap.systems.gantry.artefacts import Name, Show, Summary
+from wakedeploy.gap.systems.gantry.findings import Effect, Retraining
 from wakedeploy.gap.systems.gantry.folder import Steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.before_after import show, wrong_effects

@@ -9,8 +9,8 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import Free, Score, fit
-from wakedeploy.gap.systems.gantry.artefacts import Expression as Told
-from wakedeploy.gap.systems.gantry.artefacts import Size
+from wakedeploy.gap.systems.gantry.findings import Expression as Told
+from wakedeploy.gap.systems.gantry.findings import Size
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS, neighbours, wave_in_time
 from wakedeploy.gap.systems.gantry.search.expressions import SEARCHED, search, to_effect
 from wakedeploy.physics.effects.base import Motion, Setting

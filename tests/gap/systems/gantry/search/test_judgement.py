@@ -6,8 +6,9 @@ from recorded import RIG, flown
 
 from wakedeploy.gap.evidence.inference import Fit, Slopes
 from wakedeploy.gap.report.summary import account, verdict_sentence
-from wakedeploy.gap.systems.gantry.artefacts import Effect, Name
+from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.effect_force import Cost, force_of, tracking_error
+from wakedeploy.gap.systems.gantry.findings import Effect
 from wakedeploy.gap.systems.gantry.folder import Steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed, removed

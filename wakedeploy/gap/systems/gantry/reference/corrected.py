@@ -13,8 +13,8 @@ import numpy as np
 
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.systems.gantry.artefacts import Sized
 from wakedeploy.gap.systems.gantry.discrepancy import PREFIX
+from wakedeploy.gap.systems.gantry.findings import Sized
 from wakedeploy.gap.systems.gantry.reference.learning import Reference
 from wakedeploy.gap.systems.gantry.search.answer import sizes_of
 from wakedeploy.gap.systems.gantry.search.correction import entry_of

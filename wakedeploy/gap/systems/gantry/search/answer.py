@@ -11,20 +11,20 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.separation import gather, loss_nats
 from wakedeploy.gap.search.artefacts import Quantity, White
-from wakedeploy.gap.systems.gantry.artefacts import (
+from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.effect_force import force_of
+from wakedeploy.gap.systems.gantry.findings import (
     Bent,
     Confusion,
     Effect,
     Expression,
     Leading,
-    Name,
     Ranked,
     Size,
     Sized,
     Sizes,
 )
-from wakedeploy.gap.systems.gantry.artefacts import Round as RoundTold
-from wakedeploy.gap.systems.gantry.effect_force import force_of
+from wakedeploy.gap.systems.gantry.findings import Round as RoundTold
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Round

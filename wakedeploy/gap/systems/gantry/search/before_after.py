@@ -20,7 +20,8 @@ from wakedeploy.gap.few_flights import cannot_tell
 from wakedeploy.gap.search.artefacts import Place, White, WhitePair
 from wakedeploy.gap.search.places import Residuals, bin_means, block_length, blocks_of
 from wakedeploy.gap.systems.gantry import artefacts
-from wakedeploy.gap.systems.gantry.artefacts import Bent, Gap, Placebo, Profile, Show, Traces
+from wakedeploy.gap.systems.gantry.artefacts import Profile, Show, Traces
+from wakedeploy.gap.systems.gantry.findings import Bent, Gap, Placebo
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import (

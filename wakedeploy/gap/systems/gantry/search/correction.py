@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Effect, Rig
 from wakedeploy.core.validation import first_problem
-from wakedeploy.gap.systems.gantry.artefacts import Expression, Sized
+from wakedeploy.gap.systems.gantry.findings import Expression, Sized
 from wakedeploy.gap.systems.gantry.search.expressions import to_effect
 from wakedeploy.physics.effects.chain import require_effects
 from wakedeploy.physics.effects.symbolic import SYMBOLIC

@@ -7,7 +7,7 @@ its bounds would have been found, or where it cannot be told.
 import math
 
 from wakedeploy.gap.evidence.separation import information
-from wakedeploy.gap.systems.gantry.artefacts import Detectable
+from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer
 from wakedeploy.physics.effects import LIBRARY
 

@@ -41,7 +41,7 @@ from wakedeploy.gap.evidence.inference import (
     held_out,
 )
 from wakedeploy.gap.evidence.ranking import Candidate, rank
-from wakedeploy.gap.systems.gantry import artefacts
+from wakedeploy.gap.systems.gantry import findings
 from wakedeploy.gap.systems.gantry.search.expression_terms import (
     TERMS,
     is_wave_in_time,
@@ -103,16 +103,16 @@ class Symbolic:
         return float(self.gains.sum()) + self.prior_gain
 
     @property
-    def told(self) -> artefacts.Expression:
+    def told(self) -> findings.Expression:
         """What `name.json` says under "unknown"."""
-        return artefacts.Expression(
+        return findings.Expression(
             coordinates=list(self.coordinates),
             expression=self.expression,
             text=self.text,
             gain_nats=self.gain_nats,
             terms=list(self.terms),
             parameters={
-                c.name: artefacts.Size(value=c.value, low=c.low, high=c.high, unit=c.unit)
+                c.name: findings.Size(value=c.value, low=c.low, high=c.high, unit=c.unit)
                 for c in self.coefficients
             },
         )
@@ -150,7 +150,7 @@ def search(
 
 
 def to_effect(
-    symbolic: Symbolic | artefacts.Expression,
+    symbolic: Symbolic | findings.Expression,
     data_sha256: str | None = None,
     date: str | None = None,
     onto: rig.Effect | None = None,

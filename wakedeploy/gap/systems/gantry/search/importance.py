@@ -18,8 +18,8 @@ from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.search.artefacts import Forecast
-from wakedeploy.gap.systems.gantry.artefacts import Tracking, Worth
 from wakedeploy.gap.systems.gantry.effect_force import Cost, cost_of
+from wakedeploy.gap.systems.gantry.findings import Tracking, Worth
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES

@@ -7,7 +7,8 @@ matter stays named, and is not added to the rig file unless a person asks.
 
 from collections.abc import Mapping, Sequence
 
-from wakedeploy.gap.systems.gantry.artefacts import Effect, Expression, Name
+from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.findings import Effect, Expression
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed
 
 

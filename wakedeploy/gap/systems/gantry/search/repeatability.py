@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
-from wakedeploy.gap.systems.gantry.artefacts import Half, Repeated
+from wakedeploy.gap.systems.gantry.findings import Half, Repeated
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
