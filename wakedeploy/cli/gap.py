@@ -202,7 +202,8 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.report.summary import leading_sentences, verdict_sentence
+    from wakedeploy.gap.report.evidence import leading_sentences
+    from wakedeploy.gap.report.summary import verdict_sentence
     from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import name
 

@@ -56,7 +56,8 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
 def _tell(out: Path, shown: dict[str, Any]) -> None:
     """The account, the rig file's new lines, the tracking, and where to look."""
     from wakedeploy.gap.demo import effect_lines
-    from wakedeploy.gap.report.summary import account, place_words
+    from wakedeploy.gap.report.phrases import place_words
+    from wakedeploy.gap.report.summary import account
     from wakedeploy.gap.systems.gantry.folder import read_steps
 
     steps = read_steps(out / "gap")

@@ -14,6 +14,7 @@ from wakedeploy.gap.few_flights import cannot_tell, caution, in_words, unconfirm
 from wakedeploy.gap.report import charts
 from wakedeploy.gap.report import maps as report_maps
 from wakedeploy.gap.report.advice import advice
+from wakedeploy.gap.report.evidence import evidence
 from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.shrinkage import (
     closed_words,
@@ -25,7 +26,7 @@ from wakedeploy.gap.report.shrinkage import (
     unchanged,
     without_noise,
 )
-from wakedeploy.gap.report.summary import evidence, verdict_sentence
+from wakedeploy.gap.report.summary import verdict_sentence
 from wakedeploy.gap.report.tables import (
     added_effects,
     detectable_table,

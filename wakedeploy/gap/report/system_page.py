@@ -13,7 +13,7 @@ from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.report import system_charts
 from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
 from wakedeploy.gap.report.maps import draw_places
-from wakedeploy.gap.report.summary import place_words
+from wakedeploy.gap.report.phrases import place_words
 from wakedeploy.gap.report.tables import ranking_table, whiteness
 from wakedeploy.gap.search.artefacts import LabelAudit, Ranked, Result, Round, SingleSteps
 from wakedeploy.gap.systems.gantry import findings as drawn

@@ -9,8 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from wakedeploy.core.pages import Table
 from wakedeploy.core.rig import Effect as RigEffect
-from wakedeploy.gap.report.shrinkage import closed_words, gap_values, unchanged
-from wakedeploy.gap.report.summary import (
+from wakedeploy.gap.report.phrases import (
     coordinate,
     detectable_sizes,
     place_words,
@@ -18,6 +17,7 @@ from wakedeploy.gap.report.summary import (
     untold,
     whiteness_words,
 )
+from wakedeploy.gap.report.shrinkage import closed_words, gap_values, unchanged
 from wakedeploy.gap.search.artefacts import Place, Quantity, White
 from wakedeploy.gap.systems.gantry.artefacts import Log
 from wakedeploy.gap.systems.gantry.findings import Detectable, Expression, Gap, Ranked, Sizes

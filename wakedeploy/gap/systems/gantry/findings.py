@@ -229,6 +229,11 @@ class Answer(Part):
     repeated: Repeated | None = None
 
     @property
+    def claims(self) -> bool:
+        """Whether the verdict says that something is missing."""
+        return self.verdict in ("named", "class", "unknown")
+
+    @property
     def to_add(self) -> list[Effect]:
         """The named effects that a rig file is given without being asked: those that matter."""
         return [effect for effect in self.effects if effect.matters]
