@@ -133,12 +133,12 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         np.array(rig.thrust.sufferer.thrust_n), bend.scale, bend.exponent, hover_n
     )
     words = [""] * len(logs) if volts is None else [f" with {v:.2f} V" for v in volts]
-    told = [
+    sentences = [
         f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
         for clip, w, t, v in zip(clips_kg, weight_n, table_n, words, strict=True)
     ]
     assumed = spreads_of(rig)["thrust.sufferer.exponent"]
-    told += [
+    sentences += [
         f"Scale {bend.scale:.4f} at hover, exponent {bend.exponent:.3f} ± {bend.exponent_sd:.3f}.",
         f"From the first flight to the last the thrust changed by {100 * bend.fitted[2]:+.1f} %."
         if volts is None
@@ -146,7 +146,7 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         f"The rig file has no place for the exponent's spread: gap goes on assuming {assumed:g}.",
     ]
     found = Calibrated(tuple(float(n) for n in moved_n), hover_n * bend.at_hover_sd, "N")
-    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
+    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(sentences))
 
 
 def _fitted(log_table: FloatArray, log_weight: FloatArray, volts: FloatArray | None) -> _Bend:

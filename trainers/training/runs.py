@@ -184,8 +184,10 @@ def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path
     """
     try:
         with torch.device("meta"):
-            shapes = {name: one.shape for name, one in new_predictor(config).state_dict().items()}
-        if shapes != {name: one.shape for name, one in weights.items()}:
+            shapes = {
+                name: tensor.shape for name, tensor in new_predictor(config).state_dict().items()
+            }
+        if shapes != {name: tensor.shape for name, tensor in weights.items()}:
             raise damaged(folder / BEST, "its tensors are not those of its config.json")
         predictor = new_predictor(config)
         predictor.load_state_dict(weights)
