@@ -35,8 +35,8 @@ def measure(package: Package, predictor: Predictor, observations: FloatArray) ->
     if not math.isfinite(difference.max_abs) or not (rounding or 0.0) <= WORST_FLOAT32_ERROR:
         raise CheckFailed(
             f"This {predictor.arch} cannot be computed in float32: its force is not finite, or off"
-            f" by {rounding or math.inf:.1e} against float64; no file was written. Choose another shape,"
-            " for a reservoir a smaller spectral_radius."
+            f" by {rounding or math.inf:.1e} against float64; no file was written. Choose another "
+            "shape, for a reservoir a smaller spectral_radius."
         )
     return Parity(
         max_abs=difference.max_abs,

@@ -61,18 +61,18 @@ def _split(steps: Steps, out: Path) -> Advice | None:
     """The manoeuvre that splits a class, once it is known; None where the search found none."""
     find = steps.find or Find()
     plan = None if steps.result is None else steps.result.plan
-    told = f"wakedeploy gap plan --rig {_rig(find)} --out {shlex.quote(str(out))}"
+    command = f"wakedeploy gap plan --rig {_rig(find)} --out {shlex.quote(str(out))}"
     if plan is not None and plan.manoeuvre:
         return Advice(
             why="fly the manoeuvre that would tell them apart",
             commands=[
-                f"{told} --write-reference {_REFERENCE}",
+                f"{command} --write-reference {_REFERENCE}",
                 _flight(find, f"--reference {_REFERENCE}"),
             ],
         )
     if plan is not None and plan.is_searched:
         return None
-    return Advice(why="look for the manoeuvre that would tell them apart", commands=[told])
+    return Advice(why="look for the manoeuvre that would tell them apart", commands=[command])
 
 
 def _flight(find: Find, what: str) -> str:

@@ -138,12 +138,12 @@ def draw_gaps(gap: Mapping[str, Gap]) -> "Figure | None":
     return drawn
 
 
-def draw_placebo(told: Summary) -> "Figure | None":
+def draw_placebo(summary: Summary) -> "Figure | None":
     """The gap without anything, with a wrong effect, and with the one that was found."""
-    placebo, (name, channel) = told.placebo, gap_channel(told)
+    placebo, (name, channel) = summary.placebo, gap_channel(summary)
     if placebo is None or channel is None or unchanged(channel) or math.isnan(placebo.after):
         return None
-    names = [effect.name for effect in told.effects]
+    names = [effect.name for effect in summary.effects]
     wrong = f"placebo: {placebo.name}"
     levels = [
         _before(channel),

@@ -54,41 +54,43 @@ _MUCH_MORE = 3.0  # times what the thresholds were simulated for
 _MOST = 8  # of a long list on the terminal; the report shows all
 
 
-def evidence(told: Summary) -> list[str]:
+def evidence(summary: Summary) -> list[str]:
     """The sentences that follow the verdict, in the order in which a reader asks for them."""
-    if cannot_tell(flight_count(told)):
-        return _hints(told)
-    sentences = _values(told)
-    sentences += withdrawn_sentences(told) + small_rest_sentences(told.small)
-    sentences += explainable_sentences(told)
-    if told.verdict == "class":
-        sentences += worth_sentences(told.worth, "The best of them") + _splitting(told)
-    if told.verdict == "unknown":
-        sentences += _part(told.beside) + _rest(told.unknown) + worth_sentences(told.worth)
-    sentences += form_sentences(told) + repeated_sentences(told) + unsettled_sentences(told)
-    sentences += _place(told)
-    sentences += shrinking(told) + placebo(told) + _retraining(told)
-    if told.verdict == "none":
-        sentences += _fitted_anew(told.white_before) + _detectable(told.detectable)
-    return sentences + _caveats(told) + _doubts(told)
+    if cannot_tell(flight_count(summary)):
+        return _hints(summary)
+    sentences = _values(summary)
+    sentences += withdrawn_sentences(summary) + small_rest_sentences(summary.small)
+    sentences += explainable_sentences(summary)
+    if summary.verdict == "class":
+        sentences += worth_sentences(summary.worth, "The best of them") + _splitting(summary)
+    if summary.verdict == "unknown":
+        sentences += _part(summary.beside) + _rest(summary.unknown) + worth_sentences(summary.worth)
+    sentences += (
+        form_sentences(summary) + repeated_sentences(summary) + unsettled_sentences(summary)
+    )
+    sentences += _place(summary)
+    sentences += shrinking(summary) + placebo(summary) + _retraining(summary)
+    if summary.verdict == "none":
+        sentences += _fitted_anew(summary.white_before) + _detectable(summary.detectable)
+    return sentences + _caveats(summary) + _doubts(summary)
 
 
-def _hints(told: Summary) -> list[str]:
+def _hints(summary: Summary) -> list[str]:
     """What too few flights show, none of it a conclusion."""
-    sentences = leading_sentences(told) + _sizes_if(told.members) + _place(told)
-    sentences += _more_than_noise(told) + shrinking(told)
-    if told.leading is not None and told.leading.clear:
+    sentences = leading_sentences(summary) + _sizes_if(summary.members) + _place(summary)
+    sentences += _more_than_noise(summary) + shrinking(summary)
+    if summary.leading is not None and summary.leading.clear:
         sentences.append("In brackets: 90 % intervals.")
         sentences.append("No flight was kept apart: the error with it may look smaller than it is.")
-    return sentences + _bent(told) + _doubts(told)
+    return sentences + _bent(summary) + _doubts(summary)
 
 
-def leading_sentences(told: Summary) -> list[str]:
+def leading_sentences(summary: Summary) -> list[str]:
     """Which effect explains the most of few flights, by how much, and why that is not enough."""
-    leading = told.leading
+    leading = summary.leading
     if leading is None or not leading.names or math.isnan(leading.gain_nats):
         return []
-    names, flights = leading.names, flight_count(told)
+    names, flights = leading.names, flight_count(summary)
     if leading.gain_nats <= 0.0:
         return [f"No effect stands out: none gains anything in {these(flights)}."]
     gains = f"{_nats(leading.gain_nats)} nats in {these(flights)}"
@@ -124,26 +126,26 @@ def _fitted_anew(white: White | None) -> list[str]:
     return ["Noise and calibration, fitted anew beside the effects tried, leave only noise."]
 
 
-def _more_than_noise(told: Summary) -> list[str]:
+def _more_than_noise(summary: Summary) -> list[str]:
     """That few flights as a whole do not look like noise under the rig file as it is."""
-    white = told.white_before
+    white = summary.white_before
     if white is None or white.passes:
         return []
-    whole = f"Taken as a whole, {these(flight_count(told))} left more than noise"
+    whole = f"Taken as a whole, {these(flight_count(summary))} left more than noise"
     return [f"{whole} under the rig file as it is ({whiteness_words(white)})."]
 
 
-def _values(told: Summary) -> list[str]:
+def _values(summary: Summary) -> list[str]:
     """One sentence per effect: its values, how sure the name is, its physics; then of a class."""
     sentences = []
-    for effect in told.effects:
+    for effect in summary.effects:
         values = _spoken_values(effect)
-        if not math.isnan(effect.confidence) and not unconfirmed(flight_count(told)):
+        if not math.isnan(effect.confidence) and not unconfirmed(flight_count(summary)):
             values.append(f"{confidence(effect.confidence)} sure")
         physics = f" {LIBRARY[effect.name].physics}" if effect.name in LIBRARY else ""
         sentences.append(f"{effect.name}: {', '.join(values) or 'without parameters'}.{physics}")
         sentences += worth_sentences(effect.worth) + _at_bound(effect) + _may_be_nothing(effect)
-    return sentences + _sizes_if(told.members)
+    return sentences + _sizes_if(summary.members)
 
 
 def _spoken_values(effect: Sized) -> list[str]:
@@ -184,9 +186,9 @@ def _at_bound(effect: Sized) -> list[str]:
     ]
 
 
-def _splitting(told: Summary) -> list[str]:
-    plan = told.plan
-    split_by = ((plan.sentence if plan else "") or told.split_by).rstrip(".")
+def _splitting(summary: Summary) -> list[str]:
+    plan = summary.plan
+    split_by = ((plan.sentence if plan else "") or summary.split_by).rstrip(".")
     asked = "`wakedeploy gap plan`, with the same --rig and --out,"
     if plan is not None and plan.manoeuvre:
         flown = "writes it with --write-reference FILE, which `run-gantry --reference` flies"
@@ -223,13 +225,13 @@ def _rest(unknown: Expression | None) -> list[str]:
     return sentences
 
 
-def _place(told: Summary) -> list[str]:
+def _place(summary: Summary) -> list[str]:
     """Where the disagreement is strongest, in words that the verdict can stand beside."""
-    places = [p for p in told.places or () if p.q_value <= RULES.false_discoveries]
-    few = cannot_tell(flight_count(told))
-    claims = told.claims and not few
+    places = [p for p in summary.places or () if p.q_value <= RULES.false_discoveries]
+    few = cannot_tell(flight_count(summary))
+    claims = summary.claims and not few
     if not places:
-        known = told.places is not None
+        known = summary.places is not None
         return ["No single place stands out: it shows in the flights as a whole."] * (
             known and claims
         )
@@ -238,8 +240,8 @@ def _place(told: Summary) -> list[str]:
     if claims:
         return [f"It shows most ({q}) {at}{words}."]
     if few and forbids_none(places):
-        alone = flight_count(told) == 1
-        subject = f"{these(flight_count(told)).capitalize()} disagree{'s' * alone}"
+        alone = flight_count(summary) == 1
+        subject = f"{these(flight_count(summary)).capitalize()} disagree{'s' * alone}"
         most = f"{subject} most with the rig file ({q}) {at}{words}"
         return [f"{most}; whether others would, {'it' if alone else 'they'} cannot tell."]
     return [f"Too little to say that something is missing ({q}): {words}."]
@@ -254,13 +256,13 @@ def _of_the_ratio(scores: Retraining) -> str:
     return f"{told}: they cannot tell whether it helps." if low < 1.0 < high else f"{told}."
 
 
-def _retraining(told: Summary) -> list[str]:
-    scores = told.retrain
+def _retraining(summary: Summary) -> list[str]:
+    scores = summary.retrain
     if scores is None:
         return []
     old, new = (quantity(error, scores.unit) for error in (scores.old_rmse, scores.new_rmse))
     count = len(scores.scored_on)
-    if told.in_sample or told.cross_validated:
+    if summary.in_sample or summary.cross_validated:
         where = "on the very flights that the effect was found in"
     else:
         where = f"on {counted(count, 'sealed flight')}" if count else "on measured data"
@@ -290,31 +292,31 @@ def _detectable(sizes: Mapping[str, Detectable]) -> list[str]:
     return [f"What these flights would have shown: {'; '.join(shown)}{tail}.", *blind]
 
 
-def _caveats(told: Summary) -> list[str]:
+def _caveats(summary: Summary) -> list[str]:
     sentences = []
-    _, channel = gap_channel(told)
-    if told.effects or (channel is not None and not math.isnan(channel.before_interval[0])):
+    _, channel = gap_channel(summary)
+    if summary.effects or (channel is not None and not math.isnan(channel.before_interval[0])):
         sentences.append("In brackets: 90 % intervals.")
-    if told.in_sample or told.cross_validated:
+    if summary.in_sample or summary.cross_validated:
         few = "There were too few flights to seal any: the gap may look smaller than it is."
         sentences.append(few)
-    flown_s = sum(log.seconds for log in told.logs if log.path in told.split.fit)
-    if flown_s > _MUCH_MORE * told.threshold_of_s:
+    flown_s = sum(log.seconds for log in summary.logs if log.path in summary.split.fit)
+    if flown_s > _MUCH_MORE * summary.threshold_of_s:
         sentences.append(
-            f"The thresholds were simulated for {told.threshold_of_s:.0f} s of flight, these are "
-            f"{flown_s:.0f} s: what is approximate in the model shows more in so many, and an "
+            f"The thresholds were simulated for {summary.threshold_of_s:.0f} s of flight, these "
+            f"are {flown_s:.0f} s: what is approximate in the model shows more in so many, and an "
             "effect that barely passed may be that."
         )
-    sentences += _bent(told)
-    white = told.white
-    if white is not None and not white.passes and told.verdict == "unknown":
+    sentences += _bent(summary)
+    white = summary.white
+    if white is not None and not white.passes and summary.verdict == "unknown":
         sentences.append(f"What is left over is not white noise ({whiteness_words(white)}).")
     return sentences
 
 
-def _bent(told: Summary) -> list[str]:
+def _bent(summary: Summary) -> list[str]:
     """Constants that had to be bent: errors are those of the rig file as recalibrated by this."""
-    flights = flight_count(told)
+    flights = flight_count(summary)
     few = cannot_tell(flights)
     agree = (
         f"{these(flights).capitalize()} agree{'s' * (flights == 1)}" if few else "The flights agree"
@@ -324,15 +326,15 @@ def _bent(told: Summary) -> list[str]:
         f"the rig file has {bent.stated:.3g} ± {bent.spread:.2g} "
         f"({bent.away_sd:.1f} of its spreads away); errors told here are with it."
         f"{'' if few else ' Calibrate it again.'}"
-        for bent in told.calibration
+        for bent in summary.calibration
     ]
 
 
-def _doubts(told: Summary) -> list[str]:
+def _doubts(summary: Summary) -> list[str]:
     """What the flights cannot tell, or what had to be assumed of them, each said once."""
     sentences = []
-    for doubt in dict.fromkeys(note for log in told.logs for note in log.notes):
-        names = [Path(log.path).name for log in told.logs if doubt in log.notes]
-        where = "every flight" if len(names) == len(told.logs) else listed(names)
+    for doubt in dict.fromkeys(note for log in summary.logs for note in log.notes):
+        names = [Path(log.path).name for log in summary.logs if doubt in log.notes]
+        where = "every flight" if len(names) == len(summary.logs) else listed(names)
         sentences.append(f"In {where}: {doubt}.")
     return sentences

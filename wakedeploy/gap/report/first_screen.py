@@ -19,33 +19,33 @@ from wakedeploy.gap.wording import confidence, listed, percent
 _HORIZONS = ("0.25 s ahead", "1 s ahead")
 
 
-def first_screen(told: Summary) -> list[tuple[str, str]]:
+def first_screen(summary: Summary) -> list[tuple[str, str]]:
     """Each question that can be answered, with its answer; none of too few flights."""
-    if cannot_tell(flight_count(told)) or told.verdict is None:
+    if cannot_tell(flight_count(summary)) or summary.verdict is None:
         return []
     answers = [
-        ("Does it matter?", importance(told)),
-        ("How sure is that?", certainty(told)),
-        ("What next?", next_step(told)),
+        ("Does it matter?", importance(summary)),
+        ("How sure is that?", certainty(summary)),
+        ("What next?", next_step(summary)),
     ]
     return [(question, answer) for question, answer in answers if answer]
 
 
-def importance(told: Summary) -> str:
+def importance(summary: Summary) -> str:
     """What it does to the sufferer, and what a forecast loses by not knowing it."""
-    if told.verdict == "none":
-        return _nothing_matters(told)
-    if told.verdict == "named":
-        return _of_names(told.effects)
-    if told.explainable is not None:
-        share = percent(told.explainable.share)
+    if summary.verdict == "none":
+        return _nothing_matters(summary)
+    if summary.verdict == "named":
+        return _of_names(summary.effects)
+    if summary.explainable is not None:
+        share = percent(summary.explainable.share)
         return f"Yes: knowing it would remove up to {share} of the squared forecast error."
-    costs = _costs("it", told.worth)
+    costs = _costs("it", summary.worth)
     return f"Yes: {costs}." if costs else ""
 
 
-def _nothing_matters(told: Summary) -> str:
-    name, channel = gap_channel(told)
+def _nothing_matters(summary: Summary) -> str:
+    name, channel = gap_channel(summary)
     if channel is None:
         return ""
     error, _, noise = gap_values(channel)
@@ -65,68 +65,68 @@ def _costs(name: str, worth: Worth | None) -> str:
     """`crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error`."""
     if worth is None:
         return ""
-    told = [force_words(worth.force_n)]
+    costs = [force_words(worth.force_n)]
     height_mm = 1e3 * worth.tracking_m.value
     if height_mm > 0.0:
-        told.append(f"{height_mm:.1f} mm of height")
+        costs.append(f"{height_mm:.1f} mm of height")
     shares = {h: share_of(worth, h) for h in _HORIZONS}
     known = {h: share for h, share in shares.items() if not math.isnan(share)}
     if known:
         best = max(known, key=lambda h: known[h])
-        told.append(f"{percent(max(known[best], 0.0))} of the squared forecast error {best}")
-    return f"{name} makes {listed(told)}"
+        costs.append(f"{percent(max(known[best], 0.0))} of the squared forecast error {best}")
+    return f"{name} makes {listed(costs)}"
 
 
-def certainty(told: Summary) -> str:
+def certainty(summary: Summary) -> str:
     """How sure the verdict is, in per cent and by what it was tried on."""
     sure = {"named": _names_sure, "class": _class_sure, "unknown": _unknown_sure}
-    if told.verdict not in sure:
+    if summary.verdict not in sure:
         return (
             "Where nothing is missing, one search in twenty finds something; this one found "
             "nothing that flights kept apart bear out."
-            if told.withdrawn
+            if summary.withdrawn
             else ""
         )
-    return " ".join(part for part in (*sure[told.verdict](told), _halves(told)) if part)
+    return " ".join(part for part in (*sure[summary.verdict](summary), _halves(summary)) if part)
 
 
-def _names_sure(told: Summary) -> list[str]:
-    if unconfirmed(flight_count(told)):
+def _names_sure(summary: Summary) -> list[str]:
+    if unconfirmed(flight_count(summary)):
         return ["No flight was kept apart to confirm it."]
-    known = [effect for effect in told.effects if not math.isnan(effect.confidence)]
+    known = [effect for effect in summary.effects if not math.isnan(effect.confidence)]
     sure = [f"{effect.name} {confidence(effect.confidence)}" for effect in known]
     sentences = [f"{listed(sure)}."] if sure else []
-    if all(effect.worth is not None and effect.worth.confirmed for effect in told.effects):
+    if all(effect.worth is not None and effect.worth.confirmed for effect in summary.effects):
         sentences.append("Flights that took no part in finding it bear it out.")
     return sentences
 
 
-def _class_sure(told: Summary) -> list[str]:
-    return [f"One of {listed(told.rivals, 'or')} is there; which, is open."]
+def _class_sure(summary: Summary) -> list[str]:
+    return [f"One of {listed(summary.rivals, 'or')} is there; which, is open."]
 
 
-def _unknown_sure(told: Summary) -> list[str]:
-    if told.beside:
+def _unknown_sure(summary: Summary) -> list[str]:
+    if summary.beside:
         return ["That there is more than the known part is beyond chance; what it is, is open."]
     return ["That something is missing is beyond chance; what it is, is open."]
 
 
-def _halves(told: Summary) -> str:
-    if told.repeated is None:
+def _halves(summary: Summary) -> str:
+    if summary.repeated is None:
         return ""
-    if told.repeated.agree:
+    if summary.repeated.agree:
         return "Each half of the flights by itself says the same."
     return "The two halves of the flights do not agree: fly more."
 
 
-def next_step(told: Summary) -> str:
+def next_step(summary: Summary) -> str:
     """What to do, in words; the commands stand below where there are any."""
-    if told.next is not None:
-        return f"{told.next.why[:1].upper()}{told.next.why[1:]}."
-    if told.verdict == "named" and told.to_add:
+    if summary.next is not None:
+        return f"{summary.next.why[:1].upper()}{summary.next.why[1:]}."
+    if summary.verdict == "named" and summary.to_add:
         return "Simulate and train with the corrected rig file."
-    if told.verdict in ("named", "none"):
+    if summary.verdict in ("named", "none"):
         return "Nothing: simulate and train with the rig file as it is."
-    if told.verdict == "unknown":
+    if summary.verdict == "unknown":
         return "Look where flights and rig file disagree, and fly there more."
     return ""

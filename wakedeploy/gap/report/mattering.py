@@ -19,8 +19,8 @@ def small_clause(answer: Answer) -> str:
     small = [effect for effect in answer.effects if not effect.matters]
     if not small:
         return ""
-    told = [f"{effect.name} ({removed_words(effect.worth)})" for effect in small]
-    return f"{listed(told)} {'are' if small[1:] else 'is'} there, too small to matter here"
+    names = [f"{effect.name} ({removed_words(effect.worth)})" for effect in small]
+    return f"{listed(names)} {'are' if small[1:] else 'is'} there, too small to matter here"
 
 
 def form_sentences(answer: Answer) -> list[str]:
@@ -29,8 +29,8 @@ def form_sentences(answer: Answer) -> list[str]:
     if not answer.effects:
         return []
     if rest is not None and rest.text:
-        left = f"{force_words(rest.force_n)} are left, which are not added; as an expression"
-        return [f"Its form is not exact: {left}, {rest.text}."]
+        remainder = f"{force_words(rest.force_n)} are left, which are not added; as an expression"
+        return [f"Its form is not exact: {remainder}, {rest.text}."]
     if not answer.form_exact:
         return ["Its form is not exact: what is left is not quite noise."]
     return []
@@ -40,8 +40,8 @@ def unsettled_sentences(answer: Answer) -> list[str]:
     """Fits that did not end where they should."""
     if not answer.unsettled:
         return []
-    told = "Did not converge, so that it may rank too low, or its interval be wrong"
-    return [f"{told}: {listed(answer.unsettled)}."]
+    start = "Did not converge, so that it may rank too low, or its interval be wrong"
+    return [f"{start}: {listed(answer.unsettled)}."]
 
 
 def repeated_sentences(answer: Answer) -> list[str]:
@@ -49,10 +49,12 @@ def repeated_sentences(answer: Answer) -> list[str]:
     again = answer.repeated
     if again is None or len(again.halves) != 2:
         return []
-    told = [_half(half) for half in again.halves]
+    halves = [_half(half) for half in again.halves]
     if again.agree:
-        return [f"Both halves of the flights say so by themselves: {listed(told)}."]
-    return [f"The two halves of the flights do not agree: {listed(told)}. More flights would tell."]
+        return [f"Both halves of the flights say so by themselves: {listed(halves)}."]
+    return [
+        f"The two halves of the flights do not agree: {listed(halves)}. More flights would tell."
+    ]
 
 
 def _half(half: Half) -> str:
@@ -79,13 +81,17 @@ def worth_sentences(worth: Worth | None, subject: str = "It") -> list[str]:
     """What it changes in the force and in forecasts, and whether that matters."""
     if worth is None:
         return []
-    told = [f"{subject} makes {force_words(worth.force_n)}{_tracking(worth)}"]
+    shares_told = [f"{subject} makes {force_words(worth.force_n)}{_tracking(worth)}"]
     for horizon in (_NEAR, _FAR):
         if not math.isnan(share_of(worth, horizon)):
-            told.append(f"{_with_interval(worth.removed[horizon])} {horizon}")
-    shares = f"; of the squared forecast error it removes {listed(told[1:])}" if told[1:] else ""
+            shares_told.append(f"{_with_interval(worth.removed[horizon])} {horizon}")
+    shares = (
+        f"; of the squared forecast error it removes {listed(shares_told[1:])}"
+        if shares_told[1:]
+        else ""
+    )
     verdict = "it matters" if worth.matters else "too small to matter here, and not added"
-    return [f"{told[0]}{shares}: {verdict}."]
+    return [f"{shares_told[0]}{shares}: {verdict}."]
 
 
 def withdrawn_sentences(answer: Answer) -> list[str]:
@@ -114,9 +120,11 @@ def explainable_sentences(answer: Answer) -> list[str]:
     share = answer.explainable
     if share is None:
         return []
-    told = f"All that could be explained of the forecast error {_NEAR} is {_with_interval(share)}"
+    sentence = (
+        f"All that could be explained of the forecast error {_NEAR} is {_with_interval(share)}"
+    )
     few = "" if answer.verdict == "unknown" else ": too little to matter here"
-    return [f"The flights disagree with the model beyond noise. {told}{few}."]
+    return [f"The flights disagree with the model beyond noise. {sentence}{few}."]
 
 
 def force_words(force_n: float) -> str:

@@ -181,11 +181,11 @@ def write_report(out: Path) -> Path:
     """
     steps = read_steps(out)
     pictures = draw_pictures(steps, out / "figures")
-    told = _opening(steps, out) | _data(steps) | {"pictures": pictures, "title": TITLE}
-    told |= {"where": _where(steps), "which": _which(steps), "shown": _shown(steps)}
-    told |= {"added": _added(steps), "nothing_added": _nothing_added(steps)}
+    content = _opening(steps, out) | _data(steps) | {"pictures": pictures, "title": TITLE}
+    content |= {"where": _where(steps), "which": _which(steps), "shown": _shown(steps)}
+    content |= {"added": _added(steps), "nothing_added": _nothing_added(steps)}
     path = out / "report.html"
-    write_text_whole(path, pages.page("wakedeploy.gap.report", "report.html", **told))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "report.html", **content))
     return path
 
 
@@ -228,24 +228,24 @@ def _flights(steps: Steps) -> str:
     return f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
 
 
-def _tiles(told: Summary) -> list[tuple[str, str]]:
+def _tiles(summary: Summary) -> list[tuple[str, str]]:
     tiles = [
         (f"{effect.name}, {spoken(parameter)}", value)
-        for effect in told.effects
+        for effect in summary.effects
         for parameter, value in values_of(effect.parameters)
     ]
-    name, channel = gap_channel(told)
+    name, channel = gap_channel(summary)
     if channel is None:
         return tiles
     before, after, noise = gap_values(channel)
-    if cannot_tell(flight_count(told)) or unchanged(channel):
+    if cannot_tell(flight_count(summary)) or unchanged(channel):
         tiles.append((f"error of the {name}", before))
-        unknown = cannot_tell(flight_count(told)) or noise_unknown(told)
+        unknown = cannot_tell(flight_count(summary)) or noise_unknown(summary)
         return tiles if unknown else [*tiles, ("noise alone", noise)]
     return [
         *tiles,
         (f"{name}, before", before),
-        (f"after, if it is {listed(told.as_if)}" if told.as_if else "after", after),
+        (f"after, if it is {listed(summary.as_if)}" if summary.as_if else "after", after),
         ("noise alone", noise),
         ("of the gap closed", closed_words(channel) or UNKNOWN),
     ]

@@ -17,10 +17,10 @@ _HARDLY = 0.98  # of the error before; an error after beyond that asks for an ex
 _LITTLE, _LESS = 0.2, 0.7  # of the gain of what was found; so much a wrong effect may imitate
 
 
-def gap_channel(told: Summary) -> tuple[str, Gap | None]:
+def gap_channel(summary: Summary) -> tuple[str, Gap | None]:
     """The channel by which the gap is judged, and its numbers; ("", None) where there is none."""
-    name = FORECAST if FORECAST in told.gap else next(iter(told.gap), "")
-    return name, told.gap.get(name)
+    name = FORECAST if FORECAST in summary.gap else next(iter(summary.gap), "")
+    return name, summary.gap.get(name)
 
 
 def closed_words(channel: Gap) -> str:
@@ -37,46 +37,46 @@ def unchanged(channel: Gap | None) -> bool:
     return channel is not None and channel.before == channel.after
 
 
-def noise_unknown(told: Summary) -> bool:
+def noise_unknown(summary: Summary) -> bool:
     """Whether something is or may be missing and nothing was added: the fitted noise has it."""
-    open_ = told.verdict == "unknown" or cannot_tell(flight_count(told))
-    return open_ and unchanged(gap_channel(told)[1])
+    open_ = summary.verdict == "unknown" or cannot_tell(flight_count(summary))
+    return open_ and unchanged(gap_channel(summary)[1])
 
 
-def flight_count(told: Summary) -> int:
+def flight_count(summary: Summary) -> int:
     """How many flights a result is of, sealed ones included; 0 where it does not say."""
-    return told.flights or len(told.logs)
+    return summary.flights or len(summary.logs)
 
 
-def shrinking(told: Summary) -> list[str]:
+def shrinking(summary: Summary) -> list[str]:
     """The error before and after, and where that says too little of what was found, why."""
-    name, channel = gap_channel(told)
+    name, channel = gap_channel(summary)
     if channel is None:
         return []
     if math.isnan(channel.after) or unchanged(channel):
-        return [_as_it_is(told, name, channel)]
+        return [_as_it_is(summary, name, channel)]
     before, after, floor = gap_values(channel)
-    judged = _judged_on(told)
-    if told.as_if:
-        judged = f"If it is {listed(told.as_if)}: {judged[0].lower()}{judged[1:]}"
+    judged = _judged_on(summary)
+    if summary.as_if:
+        judged = f"If it is {listed(summary.as_if)}: {judged[0].lower()}{judged[1:]}"
     sentence = f"{judged}, the error of the {name} goes from {before} to {after}"
-    if cannot_tell(flight_count(told)):
+    if cannot_tell(flight_count(summary)):
         return [f"{sentence}."]
     hardly = channel.after > _HARDLY * channel.before
     return [
         f"{sentence}, where noise alone gives {floor}{_closed(channel)}.",
-        *(_instead(told) if hardly else []),
+        *(_instead(summary) if hardly else []),
     ]
 
 
-def _as_it_is(told: Summary, name: str, channel: Gap) -> str:
+def _as_it_is(summary: Summary, name: str, channel: Gap) -> str:
     """The error where nothing was added, and what is known of the noise in it."""
     before, _, floor = gap_values(channel)
-    sentence = f"{_judged_on(told)}, the error of the {name} is {before}"
-    flights = flight_count(told)
+    sentence = f"{_judged_on(summary)}, the error of the {name} is {before}"
+    flights = flight_count(summary)
     if cannot_tell(flights):
         return f"{sentence}; how much of it is noise, {in_words(flights)} cannot tell."
-    if noise_unknown(told):
+    if noise_unknown(summary):
         return f"{sentence}; how much of it is noise is not known while something is missing."
     return f"{sentence}; noise alone: {floor}."
 
@@ -90,18 +90,18 @@ def _closed(channel: Gap) -> str:
     return "" if math.isnan(channel.closed) else f": {closed_words(channel)} of the gap closed"
 
 
-def _instead(told: Summary) -> list[str]:
+def _instead(summary: Summary) -> list[str]:
     """Why an error ahead hardly shrinks, and what the likelihood of the same flights says.
 
     Calibration is fitted before and after: what it imitates leaves the error before as small.
     """
-    hiding = [f"{each.name} (by {each.away_sd:.1f} of its spreads)" for each in told.hidden_by]
+    hiding = [f"{each.name} (by {each.away_sd:.1f} of its spreads)" for each in summary.hidden_by]
     sentence, against = "Judged by that, what was found hardly shows", ""
     if hiding:
         bent = f"a calibration bent in {listed(hiding)}"
         sentence = f"Before, {bent} had hidden what was found from this forecast"
         against = "against such a calibration, "
-    nats = told.log_density_gain_nats
+    nats = summary.log_density_gain_nats
     if math.isnan(nats):
         return [f"{sentence}."]
     speaks = f"hardly speaks for it ({nats:.1f} nats)"
@@ -121,16 +121,16 @@ def gap_values(channel: Gap) -> tuple[str, str, str]:
     )
 
 
-def channel_lines(told: Summary) -> list[str]:
+def channel_lines(summary: Summary) -> list[str]:
     """Every channel in one line, for a terminal; noise where it is known."""
     lines = []
-    for name, channel in told.gap.items():
+    for name, channel in summary.gap.items():
         before, after, floor = (
             quantity(value, channel.unit)
             for value in (channel.before, channel.after, channel.noise_floor)
         )
         change = before if unchanged(channel) else f"{before} → {after}"
-        noise = "" if noise_unknown(told) else f" (noise {floor})"
+        noise = "" if noise_unknown(summary) else f" (noise {floor})"
         lines.append(f"{name}: {change}{noise}")
     return lines
 
@@ -141,22 +141,22 @@ def without_noise(gap: Mapping[str, Gap]) -> dict[str, Gap]:
     return {name: channel.model_copy(update=unknown) for name, channel in gap.items()}
 
 
-def _judged_on(told: Summary) -> str:
-    fitted = "noise and calibration" if unchanged(gap_channel(told)[1]) else "sizes"
-    if told.in_sample:
-        flights = "flight" if flight_count(told) == 1 else "flights"
+def _judged_on(summary: Summary) -> str:
+    fitted = "noise and calibration" if unchanged(gap_channel(summary)[1]) else "sizes"
+    if summary.in_sample:
+        flights = "flight" if flight_count(summary) == 1 else "flights"
         return f"On the very {flights} that {fitted} were fitted to"
-    if told.cross_validated:
+    if summary.cross_validated:
         return f"On each flight, with {fitted} fitted to the others"
-    if not told.sealed:
+    if not summary.sealed:
         return "In these flights"
-    return f"On {counted(len(told.sealed), 'flight')} that took no part in finding it"
+    return f"On {counted(len(summary.sealed), 'flight')} that took no part in finding it"
 
 
-def placebo(told: Summary) -> list[str]:
+def placebo(summary: Summary) -> list[str]:
     """Whether a wrong effect helps as well."""
-    wrong = told.placebo
-    if wrong is None or unchanged(gap_channel(told)[1]):
+    wrong = summary.placebo
+    if wrong is None or unchanged(gap_channel(summary)[1]):
         return []
     change = f"{quantity(wrong.before, wrong.unit)} to {quantity(wrong.after, wrong.unit)}"
     gain, found = wrong.gain_nats, wrong.found_gain_nats

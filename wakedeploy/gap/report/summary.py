@@ -19,54 +19,54 @@ from wakedeploy.gap.wording import (
 _NOTHING_AT_ALL = "Nothing is missing from the model beyond noise."
 
 
-def account(told: Summary) -> str:
+def account(summary: Summary) -> str:
     """A short account of a result, one sentence or two per line: the first screen, then why.
 
     Only `verdict` is needed; whatever else is missing is left out or shown as a dash.
     """
-    asked = [f"{question} {answer}" for question, answer in first_screen(told)]
+    asked = [f"{question} {answer}" for question, answer in first_screen(summary)]
     apart = ["", "In detail:"] if asked else []
-    return "\n".join([verdict_sentence(told), *asked, *apart, *evidence(told)])
+    return "\n".join([verdict_sentence(summary), *asked, *apart, *evidence(summary)])
 
 
-def verdict_sentence(told: Summary) -> str:
+def verdict_sentence(summary: Summary) -> str:
     """What is missing, in one sentence; of too few flights, how many it takes to tell."""
-    flights = flight_count(told)
+    flights = flight_count(summary)
     if cannot_tell(flights):
         return headline(flights)
-    sentence = _verdict_of(told)
-    if unconfirmed(flights) and told.claims:
+    sentence = _verdict_of(summary)
+    if unconfirmed(flights) and summary.claims:
         sentence += f" {in_words(flights).capitalize()} say so; one more has to confirm it."
     return sentence
 
 
-def _verdict_of(told: Summary) -> str:
+def _verdict_of(summary: Summary) -> str:
     """The sentence of a verdict, whatever it rests on."""
-    if told.verdict == "named" and told.effects:
-        return _named_sentence(told)
-    if told.verdict == "class":
-        return _class_sentence(told)
-    if told.verdict == "unknown" and told.beside:
+    if summary.verdict == "named" and summary.effects:
+        return _named_sentence(summary)
+    if summary.verdict == "class":
+        return _class_sentence(summary)
+    if summary.verdict == "unknown" and summary.beside:
         return "Something is missing from the model, and known effects explain only a part of it."
-    if told.verdict == "unknown" and told.closest:
-        near = f"the known effect that comes nearest, {told.closest}, explains too little of it"
+    if summary.verdict == "unknown" and summary.closest:
+        near = f"the known effect that comes nearest, {summary.closest}, explains too little of it"
         return f"Something is missing from the model; {near}."
-    if told.verdict == "unknown":
+    if summary.verdict == "unknown":
         return "Something is missing from the model, and no known effect explains it."
-    if told.verdict == "none":
-        return f"{NOTHING}." if _was_judged(told) else _NOTHING_AT_ALL
+    if summary.verdict == "none":
+        return f"{NOTHING}." if _was_judged(summary) else _NOTHING_AT_ALL
     return "No verdict yet."
 
 
-def _was_judged(told: Summary) -> bool:
+def _was_judged(summary: Summary) -> bool:
     """Whether something was found, and found not to count."""
-    return bool(told.withdrawn) or told.small is not None or told.explainable is not None
+    return bool(summary.withdrawn) or summary.small is not None or summary.explainable is not None
 
 
-def _named_sentence(told: Summary) -> str:
+def _named_sentence(summary: Summary) -> str:
     """The effects that matter, and those that are there and do not."""
-    names = [effect.name for effect in told.to_add]
-    small = small_clause(told)
+    names = [effect.name for effect in summary.to_add]
+    small = small_clause(summary)
     if not names:
         return f"{NOTHING}: {small}."
     several = "Effects" if len(names) > 1 else "Effect"
@@ -74,14 +74,14 @@ def _named_sentence(told: Summary) -> str:
     return f"{several} missing from the model: {listed(names)}.{also}"
 
 
-def _class_sentence(told: Summary) -> str:
+def _class_sentence(summary: Summary) -> str:
     """What is sure, the class, what is nearly as near, and what else is missing."""
-    sure = [effect.name for effect in told.effects if effect.name not in told.rivals]
-    several = "either" if len(told.rivals) == 2 else "one of"
-    members = f"{several} {listed(told.rivals, 'or')}; these flights cannot tell which."
+    sure = [effect.name for effect in summary.effects if effect.name not in summary.rivals]
+    several = "either" if len(summary.rivals) == 2 else "one of"
+    members = f"{several} {listed(summary.rivals, 'or')}; these flights cannot tell which."
     known = f"{listed(sure)}, and " if sure else ""
-    others = told.others
+    others = summary.others
     more = f" {listed(others).capitalize()} would do nearly as well." if others else ""
-    classes = [listed(each, "or") for each in told.more_classes if each]
+    classes = [listed(each, "or") for each in summary.more_classes if each]
     besides = "".join(f" Besides, {each} is missing." for each in classes)
     return f"Missing from the model: {known}{members}{more}{besides}"

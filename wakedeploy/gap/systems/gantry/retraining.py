@@ -252,15 +252,15 @@ def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, floa
         warm = max(predictor.warm_up_steps - 1, 0)
         if len(target) <= warm:
             continue
-        told = rolled_out(predictor, episode.observation[: len(target)])
-        error = (told - target)[warm:].astype(np.float64)
+        forecast = rolled_out(predictor, episode.observation[: len(target)])
+        error = (forecast - target)[warm:].astype(np.float64)
         total, count = total + float(np.square(error).sum()), count + len(error)
     return total, float(count)
 
 
 def _rms(flights: Flown, of: str) -> float:
     """Root mean square [N] of the measured force or of its standard deviation."""
-    episodes = [episode for own in flights.values() for episode in own]
+    episodes = [episode for stretches in flights.values() for episode in stretches]
     parts = [e.force if of == "force" else e.extras["force_sd_n"] for e in episodes]
     return float(np.sqrt(np.mean(np.square(np.concatenate(parts)))))
 

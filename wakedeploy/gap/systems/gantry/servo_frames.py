@@ -117,7 +117,7 @@ def _times_of_frames(log: RunLog) -> tuple[FloatArray, FloatArray]:
     applied_s = np.asarray(log["applied_time_s"][known], float)
     age_s = seen_s - applied_s
     is_this, is_last = age_s < _NO_AGE_S, np.abs(age_s[1:] - np.diff(seen_s)) < _NO_AGE_S
-    copies = max(float(one.mean()) for one in (is_this, is_last)) if len(seen_s) > 1 else 1.0
+    copies = max(float(marks.mean()) for marks in (is_this, is_last)) if len(seen_s) > 1 else 1.0
     if copies > _EXPECTED or float(np.median(np.abs(age_s))) > _OTHER_CLOCK_S:
         return np.zeros(0), np.zeros(0)
     return seen_s, applied_s

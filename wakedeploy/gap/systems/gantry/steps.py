@@ -172,8 +172,8 @@ def name(case: Case, out: Path, progress: Progress = quiet) -> Name:
         disagrees=disagrees,
     )
     progress("comparing what could be told apart")
-    told = write_answer(answer, out, started)
-    return _judged(case, out, answer, told, progress)
+    named = write_answer(answer, out, started)
+    return _judged(case, out, answer, named, progress)
 
 
 def write_answer(answer: Answer, out: Path, started_s: float, is_simulated: bool = True) -> Name:
@@ -181,24 +181,24 @@ def write_answer(answer: Answer, out: Path, started_s: float, is_simulated: bool
 
     `is_simulated` says that the thresholds are the rig's own.
     """
-    told = told_of(answer, started_s, is_simulated)
+    named = told_of(answer, started_s, is_simulated)
     forget(out, "name")
     Found.of(answer).write(out)
-    return write(out, told)
+    return write(out, named)
 
 
-def _judged(case: Case, out: Path, answer: Answer, told: Name, progress: Progress) -> Name:
+def _judged(case: Case, out: Path, answer: Answer, named: Name, progress: Progress) -> Name:
     """The answer after the sealed flights have said what it is worth; writes `name.json` again."""
     found = Found.of(answer)
-    parts = parts_of(told, found.fit.hypothesis)
+    parts = parts_of(named, found.fit.hypothesis)
     progress("asking the sealed flights whether it matters")
-    if not parts and told.verdict == "unknown":
+    if not parts and named.verdict == "unknown":
         judging = GantryModel(case.rig, case.sealed) if case.sealed else None
         moved = None if judging is None else judging.around_own_motion(found.base)
         worth_all = explainable(found.base_model, found.base, moved)
-        return write(out, unexplained(told, worth_all))
+        return write(out, unexplained(named, worth_all))
     if not parts:
-        return write(out, judged(told, (), ()))
+        return write(out, judged(named, (), ()))
     worth = mattering(
         found,
         case.sealed or case.flights,
@@ -206,7 +206,7 @@ def _judged(case: Case, out: Path, answer: Answer, told: Name, progress: Progres
         members=answer.members,
         crossed=case.in_sample,
     )
-    after = judged(told, parts, worth)
+    after = judged(named, parts, worth)
     if after.verdict in ("named", "class"):
         progress("answering again from each half of the flights")
         after = after.model_copy(update={"repeated": repeated(answer, case.sealed)})
@@ -229,10 +229,10 @@ def add(case: Case, out: Path, *, from_symbolic: bool = False, only: str | None 
         raise UnusableInput(f"{out / 'name.json'}: nothing was concluded, none to add. {few}")
     if from_symbolic and named.unknown is None:
         raise UnusableInput(f"{out / 'name.json'}: it has no symbolic expression to add.")
-    told = named.beside if from_symbolic else _to_add(case, out, named, only)
+    effects = named.beside if from_symbolic else _to_add(case, out, named, only)
     unknown = named.unknown if from_symbolic else None
     try:
-        corrected, added = corrected_rig(case.rig, told, unknown, digest)
+        corrected, added = corrected_rig(case.rig, effects, unknown, digest)
     except UnusableInput as error:
         raise UnusableInput(f"{out / 'name.json'}: {error}") from error
     if not added:
@@ -269,7 +269,7 @@ def show_gap(
     added = [] if steps.add is None else [effect.name for effect in steps.add.effects]
     found = Found.read(out, case.rig, case.flights)
     model, corrected = _corrected(found, named, added)
-    told = show(
+    shown_gap = show(
         replace(found, model=model),
         corrected,
         case.sealed or case.flights,
@@ -280,7 +280,7 @@ def show_gap(
     )
     shown = corrected.hypothesis if corrected is not None else ()
     as_if = [n for n in shown if n in LIBRARY and n not in added]
-    shown_gap = write(out, told.model_copy(update={"as_if": as_if}))
+    shown_gap = write(out, shown_gap.model_copy(update={"as_if": as_if}))
     return shown_gap if retrain is None else retrain_shown(case, out, retrain, shown_gap, progress)
 
 

@@ -86,13 +86,13 @@ def close(
     case = open_case(rig_path, measured, workers=workers, progress=progress, thresholds=thresholds)
     steps: workflow.Steps[Artefact] = CaseSteps(case, out, progress)
     workflow.run(steps, "close")
-    left = read_steps(out)
-    if plan and left.name is not None and len(left.name.rivals) > 1:
-        _plan(case, out, left.name, progress)
-    told = _concluded(case, out, report, progress)
-    if retrain is None or left.show is None:
-        return told
-    retrain_shown(case, out, retrain, left.show, progress)
+    steps_left = read_steps(out)
+    if plan and steps_left.name is not None and len(steps_left.name.rivals) > 1:
+        _plan(case, out, steps_left.name, progress)
+    concluded = _concluded(case, out, report, progress)
+    if retrain is None or steps_left.show is None:
+        return concluded
+    retrain_shown(case, out, retrain, steps_left.show, progress)
     return _concluded(case, out, report, progress)
 
 
@@ -104,23 +104,23 @@ def _plan(case: Case, out: Path, named: Name, progress: Progress) -> None:
 
 
 def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> Result:
-    told = result(case, out)
+    concluded = result(case, out)
     if report:
         from wakedeploy.gap.report.page import write_report  # draws; slow to import
 
         progress("drawing the report")
         write_report(out)
-    return told
+    return concluded
 
 
 def result(case: Case, out: Path) -> Result:
     """`result.json` from the steps that have run."""
     steps = read_steps(out)
-    told = parts(steps.name, Answer) | parts(steps.show, Judged)
+    content = parts(steps.name, Answer) | parts(steps.show, Judged)
     return write_result(
         out,
         Result(
-            **told,
+            **content,
             members=[] if steps.name is None else _members(steps.name),
             where=[] if steps.find is None else steps.find.places,
             plan=None if steps.name is None else planned(steps.name.rivals, steps.name, out),
@@ -129,11 +129,11 @@ def result(case: Case, out: Path) -> Result:
     )
 
 
-def write_result(out: Path, told: Result) -> Result:
+def write_result(out: Path, result: Result) -> Result:
     """`result.json`, with the sentence that heads the report and what it advises to do next."""
-    steps = replace(read_steps(out), result=told)
+    steps = replace(read_steps(out), result=result)
     heads = {"headline": verdict_sentence(steps.summary), "next": advice(steps, out)}
-    return write(out, told.model_copy(update=heads))
+    return write(out, result.model_copy(update=heads))
 
 
 def plan_kept(out: Path, plan: Plan) -> bool:
@@ -142,8 +142,8 @@ def plan_kept(out: Path, plan: Plan) -> bool:
     steps: Steps = read_steps(out)
     if steps.result is None or steps.result.rivals != plan.rivals:
         return False
-    told = planned(plan.rivals, steps.name, out)
-    write_result(out, steps.result.model_copy(update={"plan": told}))
+    splitting = planned(plan.rivals, steps.name, out)
+    write_result(out, steps.result.model_copy(update={"plan": splitting}))
     return True
 
 
@@ -163,5 +163,6 @@ def _members(named: Name) -> list[Effect]:
     names = leading.names if leading is not None and leading.clear else named.rivals
     found = [named.ranked[name] for name in names if name in named.ranked]
     return [
-        Effect(name=one.name, confidence=one.confidence, parameters=one.parameters) for one in found
+        Effect(name=entry.name, confidence=entry.confidence, parameters=entry.parameters)
+        for entry in found
     ]

@@ -44,15 +44,15 @@ def as_json(reference: Reference) -> dict[str, Any]:
     }
 
 
-def _own(one: Own, names: Sequence[str]) -> dict[str, Any]:
-    values = zip(names, one.values, one.errors, strict=True)
+def _own(learned: Own, names: Sequence[str]) -> dict[str, Any]:
+    values = zip(names, learned.values, learned.errors, strict=True)
     return {
-        "quantity": one.quantity.name,
-        "unit": one.quantity.unit,
-        "sd": one.between.sd,
-        "low": one.between.low,
-        "high": one.between.high,
-        "p_value": one.between.p_value,
+        "quantity": learned.quantity.name,
+        "unit": learned.quantity.unit,
+        "sd": learned.between.sd,
+        "low": learned.between.low,
+        "high": learned.between.high,
+        "p_value": learned.between.p_value,
         "by_flight": {n: {"value": float(v), "error": float(e)} for n, v, e in values},
     }
 
@@ -86,13 +86,16 @@ def _odd(odd: Odd, flight: str) -> str:
     )
 
 
-def _variation(one: Own) -> str:
-    words = one.quantity.words
-    if not one.between.is_sure:
-        most = _size(one.quantity, one.between.high)
+def _variation(learned: Own) -> str:
+    words = learned.quantity.words
+    if not learned.between.is_sure:
+        most = _size(learned.quantity, learned.between.high)
         return f"From flight to flight {words} stays the same, to within {most}."
-    low, high = _size(one.quantity, one.between.low), _size(one.quantity, one.between.high)
-    sd = _size(one.quantity, one.between.sd)
+    low, high = (
+        _size(learned.quantity, learned.between.low),
+        _size(learned.quantity, learned.between.high),
+    )
+    sd = _size(learned.quantity, learned.between.sd)
     return f"From flight to flight {words} varies by {sd} (1 sd) [{low}, {high}]."
 
 

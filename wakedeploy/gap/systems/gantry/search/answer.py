@@ -146,8 +146,8 @@ def unsettled(answer: Answer) -> list[str]:
 
 def _unmoved(fitted: Fit, effect: str) -> bool:
     """Whether all of an effect's parameters stand exactly where they are neutral."""
-    own = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
-    return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in own)
+    parameters = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
+    return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in parameters)
 
 
 def _beside(answer: Answer) -> list[str]:

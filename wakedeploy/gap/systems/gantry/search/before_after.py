@@ -71,9 +71,9 @@ class Shown:
     def left_out(cls, model: GantryModel, fits: Sequence[Fit]) -> "Shown":
         """Each flight under the fit to the others, (E,) fits of one hypothesis."""
         each = [cls.of(model.only([i]), fitted) for i, fitted in enumerate(fits)]
-        near = GantryModel(model.rig, [one.model.flights[0] for one in each], model.extra)
-        scores = tuple(one.fit.slopes.scores[0] for one in each)
-        density = np.concatenate([one.fit.per_episode for one in each])
+        near = GantryModel(model.rig, [shown.model.flights[0] for shown in each], model.extra)
+        scores = tuple(shown.fit.slopes.scores[0] for shown in each)
+        density = np.concatenate([shown.fit.per_episode for shown in each])
         episodes = tuple(range(len(fits)))
         joined = replace(
             each[0].fit, episodes=episodes, slopes=Slopes(scores, (), ()), per_episode=density

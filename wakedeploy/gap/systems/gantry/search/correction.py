@@ -40,10 +40,10 @@ def corrected_rig(
     return corrected, added
 
 
-def entry_of(told: Sized, digest: str, date: str) -> Effect:
+def entry_of(effect: Sized, digest: str, date: str) -> Effect:
     """An effect as a rig file lists it; UnusableInput for sizes that are none."""
     try:
-        return Effect(name=told.name, parameters=told.entries(), data_sha256=digest, date=date)
+        return Effect(name=effect.name, parameters=effect.entries(), data_sha256=digest, date=date)
     except ValidationError as error:
         why = first_problem(error)
-        raise UnusableInput(f"effect {told.name}: {why}; run `gap name` again.") from error
+        raise UnusableInput(f"effect {effect.name}: {why}; run `gap name` again.") from error

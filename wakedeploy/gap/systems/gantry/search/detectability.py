@@ -24,14 +24,14 @@ def detectable(answer: Answer) -> dict[str, Detectable]:
     """
     least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
     nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
-    told = {}
+    sizes = {}
     for name in LIBRARY:
         if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:
             continue
         first = LIBRARY[name].parameters[0]
         size, known = _size(answer, name, nats)
-        told[name] = Detectable(parameter=first.name, size=size, unit=first.unit, known=known)
-    return told
+        sizes[name] = Detectable(parameter=first.name, size=size, unit=first.unit, known=known)
+    return sizes
 
 
 def _size(answer: Answer, name: str, nats: float) -> tuple[float, bool]:

@@ -140,13 +140,13 @@ def search(
     """
     least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
     bars = _Bars(least, least if wave_nats is None else wave_nats)
-    one = _Search(model, base, rank_function, names, terms, bars)
-    while len(one.chosen) < most_terms and one.add():
-        one.exchange()
-    one.drop_idle()
-    if not one.chosen:
+    searched = _Search(model, base, rank_function, names, terms, bars)
+    while len(searched.chosen) < most_terms and searched.add():
+        searched.exchange()
+    searched.drop_idle()
+    if not searched.chosen:
         return None
-    return told(base, one.current, tuple(one.chosen), setting, terms)
+    return told(base, searched.current, tuple(searched.chosen), setting, terms)
 
 
 def to_effect(
@@ -227,9 +227,9 @@ class _Search:
         A wave has its frequency refined. A term that promises little of what it must gain even on
         the episodes that it is fitted to is not fitted.
         """
-        left = [name for name in self._names if name not in self.chosen]
-        promised = dict(zip(left, promises(self._model, self.current, left), strict=True))
-        order = sorted(left, key=lambda name: -promised[name])
+        remaining = [name for name in self._names if name not in self.chosen]
+        promised = dict(zip(remaining, promises(self._model, self.current, remaining), strict=True))
+        order = sorted(remaining, key=lambda name: -promised[name])
         hopeful = [n for n in order if promised[n] > _WORTH_FITTING * self._bars.of(n)]
         if not hopeful:
             return False
@@ -278,8 +278,8 @@ class _Search:
 
     def _surely_needed(self, name: str) -> bool:
         """Whether one of a term's coefficients is so far from zero that no refit is needed."""
-        own = [n for n in self.current.names if n.startswith(f"{name}.")]
-        away = [self.current.value(n) / self.current.standard_error(n) for n in own]
+        parameters = [n for n in self.current.names if n.startswith(f"{name}.")]
+        away = [self.current.value(n) / self.current.standard_error(n) for n in parameters]
         return 0.5 * max(abs(z) for z in away) ** 2 > _SURELY * self._bars.of(name)
 
     def _without(self, name: str) -> Fit:
@@ -320,14 +320,14 @@ def told(
     formulas, texts = list[str](), list[str]()
     coefficients = list[Coefficient]()
     for term in chosen:
-        own = _coefficients(fitted, term, first=len(coefficients) + 1)
+        added = _coefficients(fitted, term, first=len(coefficients) + 1)
         formula = Expression(_worked_out(term.formula.replaced(setting).root))
         renamed = {
-            p.name: parse(c.name, (c.name,)) for p, c in zip(term.parameters, own, strict=True)
+            p.name: parse(c.name, (c.name,)) for p, c in zip(term.parameters, added, strict=True)
         }
         formulas.append(formula.replaced(renamed).text)
-        texts.append(_term_text(formula, own))
-        coefficients += own
+        texts.append(_term_text(formula, added))
+        coefficients += added
     return Symbolic(
         tuple(term.name for term in chosen),
         " + ".join(formulas),
@@ -342,13 +342,13 @@ def told(
 
 def _coefficients(fitted: Fit, term: ExpressionForce, first: int) -> list[Coefficient]:
     """A term's parameters under the names c1, c2, … counted from `first`."""
-    own = []
+    found = []
     for number, p in enumerate(term.parameters, first):
         name = f"{term.name}.{p.name}"
-        own.append(
+        found.append(
             Coefficient(f"c{number}", fitted.value(name), *fitted.interval(name), unit=p.unit)
         )
-    return own
+    return found
 
 
 def _coordinates(chosen: Sequence[ExpressionForce]) -> tuple[str, ...]:
@@ -362,11 +362,11 @@ def _coordinates(chosen: Sequence[ExpressionForce]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _term_text(formula: Expression, own: Sequence[Coefficient]) -> str:
+def _term_text(formula: Expression, coefficients: Sequence[Coefficient]) -> str:
     """A term with its sign, number and unit; sine and cosine as one wave with a phase."""
-    if len(own) == 2:
-        return _wave_text(formula, own[0], own[1])
-    value, unit = own[0].value, own[0].unit
+    if len(coefficients) == 2:
+        return _wave_text(formula, coefficients[0], coefficients[1])
+    value, unit = coefficients[0].value, coefficients[0].unit
     number = f"{'-' if value < 0 else '+'} {abs(value):.3g}{'' if unit == '1' else ' ' + unit}"
     function = formula.text.removeprefix("c").removeprefix("*")
     return f"{number} * {function}" if function else number

@@ -129,7 +129,7 @@ def mattering(
     judge = _Judge(found, begin, crossed)
     whole = judge.errors(found.model, found.fit)
     wrong = judge.placebo(found, members)
-    told = []
+    worth = []
     for part in parts:
         rest = tuple(n for n in found.fit.hypothesis if n not in part)
         without = judge.without(rest)
@@ -138,8 +138,8 @@ def mattering(
         cost = cost_of(found.model, found.fit, part)
         # A wrong effect instead of all that was found is no measure of one among several.
         placebo = (None, None) if rest else judge.gained(wrong)
-        told.append(Mattering(shares, gain, cost, *placebo))
-    return told
+        worth.append(Mattering(shares, gain, cost, *placebo))
+    return worth
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +199,7 @@ def removed(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Remove
     known = np.isfinite(np.concatenate(list(before))) & np.isfinite(np.concatenate(list(after)))
     if not known.any():
         return Removed(0.0, -np.inf, np.inf)
-    old, new = (np.concatenate(list(one)) for one in (before, after))
+    old, new = (np.concatenate(list(blocks)) for blocks in (before, after))
     usual = 1.4826 * float(np.median(np.abs(old[known])))
     known &= (np.abs(np.nan_to_num(old)) < _STRAY * usual) | (
         np.abs(np.nan_to_num(new)) < _STRAY * usual

@@ -12,48 +12,48 @@ from wakedeploy.gap.systems.gantry.findings import Effect, Expression
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed
 
 
-def parts_of(told: Name, hypothesis: Sequence[str]) -> list[tuple[str, ...]]:
+def parts_of(named: Name, hypothesis: Sequence[str]) -> list[tuple[str, ...]]:
     """What stands or falls together: each named effect alone, a class or an expression whole."""
-    if not hypothesis or told.verdict in ("none", "inconclusive"):
+    if not hypothesis or named.verdict in ("none", "inconclusive"):
         return []
-    if told.verdict == "named":
+    if named.verdict == "named":
         return [(name,) for name in hypothesis]
     return [tuple(hypothesis)]
 
 
-def judged(told: Name, parts: Sequence[Sequence[str]], worth: Sequence[Mattering]) -> Name:
+def judged(named: Name, parts: Sequence[Sequence[str]], worth: Sequence[Mattering]) -> Name:
     """`name.json` after the sealed flights' word."""
     labels = {tuple(part): each for part, each in zip(parts, worth, strict=True)}
-    if told.verdict == "named":
-        return _of_names(told, {part[0]: each for part, each in labels.items()})
+    if named.verdict == "named":
+        return _of_names(named, {part[0]: each for part, each in labels.items()})
     if not labels:
-        return told
+        return named
     (part, worth_all), *_ = labels.items()
-    if told.verdict == "class":
-        return _of_class(told, part, worth_all)
-    return _of_unknown(told, worth_all)
+    if named.verdict == "class":
+        return _of_class(named, part, worth_all)
+    return _of_unknown(named, worth_all)
 
 
-def unexplained(told: Name, worth: Removed) -> Name:
+def unexplained(named: Name, worth: Removed) -> Name:
     """Where flights disagree and nothing was found: unknown only if knowing it would help."""
     verdict = "unknown" if worth.clearly else "none"
-    return told.model_copy(update={"verdict": verdict, "explainable": worth.told})
+    return named.model_copy(update={"verdict": verdict, "explainable": worth.told})
 
 
-def _of_names(told: Name, labels: Mapping[str, Mattering]) -> Name:
+def _of_names(named: Name, labels: Mapping[str, Mattering]) -> Name:
     kept, gone = list[Effect](), list[Effect]()
-    for effect in told.effects:
+    for effect in named.effects:
         label = labels[effect.name]
         entry = effect.model_copy(update={"worth": label.told})
         (kept if label.is_confirmed else gone).append(entry)
     verdict = "named" if kept else "none"
-    return told.model_copy(update={"verdict": verdict, "effects": kept, "withdrawn": gone})
+    return named.model_copy(update={"verdict": verdict, "effects": kept, "withdrawn": gone})
 
 
-def _of_class(told: Name, part: Sequence[str], worth: Mattering) -> Name:
+def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
     """A class whose best member does not matter need not be split; what helps none is gone."""
     if worth.matters:
-        return told.model_copy(update={"worth": worth.told})
+        return named.model_copy(update={"worth": worth.told})
     nothing: dict[str, object] = {
         "verdict": "none",
         "effects": [],
@@ -62,16 +62,16 @@ def _of_class(told: Name, part: Sequence[str], worth: Mattering) -> Name:
         "others": [],
     }
     if worth.is_confirmed:
-        small = Expression(text=" or ".join(told.rivals), worth=worth.told)
-        return told.model_copy(update={**nothing, "small": small})
+        small = Expression(text=" or ".join(named.rivals), worth=worth.told)
+        return named.model_copy(update={**nothing, "small": small})
     gone = [Effect(name=name, worth=worth.told) for name in part]
-    return told.model_copy(update={**nothing, "withdrawn": gone})
+    return named.model_copy(update={**nothing, "withdrawn": gone})
 
 
-def _of_unknown(told: Name, worth: Mattering) -> Name:
+def _of_unknown(named: Name, worth: Mattering) -> Name:
     """An expression that does not matter is no answer: what it tells of is a little rest."""
-    if worth.matters or told.unknown is None:
-        return told.model_copy(update={"worth": worth.told})
-    small = told.unknown.model_copy(update={"worth": worth.told})
+    if worth.matters or named.unknown is None:
+        return named.model_copy(update={"worth": worth.told})
+    small = named.unknown.model_copy(update={"worth": worth.told})
     nothing: dict[str, object] = {"unknown": None, "beside": [], "rest": None}
-    return told.model_copy(update={**nothing, "verdict": "none", "small": small})
+    return named.model_copy(update={**nothing, "verdict": "none", "small": small})

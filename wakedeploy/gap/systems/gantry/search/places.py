@@ -86,13 +86,13 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> Replay:
 def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> str:
     """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
     if not places and is_white:
-        told = "no place stands out from noise"
+        sentence = "no place stands out from noise"
     elif not places:
-        told = "no single place stands out, but as a whole more than noise is left"
+        sentence = "no single place stands out, but as a whole more than noise is left"
     elif forbids_none(places):
-        told = f"they disagree beyond noise: {places[0].words}"
+        sentence = f"they disagree beyond noise: {places[0].words}"
     else:
-        told = f"no place disagrees clearly beyond noise; the clearest is {places[0].words}"
+        sentence = f"no place disagrees clearly beyond noise; the clearest is {places[0].words}"
     scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
-    told = scope + told
-    return f"{told[0].upper()}{told[1:]}."
+    sentence = scope + sentence
+    return f"{sentence[0].upper()}{sentence[1:]}."

@@ -50,8 +50,8 @@ def _shortlist(answer: Answer, found: str) -> list[str]:
 def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequence[str]) -> Half:
     model = with_terms(GantryModel(answer.model.rig, flights))
     base = fit(model, (), range(model.episodes), answer.base.theta)
-    own = {entry.name for entry in answer.model.rig.effect}
-    others = [n for n in LIBRARY if n not in own and n not in wanted]
+    known = {entry.name for entry in answer.model.rig.effect}
+    others = [n for n in LIBRARY if n not in known and n not in wanted]
     promised = dict(zip(others, promises(model, base, others), strict=True))
     most = sorted(others, key=lambda n: -promised[n])[:_PROMISING]
     base, ranked = rank_fairly(model, base, [*wanted, *most])
@@ -76,7 +76,7 @@ def _told(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> H
     )
 
 
-def _agree(one: Half, other: Half, found: str) -> bool:
+def _agree(first: Half, other: Half, found: str) -> bool:
     """Both lead with it, gain something, and their intervals meet."""
-    led = all(half.leading == found and half.gain_nats > 0.0 for half in (one, other))
-    return led and one.low <= other.high and other.low <= one.high
+    led = all(half.leading == found and half.gain_nats > 0.0 for half in (first, other))
+    return led and first.low <= other.high and other.low <= first.high

@@ -114,7 +114,7 @@ def simulate(
     """
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
-    left = [seed for seed in seeds if seed not in results]
+    remaining = [seed for seed in seeds if seed not in results]
 
     def keep(job: tuple[str, int], result: NullSet) -> None:
         results[job[1]] = result
@@ -123,7 +123,7 @@ def simulate(
         if progress is not None:
             progress(len(results), sets)
 
-    jobs = [(rig.text, seed) for seed in left]
+    jobs = [(rig.text, seed) for seed in remaining]
     parallel_map(_null_set, jobs, workers=workers, on_done=keep)
     return [results[seed] for seed in seeds]
 
@@ -146,8 +146,8 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
     """
     if len(null) < 10:
         raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
-    columns = np.array([[getattr(n, one) for one in _NAMING] for n in null])  # (S, 4)
-    least = np.array([getattr(LEAST, one) for one in _NAMING])
+    columns = np.array([[getattr(n, name) for name in _NAMING] for n in null])  # (S, 4)
+    least = np.array([getattr(LEAST, name) for name in _NAMING])
     limits = least
     for share in np.linspace(0.90, 0.999, 200):
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
@@ -184,8 +184,8 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     ]
     taken = {entry.name for entry in rig.effect}
     added = tuple(entry for entry in hidden if entry.name not in taken)
-    own = tuple(_drawn(effect, rng) for effect in truth.effect)
-    return truth.model_copy(update={"effect": (*own, *added)})
+    effects = tuple(_drawn(effect, rng) for effect in truth.effect)
+    return truth.model_copy(update={"effect": (*effects, *added)})
 
 
 def _drawn(effect: Effect, rng: np.random.Generator) -> Effect:
@@ -218,10 +218,10 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     form = drawn(rig, np.random.default_rng([seed, 11]))
     world = FormedWorld(truth, form, constants_of(truth))
     chance = np.random.default_rng([seed, 13])
-    own = [of_one_flight(truth, rig, chance) for _ in range(FLIGHTS)]
+    rigs = [of_one_flight(truth, rig, chance) for _ in range(FLIGHTS)]
     logs = [
-        record(one, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
-        for i, one in enumerate(own)
+        record(flown, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
+        for i, flown in enumerate(rigs)
     ]
     flights = [
         flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
