@@ -49,7 +49,7 @@ def tracked(case: Case, world: Path) -> dict[str, Any] | None:
         old, new, logs, world / "retrain", minutes=MINUTES, epochs=EPOCHS, workers=1
     )  # fmt: skip
     before, after = (
-        Pilot(rig, Path(trained["packages"][name])) for name, rig in (("old", old), ("new", new))
+        Pilot(rig, Path(trained.packages[name])) for name, rig in (("old", old), ("new", new))
     )
     kept = trained.model_dump(mode="json", include=set(_OF_TRAINING))
     return compared(case, before, after) | {"retrain": kept}
