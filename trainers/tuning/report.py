@@ -43,9 +43,9 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 class Row:
     """One trial. `error` is 1 for predicting the mean, `cost` what a step costs; None: unknown.
 
-    `last_error` is the error after the last epoch of a trial that was ended before its end,
-    `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
-    beats it, `device` is where it was trained, "" if it was not.
+    `last_error` is the error after the last epoch of a trial that was ended early. `point` holds
+    the dimensions that were searched, as trained. `front` says that no other trial beats it.
+    `device` is where it was trained, "" if it was not.
     """
 
     number: int

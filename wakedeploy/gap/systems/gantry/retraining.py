@@ -67,9 +67,8 @@ def retrain(
 
     Both see `minutes` of the same commands and seeds, and each predicts the force at its own rig's
     lead. They are packages `old.onnx` and `new.onnx` in `out`. The result is `show.json`'s
-    `retrain`: root-mean-square errors [N], their 90 % intervals over flights (None for one flight),
-    the `ratio` of the new error to the old, flights paired; `label_sd`, the error that the measured
-    force itself has, and `measured_rms`, its size; `scored_on`, the flights' names.
+    `retrain`: root-mean-square errors [N] with 90 % intervals over flights (None for one flight),
+    and the `ratio` of the new error to the old, flights paired.
 
     The force is measured from the logs with the *corrected* rig for both predictors, since the
     thrust's lag has to be taken off to see it. A wrong name would favour its own predictor there,

@@ -108,9 +108,9 @@ def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None
 def _times_of_frames(log: RunLog) -> tuple[FloatArray, FloatArray]:
     """Ticks (n,) and the times at which the pulse seen at each was applied; none if it has none.
 
-    A column that copies the ticks (this one's time, or a command's that is only then sent, or the
-    tick's before) would look like frames that keep step with the loop, and times of another clock
-    like frames of any phase.
+    A column may copy the ticks: this one's time, a command's that is only then sent, or the tick's
+    before. It would look like frames that keep step with the loop; times of another clock would
+    look like frames of any phase.
     """
     known = np.isfinite(log["applied_time_s"]) & (log["applied_time_s"] > 0.0)
     seen_s = np.asarray(log["t_s"][known], float)

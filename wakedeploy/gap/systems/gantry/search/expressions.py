@@ -1,11 +1,11 @@
 """A sparse expression for a force that no effect of the library explains.
 
-In: a model, and a fit of it that leaves something over. Out: at most a few terms of `gap.terms`,
-chosen one after another by what they gain on episodes that they were not fitted to, refitted
-together, with those dropped that are no longer needed; as text with units, and as an effect that a
-rig file can hold.
+In: a model, and a fit of it that leaves something over. Out: a few terms of `expression_terms`, as
+text with units and as an effect that a rig file can hold. Terms are chosen one after another, by
+what they gain on episodes that they were not fitted to. All are refitted together; those no longer
+needed are dropped.
 
-Only the most promising terms of each round are fitted (`gap.promises`). A term that was found
+Only the most promising terms of each round are fitted (`expected_gains`). A term that was found
 early and stood for two others gives its place to a rival, or is dropped.
 """
 

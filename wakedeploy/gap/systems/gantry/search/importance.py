@@ -4,9 +4,9 @@ Evidence and importance are two questions. A thousand readings make a force of 0
 forecast may not be the better for it.
 
 In: what was found, and the sealed flights (without any, each flight with what the others say). Out:
-per effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead, block by
-block against the same model without it, what it gains in likelihood there, and the same of a
-placebo: a wrong effect.
+for each effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead, block
+by block against the same model without it. Also what it gains in likelihood there, and the same of
+a placebo: a wrong effect.
 """
 
 import math
@@ -54,9 +54,9 @@ class Removed:
 class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
-    `removed` by horizon [s]; `gain_nats` of the sealed likelihood; `cost`, the force that it makes
-    along the flights and the tracking error of a controller that ignores it; `placebo_shares`,
-    what a wrong effect removes by horizon, and `placebo_nats`, what it gains (None without one).
+    `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it makes
+    along the flights, and the tracking error of a controller that ignores it. `placebo_shares` is
+    what a wrong effect removes by horizon, `placebo_nats` what it gains; None without one.
     """
 
     removed: Mapping[float, Removed]
