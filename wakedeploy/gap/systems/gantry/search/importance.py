@@ -54,8 +54,8 @@ class Removed:
 class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
-    `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it makes
-    along the flights, and the tracking error of a controller that ignores it. `placebo_shares` is
+    `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it
+    makes along the flights, and the tracking error of a controller that ignores it. `placebo_shares` is
     what a wrong effect removes by horizon, `placebo_nats` what it gains; None without one.
     """
 
