@@ -55,8 +55,9 @@ class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
     `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it
-    makes along the flights, and the tracking error of a controller that ignores it. `placebo_shares` is
-    what a wrong effect removes by horizon, `placebo_nats` what it gains; None without one.
+    makes along the flights, and the tracking error of a controller that ignores it.
+    `placebo_shares` is what a wrong effect removes by horizon, `placebo_nats` what it gains; None
+    without one.
     """
 
     removed: Mapping[float, Removed]
