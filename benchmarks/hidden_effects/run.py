@@ -51,7 +51,7 @@ def run_cases(
 ) -> list[dict[str, Any]]:
     """Do the cases that `out` lacks and return the lines of all of `cases`, in their order.
 
-    `close` is the gantry's `steps.close` unless given. `progress(done, total)` counts what is
+    `close` is the gantry's `workflow.close` unless given. `progress(done, total)` counts what is
     done, earlier runs included. A case on which the workflow fails is a line with its error, judged
     wrong, and is tried again by the next run.
 
