@@ -78,20 +78,20 @@ class Steps:
     @property
     def summary(self) -> Summary:
         """What `result.json` says, and the steps themselves, which say more."""
-        told = parts(self.result, Told) | parts(self.name, Answer) | parts(self.show, Judged)
-        told["flights"] = told.get("flights") or self.flights
+        fields = parts(self.result, Told) | parts(self.name, Answer) | parts(self.show, Judged)
+        fields["flights"] = fields.get("flights") or self.flights
         if self.result is not None:
-            told["places"] = self.result.where
+            fields["places"] = self.result.where
         if self.find is not None:
             find = self.find
-            told |= {"places": find.places, "logs": find.logs, "split": find.split}
-            told["white_before"] = find.white
+            fields |= {"places": find.places, "logs": find.logs, "split": find.split}
+            fields["white_before"] = find.white
         if self.name is not None:
-            told |= {key: getattr(self.name, key) for key in ("white", "split_by")}
-            told["threshold_of_s"] = self.name.threshold_of_s
+            fields |= {key: getattr(self.name, key) for key in ("white", "split_by")}
+            fields["threshold_of_s"] = self.name.threshold_of_s
         if self.show is not None:
-            told |= {"sealed": self.show.sealed, "retrain": self.show.retrain}
-        return Summary(**told)
+            fields |= {"sealed": self.show.sealed, "retrain": self.show.retrain}
+        return Summary(**fields)
 
     @property
     def _class_is_open(self) -> bool:

@@ -126,16 +126,18 @@ def _short(result: Result) -> Short:
     )
 
 
-def planned_manoeuvre(folder: Path, left: Open, rig: Rig, progress: Progress = quiet) -> Manoeuvre:
+def planned_manoeuvre(
+    folder: Path, question: Open, rig: Rig, progress: Progress = quiet
+) -> Manoeuvre:
     """The manoeuvre that splits them best, written beside the answer.
 
     Raises UnusableInput where none does within the rig's limits; the sentence says what would.
     """
     stage = "looking for the manoeuvre that tells them apart"
     progress(stage)
-    sizes = stated_sizes(read_steps(folder).name, left.names)
+    sizes = stated_sizes(read_steps(folder).name, question.names)
     plan = make_plan(
-        rig, left.names, sizes=sizes, progress=lambda done, of: progress(stage, done, of)
+        rig, question.names, sizes=sizes, progress=lambda done, of: progress(stage, done, of)
     )
     best: Option | None = plan.best
     if best is None or best.flights is None:
@@ -147,13 +149,13 @@ def planned_manoeuvre(folder: Path, left: Open, rig: Rig, progress: Progress = q
     return Manoeuvre(path, named.name, named.description, kept, plan.sentence)
 
 
-def flown(folder: Path, left: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
+def flown(folder: Path, question: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
     """The manoeuvre, as often as it takes, each flight with a seed of its own; their logs."""
     place = folder / FLOWN
     place.mkdir(parents=True, exist_ok=True)
     logs = []
     for i in range(planned.flights):
-        seed = left.next_seed + i
+        seed = question.next_seed + i
         path = place / f"{planned.name}-{seed}.mcap"
         fly(planned.path, seed, path)
         logs.append(path)
@@ -162,7 +164,7 @@ def flown(folder: Path, left: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
 
 def answered_again(
     folder: Path,
-    left: Open,
+    question: Open,
     new: Sequence[Path],
     *,
     workers: int = 2,
@@ -174,26 +176,28 @@ def answered_again(
 
     The last of the earlier flights stay sealed: they have confirmed nothing of the new answer.
     """
-    logs = [*new, *left.logs]
+    logs = [*new, *question.logs]
     result = close(
-        *(left.rig_path, logs, folder),
+        *(question.rig_path, logs, folder),
         workers=workers,
         report=report,
         progress=progress,
         thresholds=thresholds,
     )
-    told = Followed(
-        split=list(left.names),
+    followed = Followed(
+        split=list(question.names),
         new_logs=[str(path) for path in new],
-        before=left.before,
+        before=question.before,
         after=_short(result),
     )
-    write_text_whole(folder / "follow.json", json_text(told.model_dump(mode="json", by_alias=True)))
-    return told
+    write_text_whole(
+        folder / "follow.json", json_text(followed.model_dump(mode="json", by_alias=True))
+    )
+    return followed
 
 
-def rig_of(left: Open) -> Rig:
+def rig_of(question: Open) -> Rig:
     """The rig file of the first answer; UnusableInput where it is gone."""
-    if not left.rig_path.is_file():
-        raise UnusableInput(f"{left.rig_path}: the rig file of the first answer is gone.")
-    return read_rig(left.rig_path)
+    if not question.rig_path.is_file():
+        raise UnusableInput(f"{question.rig_path}: the rig file of the first answer is gone.")
+    return read_rig(question.rig_path)

@@ -171,7 +171,7 @@ class Power:
             "naming_rate": self.naming_rate,
             "tracking_mm": self.tracking_mm,
             "classes": [list(group) for group in self.classes],
-            "class_sensors": [None if one is None else one.name for one in splitters],
+            "class_sensors": [None if sensor is None else sensor.name for sensor in splitters],
             "effects": [asdict(e) | {"verdict": e.verdict} for e in self.effects],
             "loss_nats": self.loss_nats.tolist(),
             "sensors": [asdict(sensor) for sensor in SENSORS],
@@ -217,11 +217,11 @@ def power(
     named_with = _named_with_sensors(
         simulated, threshold, _telling(progress, "sensors", len(SENSORS) + 1)
     )
-    told = _Told(rig, simulated, threshold, seconds + 2.0 * rig.disturbance.rest_s)
+    evidence = _Told(rig, simulated, threshold, seconds + 2.0 * rig.disturbance.rest_s)
     advance = _telling(progress, "sizes", len(chosen))
     effects = []
     for i, name in enumerate(chosen):
-        effects.append(told.effect(name, named_with[i], costs[name]))
+        effects.append(evidence.effect(name, named_with[i], costs[name]))
         advance()
     return Power(
         rig_sha256=rig.sha256,
@@ -232,7 +232,7 @@ def power(
         threshold_source="Gaussian draws" if threshold_nats is None else "simulated flights",
         tracking_mm=plain_mm,
         effects=tuple(effects),
-        loss_nats=told.loss,
+        loss_nats=evidence.loss,
         named_with=named_with,
     )
 

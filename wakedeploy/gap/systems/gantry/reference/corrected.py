@@ -86,7 +86,7 @@ def form_force_n(reference: Reference) -> float:
     )
     squares = []
     for episode, flight in enumerate(reference.model.flights):
-        with_it, without = (reference.model.forces(one, episode) for one in (fitted, plain))
+        with_it, without = (reference.model.forces(fit, episode) for fit in (fitted, plain))
         change = (with_it.acceleration[0] - without.acceleration[0]) * with_it.inertia_kg
         squares += [change[a:b] ** 2 for a, b in zip(flight.start, flight.stop, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(squares))))
@@ -110,10 +110,10 @@ def corrected(reference: Reference) -> Rig:
 
 def _calibrated(reference: Reference) -> dict[str, Calibrated]:
     """Constants by their place in the rig file; a motor's scale and exponent move its table."""
-    learned = {one.name: one for one in constants_learned(reference)}
+    learned = {constant.name: constant for constant in constants_learned(reference)}
     known = {
-        place_of(name): Calibrated(one.value, one.spread)
-        for name, one in learned.items()
+        place_of(name): Calibrated(constant.value, constant.spread)
+        for name, constant in learned.items()
         if not name.startswith("thrust.")
     }
     for motor in ("source", "sufferer"):
