@@ -60,11 +60,11 @@ def fly(
 ) -> Tally:
     """Carry out a run.
 
-    `tell` is given the tally of every run that flew, however it ended, before anything is raised;
-    `show` is called twice a second with the seconds done and those of the whole run; `warn` gets
-    sentences: of the board and the computer before a flight, and, from another thread, whenever
-    `watch_gap` finds that the rig file stops or starts to explain it; `live` gets every row, and
-    its page may ask for the way down, as Ctrl-C does.
+    `tell` gets the tally of every run that flew, however it ended, before anything is raised.
+    `show` is called twice a second with the seconds done and those of the whole run. `warn` gets
+    sentences about board and computer before a flight. During it, `warn` is called from another
+    thread when the rig file stops or starts to explain the flight (`watch_gap`). `live` gets every
+    row; its page may ask for the way down, as Ctrl-C does.
 
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.

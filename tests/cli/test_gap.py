@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,11 @@ from click.testing import CliRunner, Result
 from wakedeploy.cli import main
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.folder import at_work, write_step
+from wakedeploy.gap.folder import at_work
+from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Show
+from wakedeploy.gap.systems.gantry.artefacts import Result as Told
+from wakedeploy.gap.systems.gantry.findings import Effect
+from wakedeploy.gap.systems.gantry.folder import write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 from wakedeploy.rig.file import default_rig
@@ -127,27 +130,26 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
 ) -> None:
     done: list[str] = []
 
-    def stands_in(step: str, told: dict[str, Any]) -> Callable[..., dict[str, Any]]:
-        def run(_: object, out: Path, *__: object) -> dict[str, Any]:
-            done.append(step)
-            return write_step(out, step, told)
+    def stands_in(told: Artefact) -> Callable[..., Artefact]:
+        def run(_: object, out: Path, *__: object) -> Artefact:
+            done.append(type(told).__name__.lower())
+            return write(out, told)
 
         return run
 
-    named = {"verdict": "named", "effects": [{"name": "spool-lag-source"}], "class": []}
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.find", stands_in("find", {"maps": []}))
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", stands_in("name", named))
-    for step, told in (("add", {"effects": named["effects"]}), ("show", {}), ("result", named)):
-        function = {"show": "show_gap", "result": "_concluded"}.get(step, step)
-        monkeypatch.setattr(
-            f"wakedeploy.gap.systems.gantry.steps.{function}", stands_in(step, told | {"a": 1})
-        )
+    found = {"verdict": "named", "effects": [Effect(name="spool-lag-source")]}
+    added = Add(rig="rig.toml", old_sha256="", new_sha256="", effects=[])
+    for function, told in {
+        "find": Find(), "name": Name(**found), "add": added, "show_gap": Show(),
+        "_concluded": Told(**found),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.workflow.{function}", stands_in(told))
 
     def interrupted(*_: object) -> None:
         done.append("training")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.retrain_shown", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.workflow.retrain_shown", interrupted)
     for i in range(3):
         record(default_rig(), seconds=12, seed=8 + i).write_csv(folder / f"flight{i}.csv")
     flights = ["flight.csv", *(f"flight{i}.csv" for i in range(3))]
@@ -171,7 +173,7 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.workflow.name", interrupted)
     told = gap(folder, "close", "flight.csv")
     assert told.exit_code == 130
     assert "go on with `wakedeploy gap name`" in told.stderr

@@ -5,6 +5,7 @@ In: a rig file and run logs. Out: a folder with one artefact per step, figures a
 
 import functools
 import importlib
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +19,8 @@ from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
+    from wakedeploy.gap.systems.gantry.artefacts import Name
+    from wakedeploy.gap.systems.gantry.findings import Round
     from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {
@@ -163,7 +166,7 @@ def close_gap(
         click.echo(f"\n{after.text}")
     click.echo(f"\nReport: {closed.report}")
     if json_path is not None:
-        write_json(json_path, closed.result)
+        write_json(json_path, closed.result.as_json())
 
 
 @command.command("find", cls=Many)
@@ -182,9 +185,9 @@ def find_gap(
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
     _say_if_few(out)
-    click.echo(found["sentence"])
-    for place in found["places"]:
-        click.echo(f"  {place['words']}")
+    click.echo(found.sentence)
+    for place in found.places:
+        click.echo(f"  {place.words}")
     _finish(case, out, json_path)
 
 
@@ -199,8 +202,9 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.folder import read_steps
-    from wakedeploy.gap.report.summary import leading_sentences, verdict_sentence
+    from wakedeploy.gap.report.evidence import leading_sentences
+    from wakedeploy.gap.report.summary import verdict_sentence
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import name
 
     case = _case(rig_path, measured, out, workers)
@@ -208,19 +212,19 @@ def name_gap(
     summary = read_steps(out).summary
     for sentence in (verdict_sentence(summary), *leading_sentences(summary)):
         click.echo(sentence)
-    for searched in named["rounds"]:
+    for searched in named.rounds:
         click.echo(f"{_gain_of(named, searched)}:")
-        for entry in searched["ranking"][:5]:
-            click.echo(f"  {entry['name']:<26} {entry['gain_nats']:8.1f} nats")
+        for entry in searched.ranking[:5]:
+            click.echo(f"  {entry.name:<26} {entry.gain_nats:8.1f} nats")
     _finish(case, out, json_path)
 
 
-def _gain_of(named: dict[str, Any], searched: dict[str, Any]) -> str:
+def _gain_of(named: "Name", searched: "Round") -> str:
     """What the gains of a round are, on top of what, and what they have to pass where known."""
-    given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
-    least = searched["threshold_nats"]
-    passing = "" if least is None else f" (threshold {least:.1f})"
-    if named["fitted_flights"] == 1:
+    given = f" on top of {', '.join(searched.given)}" if searched.given else ""
+    least = searched.threshold_nats
+    passing = "" if math.isnan(least) else f" (threshold {least:.1f})"
+    if named.fitted_flights == 1:
         return f"Gain in this one flight, a nat per parameter taken off{passing}"
     return f"Gain on held-out flights{given}{passing}"
 
@@ -252,14 +256,14 @@ def add_effect(
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
     from wakedeploy.gap.few_flights import caution
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import add
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
     case = _case(rig_path, measured, out, workers)
     added = add(case, out, from_symbolic=from_symbolic, only=only)
-    names = ", ".join(e["name"] for e in added["effects"])
+    names = ", ".join(effect.name for effect in added.effects)
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
     if doubt := caution(read_steps(out).flights):
         click.echo(doubt)
@@ -285,8 +289,8 @@ def show_gap(
         wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
     """
     from wakedeploy.api.gaps import trainer
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.shrinkage import channel_lines
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
@@ -300,7 +304,8 @@ def show_gap(
 
 def _enter(out: Path, rig_path: Path) -> None:
     """Make the folder, and keep others out of it until the command ends."""
-    from wakedeploy.gap.folder import at_work, prepare
+    from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.systems.gantry.folder import prepare
 
     prepare(out, rig_path)
     click.get_current_context().with_resource(at_work(out))
@@ -317,10 +322,10 @@ def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -
 def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     """Bring result and report up to date with the step."""
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.advice import advice
     from wakedeploy.gap.report.page import write_report
-    from wakedeploy.gap.systems.gantry.steps import result
+    from wakedeploy.gap.systems.gantry.folder import read_steps
+    from wakedeploy.gap.systems.gantry.workflow import result
 
     _progress("drawing the report")
     outcome = result(case, out)
@@ -329,13 +334,13 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
         click.echo(after.text)
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
-        write_json(json_path, outcome)
+        write_json(json_path, outcome.as_json())
 
 
 def _say_if_few(out: Path) -> None:
     """The sentence that stands above whatever so few flights show."""
     from wakedeploy.gap.few_flights import cannot_tell, headline
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
 
     flights = read_steps(out).flights
     if cannot_tell(flights):
@@ -344,13 +349,13 @@ def _say_if_few(out: Path) -> None:
 
 def _say_what_is_left(out: Path) -> None:
     """After Ctrl-C: which step to go on with."""
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
 
     steps = read_steps(out)
-    if steps.result and steps.missing is None:
-        trains = "; `wakedeploy gap show --retrain` trains" if steps.add else ""
+    if steps.result is not None and steps.missing is None:
+        trains = "; `wakedeploy gap show --retrain` trains" if steps.add is not None else ""
         click.echo(f"{out}: the result stands{trains}.", err=True)
-    elif steps.find and steps.missing is not None:
+    elif steps.find is not None and steps.missing is not None:
         click.echo(
             f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"
             f"{steps.option}`.",
