@@ -72,7 +72,6 @@ def test_values_move_and_stop_lands_the_sufferer(browser, served):
     served.feed.tell({"phase": "ended", "ended": tally.ended})
     shows(browser, "mode-name", "Ended")
     assert "stopped by hand" in browser.text("notice")
-    assert browser.complaints() == []
 
 
 def test_a_page_comes_back_and_has_every_row_once(browser, served):

@@ -15,7 +15,7 @@ const $ = (id) => document.getElementById(id);
 const holder = sessionStorage.holder ??= crypto.randomUUID?.() ?? String(Math.random()).slice(2);
 
 let columns = [];
-let rows = {}; // one array per column
+let rows = { t_s: [] }; // one array per column; the first frame says which there are
 let state = {};
 let armWord = null;
 let holdsFlight = false;
