@@ -121,9 +121,15 @@ function heard(news) {
 function tellAbout() {
   document.title = state.title ? `${state.title} – wakedeploy` : "wakedeploy";
   $("title").textContent = state.kind === "replay" ? `Replay of ${state.title}` : state.title ?? "";
-  $("log").textContent = state.kind === "replay" ? "" : state.log ? `Recorded in ${state.log}` : "Not recorded";
+  $("log").textContent = state.kind === "replay" ? "" : recording();
   if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
   $("gap-says").textContent = state.watches_gap ? "1 is the limit" : state.kind === "replay" ? "not recorded" : "off; --watch-gap";
+}
+
+function recording() {
+  if (state.log === undefined) return "–"; // the run has not said it yet
+  const begun = state.phase !== "standby";
+  return state.log ? `${begun ? "Recorded" : "To be recorded"} in ${state.log}` : "Not recorded";
 }
 
 function tellStop() {
@@ -134,7 +140,8 @@ function tellStop() {
   if (state.stopped) stopAsked = 0;
   if (over) {
     const why = state.stopped ? ` (${state.stopped})` : "";
-    notice(`The run has ended: ${state.ended}${why}. What was flown stays here until this page is closed.`);
+    const how = state.reason ?? `${state.ended}${why}.`;
+    notice(`The run has ended: ${how} What was flown stays here until this page is closed.`);
   } else if (state.stopped) {
     notice(`Stopped: ${state.stopped}. The sufferer comes down. It stays stopped for this run.`);
   }
