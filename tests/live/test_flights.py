@@ -4,6 +4,8 @@ import json
 import os
 import time
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import needs
 import pytest
@@ -18,6 +20,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
 from wakedeploy.live.events import events_of
 from wakedeploy.live.flights import Index, cache_file
+from wakedeploy.live.replay import Replay
 
 
 @pytest.fixture(scope="module")
@@ -196,6 +199,20 @@ def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     browser.open(served, PHONE)
     browser.until(lambda: len(names(browser)) == 4)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+
+
+def test_a_replay_waits_for_the_first_page(folder, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("wakedeploy.live.replay.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    replay = Replay(read_run_log(folder / "flight0.mcap"), "flight0.mcap")
+    clock[0] += 60.0
+    replay.look()
+    assert replay.hub.count <= 1  # the place at which it begins
+    replay.visitors.add(Mock(is_let_in=True))
+    for _ in range(3):
+        replay.look()
+        clock[0] += 1.0
+    assert 64 <= replay.hub.count <= 66  # two seconds of ticks
 
 
 @needs.chromium
