@@ -2,7 +2,9 @@
 
 import json
 import os
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import Mock
@@ -14,10 +16,12 @@ from click.testing import CliRunner
 from pages import Client, serving
 
 from wakedeploy.cli import main
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
+from wakedeploy.live.browse import Flights
 from wakedeploy.live.events import events_of
 from wakedeploy.live.flights import Index, cache_file
 from wakedeploy.live.replay import Replay
@@ -131,6 +135,30 @@ def test_nothing_is_told_without_the_token_and_nothing_but_listed_flights_and_re
     assert "sandbox" in headers["Content-Security-Policy"]
     assert client.ask("GET", "/report/0000/below/report.html")[0] == 404
     assert client.ask("POST", "/api/flights", Origin=f"http://{client.host}", **token)[0] == 405
+
+
+def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch):
+    read, may_end = [], threading.Event()
+
+    def slowly(path, name):
+        read.append(name)
+        assert may_end.wait(10.0)
+        if len(read) == 1:
+            raise UnusableInput("the disk was busy")
+        return {"name": name}
+
+    monkeypatch.setattr("wakedeploy.live.browse.flight_data", slowly)
+    flights = Flights(folder, "token")
+    with ThreadPoolExecutor(4) as pool:
+        asked = [pool.submit(flights.data, "flight0.mcap") for _ in range(4)]
+        while not read:
+            time.sleep(0.01)
+        time.sleep(0.1)  # for the others to ask
+        may_end.set()
+        assert [str(one.exception()) for one in asked] == 4 * ["the disk was busy"]
+    assert read == ["flight0.mcap"]
+    assert flights.data("flight0.mcap") is flights.data("flight0.mcap")  # a failure is not kept
+    assert len(read) == 2
 
 
 @pytest.fixture(scope="module")

@@ -144,7 +144,11 @@ async function choose(name, over) {
   else chosen = over && chosen.length && chosen[0] !== name ? [chosen[0], name] : [name];
   mark();
   const asked = [...chosen];
-  const slow = setTimeout(() => notice(`Reading ${name} …`), 400);
+  const begun = performance.now();
+  const telling = setInterval(() => {
+    const seconds = (performance.now() - begun) / 1000;
+    if (asked.join() === chosen.join()) notice(`Reading ${name} …${seconds < 2 ? "" : ` ${seconds.toFixed(0)} s so far`}`);
+  }, 500);
   try {
     const flights = await (await ask(`/api/flight?${query()}`)).json();
     if (asked.join() !== chosen.join()) return; // another one was chosen meanwhile
@@ -155,7 +159,7 @@ async function choose(name, over) {
   } catch (error) {
     notice(`${name} cannot be drawn (${error.message}).`);
   } finally {
-    clearTimeout(slow);
+    clearInterval(telling);
   }
 }
 
