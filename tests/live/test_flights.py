@@ -200,6 +200,11 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.script("document.querySelector('[data-name=\"flight1.mcap\"] input').click()")
     draws(browser, "flight1.mcap")
+    plot, band = browser.script(
+        "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
+        ".getBoundingClientRect()).map((r) => [r.left, r.right])"
+    )
+    assert plot == pytest.approx(band, abs=1.0)  # one axis of time
     what = "return document.querySelector('.what').textContent"
     assert browser.script(what) == "3 faults."
     browser.script("document.querySelectorAll('.steps button')[1].click()")
@@ -227,6 +232,12 @@ def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     browser.open(served, PHONE)
     browser.until(lambda: len(names(browser)) == 4)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+    box, tracking = browser.script(
+        "return [...document.querySelectorAll('#rows tr:nth-child(1) :is(input, td.is-number)')]"
+        ".map((e) => e.getBoundingClientRect()).filter((r) => r.width).map((r) => [r.left, r.right])"
+    )
+    assert 0 <= box[0] < box[1] < tracking[0] < tracking[1] <= PHONE[0]
+    assert "Shift" not in browser.driver.find_element("css selector", ".hint").text
 
 
 def test_a_replay_waits_for_the_first_page(folder, monkeypatch):
@@ -258,3 +269,5 @@ def test_a_replay_plays_pauses_seeks_and_has_no_stop(browser, folder):
         browser.press(" ")
         browser.until(lambda: float(browser.text("t")) > 9.0)
         browser.until(lambda: browser.text("play") == "Play")  # it stops at the log's end
+        assert browser.text("budget") == "not measured in simulated time"
+        assert browser.text("line-span") == f"0.0 to {float(browser.text('t')):.1f} s"

@@ -21,7 +21,7 @@ from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.runlog_columns import Value
 from wakedeploy.live.address import address_of, token_for
 from wakedeploy.live.events import events_of
-from wakedeploy.live.rows import page_row
+from wakedeploy.live.rows import COLUMNS, page_row
 from wakedeploy.live.web import (
     PageServer,
     Refused,
@@ -63,6 +63,14 @@ def _smoothed_force(log: RunLog, rig: Rig) -> Any:
     return force_n
 
 
+def _untimed(log: RunLog, rows: list[list[Value]]) -> str:
+    """Why a log does not say what the computer took; "" where it does."""
+    if any(row[COLUMNS.index("compute_s")] is not None for row in rows):
+        return ""
+    simulated = log.metadata.get("simulated") == "true"
+    return "not measured in simulated time" if simulated else "not recorded"
+
+
 class Replay(PageServer):
     """A log that is played; every page sees the same place of it. It begins with the first page."""
 
@@ -79,6 +87,7 @@ class Replay(PageServer):
         self.hub.news(
             kind="replay", phase="replay", title=name, rig=rig_view(rig), hints=HINTS, log=name,
             begin_s=self._times[0], end_s=self._times[-1], watches_gap="gap_score" in log,
+            untimed=_untimed(log, self._rows),
             events=events_of(log), speeds=SPEEDS,
         )  # fmt: skip
         self._tell()

@@ -122,7 +122,8 @@ function tellAbout() {
   document.title = state.title ? `${state.title} – wakedeploy` : "wakedeploy";
   $("title").textContent = state.kind === "replay" ? `Replay of ${state.title}` : state.title ?? "";
   $("log").textContent = state.kind === "replay" ? "" : recording();
-  if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
+  if (state.untimed) $("budget").textContent = $("compute-legend").textContent = state.untimed;
+  else if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
   $("gap-says").textContent = state.watches_gap ? "1 is the limit" : state.kind === "replay" ? "not recorded" : "off; --watch-gap";
 }
 
@@ -188,7 +189,8 @@ function tellLine(now) {
   const end = state.end_s ?? Math.max(now.t_s, SPAN_S);
   timeline.draw(events, begin, end, now.t_s);
   timeline.tell(events, state.hints ?? {});
-  $("line-span").textContent = `${begin.toFixed(0)} to ${end.toFixed(0)} s`;
+  const digits = state.end_s === undefined ? 0 : 1; // of a flight in the air the end moves
+  $("line-span").textContent = `${begin.toFixed(digits)} to ${end.toFixed(digits)} s`;
 }
 
 const PHASES = { starting: "Starting", standby: "Standing by", "about to fly": "About to fly", ended: "Ended" };
