@@ -168,6 +168,7 @@ def close_gap(
     Example:
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
     """
+    _progress("loading")
     from wakedeploy.api.gaps import close_gap as close
     from wakedeploy.cli.output import write_json
     from wakedeploy.gap.report.advice import advice
