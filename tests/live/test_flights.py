@@ -234,7 +234,8 @@ def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
     box, tracking = browser.script(
         "return [...document.querySelectorAll('#rows tr:nth-child(1) :is(input, td.is-number)')]"
-        ".map((e) => e.getBoundingClientRect()).filter((r) => r.width).map((r) => [r.left, r.right])"
+        ".map((e) => e.getBoundingClientRect()).filter((r) => r.width)"
+        ".map((r) => [r.left, r.right])"
     )
     assert 0 <= box[0] < box[1] < tracking[0] < tracking[1] <= PHONE[0]
     assert "Shift" not in browser.driver.find_element("css selector", ".hint").text

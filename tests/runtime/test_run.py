@@ -373,7 +373,7 @@ def test_a_late_virtual_gantry_is_no_cable_and_its_page_hears_why(monkeypatch):
     monkeypatch.setattr(VirtualGantryProcess, "boot_s", 0.0)
     told = {}
     page = SimpleNamespace(tell=told.update, stop_asked=lambda: False)
-    with pytest.raises((CheckFailed, UnusableInput), match="[Tt]he virtual gantry") as ended:
+    with pytest.raises((CheckFailed, UnusableInput), match=r"[Tt]he virtual gantry") as ended:
         fly(RunRequest(RIG, 6.0, wall_clock=True), live=page)
     assert "too busy to fly it in real time" in str(ended.value)
     assert "cable" not in str(ended.value)
