@@ -91,7 +91,12 @@ def _flown(
         place = opened_place(request, opened)
         link, ranges, clock = place.link, place.ranges, place.clock
         if request.arm_file is not None:
-            _tell(live, phase="standby", arm_file=str(request.arm_file), **run_view(request, request.log))
+            _tell(
+                live,
+                phase="standby",
+                arm_file=str(request.arm_file),
+                **run_view(request, request.log),
+            )
             _stand_by(request.arm_file, place, manager, beat, warn, _may_be_virtual(request))
             request = request.current()  # what is current now, not when the standby began
             plan, package = wanted(request, beat)
