@@ -108,7 +108,9 @@ def test_broken_flights_are_refused_with_the_reason(folder: Path, log: RunLog) -
 def test_wrong_files_and_arguments_are_refused(folder: Path) -> None:
     (folder / "empty.csv").write_text("", encoding="utf-8")
     refused(gap(folder, "close", "empty.csv"), "is empty")
-    refused(gap(folder, "close", "missing.mcap"), "there is no such run log")
+    for step in STEPS:
+        refused(gap(folder, step, "missing.mcap", out="none"), "there is no such run log")
+    assert not (folder / "none").exists()
     refused(gap(folder, "close", "flight.csv", "flight.csv"), "the same recording more than once")
     refused(gap(folder, "close"), "Missing option '--measured'")
     refused(gap(folder, "close", "flight.csv", out="."), "would overwrite the rig file")
@@ -156,7 +158,9 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
     told = gap(folder, "close", *flights, more=("--retrain",))
     assert told.exit_code == 130, told.output
     assert done == ["find", "name", "add", "show", "result", "training"]
-    assert "the result stands; `wakedeploy gap show --retrain` trains" in told.stderr
+    trains = next(line for line in told.stderr.splitlines() if line.startswith("wakedeploy gap"))
+    assert trains.startswith(f"wakedeploy gap show --rig {folder}/rig.toml --measured {folder}/")
+    assert trains.endswith(f"--out {folder}/out --retrain")
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -176,5 +180,35 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     monkeypatch.setattr("wakedeploy.gap.systems.gantry.workflow.name", interrupted)
     told = gap(folder, "close", "flight.csv")
     assert told.exit_code == 130
-    assert "go on with `wakedeploy gap name`" in told.stderr
+    go_on = f"--rig {folder}/rig.toml --measured {folder}/flight.csv --out {folder}/out"
+    assert f"finished steps are kept; go on with:\nwakedeploy gap name {go_on}\n" in told.stderr
     assert json.loads((folder / "out" / "find.json").read_text("utf-8"))["maps"]
+
+
+@pytest.mark.parametrize("step", ["close", "find"])
+def test_ctrl_c_before_a_step_is_finished_gives_the_command_back(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    module = "workflow" if step == "close" else "steps"
+    monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.{module}.open_case", interrupted)
+    monkeypatch.setattr("sys.argv", ["/x/wakedeploy", "gap", step, "--rig", "my rig.toml"])
+    told = gap(folder, step, "flight.csv")
+    assert told.exit_code == 130
+    assert f"wakedeploy gap {step} --rig 'my rig.toml'\n" in told.stderr
+
+
+def test_ctrl_c_with_a_system_of_ones_own_gives_the_command_back(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wakedeploy.cli.gap_system.open_model", interrupted)
+    monkeypatch.setattr("sys.argv", ["wakedeploy", "gap", "close", "--system", "my robot.py"])
+    own = ["--system", "my robot.py", "--measured", str(folder / "flight.csv")]
+    told = CliRunner().invoke(main, ["gap", "close", *own, "--out", str(folder / "own")])
+    assert told.exit_code == 130
+    assert "wakedeploy gap close --system 'my robot.py'\n" in told.stderr

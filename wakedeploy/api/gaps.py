@@ -10,7 +10,7 @@ from wakedeploy.api.flights import Flight, Flights
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.folder import at_work
+from wakedeploy.gap.folder import at_work, require_logs
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.systems.gantry.artefacts import Result
 from wakedeploy.gap.systems.gantry.findings import Retraining
@@ -160,11 +160,13 @@ def close_gap(
     from wakedeploy.gap.systems.gantry.workflow import close
 
     folder, rig_path = Path(out), Path(rig)
+    logs = [_log_path(flight) for flight in measured]
+    require_logs(logs)
     prepare(folder, rig_path)
     with at_work(folder):
         close(
             rig_path,
-            [_log_path(flight) for flight in measured],
+            logs,
             folder,
             workers=workers,
             report=report,

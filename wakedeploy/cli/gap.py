@@ -6,13 +6,14 @@ In: a rig file and run logs. Out: a folder with one artefact per step, figures a
 import functools
 import importlib
 import math
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.groups import Group
+from wakedeploy.cli.groups import Group, same_command
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
@@ -92,6 +93,15 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     return _of_rig_or_system(function)
 
 
+def _step_of_rig(of_rig: Callable[..., Any], rig_path: Path, given: dict[str, Any]) -> None:
+    try:
+        of_rig(rig_path=rig_path, **given)
+    except KeyboardInterrupt:
+        step = str(click.get_current_context().info_name)
+        _say_what_is_left(step, rig_path, given["measured"], given["out"])
+        raise
+
+
 def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a step that may train predictors."""
     for option in (
@@ -116,17 +126,26 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
         if system_path is None:
             if columns is not None:
                 raise click.UsageError("'--columns' goes with '--system'.")
-            of_rig(rig_path=rig_path, **given)
+            assert rig_path is not None
+            _step_of_rig(of_rig, rig_path, given)
             return
         from wakedeploy.cli.gap_system import run_steps
+        from wakedeploy.gap.folder import require_logs
 
         common = {"rig_path", "measured", "out", "workers", "json_path"}
         for name in given.keys() - common:
             source = click.get_current_context().get_parameter_source(name)
             if source is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
+        require_logs(given["measured"])
         name = str(click.get_current_context().info_name)
-        run_steps(name, system_path, given["measured"], columns, given["out"], given["json_path"])
+        try:
+            run_steps(
+                name, system_path, given["measured"], columns, given["out"], given["json_path"]
+            )
+        except KeyboardInterrupt:
+            click.echo(f"The same command: {same_command()}", err=True)
+            raise
 
     return step
 
@@ -149,18 +168,15 @@ def close_gap(
     Example:
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
     """
+    _progress("loading")
     from wakedeploy.api.gaps import close_gap as close
     from wakedeploy.cli.output import write_json
     from wakedeploy.gap.report.advice import advice
 
     asked = minutes if retrain else None
-    try:
-        closed = close(
-            rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
-        )
-    except KeyboardInterrupt:
-        _say_what_is_left(out)
-        raise
+    closed = close(
+        rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
+    )
     click.echo(closed.account)
     if after := advice(closed.steps, out):
         click.echo(f"\n{after.text}")
@@ -302,11 +318,12 @@ def show_gap(
     _finish(case, out, json_path)
 
 
-def _enter(out: Path, rig_path: Path) -> None:
+def _enter(out: Path, rig_path: Path, measured: tuple[Path, ...]) -> None:
     """Make the folder, and keep others out of it until the command ends."""
-    from wakedeploy.gap.folder import at_work
+    from wakedeploy.gap.folder import at_work, require_logs
     from wakedeploy.gap.systems.gantry.folder import prepare
 
+    require_logs(measured)
     prepare(out, rig_path)
     click.get_current_context().with_resource(at_work(out))
 
@@ -314,7 +331,7 @@ def _enter(out: Path, rig_path: Path) -> None:
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
     from wakedeploy.gap.systems.gantry.steps import open_case
 
-    _enter(out, rig_path)
+    _enter(out, rig_path, measured)
     _progress("reading the flights")
     return open_case(rig_path, measured, workers=workers, progress=_progress)
 
@@ -347,20 +364,26 @@ def _say_if_few(out: Path) -> None:
         click.echo(headline(flights))
 
 
-def _say_what_is_left(out: Path) -> None:
-    """After Ctrl-C: which step to go on with."""
+def _say_what_is_left(step: str, rig_path: Path, measured: tuple[Path, ...], out: Path) -> None:
+    """After Ctrl-C: the whole command to go on with, or to begin the step anew with."""
     from wakedeploy.gap.systems.gantry.folder import read_steps
 
+    def command(next_step: str, option: str = "") -> str:
+        logs = [] if next_step == "plan" else ["--measured", *map(str, measured)]
+        words = ["--rig", str(rig_path), *logs, "--out", str(out)]
+        return f"wakedeploy gap {next_step} {shlex.join(words)}{option}"
+
     steps = read_steps(out)
-    if steps.result is not None and steps.missing is None:
-        trains = "; `wakedeploy gap show --retrain` trains" if steps.add is not None else ""
-        click.echo(f"{out}: the result stands{trains}.", err=True)
+    if step != "close":
+        said = f"finished steps are kept; this one begins anew with:\n{same_command()}"
+    elif steps.result is not None and steps.missing is None:
+        trains = f"; to train:\n{command('show', ' --retrain')}" if steps.add is not None else "."
+        said = f"the result stands{trains}"
     elif steps.find is not None and steps.missing is not None:
-        click.echo(
-            f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"
-            f"{steps.option}`.",
-            err=True,
-        )
+        said = f"finished steps are kept; go on with:\n{command(steps.missing, steps.option)}"
+    else:
+        said = f"no step is finished; the same command begins anew:\n{same_command()}"
+    click.echo(f"{out}: {said}", err=True)
 
 
 def _progress(stage: str, done: int = 0, total: int = 0, /) -> None:

@@ -1,9 +1,10 @@
 """A folder that steps work in: one of them at a time."""
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import remove_unfinished
 from wakedeploy.core.locks import alone
 
@@ -18,3 +19,10 @@ def at_work(folder: Path) -> Iterator[None]:
         for place in (folder, folder / "figures"):
             remove_unfinished(place)
         yield
+
+
+def require_logs(measured: Sequence[Path]) -> None:
+    """UnusableInput for a log that is not there, before a folder is made for what it would give."""
+    for path in measured:
+        if not path.exists():
+            raise UnusableInput(f"{path}: there is no such run log.")

@@ -96,7 +96,7 @@ def draw_ranking(
     )
     for axes, round_, ranking in zip(grid[:, 0], rounds, rankings, strict=True):
         _round(axes, round_, ranking, set(found), set(rivals))
-    _threshold_legend(grid[0, 0])
+        _threshold_legend(axes)  # each round has its own
     gain = "gain in held-out log density over the model so far [nats]"
     if flights == 1:
         gain = "gain in log density over the rig as it is, less a nat per parameter [nats]"

@@ -103,7 +103,7 @@ def _map(axes: "Axes", map_: Map) -> None:
     title = probability("q", map_.q_value)
     axes.set_title(title, color=ink, fontweight=weight, fontsize=8.5)
     axes.set_xlabel(labelled(map_.coordinate, map_.coordinate_unit))
-    axes.set_ylabel(_folded(labelled(map_.channel, unit)))
+    axes.set_ylabel(_folded(labelled(_left_in(map_.channel), unit)))
     _calm(axes)
 
 
@@ -120,8 +120,16 @@ def _place(axes: "Axes", place: Profile) -> None:
                  color=colour, alpha=0.25, linewidth=0)  # fmt: skip
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     axes.set_xlabel(labelled(place.coordinate, place.coordinate_unit))
-    axes.set_ylabel(_folded(labelled(place.channel, unit)))
+    axes.set_ylabel(_folded(labelled(_left_in(place.channel), unit)))
     _calm(axes)
+
+
+def _left_in(channel: str) -> str:
+    """What a map's axis shows. A log's column is the signal; its map, what the model leaves of it.
+
+    The gantry's channels are residuals by their own names, in words.
+    """
+    return f"residual of {channel}" if "_" in channel else channel
 
 
 def _bins(map_: Map) -> tuple[FloatArray, FloatArray] | None:
