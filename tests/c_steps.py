@@ -13,6 +13,7 @@ from runtime.compiled.compiler import compiled
 from wakedeploy.core.onnx_graph import read_graph
 
 _number = itertools.count()
+_compiled: dict[tuple[bytes, tuple[str, ...]], bytes] = {}  # libraries by their source and flags
 
 
 def model_of(package, kind="float32", name="model") -> Model:
@@ -34,7 +35,13 @@ class Stepped:
     def __init__(self, model: Model, folder: Path, flags: Sequence[str] = ("-O2",)) -> None:
         path = written(model, folder)
         out = folder / f"{model.name}-{next(_number)}.so"  # a loaded name is never loaded again
-        library = ctypes.CDLL(str(compiled([path], out, (*flags, "-shared", "-fPIC"))))
+        made = _compiled.get((text := path.read_bytes(), tuple(flags)))
+        if made is None:
+            compiled([path], out, (*flags, "-shared", "-fPIC"))
+            _compiled[text, tuple(flags)] = out.read_bytes()
+        else:
+            out.write_bytes(made)
+        library = ctypes.CDLL(str(out))
         self._step, self._reset = (getattr(library, f"{model.name}_{w}") for w in ("step", "reset"))
         self._state = np.zeros(model.program.state_bytes // 4, np.float32)
         self._outputs = len(model.manifest.force)

@@ -1,5 +1,8 @@
 """What all tests share: how examples are drawn, signals, tiny packages."""
 
+import functools
+import gc
+import importlib.util
 import math
 import multiprocessing
 import os
@@ -31,6 +34,12 @@ hypothesis.settings.load_profile(os.environ.get("WAKEDEPLOY_EXAMPLES", "repeatab
 
 # A script ignores SIGINT in what it runs in the background, and so would all that tests interrupt.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """What collecting has loaded stays: no need to look through it for garbage again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
@@ -83,6 +92,29 @@ def workers_begin_warm():
             "get_context",
             lambda method=None: warm.context() if method == "spawn" else ordinary(method),
         )
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def the_exporter_reads_its_library_once():
+    """For each graph torch's exporter would parse all 500 functions of its library anew."""
+    if importlib.util.find_spec("torch") is None:
+        yield
+        return
+    from export import graph
+
+    exported = graph._exported
+    with pytest.MonkeyPatch.context() as patch:
+
+        def once(*arguments):
+            from torch.onnx._internal.exporter._registration import ONNXRegistry
+
+            read = functools.cache(ONNXRegistry.from_torchlib)  # by version of the operators
+            patch.setattr(ONNXRegistry, "from_torchlib", staticmethod(read))
+            patch.setattr(graph, "_exported", exported)
+            return exported(*arguments)
+
+        patch.setattr(graph, "_exported", once)
         yield
 
 

@@ -10,9 +10,12 @@ from wakedeploy.cli import main
 from wakedeploy.core.episodes import read_episode_set
 
 
-def test_a_gantry_set_is_made_and_described(tmp_path: Path) -> None:
+def test_a_gantry_set_is_made_and_described(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 8.0)
     out, told = tmp_path / "gantry", tmp_path / "made.json"
-    make = ["data", "make", "gantry", "--out", str(out), "--minutes", "1.25", "--seed", "3"]
+    make = ["data", "make", "gantry", "--out", str(out), "--minutes", "0.4", "--seed", "3"]
     assert CliRunner().invoke(main, [*make, "--json", str(told)]).exit_code == 0
     made = read_episode_set(out)
     assert made.domain == "gantry"

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 from small_tune import FAST, small_set
 
 from wakedeploy.cli import main
-from wakedeploy.core.runlog import read_run_log
+from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 
 BYTES = 3_000
@@ -36,10 +36,15 @@ def run(*arguments: object) -> Result:
     return CliRunner().invoke(main, [str(argument) for argument in arguments])
 
 
+@pytest.fixture(scope="module")
+def flight() -> RunLog:
+    return record(None, seconds=8, seed=0)
+
+
 @pytest.fixture
-def inputs(tmp_path: Path) -> Path:
+def inputs(tmp_path: Path, flight: RunLog) -> Path:
     small_set().write(tmp_path / "set")
-    record(None, seconds=8, seed=0).write_mcap(tmp_path / "flight.mcap")
+    flight.write_mcap(tmp_path / "flight.mcap")
     return tmp_path
 
 
@@ -47,7 +52,7 @@ COMMANDS = {
     "train": ("train", "--data", "set", "--arch", "gru", "--epochs", 1, "--out", "out"),
     "tune": (*("tune", "--data", "set", "--arch", "gru", "--epochs", 1), *("--trials", 2),
              *("--out", "out"), *FAST),
-    "data": ("data", "make", "gantry", "--minutes", 1, "--out", "out"),
+    "data": ("data", "make", "gantry", "--minutes", 0.4, "--out", "out"),
     "log": ("log", "export", "flight.mcap", "--out", "out.csv"),
     "picture": ("log", "show", "flight.mcap", "--png", "out.png"),
     "json": ("rig", "show", "--json", "out.json"),
@@ -62,6 +67,7 @@ FILE = {
 def test_a_full_disk_is_one_sentence_and_the_command_is_given_again(command, inputs, monkeypatch):
     monkeypatch.chdir(inputs)
     monkeypatch.setattr(sys.modules[__name__], "BYTES", 1_000 if command == "json" else BYTES)
+    monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 8.0)
     with small_disk():
         done = run(*COMMANDS[command])
     assert done.exit_code in (1, 2), done.output

@@ -31,8 +31,9 @@ SMALLER = (
     (r"--seeds \d+", "--seeds 1"),
     (r"--arch all", "--arch agile-mlp,gru"),
     (r"--trials \d+", "--trials 2 --epochs 1"),
-    (r"--flights \d+ --seconds 20", "--flights 4 --seconds 8"),
+    (r"--flights \d+ --seconds \d+", "--flights 4 --seconds 8"),
     (r"--virtual --flights \d+", "--virtual --flights 2 --seconds 8"),
+    (r"--virtual --seconds \d+", "--virtual --seconds 12"),  # `log smooth` wants 7 s in the air
     (r"--epochs \d+", "--epochs 1"),
     (r"^wakedeploy train ", "wakedeploy train --epochs 1 "),
     (r"^wakedeploy demo", "wakedeploy demo --minutes 4 --seconds 10"),

@@ -75,11 +75,12 @@ def exported_arch(
         from export.reference import reference_config
 
         predictor, config = predictor_of(arch), reference_config(arch)
-        force, path = seen_by(predictor, config, episodes), folder / f"{arch}.onnx"
+        path = folder / f"{arch}.onnx"
         with one_at_a_time(folder, arch):
             if path.exists():
                 package = read_package(path)
             else:
+                force = seen_by(predictor, config, episodes)
                 package = export_predictor(predictor, config, force, episodes, path)
         return Exported(predictor, config, package, path)
 

@@ -12,7 +12,7 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.naming import fitted_base
+from wakedeploy.gap.systems.gantry.search.naming import fitted_base, with_terms
 from wakedeploy.rig.file import default_rig, read_rig
 
 RIG = default_rig()
@@ -56,6 +56,12 @@ def flown(
         log = record(truth, seconds=seconds, seed=seed, force_hook=hook, model_rig=RIG)
         _FLOWN[key] = flight_from_log(log.without_truth(), RIG, f"flight {seed}")
     return _FLOWN[key]
+
+
+@functools.cache
+def based(*seeds: int) -> tuple[GantryModel, Fit]:
+    """Flights of the rig as its file describes it, and the base hypothesis fitted to them."""
+    return fitted_base(with_terms(GantryModel(RIG, [flown(seed) for seed in seeds])))
 
 
 def with_effects(**effects: dict[str, tuple[float, str]]) -> Rig:

@@ -3,8 +3,10 @@
 import functools
 from collections.abc import Iterator
 
+import drawing
 import pytest
 
+from trainers.architectures.esn import EsnHyper
 from wakedeploy.domains import downwash
 
 
@@ -16,6 +18,21 @@ def one_process() -> Iterator[None]:
     """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("wakedeploy.core.parallel.default_workers", lambda: 1)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def pictures_are_drawn_once() -> Iterator[None]:
+    with drawing.each_drawn_once():
+        yield
+
+
+@pytest.fixture(autouse=True, scope="module")
+def reservoirs_are_small() -> Iterator[None]:
+    """Of 300 neurons where nobody says how many: a thousand take ten times as long."""
+    _, *others = EsnHyper.__init__.__defaults__
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(EsnHyper.__init__, "__defaults__", (300, *others))
         yield
 
 

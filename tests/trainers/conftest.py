@@ -1,7 +1,8 @@
 """A small domain whose force is a delayed, nonlinear echo of one input: memory must pay."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
+import drawing
 import numpy as np
 import pytest
 
@@ -35,6 +36,12 @@ def echo_set(steps: int = 300, episodes: int = 6) -> EpisodeSet:
         split={e.name: s for e, s in zip(parts, splits, strict=True)},
         episodes=parts,
     )
+
+
+@pytest.fixture(autouse=True, scope="module")
+def pictures_are_drawn_once() -> Iterator[None]:
+    with drawing.each_drawn_once():
+        yield
 
 
 @pytest.fixture(scope="session")

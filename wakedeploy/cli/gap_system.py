@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from wakedeploy.gap.systems.system import System
 
 _FILE = click.Path(path_type=Path, dir_okay=False)
+_NOTHING = 1e-3  # standard deviations that no log shows
 SYSTEM = click.option("--system", "system_path", type=click.Path(path_type=Path),
                       help="A Python file with your own system.")  # fmt: skip
 COLUMNS = click.option("--columns", type=_FILE,
@@ -90,11 +91,16 @@ def check(
         )
     print_table(
         "What they move, in standard deviations of the prediction errors",
-        ["constant or effect", "moves", "others held free", "looks like"],
-        [[r.name, f"{r.moved:.3g}", f"{r.left:.3g}", ", ".join(r.like)] for r in told],
+        ["constant or effect", "moves", "others free", "looks like"],
+        [[r.name, _share(r.moved), _share(r.left), ", ".join(r.like)] for r in told],
     )
     if json_path:
         write_json(json_path, {"rows": [vars(r) for r in told], "notes": column_notes(model)})
+
+
+def _share(value: float) -> str:
+    """Three digits, and 0 for what rounding leaves of nothing."""
+    return f"{value:.3g}" if value >= _NOTHING else "0"
 
 
 @click.command("simulate", cls=Many)

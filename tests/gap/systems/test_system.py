@@ -65,6 +65,24 @@ def test_a_sound_system_passes():
         (
             {
                 "derivative": lambda s, state, u, c: {
+                    "position_m": [state.speed_mps, 0.0],
+                    "speed_mps": 0.0,
+                }
+            },
+            "gives 'position_m' parts of several shapes",
+        ),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
+                    "position_m": max(state.speed_mps, 0.0),
+                    "speed_mps": 0.0,
+                }
+            },
+            r"derivative: it is called with arrays.* np\.maximum for max",
+        ),
+        (
+            {
+                "derivative": lambda s, state, u, c: {
                     "position_m": np.sum(state.speed_mps),
                     "speed_mps": 0.0,
                 }

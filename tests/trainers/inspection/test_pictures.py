@@ -38,6 +38,11 @@ def trained(data: EpisodeSet, root: Path, arch: str = "agile-mlp", **asked) -> T
     return train(configure(data, arch, **given), data, root)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def pictures_are_drawn_once() -> None:
+    """Not here, where they are looked at."""
+
+
 @pytest.fixture(scope="module")
 def data_folder(echo: EpisodeSet, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("set")

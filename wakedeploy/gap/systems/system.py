@@ -6,6 +6,7 @@ batches, so they use numpy alone. `loading` reads such a class from a file.
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -27,6 +28,7 @@ FloatArray = npt.NDArray[np.float64]
 Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]]
 
 _HOLDS = ("step", "linear")
+_TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
 
 
@@ -452,11 +454,11 @@ def _evaluated(
         told = method(state, inputs, system.values())
     result = {}
     for name, value in told.items():
-        given = np.shape(value)
+        given = _shape(value)
         if given not in ((), shape):
             raise UnusableInput(
-                f"{_method(system, method)} gives {name!r} the shape {given} for states of shape "
-                f"{shape}; return one number a point."
+                f"{_method(system, method)} gives {name!r} {_shape_in_words(given)} for states of "
+                f"shape {shape}; return one number a point."
             )
         result[name] = np.broadcast_to(np.asarray(value, dtype=float), shape)
         if not np.all(np.isfinite(result[name])):
@@ -467,6 +469,18 @@ def _evaluated(
                 "filter tries such points, so bound what goes into it (np.maximum, np.clip)."
             )
     return result
+
+
+def _shape(value: Any) -> tuple[int, ...] | None:
+    """An array's shape; None where its parts have several."""
+    try:
+        return tuple(np.shape(value))
+    except ValueError:
+        return None
+
+
+def _shape_in_words(shape: tuple[int, ...] | None) -> str:
+    return "parts of several shapes" if shape is None else f"the shape {shape}"
 
 
 def _method(system: System, method: Callable[..., Any]) -> str:
@@ -480,12 +494,23 @@ def _called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str
     except UnusableInput:
         raise
     except Exception as error:  # whatever a user's function raises is told by its name
-        raise UnusableInput(f"{where}: {type(error).__name__}: {error}.") from error
+        raise UnusableInput(f"{where}: {_cause(error)}") from error
     if not isinstance(told, Mapping):
         raise UnusableInput(
             f"{where} returns {type(told).__name__}; return a dict with a value by name."
         )
     return told
+
+
+def _cause(error: Exception) -> str:
+    """What a user's function raised, and what to write where it took arrays for numbers."""
+    if _TOOK_ARRAYS.search(str(error)):
+        return (
+            f"it is called with arrays, and a line of it needs a single number ({error}); write "
+            "np.where for if, np.maximum for max, np.sin for math.sin."
+        )
+    name = "" if isinstance(error, AttributeError) else f"{type(error).__name__}: "
+    return f"{name}{str(error).rstrip('.')}."
 
 
 def _complete(

@@ -49,7 +49,10 @@ def _effects(told: Answer) -> list[str]:
             f"error where it was not fitted [{_percent(share.low)}, {_percent(share.high)}]"
         )
     for name in told.unsettled:
-        lines.append(f"  The fit with {name} had not settled: its size is a lower guess.")
+        lines.append(
+            f"  The fit with {name} was stopped before it came to rest: its size is less sure than "
+            "its interval says."
+        )
     return lines
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from recorded import RIG, flown, with_effects
+from recorded import RIG, based, flown, with_effects
 
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.gap.evidence.inference import Fit, fit
@@ -23,7 +23,7 @@ SEEDS = (40, 41, 42)
 @pytest.fixture(scope="module")
 def base() -> tuple[GantryModel, Fit]:
     """Three flights of the rig as its file describes it."""
-    return fitted_base(GantryModel(RIG, [flown(seed) for seed in SEEDS]))
+    return based(*SEEDS)
 
 
 def test_innovations_have_the_variance_that_is_claimed(base) -> None:

@@ -14,7 +14,7 @@ from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
 from wakedeploy.gap.systems.system import Port, System
 
 _ANGLES = ("rad",)
-_BY_ROLE: dict[str, tuple[Kind, ...]] = {
+KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
     "force": forces.KINDS,
     "output": sensors.OUTPUT_KINDS,
@@ -58,10 +58,10 @@ class Effect:
 
 def kind_named(role: str, name: str) -> Kind:
     """A kind by its name; UnusableInput for one that the role does not have."""
-    for kind in _BY_ROLE[role]:
+    for kind in KINDS_BY_ROLE[role]:
         if kind.name == name:
             return kind
-    known = ", ".join(k.name for k in _BY_ROLE[role])
+    known = ", ".join(k.name for k in KINDS_BY_ROLE[role])
     raise UnusableInput(f"no kind {name!r} for an {role} port; there are: {known}.")
 
 
@@ -92,7 +92,7 @@ def _kinds(system: System, port: Port) -> tuple[Kind, ...]:
         kind_named(port.role, name)
     return tuple(
         kind
-        for kind in _BY_ROLE[port.role]
+        for kind in KINDS_BY_ROLE[port.role]
         if (not port.kinds or kind.name in port.kinds) and _makes_sense(system, port, kind)
     )
 
