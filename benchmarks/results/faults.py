@@ -200,7 +200,7 @@ def _unsafe(found: Mapping[str, Mapping[str, Sequence[str]]]) -> str:
     ]
     return paragraphs(
         "## Unsafe flights",
-        "Some command could have saved each of these.",
+        "The motors obey in each of these, and what pushes is less than the thrust reserve.",
         table(head, lines),
         "Why they are unsafe:",
         "\n".join(reasons),
