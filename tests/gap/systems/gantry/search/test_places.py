@@ -8,6 +8,7 @@ from recorded import RIG, based, flown
 from scipy.stats import false_discovery_control
 
 from wakedeploy.gap.search import places as finding
+from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.search.places import Residuals, forbids_none, q_values
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
@@ -37,6 +38,14 @@ def pushed():
     return fitted_base(GantryModel(RIG, [flown(seed, hook=push) for seed in SEEDS]))
 
 
+def place(channel: str, q_value: float) -> Place:
+    """A place of height, of which only channel and q-value matter."""
+    return Place(
+        channel=channel, coordinate="height", exogenous=True, low=0.1, high=0.2, residual=0.1,
+        unit="N", coordinate_unit="m", q_value=q_value, clarity=1.0, words="",
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_q_values_are_benjamini_and_hochbergs(seed: int) -> None:
     p = np.random.default_rng(seed).random(25) ** (1 + seed)
@@ -51,41 +60,39 @@ def test_q_values_by_hand() -> None:
 
 def test_nothing_is_found_where_nothing_is_missing(base) -> None:
     found = find_places(*base, LIMIT, FLOOR)
-    assert found["places"] == []
-    assert found["sentence"] == "No place stands out from noise."
-    assert found["white"]["passes"]
-    assert {m["channel"] for m in found["maps"]} == set(CHANNELS)
-    assert set(found["least_residual"]) == set(FLOOR)
-    for channel, floor in found["noise_floor"].items():
-        means = [v for m in found["maps"] if m["channel"] == channel for v in m["mean"]]
+    assert found.places == []
+    assert found.sentence == "No place stands out from noise."
+    assert found.white.passes
+    assert {m.channel for m in found.maps} == set(CHANNELS)
+    assert set(found.least_residual) == set(FLOOR)
+    for channel, floor in found.noise_floor.items():
+        means = [v for m in found.maps if m.channel == channel for v in m.mean]
         # Nothing is missing: of the bins' means nine in ten lie within what noise alone puts there.
-        assert 0.75 < np.mean(np.abs(means) < floor["value"]) <= 1.0
-        assert floor["unit"] == CHANNELS[channel]
-    for replay, horizon in zip(found["replay"], HORIZONS_S, strict=True):
-        assert replay["horizon_s"] == horizon
-        assert replay["rmse_m"] == pytest.approx(replay["expected_m"], rel=0.3)
+        assert 0.75 < np.mean(np.abs(means) < floor.value) <= 1.0
+        assert floor.unit == CHANNELS[channel]
+    for replay, horizon in zip(found.replay, HORIZONS_S, strict=True):
+        assert replay.horizon_s == horizon
+        assert replay.rmse_m == pytest.approx(replay.expected_m, rel=0.3)
 
 
 def test_a_force_is_found_where_it_acts(pushed) -> None:
     found = find_places(*pushed, LIMIT, FLOOR)
     places = [
-        p
-        for p in found["places"]
-        if p["coordinate"] == "carriage position" and p["channel"] == "force"
+        p for p in found.places if p.coordinate == "carriage position" and p.channel == "force"
     ]
     assert places
-    right = max(places, key=lambda p: p["low"])
-    assert right["low"] > -0.05
-    assert right["residual"] > 0.1
-    assert right["exogenous"]
-    assert right["q_value"] <= RULES.false_discoveries
-    assert "carriage position above" in right["words"]
-    assert "disagree" in found["sentence"]
-    assert found["places"][0]["channel"] != "innovation"
-    felt = [p for p in found["places"] if p["channel"] == "innovation"]
+    right = max(places, key=lambda p: p.low)
+    assert right.low > -0.05
+    assert right.residual > 0.1
+    assert right.exogenous
+    assert right.q_value <= RULES.false_discoveries
+    assert "carriage position above" in right.words
+    assert "disagree" in found.sentence
+    assert found.places[0].channel != "innovation"
+    felt = [p for p in found.places if p.channel == "innovation"]
     assert felt
-    assert felt[0]["unit"] == "sd"
-    assert "sd (innovation)" in felt[0]["words"]
+    assert felt[0].unit == "sd"
+    assert "sd (innovation)" in felt[0].words
 
 
 def test_the_force_channel_weighs_the_missing_force(base, pushed) -> None:
@@ -177,7 +184,7 @@ def test_false_discoveries_are_rare_in_white_and_in_coloured_noise(
     """A block outlasts the noise's memory, so its colour is not taken for a pattern."""
     count = 5
     wrong = sum(
-        bool(places_of(monkeypatch, base, seed, np.zeros_like, keep)["places"])
+        bool(places_of(monkeypatch, base, seed, np.zeros_like, keep).places)
         for seed in range(count)
     )
     assert wrong <= 1
@@ -228,10 +235,10 @@ def test_the_mean_of_all_flights_has_a_true_p_value(monkeypatch) -> None:
 def test_the_clearest_map_comes_first(monkeypatch, base) -> None:
     """Several are beyond what shuffles reach, and of one p value."""
     found = places_of(monkeypatch, base, 4, lambda height: 0.5 * (height - 0.6))
-    clarity = [p["clarity"] for p in found["places"] if p["q_value"] == found["maps"][0]["q_value"]]
+    clarity = [p.clarity for p in found.places if p.q_value == found.maps[0].q_value]
     assert len(clarity) > 2
     assert clarity == sorted(clarity, reverse=True)
-    assert found["places"][0]["coordinate"] == "height"
+    assert found.places[0].coordinate == "height"
 
 
 @pytest.mark.parametrize("counts", [[5], [40, 1, 23], [16, 16]])
@@ -248,16 +255,16 @@ def test_a_planted_bump_is_found_at_its_bins(monkeypatch, base) -> None:
         return np.where((height > 0.55) & (height < 0.8), 0.15, 0.0)
 
     found = places_of(monkeypatch, base, 1, bump)
-    best = found["places"][0]
-    assert best["coordinate"] == "height"
-    assert best["low"] < 0.75
-    assert best["high"] > 0.6
-    assert 0.07 < best["residual"] < 0.2  # bins at its edges are only half in it
-    assert best["words"].startswith("height 0.")
-    for m in found["maps"]:
-        if m["coordinate"] == "height":
-            highest = int(np.argmax(m["mean"]))
-            assert 0.5 < 0.5 * (m["edges"][highest] + m["edges"][highest + 1]) < 0.85
+    best = found.places[0]
+    assert best.coordinate == "height"
+    assert best.low < 0.75
+    assert best.high > 0.6
+    assert 0.07 < best.residual < 0.2  # bins at its edges are only half in it
+    assert best.words.startswith("height 0.")
+    for m in found.maps:
+        if m.coordinate == "height":
+            highest = int(np.argmax(m.mean))
+            assert 0.5 < 0.5 * (m.edges[highest] + m.edges[highest + 1]) < 0.85
 
 
 @pytest.mark.parametrize(
@@ -267,26 +274,26 @@ def test_a_planted_bump_is_found_at_its_bins(monkeypatch, base) -> None:
 def test_a_place_that_chance_makes_often_does_not_forbid_that_nothing_is_missing(
     channel: str, q: float, forbids: bool
 ) -> None:
-    weak = {"channel": "force", "q_value": 0.05}
-    assert forbids_none([weak, {"channel": channel, "q_value": q}]) is forbids
+    assert forbids_none([place("force", 0.05), place(channel, q)]) is forbids
     assert not forbids_none([])
 
 
 def test_an_offset_is_everywhere(monkeypatch, base) -> None:
     found = places_of(monkeypatch, base, 2, lambda height: np.full_like(height, 0.1))
-    everywhere = [p for p in found["places"] if p["coordinate"] == "everywhere"]
+    everywhere = [p for p in found.places if p.coordinate == "everywhere"]
     assert everywhere
     for p in everywhere:
-        assert p["residual"] == pytest.approx(0.1, abs=0.03)
-        assert p["words"].startswith("everywhere: +")
+        assert p.residual == pytest.approx(0.1, abs=0.03)
+        assert p.words.startswith("everywhere: +")
 
 
 def test_a_place_that_is_smaller_than_the_models_own_error_is_none(monkeypatch, base) -> None:
     places_of(monkeypatch, base, 2, lambda height: np.full_like(height, 0.1))
     floor = dict.fromkeys(CHANNELS, 0.5)
     found = find_places(*base, LIMIT, floor)
-    assert found["places"] == []
-    assert found["least_residual"]["force"] == {"value": 0.5, "unit": "N"}
+    assert found.places == []
+    least = found.least_residual["force"]
+    assert (least.value, least.unit) == (0.5, "N")
 
 
 def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
@@ -294,18 +301,18 @@ def test_maps_hold_means_and_intervals_of_their_bins(monkeypatch, base) -> None:
     made = planted(rng, lambda height: 0.3 * height)
     monkeypatch.setattr(gantry_places, "residuals", lambda _m, _b, channel, i: made[i])
     found = find_places(*base, LIMIT)
-    told = next(m for m in found["maps"] if m["coordinate"] == "height")
+    told = next(m for m in found.maps if m.coordinate == "height")
     height = np.concatenate([s.coordinates["height"] for s in made])
     value = np.concatenate([s.value for s in made])
-    edges = np.array(told["edges"])
+    edges = np.array(told.edges)
     assert edges == pytest.approx(np.quantile(height, np.linspace(0, 1, len(edges))))
     bins = np.clip(np.searchsorted(edges, height, side="right") - 1, 0, len(edges) - 2)
     length = finding.block_length(made, AXES)
     blocks = finding.blocks_of(made, length)
     for k in range(len(edges) - 1):
-        assert told["blocks"][k] == sum((bins[block] == k).any() for block in blocks)
-        assert told["count"][k] == (bins == k).sum()
-        assert told["mean"][k] == pytest.approx(value[bins == k].mean())
-        assert told["low"][k] < 0.3 * height[bins == k].mean() + 0.1
-        assert told["low"][k] < told["mean"][k] < told["high"][k]
-    assert [m["q_value"] for m in found["maps"]] == sorted(m["q_value"] for m in found["maps"])
+        assert told.blocks[k] == sum((bins[block] == k).any() for block in blocks)
+        assert told.count[k] == (bins == k).sum()
+        assert told.mean[k] == pytest.approx(value[bins == k].mean())
+        assert told.low[k] < 0.3 * height[bins == k].mean() + 0.1
+        assert told.low[k] < told.mean[k] < told.high[k]
+    assert [m.q_value for m in found.maps] == sorted(m.q_value for m in found.maps)
