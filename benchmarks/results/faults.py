@@ -132,14 +132,13 @@ _LANDINGS = ("median_lower", "p95_lower", "worst_lower", "worst_upper")
 
 # Why flights of these faults still end unsafely, or cannot end otherwise.
 REASONS = {
-    "range 200 ms old": "The stamps say that readings are new. A loop that is told of heights a "
-    "fifth of a second old swings more and more. Only a swing shows how old readings are, and by "
-    "the time it does, the sufferer is fast and near a stop.",
+    "range 200 ms old": "The stamps say that readings are new. A loop that sees heights of a fifth "
+    "of a second ago swings more and more. Only a swing shows how old readings are, and then the "
+    "sufferer is fast and near a stop.",
     "range 100 ms old": "As with 200 ms, more slowly.",
-    "push -3 N": "A push shows after a tenth of a second, and a command acts after 0.03 s, with a "
-    "spool lag of 0.06 s. With full thrust, 9.0 N, from then on, a sufferer of 4.4 N meets the "
-    "stop from 10 cm at 1.0 m/s; where a wake of 1 N presses, too, from 30 cm. One that already "
-    "sinks meets it harder.",
+    "push -3 N": "A push shows after a tenth of a second, and a command acts a moment later. With "
+    "full thrust from then on the sufferer meets the stop from 10 cm at 1.0 m/s, or harder where "
+    "it sinks already; in a wake it does so from farther up.",
     "push +2 N": "It begins at rest or in the touch-down, before the loop knows what carries the "
     "sufferer: what lifts it is learnt only while it is seen to move.",
     "push +1 N": "As with 2 N: the touch-down gives up its height after 12 s, and descends by a "
