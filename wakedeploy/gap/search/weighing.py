@@ -40,12 +40,12 @@ class Weight:
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
     """On blocks that neither fit has seen."""
     was, now = (_stretches(model, model.disagreements(f, episodes)) for f in (before, after))
-    return _weight(was, now)
+    return weight_of(was, now)
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
     """On the blocks of a fit; `before` is what `crossed` says of the fit without the effect."""
-    return _weight(before, crossed(model, after))
+    return weight_of(before, crossed(model, after))
 
 
 def crossed(model: Comparison, fitted: Fit) -> FloatArray:
@@ -96,8 +96,11 @@ def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
     return np.array(sums)
 
 
-def _weight(was: FloatArray, now: FloatArray) -> Weight:
-    """Of stretches without and with an effect, those that run away counted no more than some."""
+def weight_of(was: FloatArray, now: FloatArray) -> Weight:
+    """Of squared errors of stretches, (stretches, channels), without and with an effect.
+
+    Those that run away count no more than some.
+    """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)
     usual = was.sum(0)

@@ -1,0 +1,70 @@
+"""Which effects explain what a named one explains: rivals, told apart by evidence or by forecasts.
+
+In: candidates with what each gains on every block, and the squared errors of their forecasts. Out:
+the class that an answer has to name. A rival need not improve forecasts by so much that it would
+be named itself, nor gain more than chance: what counts is whether the recordings tell it from the
+one that would be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.weighing import Weight, crossed, weight_of
+
+_SURE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A candidate of a round, why it is not named (or "accepted"), and what forecasts say.
+
+    `squares` are the squared errors of its forecasts of each stretch (stretches, channels).
+    """
+
+    one: Candidate
+    why: str
+    weight: Weight | None = None
+    squares: FloatArray | None = None
+
+
+def rivals_with(best: Candidate, other: Candidate) -> bool:
+    """Whether blocks do not agree that the best gains more than another."""
+    apart = best.gains - other.gains
+    count = len(apart)
+    if count < 2:
+        return float(apart.sum()) < RULES.class_nats
+    reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
+    return bool(float(apart.sum()) - reach < RULES.class_nats)
+
+
+def as_good(model: Comparison, best: Verdict, others: Sequence[Verdict]) -> list[Verdict]:
+    """Of candidates that are not accepted, those that neither blocks nor forecasts tell apart."""
+    ahead = _squares(model, best)
+    return [
+        v
+        for v in others
+        if rivals_with(best.one, v.one) and not weight_of(_squares(model, v), ahead).low > 0.0
+    ]
+
+
+def is_nothing(fitted: Fit, name: str) -> bool:
+    """Whether the intervals of all sizes of an effect hold the value without effect.
+
+    A shape, whose neutral value is not 0, does not count: it has no meaning where the size is 0.
+    """
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    sizes = [f for f in own if f.neutral == 0.0] or own
+    ends = [fitted.interval(f.name) for f in sizes]
+    return all(low <= f.neutral <= high for f, (low, high) in zip(sizes, ends, strict=True))
+
+
+def _squares(model: Comparison, verdict: Verdict) -> FloatArray:
+    known = verdict.squares
+    return np.asarray(crossed(model, verdict.one.fit) if known is None else known)
