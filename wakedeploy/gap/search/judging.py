@@ -28,12 +28,13 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
+from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.extent import profiled
 from wakedeploy.gap.search.rivalry import Verdict, as_good, is_nothing, rivals_with
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
-from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, weight_of
+from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, is_outdone, weight_of
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
@@ -50,7 +51,8 @@ class Named:
     """What was named: fits without and with it, rounds as JSON has them, and rivals of a class.
 
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
-    cross-fitted; `leftover` is what still acts and is not explained.
+    cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
+    are no better than those that ask no model (`is_outdone`) nothing is named.
     """
 
     base: Fit
@@ -61,6 +63,7 @@ class Named:
     unsettled: tuple[str, ...] = ()
     leftover: tuple[dict[str, Any], ...] = ()
     alone: tuple[Candidate, ...] = ()  # every effect without any other
+    is_outdone: bool = False
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -75,7 +78,7 @@ def fitted_base(model: Comparison) -> Fit:
         )
     sealed = model.sealed()
     used = [e for e in range(model.episodes) if e not in sealed]
-    return settled(model, fit(model, (), used))[0]
+    return settled(model, fit(model, (), used, beginning(model, used)))[0]
 
 
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
@@ -87,6 +90,8 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
             break
         told = further
     told = _with_sizes(model, _still_needed(model, told))
+    if is_outdone(model, told.found):
+        told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return told if acting is None else replace(told, leftover=acting(told.found))
 
@@ -357,4 +362,4 @@ def verdict_of(told: Named) -> str:
         or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )
-    return "unknown" if doubtful or told.leftover else "none"
+    return "unknown" if doubtful or told.leftover or told.is_outdone else "none"

@@ -5,7 +5,7 @@ of the fit each stretch is forecast with parameters that other blocks prefer (cr
 that these can decide; sealed blocks take no part in that, and report.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -85,6 +85,20 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     step = -scale * np.linalg.lstsq(scaled, scale * gradient, rcond=1e-10)[0]
     step *= min(1.0, (_FARTHEST / max(float(step @ rest @ step), 1e-12)) ** 0.5)
     return np.asarray(np.clip(fitted.theta + step, low, high))
+
+
+def is_outdone(model: Comparison, fitted: Fit) -> bool:
+    """Whether forecasts of a fit's blocks are no better than those that ask no model.
+
+    What acts on a model that explains so little is no effect on the system.
+    """
+    asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
+    if asked is None:
+        return False
+    own = crossed(model, fitted).sum(0)
+    simple = [_stretches(model, each).sum(0) for each in asked(fitted.episodes)]
+    least = np.min(simple, axis=0)
+    return bool(np.mean(own / np.where(least > 0.0, least, np.inf)) >= 1.0)
 
 
 def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
