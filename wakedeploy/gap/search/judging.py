@@ -31,7 +31,7 @@ from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.extent import profiled
-from wakedeploy.gap.search.rivalry import Verdict, as_good, is_nothing, rivals_with
+from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, is_outdone, weight_of
@@ -102,9 +102,9 @@ def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:
     verdicts = _judged_round(model, told, found, progress)
     if not told.alone:
         told = replace(told, alone=tuple(v.one for v in verdicts))
-    accepted = _accepted(model, found, verdicts)
-    if accepted:
-        return _with(model, told, accepted, _as_good(model, accepted, verdicts))
+    best = _best(model, found, verdicts)
+    if best:
+        return _with(model, told, best)
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
     if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
         return None
@@ -158,50 +158,52 @@ def is_shared(one: Candidate, chance: float) -> bool:
     return bool(one.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
-def _accepted(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Verdict]:
-    """The best one that is accepted, or what is simpler and as good, and those that rival it."""
-    accepted: list[Verdict] = []
-    for verdict in verdicts:
-        if verdict.why == ACCEPTED and (not accepted or rivals_with(accepted[0].one, verdict.one)):
-            accepted.append(verdict)
-    if not accepted:
+def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """The best one that is accepted, or what is simpler and as good, and all that rival it.
+
+    Those that are accepted come first; () where none is.
+    """
+    leader = next((v for v in verdicts if v.why == ACCEPTED), None)
+    if leader is None:
         return []
-    plainer = simpler(model, found, accepted[0].one)
-    if plainer is not accepted[0].one:
-        weight = cross_weighed(model, crossed(model, found), plainer.fit)
-        if weight.matters:
-            others = [v for v in accepted[1:] if v.one.name != plainer.name]
-            accepted = [Verdict(plainer, ACCEPTED, weight), *others]
-    return accepted
+    leader = _plainer(model, found, leader)
+    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
+        return [leader]
+    return sorted(alike, key=lambda v: v.why != ACCEPTED)
 
 
-def _as_good(
-    model: Comparison, accepted: Sequence[Verdict], verdicts: Sequence[Verdict]
-) -> list[Verdict]:
-    """Those of the fitted that would not be named, and that nothing tells from the best one."""
-    own = accepted[0].one.name
-    claimed = {v.one.name for v in accepted}
-    others = [
+def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
+    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
+    plainer = simpler(model, found, leader.one)
+    if plainer is leader.one:
+        return leader
+    squares = crossed(model, plainer.fit)
+    weight = weight_of(crossed(model, found), squares)
+    return Verdict(plainer, ACCEPTED, weight, squares) if weight.matters else leader
+
+
+def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
+    own = leader.one.name
+    return [
         v
         for v in verdicts[:_TRIED]
-        if v.one.name not in claimed and not elaborates(v.one.name, own)
+        if v.one.name != own and not elaborates(v.one.name, own) and rivals_with(leader.one, v.one)
     ]
-    return as_good(model, accepted[0], others)
 
 
-def _with(
-    model: Comparison, told: Named, accepted: Sequence[Verdict], also: Sequence[Verdict]
-) -> Named | None:
-    """One more effect: the first whose size is still something once all else has followed.
+def _with(model: Comparison, told: Named, best: Sequence[Verdict]) -> Named | None:
+    """One more effect: the first that is accepted and still something once all else has followed.
 
-    Its class has those accepted beside it, and those that are `also` as good. Beside an open class
-    only an effect without rivals is named.
+    Its class are those after it. Beside an open class only an effect without rivals is named.
     """
     searched = told.rounds[-1]
-    for k, verdict in enumerate(accepted):
+    for k, verdict in enumerate(best):
         one, weight = verdict.one, verdict.weight
-        assert weight is not None
-        members = tuple(v.one.name for v in (*accepted[k:], *also))
+        if verdict.why != ACCEPTED or weight is None:
+            break
+        members = tuple(v.one.name for v in best[k:])
         if told.rivals and len(members) > 1:
             return None
         better, still = settled(model, one.fit)
@@ -243,12 +245,14 @@ def _pair(
         both = cross_weighed(model, crossed(model, told.found), verdict.one.fit)
         if not both.matters:
             continue
-        own = (first.one.name, *(v.one.name for v in _as_good(model, [first], beside_it)))
+        alike = undecided(model, [first, *_rivals(first, beside_it)])
+        own = (first.one.name, *(v.one.name for v in alike if v is not first))
         if told.rivals and len(own) > 1:
             return None
         company = replace(told, found=beside, rivals=own if len(own) > 1 else told.rivals)
-        accepted = [replace(verdict, weight=both)]
-        further = _with(model, company, accepted, _as_good(model, accepted, verdicts))
+        second = replace(verdict, why=ACCEPTED, weight=both)
+        alike = undecided(model, [second, *_rivals(second, verdicts)])
+        further = _with(model, company, [second, *(v for v in alike if v is not second)])
         if further is None:
             continue
         weights = {**further.weights, first.one.name: both}

@@ -44,13 +44,18 @@ def rivals_with(best: Candidate, other: Candidate) -> bool:
     return bool(float(apart.sum()) - reach < RULES.class_nats)
 
 
-def as_good(model: Comparison, best: Verdict, others: Sequence[Verdict]) -> list[Verdict]:
-    """Of candidates that are not accepted, those that neither blocks nor forecasts tell apart."""
-    ahead = _squares(model, best)
+def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
+    """Of candidates that blocks do not tell apart, those that forecasts do not either.
+
+    Stretches are compared in pairs with those of the one that forecasts best.
+    """
+    squares = [_squares(model, v) for v in members]
+    usual = np.where(squares[0].sum(0) > 0.0, squares[0].sum(0), 1.0)
+    best = min(squares, key=lambda each: float((each.sum(0) / usual).sum()))
     return [
         v
-        for v in others
-        if rivals_with(best.one, v.one) and not weight_of(_squares(model, v), ahead).low > 0.0
+        for v, own in zip(members, squares, strict=True)
+        if own is best or not weight_of(own, best).low > 0.0
     ]
 
 

@@ -309,8 +309,8 @@ class LogModel:
         inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
         outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
         sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
-        for i, row in zip(self.system.inputs, inputs, strict=True):
-            sizes |= _signs(i.name, row, sizes[i.name])
+        for stated, row in zip(self.system.inputs, inputs, strict=True):
+            sizes |= _signs(stated.name, row, sizes[stated.name])
         sizes |= {
             f"y {o.name}": _usual(row - np.nanmean(row))
             for o, row in zip(self.system.outputs, outputs, strict=True)

@@ -234,6 +234,7 @@ class Hysteresis(ForceKind):
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"
     own_states = 1
+    needs = ("turning",)
     parameters = (
         Parameter("force", _FORCE, low=0.0, starts=(0.1, 1.0, 1.0)),
         Parameter("length", {"position": 1}, neutral=0.3, low=0.02, high=5.0,
