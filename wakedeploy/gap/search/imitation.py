@@ -24,14 +24,29 @@ from wakedeploy.gap.search.looking import starts_of, together
 
 _NEAR = 0.3  # share of the best one's gain that another must have from there to be fitted
 _MOST = 4  # that are fitted from there
+_LEADERS = 3  # from whose places others are tried
 _DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
 
 
 def imitated(model: Comparison, base: Fit, fitted: Mapping[str, Fit]) -> dict[str, Fit]:
-    """Those fits that are better from where the best one ended, by effect."""
-    if not fitted:
-        return {}
-    best = max(fitted, key=lambda n: fitted[n].objective)
+    """The fits, those replaced that are better from where the best one ended, by effect.
+
+    Where another is then the best, the rest are tried from there, too.
+    """
+    known, tried = dict(fitted), set[str]()
+    for _ in range(_LEADERS):
+        best = max(known, key=lambda n: known[n].objective, default=None)
+        if best is None or best in tried:
+            break
+        tried.add(best)
+        known |= _imitating(model, base, known, best)
+    return known
+
+
+def _imitating(
+    model: Comparison, base: Fit, fitted: Mapping[str, Fit], best: str
+) -> dict[str, Fit]:
+    """Better fits of others from where the best one ended."""
     gained = fitted[best].objective - base.objective
     if gained < RULES.least_nats:
         return {}

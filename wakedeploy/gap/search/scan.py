@@ -45,7 +45,7 @@ def ranked(
     steps(total, total)
     fitted = {seen.name: seen.fit for seen in order}
     fitted |= {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
-    fitted |= imitated(model, base, fitted)
+    fitted = imitated(model, base, fitted)
     found = [candidate(base, seen.name, fitted[seen.name]) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
