@@ -1,5 +1,6 @@
 """Which name an answer may give: rivals, sizes that may be nothing, models that explain nothing."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import ClassVar
 
@@ -23,7 +24,7 @@ from wakedeploy.gap.search.judging import (
     verdict_of,
 )
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.rivalry import Verdict, is_nothing, undecided
+from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, undecided
 from wakedeploy.gap.systems.kinds.library import offered
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
@@ -68,6 +69,14 @@ def test_an_effect_whose_size_may_be_nothing_is_not_named(size, something):
     base, larger = fit(model, (), episodes), fit(model, ("c",), episodes)
     assert is_nothing(larger, "c") != something
     assert _is_something(candidate(base, "c", larger), -100.0) == something
+
+
+def test_an_effect_of_no_size_is_not_what_a_fit_rises_by():
+    model = Linear({"gain": 0.4, "c": 0.6})
+    larger = fit(model, ("c",), range(model.episodes))
+    assert not is_absent(larger, "c")
+    theta = np.where([n == "c.size" for n in larger.names], 0.0, larger.theta)
+    assert is_absent(replace(larger, theta=theta), "c")
 
 
 class Levelling:

@@ -31,7 +31,7 @@ from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors
 from wakedeploy.gap.search.extent import profiled
-from wakedeploy.gap.search.rivalry import Verdict, is_nothing, rivals_with, undecided
+from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
 from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, is_outdone, weight_of
@@ -137,6 +137,8 @@ def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
         return Verdict(one, CHANCE)
+    if is_absent(one.fit, one.name):  # what it gains is what the fit before it had left to rise
+        return Verdict(one, NO_SIZE)
     squares = crossed(model, one.fit)
     weight = weight_of(before, squares)
     if not is_shared(one, chance):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free
 from wakedeploy.gap.evidence.ranking import Candidate
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison
@@ -59,15 +59,25 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
     ]
 
 
+def is_absent(fitted: Fit, name: str) -> bool:
+    """Whether every size of an effect is the value without effect, to the last digit."""
+    return all(fitted.value(f.name) == f.neutral for f in _sizes(fitted, name))
+
+
 def is_nothing(fitted: Fit, name: str) -> bool:
     """Whether the intervals of all sizes of an effect hold the value without effect.
 
     A shape, whose neutral value is not 0, does not count: it has no meaning where the size is 0.
     """
-    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    sizes = [f for f in own if f.neutral == 0.0] or own
+    sizes = _sizes(fitted, name)
     ends = [fitted.interval(f.name) for f in sizes]
     return all(low <= f.neutral <= high for f, (low, high) in zip(sizes, ends, strict=True))
+
+
+def _sizes(fitted: Fit, name: str) -> list[Free]:
+    """The parameters that are 0 without the effect; all of one that has none."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    return [f for f in own if f.neutral == 0.0] or own
 
 
 def _squares(model: Comparison, verdict: Verdict) -> FloatArray:
