@@ -22,15 +22,15 @@ def example_rollout(
     Its force is limited as the exported graph's is.
     """
     observation = band_limited(config.observation, config.rate_hz, config.seed)  # (T, d)
-    told = rollout(predictor, observation)
-    return Example(config.seed, observation, limited(told, force))
+    force_n = rollout(predictor, observation)
+    return Example(config.seed, observation, limited(force_n, force))
 
 
 def rollout(predictor: Predictor, observation: FloatArray) -> FloatArray:
     """The training-time forward from a cold start, (T, d) -> (T, o)."""
     with torch.no_grad():
-        told: FloatArray = predictor.rollout(torch.from_numpy(observation)[None])[0].numpy()
-    return told
+        force_n: FloatArray = predictor.rollout(torch.from_numpy(observation)[None])[0].numpy()
+    return force_n
 
 
 def band_limited(channels: tuple[ObservationChannel, ...], rate_hz: float, seed: int) -> FloatArray:

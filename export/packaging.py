@@ -72,21 +72,21 @@ def export_predictor(
 
     `force` says which forces were seen in training; `test` are its scores, if it has any.
     """
-    told = progress or (lambda done, total: None)
+    report = progress or (lambda done, total: None)
     observations = joined(episodes)
     model = graph_bytes(predictor, force)
-    told(1, 3)
+    report(1, 3)
     manifest = manifest_of(predictor, config, force, test)
     example = example_rollout(predictor, config, force)
     draft = make_package(model, manifest, example)
     parity = measure(draft, predictor, observations)
-    told(2, 3)
+    report(2, 3)
     package = make_package(model, manifest.model_copy(update={"parity": parity}), example)
     require_parity(package, observations)
     require_bounded(package)
     package_from_bytes(package.model_bytes, path.name)  # nothing is written that would be refused
     write_package(package, path)
-    told(3, 3)
+    report(3, 3)
     return package
 
 
@@ -157,5 +157,5 @@ def _warm_up_steps(predictor: Predictor, config: RunConfig) -> int:
 
 
 def _versions() -> dict[str, str]:
-    own = {"wakedeploy": VERSION, "python": platform.python_version()}
-    return own | {name: version(name) for name in _LIBRARIES}
+    versions = {"wakedeploy": VERSION, "python": platform.python_version()}
+    return versions | {name: version(name) for name in _LIBRARIES}

@@ -31,19 +31,19 @@ def measure(package: Package, predictor: Predictor, observations: FloatArray) ->
     force = package.manifest.force
     reference = limited(rollout(predictor, observations), force)
     difference = compare(rolled_out(PackagePredictor(package), observations), reference)
-    own = _float32_error(predictor, force, observations, reference)
-    if not math.isfinite(difference.max_abs) or not (own or 0.0) <= WORST_FLOAT32_ERROR:
+    rounding = _float32_error(predictor, force, observations, reference)
+    if not math.isfinite(difference.max_abs) or not (rounding or 0.0) <= WORST_FLOAT32_ERROR:
         raise CheckFailed(
             f"This {predictor.arch} cannot be computed in float32: its force is not finite, or off"
-            f" by {own or math.inf:.1e} against float64; no file was written. Choose another shape,"
-            " for a reservoir a smaller spectral_radius."
+            f" by {rounding or math.inf:.1e} against float64; no file was written. Choose another "
+            "shape, for a reservoir a smaller spectral_radius."
         )
     return Parity(
         max_abs=difference.max_abs,
         max_rel=difference.max_rel,
         steps=len(observations),
-        limit=parity_limit(own),
-        float64_rel=own,
+        limit=parity_limit(rounding),
+        float64_rel=rounding,
     )
 
 

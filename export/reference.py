@@ -45,8 +45,8 @@ def _written(arch: str, path: Path) -> Path:
                 weights.copy_(torch.from_numpy(0.1 * rng.standard_normal(weights.shape)))
     observation = rng.uniform(-1.0, 1.0, (PARITY_STEPS, INPUTS)).astype(np.float32)
     force = rollout(predictor, observation)
-    told = force_channels(config.force, [force])
-    export_predictor(predictor, config, told, (Episode("noise", observation, force),), path)
+    channels = force_channels(config.force, [force])
+    export_predictor(predictor, config, channels, (Episode("noise", observation, force),), path)
     return path
 
 

@@ -84,12 +84,12 @@ def combined(wakes: Sequence[PairWake]) -> tuple[float, float]:
     The error is the wider of what each pair's own says and of the spread between pairs, which also
     knows of a battery that drains.
     """
-    told = [wake for wake in wakes if wake.is_measured]
-    if not told:
+    known = [wake for wake in wakes if wake.is_measured]
+    if not known:
         return math.nan, math.nan
-    count = len(told)
-    own_n = math.sqrt(sum(wake.mean_sd_n**2 for wake in told)) / count
-    means = [wake.mean_n for wake in told]
+    count = len(known)
+    own_n = math.sqrt(sum(wake.mean_sd_n**2 for wake in known)) / count
+    means = [wake.mean_n for wake in known]
     spread_n = float(np.std(means, ddof=1)) / math.sqrt(count) if count > 1 else 0.0
     return float(np.mean(means)), max(own_n, spread_n)
 
@@ -98,9 +98,9 @@ def _series(log: RunLog, stretches: Sequence[MeasuredForce]) -> _Series:
     """By the loop's own tick, which is the same place of the reference in both flights."""
     length = int(log["tick"][-1]) + 1 if len(log) else 0
     force_n, sd_n, thrust_n = (np.full(length, np.nan) for _ in range(3))
-    for one in stretches:
-        at = log["tick"][one.ticks].astype(np.intp)
-        force_n[at], sd_n[at], thrust_n[at] = one.force_n, one.force_sd_n, one.thrust_n
+    for stretch in stretches:
+        at = log["tick"][stretch.ticks].astype(np.intp)
+        force_n[at], sd_n[at], thrust_n[at] = stretch.force_n, stretch.force_sd_n, stretch.thrust_n
     return _Series(force_n, sd_n, thrust_n)
 
 

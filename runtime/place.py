@@ -18,6 +18,7 @@ from runtime.io.realtime import Clock, Priority, become_ordinary, quieten_interp
 from runtime.loop.loop import PERIOD_S
 from runtime.loop.prediction import Predictions, PredictionWorker
 from runtime.request import RunRequest
+from wakedeploy.core.failsafes import LATE_GANTRY
 
 if TYPE_CHECKING:
     from runtime.simulated import SimulatedGantry
@@ -69,7 +70,7 @@ def opened_place(request: RunRequest, opened: ExitStack) -> Place:
     if request.in_lockstep:
         world = _lockstep(request)
         return Place(world, world, world)
-    port, range_socket = request.port, request.range_socket
+    port, range_socket, silence = request.port, request.range_socket, ""
     if port is None:
         from runtime.virtual.process import VirtualGantryProcess
 
@@ -82,10 +83,11 @@ def opened_place(request: RunRequest, opened: ExitStack) -> Place:
         )
         opened.callback(gantry.close)
         port, range_socket = gantry.port, gantry.range_socket
+        silence = f"{LATE_GANTRY[0].upper()}{LATE_GANTRY[1:]}."
     priority = take_priority(request.realtime)  # after the plant, which would inherit it
     if priority.is_realtime:
         opened.callback(become_ordinary)
-    link = opened.enter_context(Link(port))
+    link = opened.enter_context(Link(port, silence))
     ranges = SocketRangeSource(range_socket) if range_socket else I2cRangeSource()
     opened.callback(ranges.close)
     return Place(link, ranges, time, priority)

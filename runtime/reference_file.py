@@ -27,15 +27,15 @@ _ROUNDING = 1e-6  # a limit may be met exactly, in a file with rounded numbers
 
 def write_reference(path: Path, plan: FlightPlan, rig: Rig, name: str = "") -> None:
     """Write a plan, one row per tick; comments name it and the rig it was made for."""
-    told = io.StringIO()
-    told.write(f"# wakedeploy reference{': ' + name if name else ''}\n")
-    told.write(f"# rig_sha256 = {rig.sha256}\n")
-    writer = csv.writer(told, lineterminator="\n")
+    text = io.StringIO()
+    text.write(f"# wakedeploy reference{': ' + name if name else ''}\n")
+    text.write(f"# rig_sha256 = {rig.sha256}\n")
+    writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
     for tick in range(len(plan)):
         row = (plan.z_m[tick], plan.x_m[tick], plan.source_us[tick])
         writer.writerow([f"{tick / PLAN_RATE_HZ:.6f}", *(f"{value:.7g}" for value in row)])
-    write_text_whole(path, told.getvalue())
+    write_text_whole(path, text.getvalue())
 
 
 def read_reference(path: Path, rig: Rig) -> FlightPlan:

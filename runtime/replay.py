@@ -91,10 +91,10 @@ def require_manners(package: Package, observations: FloatArray) -> None:
     first, again = rolled_out(alone, series), rolled_out(alone, series)
     if not np.array_equal(first, again):
         raise CheckFailed("A reset does not bring the package back to its initial state.")
-    one, other = PackagePredictor(package), PackagePredictor(package)
+    plain, other = PackagePredictor(package), PackagePredictor(package)
     mixed = []
     for observation in series:
-        mixed.append(one.step(observation))
+        mixed.append(plain.step(observation))
         other.step(-observation)
     if not np.array_equal(first, np.stack(mixed)):
         raise CheckFailed("Two runners of the package change each other's forces.")

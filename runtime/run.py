@@ -34,7 +34,7 @@ from runtime.place import Place, opened_place
 from runtime.request import RunRequest, Show, Tell, Warn, wanted
 from runtime.standby import begin_standby, stand_by
 from runtime.verdict import judge, recording_sentence
-from wakedeploy.core.errors import UnusableInput, why
+from wakedeploy.core.errors import UnusableInput, WakedeployError, one_line, why
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.core.version import VERSION
@@ -60,15 +60,29 @@ def fly(
 ) -> Tally:
     """Carry out a run.
 
-    `tell` is given the tally of every run that flew, however it ended, before anything is raised;
-    `show` is called twice a second with the seconds done and those of the whole run; `warn` gets
-    sentences: of the board and the computer before a flight, and, from another thread, whenever
-    `watch_gap` finds that the rig file stops or starts to explain it; `live` gets every row, and
-    its page may ask for the way down, as Ctrl-C does.
+    `tell` gets the tally of every run that flew, however it ended, before anything is raised.
+    `show` is called twice a second with the seconds done and those of the whole run. `warn` gets
+    sentences about board and computer before a flight. During it, `warn` is called from another
+    thread when the rig file stops or starts to explain the flight (`watch_gap`). `live` gets every
+    row; its page may ask for the way down, as Ctrl-C does.
 
     Raises UnusableInput when it cannot begin, CheckFailed when it ended in a failsafe or was not
     recorded whole, KeyboardInterrupt after a stop by hand.
     """
+    try:
+        return _flown(request, tell, show, warn, live)
+    except WakedeployError as error:
+        _tell(live, phase="ended", reason=one_line(error))
+        raise
+
+
+def _flown(
+    request: RunRequest,
+    tell: Tell | None,
+    show: Show | None,
+    warn: Warn | None,
+    live: LiveFeed | None,
+) -> Tally:
     plan, package = wanted(request)
     with ExitStack() as opened:
         manager = ServiceManager()
@@ -77,7 +91,12 @@ def fly(
         place = opened_place(request, opened)
         link, ranges, clock = place.link, place.ranges, place.clock
         if request.arm_file is not None:
-            _tell(live, phase="standby", arm_file=str(request.arm_file), **run_view(request, None))
+            _tell(
+                live,
+                phase="standby",
+                arm_file=str(request.arm_file),
+                **run_view(request, request.log),
+            )
             _stand_by(request.arm_file, place, manager, beat, warn, _may_be_virtual(request))
             request = request.current()  # what is current now, not when the standby began
             plan, package = wanted(request, beat)

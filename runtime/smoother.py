@@ -204,8 +204,8 @@ def _continuous(models: Sequence[ForceModel], mass_kg: float) -> tuple[FloatArra
 
 def _starting_variance(models: Sequence[ForceModel]) -> FloatArray:
     """Variances at the start, (G, 4): broad in height and speed, the force's own in force."""
-    own = [(model.sd_n, model.sd_n / model.time_s) for model in models]
-    return np.square([(*_START_SD, sd_n, rate_sd) for sd_n, rate_sd in own])
+    scales = [(model.sd_n, model.sd_n / model.time_s) for model in models]
+    return np.square([(*_START_SD, sd_n, rate_sd) for sd_n, rate_sd in scales])
 
 
 def _merge(flight: Flight) -> _Events:

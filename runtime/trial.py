@@ -78,16 +78,16 @@ def _answer(ended: Ended, limits: Limits) -> Replay:
         )
     if ended.status != 0:
         raise CheckFailed(f"The package's trial {ended.why}: do not fly it.")
-    told: dict[str, Any] = json.loads(ended.out)
-    if "unusable" in told:
-        raise UnusableInput(told["unusable"])
-    if "failed" in told:
-        raise CheckFailed(told["failed"])
-    if "memory" in told:
+    answer: dict[str, Any] = json.loads(ended.out)
+    if "unusable" in answer:
+        raise UnusableInput(answer["unusable"])
+    if "failed" in answer:
+        raise CheckFailed(answer["failed"])
+    if "memory" in answer:
         raise CheckFailed(
             f"The package's trial took more than {limits.memory_mib} MiB of memory: do not fly it."
         )
-    return Replay(Difference(**told.pop("difference")), **told)
+    return Replay(Difference(**answer.pop("difference")), **answer)
 
 
 def main() -> None:

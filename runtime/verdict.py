@@ -7,7 +7,7 @@ from runtime.io.conversation import Conversation
 from runtime.io.range_source import RangeSource
 from runtime.loop.loop import Loop
 from wakedeploy.core.errors import CheckFailed
-from wakedeploy.core.failsafes import HINTS
+from wakedeploy.core.failsafes import HINTS, LATE_GANTRY
 
 if TYPE_CHECKING:
     from runtime.io.recorder import RecorderReport
@@ -70,7 +70,7 @@ def _why(
         stood = f"this computer stood still for {pause.milliseconds} ms at {pause.at_s:.1f} s"
         return f"{stood}: {_relief(is_virtual=is_virtual, is_realtime=is_realtime)}"
     if cause[0] == "link_lost" and is_virtual:
-        return "the virtual gantry's process stopped answering: fly again without --wall-clock"
+        return LATE_GANTRY
     return HINTS[cause[0]]
 
 

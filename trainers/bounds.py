@@ -64,8 +64,8 @@ def check_value(arch: str, usual: Any, name: str, value: Any) -> None:
     _check(f"{arch}: {name} = {value!r}", value, count, bound)
 
 
-def _check(told: str, value: Any, count: bool, bound: Bound) -> None:
+def _check(name: str, value: Any, count: bool, bound: Bound) -> None:
     usable = isinstance(value, int if count else (int, float)) and not isinstance(value, bool)
     if not usable or not bound.low <= value <= bound.high:
         kind = "whole number" if count else "number"
-        raise UnusableInput(f"{told} has to be a {kind} from {bound.low:g} to {bound.high:g}.")
+        raise UnusableInput(f"{name} has to be a {kind} from {bound.low:g} to {bound.high:g}.")

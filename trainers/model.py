@@ -165,7 +165,7 @@ class Predictor(nn.Module):
         if self.memory.kind == "none":
             forces: Tensor = self.step(observations.flatten(0, 1))  # (B·T, o)
             return forces.view(batch, length, -1)
-        return torch.stack([self._rollout_windows(one) for one in observations])
+        return torch.stack([self._rollout_windows(episode) for episode in observations])
 
     def _rollout_windows(self, observations: Tensor) -> Tensor:
         """One sequence (T, d) -> (T, o), windows gathered a block at a time."""

@@ -21,7 +21,7 @@ from benchmarks.form_error.table import curve, told
 from benchmarks.records import FOLDER, write
 from wakedeploy.core.files import append_json_line, read_json_lines
 from wakedeploy.core.parallel import parallel_map
-from wakedeploy.gap.systems.gantry.steps import close
+from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.rig.file import default_rig
 
 
@@ -31,7 +31,7 @@ def answered(case: Case, out: Path) -> dict[str, Any]:
     began_s = time.process_time()
     folder = out / "answers" / f"{case.name}-{case.digest}"
     result = close(logs[0].parent / "rig.toml", logs, folder, workers=1, report=False, plan=False)
-    return row(case, result, default_rig(), time.process_time() - began_s)
+    return row(case, result.as_json(), default_rig(), time.process_time() - began_s)
 
 
 def run(cases: Sequence[Case], out: Path, workers: int) -> list[dict[str, Any]]:

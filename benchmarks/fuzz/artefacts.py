@@ -6,11 +6,17 @@ import numpy as np
 
 from wakedeploy.gap.report.shrinkage import FORECAST
 from wakedeploy.gap.rules import FEWEST_IN_ALL
+from wakedeploy.gap.systems.gantry import artefacts as types
+from wakedeploy.gap.systems.gantry import findings
 
 Artefact = dict[str, Any]
 
 FLIGHTS = tuple(f"flights/flight{i}.csv" for i in range(FEWEST_IN_ALL))
 NAMED, RIVAL = "spool-lag-sufferer", "command-latency"
+_KINDS: dict[str, type[types.Artefact]] = {
+    "find": types.Find, "name": types.Name, "add": types.Add, "show": types.Show,
+    "plan": types.Plan, "result": types.Result,
+}  # fmt: skip
 VERDICTS = ("named", "class", "unknown", "none", "inconclusive")
 
 
@@ -25,20 +31,22 @@ def folder(verdict: str, rig_sha256: str, logs: list[str]) -> dict[str, Artefact
     if verdict == "class":
         told["plan"] = _plan()
     told["result"] = _result(told)
-    return told
+    return {step: _KINDS[step].model_validate(content).as_json() for step, content in told.items()}
+
+
+_UP = {"value": 0.052, "low": 0.046, "high": 0.058, "unit": "s"}
 
 
 def _parameters(name: str) -> Artefact:
-    value = {"value": 0.052, "low": 0.046, "high": 0.058, "unit": "s"}
     if name == RIVAL:
-        return {"latency_s": value}
-    return {"up_s": value, "down_s": value | {"at_bound": True}}
+        return {"latency_s": _UP}
+    return {"up_s": _UP, "down_s": _UP | {"at_bound": True}}
 
 
 def _white(passes: bool) -> Artefact:
     return {
         "p_value": 0.4, "statistic": 31.0, "limit": 34.0, "passes": passes, "lags": [1, 2, 3],
-        "autocorrelation": [0.01, -0.02, 0.015],
+        "autocorrelation": [0.01, -0.02, 0.015], "samples": 1900,
     }  # fmt: skip
 
 
@@ -51,7 +59,8 @@ def _place(coordinate: str) -> Artefact:
     return {
         "channel": "force", "coordinate": coordinate, "exogenous": coordinate == "time",
         "low": 0.0, "high": 0.25, "residual": 0.41, "unit": "N", "coordinate_unit": "m",
-        "q_value": 0.001, "words": f"{coordinate} below 0.25 m: force +0.41 N, q = 0.001",
+        "q_value": 0.001, "clarity": 5.0,
+        "words": f"{coordinate} below 0.25 m: force +0.41 N, q = 0.001",
     }  # fmt: skip
 
 
@@ -61,6 +70,7 @@ def _map(coordinate: str) -> Artefact:
         "unit": "N", "coordinate_unit": "m", "edges": [0.0, 0.25, 0.5, 1.0],
         "mean": [0.1, -0.02, 0.01], "low": [0.05, -0.05, -0.02], "high": [0.15, 0.01, 0.04],
         "count": [64, 20, 1], "blocks": [3, 2, 1], "q_value": 0.02,
+        "p_value": 0.01, "clarity": 5.0, "strength": 3.0,
     }  # fmt: skip
 
 
@@ -91,6 +101,10 @@ def _ranked(name: str, gain: float) -> Artefact:
     }  # fmt: skip
 
 
+_BENT = {"name": "wake.speed_mps", "stated": 6.0, "spread": 0.1, "fitted": 6.5,
+         "away_sd": 5.0}  # fmt: skip
+
+
 def _name(verdict: str) -> Artefact:
     effect = {"name": NAMED, "confidence": 0.998, "gain_nats": 41.0,
               "parameters": _parameters(NAMED)}  # fmt: skip
@@ -112,7 +126,7 @@ def _name(verdict: str) -> Artefact:
         "rounds": [
             {"given": [], "found": NAMED, "near_nats": 3.0, "threshold_nats": 9.3,
              "ranking": [_ranked(NAMED, 412.0), _ranked(RIVAL, 12.0)]},
-            {"given": [NAMED], "found": None, "near_nats": 3.0, "threshold_nats": None,
+            {"given": [NAMED], "found": "", "near_nats": 3.0, "threshold_nats": None,
              "ranking": [_ranked(RIVAL, -1.0)]},
         ],
         "confusion": {"names": [NAMED, RIVAL], "loss_nats": [[0.0, 20.0], [2.0, 0.0]]},
@@ -122,8 +136,7 @@ def _name(verdict: str) -> Artefact:
         "rest": {"text": "0.01 N * x_m", "gain_nats": 4.0} if verdict == "named" else None,
         "together": [{"name": NAMED, "parameters": _parameters(NAMED)}],
         "beside": [{"name": RIVAL, "parameters": _parameters(RIVAL)}] * (verdict == "unknown"),
-        "calibration": [{"name": "wake.speed_mps", "stated": 6.0, "spread": 0.1, "fitted": 6.5,
-                         "away_sd": 5.0}],
+        "calibration": [_BENT],
         "white": _white(verdict != "unknown"), "fitted_flights": 3, "threshold_of_s": 100.0,
         "noise": {"range": {"value": 0.004, "unit": "m"}}, "seconds": 31.0,
     }  # fmt: skip
@@ -131,7 +144,7 @@ def _name(verdict: str) -> Artefact:
 
 def _add(rig_sha256: str) -> Artefact:
     return {"rig": "rig.toml", "old_sha256": rig_sha256, "new_sha256": "ef" * 32,
-            "effects": [{"name": NAMED, "parameters": _parameters(NAMED)}]}  # fmt: skip
+            "effects": [{"name": NAMED, "parameters": {"up_s": _UP}}]}  # fmt: skip
 
 
 def _show() -> Artefact:
@@ -143,7 +156,8 @@ def _show() -> Artefact:
         "sealed": [FLIGHTS[-1]], "in_sample": False, "cross_validated": False, "as_if": [],
         "gap": {FORECAST: channel, "force": channel | {"unit": "N"}},
         "places": [{"coordinate": "height", "channel": "force", "edges": [0.0, 0.5, 1.0],
-                    "unit": "m", "before": [0.02, 0.03], "after": [0.01, 0.012],
+                    "unit": "m", "coordinate_unit": "m",
+                    "before": [0.02, 0.03], "after": [0.01, 0.012],
                     "before_reach": [0.001, 0.002], "after_reach": [0.001, 0.001]}],
         "placebo": {"name": "range-drift", "before": 0.0213, "after": 0.0212, "unit": "m",
                     "gain_nats": 1.2, "found_gain_nats": 40.0, "helps": True},
@@ -151,7 +165,7 @@ def _show() -> Artefact:
         "spectrum": {"before": _spectrum(), "after": _spectrum()},
         "traces": {"t_s": t_s, "measured_m": t_s, "before_m": t_s, "after_m": t_s[::-1]},
         "retrain": {"unit": "N", "old_rmse": 0.21, "new_rmse": 0.13},
-        "hidden_by": [{"name": "wake.speed_mps", "away_sd": 5.0}], "log_density_gain_nats": 12.0,
+        "hidden_by": [_BENT], "log_density_gain_nats": 12.0,
     }  # fmt: skip
 
 
@@ -161,8 +175,13 @@ def _plan() -> Artefact:
     return {
         "class": [NAMED, RIVAL], "sentence": "To split them, fly still-air.",
         "manoeuvre": "still-air", "flights": 1, "seconds": 30.0,
-        "split_by": {NAMED: "steps", RIVAL: "steps"}, "margin_nats": 5.9, "options": [option],
+        "split_by": {NAMED: "steps", RIVAL: "steps"}, "is_searched": True,
+        "margin_nats": 5.9, "options": [option],
     }  # fmt: skip
+
+
+def _split(plan: Artefact | None) -> Artefact | None:
+    return plan and {key: plan[key] for key in findings.Splitting.model_fields}
 
 
 def _result(told: dict[str, Artefact]) -> Artefact:
@@ -171,9 +190,10 @@ def _result(told: dict[str, Artefact]) -> Artefact:
     kept = ("effects", "class", "more_classes", "others", "unknown", "beside", "rest",
             "calibration", "detectable", "leading", "verdict")  # fmt: skip
     return {key: name[key] for key in kept} | {
-        "members": [_ranked(NAMED, 412.0)], "where": told["find"]["places"],
-        "gap": show.get("gap", {}), "placebo": show.get("placebo", {}),
-        "plan": told.get("plan", {}), "as_if": [], "hidden_by": show.get("hidden_by", []),
+        "members": [{"name": NAMED, "confidence": 0.9, "parameters": _parameters(NAMED)}],
+        "where": told["find"]["places"],
+        "gap": show.get("gap", {}), "placebo": show.get("placebo"),
+        "plan": _split(told.get("plan")), "as_if": [], "hidden_by": show.get("hidden_by", []),
         "log_density_gain_nats": show.get("log_density_gain_nats"), "in_sample": False,
         "cross_validated": False, "flights": len(told["find"]["logs"]),
         "headline": "Effect missing.", "next": None,

@@ -17,13 +17,19 @@ from benchmarks.hidden_effects.lines import LINES, read_lines
 from benchmarks.hidden_effects.page import markdown_of, text_of
 from benchmarks.hidden_effects.table import summary
 from wakedeploy.cli import gap_plan
-from wakedeploy.gap.folder import prepare, read_plan, read_steps, refuse_foreign_rig
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.shrinkage import channel_lines
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.systems.gantry import steps as close
+from wakedeploy.gap.systems.gantry import workflow
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
+from wakedeploy.gap.systems.gantry.folder import (
+    prepare,
+    read_plan,
+    read_steps,
+    refuse_foreign_rig,
+)
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
@@ -73,8 +79,8 @@ def _go_on(folder: Path) -> None:
     steps = read_steps(folder)
     account(steps.summary), channel_lines(steps.summary), advice(steps, folder)
     _ = read_plan(folder), steps.option
-    close.result(_case(), folder)
-    if steps.result.get("class"):
+    workflow.result(_case(), folder)
+    if steps.result is not None and steps.result.rivals:
         members = gap_plan._class_in(folder)
         gap_plan._same_rig(folder, _case().rig, None)
         gap_plan._known_sizes(folder, members)
@@ -91,7 +97,12 @@ def _corrected(folder: Path) -> None:
     """As `gap add` does."""
     prepare(folder, Path(_RIG))
     refuse_foreign_rig(folder)
-    close.add(_case(), folder, from_symbolic=bool(read_steps(folder).name.get("unknown")))
+    close.add(_case(), folder, from_symbolic=_has_expression(folder))
+
+
+def _has_expression(folder: Path) -> bool:
+    name = read_steps(folder).name
+    return name is not None and name.unknown is not None
 
 
 def _report() -> Kind:

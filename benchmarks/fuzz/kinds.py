@@ -2,12 +2,13 @@
 
 from collections.abc import Callable, Iterable
 
-from benchmarks.fuzz import gantry, gap, learning, logs, recordings
+from benchmarks.fuzz import gantry, gap, learning, logs, recordings, tuning
 from benchmarks.fuzz.kind import Kind
 
 MAKE: dict[str, Callable[[], Kind]] = {
     **gantry.kinds(),
     **learning.kinds(),
+    **tuning.kinds(),
     **gap.kinds(),
     **recordings.kinds(),
     **logs.kinds(),

@@ -49,9 +49,10 @@ def tracked(case: Case, world: Path) -> dict[str, Any] | None:
         old, new, logs, world / "retrain", minutes=MINUTES, epochs=EPOCHS, workers=1
     )  # fmt: skip
     before, after = (
-        Pilot(rig, Path(trained["packages"][name])) for name, rig in (("old", old), ("new", new))
+        Pilot(rig, Path(trained.packages[name])) for name, rig in (("old", old), ("new", new))
     )
-    return compared(case, before, after) | {"retrain": {k: trained[k] for k in _OF_TRAINING}}
+    kept = trained.model_dump(mode="json", include=set(_OF_TRAINING))
+    return compared(case, before, after) | {"retrain": kept}
 
 
 def compared(

@@ -24,8 +24,9 @@ from wakedeploy.core.commit import frozen_at
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import append_json_line, write_text_whole
 from wakedeploy.core.processes import pool
+from wakedeploy.gap.systems.gantry.artefacts import Result
 
-Close = Callable[..., Mapping[str, Any]]
+Close = Callable[..., Result]
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ def run_cases(
 ) -> list[dict[str, Any]]:
     """Do the cases that `out` lacks and return the lines of all of `cases`, in their order.
 
-    `close` is the gantry's `steps.close` unless given. `progress(done, total)` counts what is
+    `close` is the gantry's `workflow.close` unless given. `progress(done, total)` counts what is
     done, earlier runs included. A case on which the workflow fails is a line with its error, judged
     wrong, and is tried again by the next run.
 
@@ -94,7 +95,8 @@ def do_case(job: Job) -> dict[str, Any]:
         logs = write_world(job.case, world, truth)
         flown = time.monotonic()
         try:
-            result = dict(job.close(world / "rig.toml", logs, world / "answer", workers=1))
+            answer = job.close(world / "rig.toml", logs, world / "answer", workers=1)
+            result = answer.as_json()
             line |= {"seconds": time.monotonic() - flown, "seconds_flying": flown - started}
         except Exception as error:
             line["error"] = _failure(error, job.out / "errors" / f"{label}.txt")
@@ -146,6 +148,6 @@ def _lines(jobs: Sequence[Job], workers: int) -> Iterator[dict[str, Any]]:
 
 
 def _workflow() -> Close:
-    from wakedeploy.gap.systems.gantry.steps import close
+    from wakedeploy.gap.systems.gantry.workflow import close
 
     return functools.partial(close, report=False, plan=False)  # nobody looks at three hundred

@@ -13,7 +13,6 @@ from benchmarks.known_plants.plants import Hidden, Plant
 from wakedeploy.core.recording import Recording
 
 FloatArray = npt.NDArray[np.float64]
-DRIVES = ("steps", "waves", "sweep", "closed")
 SAMPLES = 1500
 _FINE = 10  # steps within a sample
 _COLOUR = 0.9  # of the sensor's coloured part, from one sample to the next

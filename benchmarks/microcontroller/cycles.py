@@ -25,7 +25,6 @@ from runtime.compiled.folder import CFolder
 
 CLOCK_HZ = 168e6
 FLASH_WAIT, FLASH_LINE = 5, 16  # cycles, bytes
-_CALLED = "traced_step"
 _BRANCH = 3  # 1 + a refill of the pipeline of 1 to 3: two in the middle
 # Kinds of instructions by the beginning of their names, the first that fits, and their cycles.
 _TIMES = (

@@ -39,10 +39,10 @@ def _operand(writer: StepWriter, name: str, shape: Shape) -> Value:
 
 def product(writer: StepWriter, node: Node) -> None:
     """MatMul, of small matrices: three loops around a sum."""
-    one, other = writer.buffer(node.inputs[0]), writer.buffer(node.inputs[1])
+    first, other = writer.buffer(node.inputs[0]), writer.buffer(node.inputs[1])
     made = writer.variable(node.outputs[0], writer.shapes[node.outputs[0]])
     loop = Loop(made.shape, writer.in_memory)
-    loop.sum_of_products(one, other, made)
+    loop.sum_of_products(first, other, made)
     writer.add(loop.lines(), loop.reads, loop.writes)
 
 

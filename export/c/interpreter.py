@@ -46,7 +46,7 @@ class Interpreter:
         """What a constant multiplies (T, n), over observations (T, d) from a cold start."""
         taken = next(n.inputs[0] for n in self._graph.nodes if tensor in n.inputs)
         self.reset()
-        return np.stack([self._values(one)[taken].ravel() for one in observations])
+        return np.stack([self._values(observation)[taken].ravel() for observation in observations])
 
     def step(self, observation: npt.ArrayLike) -> Wide:
         """The force (o,) for an observation (d,)."""
@@ -79,10 +79,10 @@ class Interpreter:
 
 
 def _gemm(node: Node, given: list[Wide]) -> Wide:
-    one, other = given[:2]
-    one = one.T if node.attributes.get("transA", 0) else one
+    first, other = given[:2]
+    first = first.T if node.attributes.get("transA", 0) else first
     other = other.T if node.attributes.get("transB", 0) else other
-    made: Wide = _number(node, "alpha", 1.0) * (one @ other)
+    made: Wide = _number(node, "alpha", 1.0) * (first @ other)
     return made + _number(node, "beta", 1.0) * given[2] if len(given) > 2 else made
 
 

@@ -68,11 +68,11 @@ def _write(package: Package, folder: Path, waiting: Callable[[], None]) -> None:
         ) from error
     if ended.status != 0:
         raise CheckFailed(f"What makes C of the package {ended.why}: fly it without --backend c.")
-    told: dict[str, str] = json.loads(ended.out)
-    if "unusable" in told:
-        raise UnusableInput(told["unusable"])
-    if "failed" in told:
-        raise CheckFailed(told["failed"])
+    numbers: dict[str, str] = json.loads(ended.out)
+    if "unusable" in numbers:
+        raise UnusableInput(numbers["unusable"])
+    if "failed" in numbers:
+        raise CheckFailed(numbers["failed"])
 
 
 def main() -> None:
@@ -81,13 +81,13 @@ def main() -> None:
 
     if hasattr(os, "sched_getscheduler"):
         become_ordinary()  # the loop that waits may have real-time priority
-    told = {}
+    failure = {}
     try:
         package = package_from_bytes(sys.stdin.buffer.read(), "the package")
         export_c(package, Path(sys.argv[1]), Wish())
     except (UnusableInput, CheckFailed) as error:
-        told = {"unusable" if isinstance(error, UnusableInput) else "failed": str(error)}
-    sys.stdout.write(json.dumps(told))
+        failure = {"unusable" if isinstance(error, UnusableInput) else "failed": str(error)}
+    sys.stdout.write(json.dumps(failure))
 
 
 if __name__ == "__main__":

@@ -92,15 +92,15 @@ class Loop:
         self._ends.append(f"sum += {text};")
         self._finish(target, self._kept(target.shape), divisor)
 
-    def sum_of_products(self, one: Buffer, other: Buffer, target: Buffer) -> None:
+    def sum_of_products(self, first: Buffer, other: Buffer, target: Buffer) -> None:
         """(…, M, D) times (…, D, N) into (…, M, N), which is the shape of the loops."""
-        depth = one.shape[-1]
+        depth = first.shape[-1]
         names = {name for name, _ in self.outer}
         free = next(name for name in "ijklmnpq" if name not in names)
         inner = Index(((free, 1),)) if depth > 1 else Index()
         self.inner = [(free, depth)] if depth > 1 else []
         *stack, row, column = self.indices
-        left = self._text(one, [*stack, row, inner])
+        left = self._text(first, [*stack, row, inner])
         right = self._text(other, [*stack, inner, column])
         self._ends.append(f"sum += {left} * {right};")
         self._finish(target, self.indices, 1)
@@ -110,9 +110,9 @@ class Loop:
         inside = Counter[Computed]()
         _count_uses(value, self.in_memory, inside)
         return [
-            one
-            for one, times in inside.items()
-            if (with_it or one is not value) and one.uses > times and one not in self.in_memory
+            line
+            for line, times in inside.items()
+            if (with_it or line is not value) and line.uses > times and line not in self.in_memory
         ]
 
     def lines(self) -> list[str]:

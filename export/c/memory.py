@@ -78,8 +78,8 @@ def take_ring(writer: StepWriter, name: str) -> tuple[str, Ring] | None:
     at = writer.names.new(f"{member}_at")
     writer.members.append(StateMember(at, what="where its oldest frame lies"))
     store = Store(f"state->{member}", initial.size, is_variable=False)
-    left = writer.uses[context.outputs[0]] - 1
-    ring = Ring(store, f"state->{at}", channels, length, shape, left)
+    users = writer.uses[context.outputs[0]] - 1
+    ring = Ring(store, f"state->{at}", channels, length, shape, users)
     writer.gathered[context.outputs[0]] = lambda: taps(writer, ring, 0, 1, length + 1)
     writer.done.add(id(maker))
     return context.outputs[0], ring

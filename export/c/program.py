@@ -71,11 +71,11 @@ def settled(
     named: dict[Store, str] = {}
     closing: list[Statement] = []
     for following, present in states.items():
-        writer = max(i for i, one in enumerate(statements) if following in one.writes)
-        first = min(i for i, one in enumerate(statements) if following in one.writes)
-        late = any(present in one.reads for one in statements[writer + 1 :])
-        own = statements[writer]
-        is_safe = present not in own.reads or (present, following) in own.in_step
+        writer = max(i for i, statement in enumerate(statements) if following in statement.writes)
+        first = min(i for i, statement in enumerate(statements) if following in statement.writes)
+        late = any(present in statement.reads for statement in statements[writer + 1 :])
+        writing = statements[writer]
+        is_safe = present not in writing.reads or (present, following) in writing.in_step
         if first == writer and is_safe and not late:
             named[following] = present.name
             continue
@@ -93,19 +93,19 @@ def with_rooms(
     Out: sizes of the rooms by name, and the room of each store.
     """
     last: dict[Store, int] = {}
-    for number, one in enumerate(statements):
-        for store in (*one.reads, *one.writes):
+    for number, statement in enumerate(statements):
+        for store in (*statement.reads, *statement.writes):
             last[store] = number
     sizes: list[int] = []
     free: list[int] = []
     held: dict[Store, int] = {}
     placed: dict[Store, int] = {}
-    for number, one in enumerate(statements):
+    for number, statement in enumerate(statements):
         free += [held.pop(store) for store in list(held) if last[store] < number]
-        for store in sorted(one.writes, key=lambda s: (-s.size, s.name)):
+        for store in sorted(statement.writes, key=lambda s: (-s.size, s.name)):
             if not store.is_variable or store in named or store in placed:
                 continue
-            given = [s for s in held if last[s] == number and (s, store) in one.in_step]
+            given = [s for s in held if last[s] == number and (s, store) in statement.in_step]
             free += [held.pop(s) for s in given]
             room = _fitting(free, sizes, store.size)
             sizes[room] = max(sizes[room], store.size)

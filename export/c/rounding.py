@@ -56,9 +56,9 @@ def _row(wanted: Wide, moments: Wide) -> npt.NDArray[np.int8]:
     little = _DAMPING * float(np.mean(np.diag(moments))) + 1e-12
     damped = moments + little * np.eye(len(moments))
     spread = np.linalg.cholesky(np.linalg.inv(damped)).T  # upper: how an error is made up for
-    left = wanted.copy()
-    for i in range(len(left)):
-        whole = np.clip(np.rint(left[i]), -STEPS_OF_INT8, STEPS_OF_INT8)
-        left[i:] -= (left[i] - whole) / spread[i, i] * spread[i, i:]
-        left[i] = whole
-    return left.astype(np.int8)
+    remainder = wanted.copy()
+    for i in range(len(remainder)):
+        whole = np.clip(np.rint(remainder[i]), -STEPS_OF_INT8, STEPS_OF_INT8)
+        remainder[i:] -= (remainder[i] - whole) / spread[i, i] * spread[i, i:]
+        remainder[i] = whole
+    return remainder.astype(np.int8)

@@ -171,8 +171,8 @@ def _members(members: Sequence[StateMember]) -> str:
     lines = []
     for member in members:
         kind = f"float {member.name}[{member.size}]" if member.size else f"int32_t {member.name}"
-        told = f" /* {member.what} */" if member.what and member.what != member.name else ""
-        lines.append(f"{_INDENT}{kind};{told}")
+        comment = f" /* {member.what} */" if member.what and member.what != member.name else ""
+        lines.append(f"{_INDENT}{kind};{comment}")
     return "\n".join(lines)
 
 

@@ -90,7 +90,7 @@ class Buffer:
         """Whether the elements lie one after the other, in row-major order."""
         expected = row_major(self.shape)
         axes = zip(self.shape, self.strides, expected, strict=True)
-        return all(length == 1 or one == other for length, one, other in axes)
+        return all(length == 1 or size == other for length, size, other in axes)
 
     @property
     def start(self) -> str:
@@ -138,9 +138,9 @@ def whole(store: Store, shape: Shape) -> Buffer:
     return Buffer(store, shape, row_major(shape))
 
 
-def same_but_units(one: Shape, other: Shape) -> bool:
+def same_but_units(first: Shape, other: Shape) -> bool:
     """Whether two shapes differ at most by axes of length 1."""
-    return [n for n in one if n > 1] == [n for n in other if n > 1]
+    return [n for n in first if n > 1] == [n for n in other if n > 1]
 
 
 def literal(value: float) -> str:

@@ -76,11 +76,11 @@ def estimate(logs: Sequence[RunLog], heights_m: Sequence[float], rig: Rig) -> Ou
         "range_sensor.bias_m": Calibrated(bias_m, float(spreads[0]), "m"),
         "range_sensor.scale": Calibrated(scale, float(spreads[1])),
     }
-    told = [
+    sentences = [
         f"{h:g} m: read {r:.4f} m, {1e3 * o:+.1f} mm beside the line."
         for h, r, o in zip(heights_m, read_m, off_m, strict=True)
     ]
-    return Outcome(constants, tuple(told))
+    return Outcome(constants, tuple(sentences))
 
 
 def _require_line(

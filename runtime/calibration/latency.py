@@ -60,11 +60,13 @@ def estimate(log: RunLog, rig: Rig) -> Outcome:
         f"{1e3 * _MOST_SENSING_S:g} ms would be plausible: check the sensor's timing budget.",
     )
     spread_s = float(np.hypot(jitter_s, _LEAST_SPREAD_S))
-    told = [f"Sensing {1e3 * sensing_s:.1f} ms, round trip of a command {1e3 * trip_s:.1f} ms."]
+    sentences = [
+        f"Sensing {1e3 * sensing_s:.1f} ms, round trip of a command {1e3 * trip_s:.1f} ms."
+    ]
     if abs(sensing_s - trip_s) > _ALIKE_S:
-        told.append(
+        sentences.append(
             "The rig file counts half of the sum as the command's way: "
             f"{500 * (sensing_s + trip_s):.1f} ms."
         )
     found = Calibrated(sensing_s + trip_s, spread_s, "s")
-    return Outcome({"latency.round_trip_s": found}, tuple(told))
+    return Outcome({"latency.round_trip_s": found}, tuple(sentences))

@@ -70,8 +70,8 @@ def estimate(log: RunLog, rig: Rig) -> Outcome:
     rest = rest_of(log, rig)
     differs = abs(rest.noise_m - noise_m) > 3.0 * np.hypot(spread_m, spread_m)
     more = "; in hover it differs, and that is what is written" if differs else ""
-    told = f"At rest the readings scatter by {1e3 * rest.noise_m:.1f} mm{more}."
-    return Outcome({"range_sensor.noise_m": Calibrated(noise_m, spread_m, "m")}, (told,))
+    sentence = f"At rest the readings scatter by {1e3 * rest.noise_m:.1f} mm{more}."
+    return Outcome({"range_sensor.noise_m": Calibrated(noise_m, spread_m, "m")}, (sentence,))
 
 
 def _hovering(log: RunLog) -> tuple[FloatArray, FloatArray]:

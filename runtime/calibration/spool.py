@@ -92,8 +92,8 @@ def estimate(log: RunLog, rig: Rig) -> Outcome:
         "spool.sufferer.up_s": Calibrated(up_s, float(spread_s[0]), "s"),
         "spool.sufferer.down_s": Calibrated(down_s, float(spread_s[1]), "s"),
     }
-    told = f"The motion is met within {1e3 * noise_m:.1f} mm over {fit.windows} windows."
-    return Outcome(constants, (told,))
+    sentence = f"The motion is met within {1e3 * noise_m:.1f} mm over {fit.windows} windows."
+    return Outcome(constants, (sentence,))
 
 
 class _Fit:
@@ -160,8 +160,8 @@ class _Fit:
                 for w in range(self.windows)
             ]
         )
-        left = len(residuals) - 3 * self.windows - 4
-        plain = np.diag(inverse) * np.sum(residuals**2) / left
+        freedom = len(residuals) - 3 * self.windows - 4
+        plain = np.diag(inverse) * np.sum(residuals**2) / freedom
         return np.sqrt(np.maximum(plain, np.diag(inverse @ scores.T @ scores @ inverse)))
 
     def _travelled(self, mps2: FloatArray) -> FloatArray:
@@ -171,11 +171,11 @@ class _Fit:
 
     def _free(self, values: FloatArray) -> FloatArray:
         """The values without what height, speed and acceleration explain in each window."""
-        left = np.array(values)
+        residuals = np.array(values)
         for window in range(self.windows):
             here = self._window == window
             t_s = self._sample_s[here] - self._sample_s[here].mean()
             motion = np.stack([np.ones_like(t_s), t_s, t_s**2], axis=1)
             amounts, *_ = np.linalg.lstsq(motion, values[here], rcond=None)
-            left[here] = values[here] - motion @ amounts
-        return left
+            residuals[here] = values[here] - motion @ amounts
+        return residuals

@@ -76,12 +76,12 @@ def estimate(log: RunLog, measured_m: float, rig: Rig) -> Outcome:
         f"{abs(count)} steps over {abs(measured_m):g} m are {steps_per_m:.0f} steps/m, and the rig "
         f"file says {before:g}: measure again, in metres.",
     )
-    homed, left = bool(log["homed"][-1] > 0), float(log["steps"][-1])
+    homed, steps = bool(log["homed"][-1] > 0), float(log["steps"][-1])
     require(
-        homed and abs(left) < _LOST_M * steps_per_m,
-        f"The carriage came back to step {left:.0f} {'at' if homed else 'away from'} its home "
+        homed and abs(steps) < _LOST_M * steps_per_m,
+        f"The carriage came back to step {steps:.0f} {'at' if homed else 'away from'} its home "
         "switch: it lost steps; drive more slowly or look for what holds it.",
     )
     spread = steps_per_m * RULE_SD_M / abs(measured_m)
-    told = f"{abs(count)} steps over {abs(measured_m):g} m."
-    return Outcome({"stepper.steps_per_m": Calibrated(steps_per_m, spread, "steps/m")}, (told,))
+    sentence = f"{abs(count)} steps over {abs(measured_m):g} m."
+    return Outcome({"stepper.steps_per_m": Calibrated(steps_per_m, spread, "steps/m")}, (sentence,))

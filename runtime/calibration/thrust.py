@@ -1,16 +1,16 @@
 """`calibrate thrust`: the sufferer's thrust curve, from hovering with known masses clipped on.
 
-A fixed mass hovers at one thrust only, so that one flight says one point; three masses or more give
-the scale and the exponent by which the rig file's curve is off: thrust = scale · hover · (tabulated
+A fixed mass hovers at one thrust, so one flight gives one point. Three masses or more give the
+scale and the exponent by which the rig file's curve is off: thrust = scale · hover · (tabulated
 / hover)^exponent. The source stays off. The sufferer moves slowly up and down, whole periods of a
-sine, so that rail friction, which works against either way, and inertia average out of the mean
-thrust; standing still, stiction would hide 2 % of it. The mean is that of the tabulated thrust
+sine: rail friction, which works against either way, and inertia average out of the mean thrust.
+Standing still, stiction would hide 2 % of it. The mean is that of the tabulated thrust
 after spool lag, from the pulses as applied. Thrust goes with the square of the battery's voltage.
 Where the board measures it, each flight is corrected to the mean voltage of all, which the curve
 then stands for, and voltages far apart are refused. Where it does not, a battery that sags from one
-mass to the next bends the curve, so the first mass is flown again at the end: a steady drift of the
-thrust is fitted with scale and exponent, and what it leaves open is in their spreads. The source's
-own curve cannot be had this way: it cannot hover, and is known as wake strength times thrust only.
+mass to the next bends the curve. So the first mass is flown again at the end, and a steady drift of
+the thrust is fitted with scale and exponent; their spreads hold what it leaves open. The source's
+curve cannot be had this way: it cannot hover, and is known as wake strength times thrust only.
 """
 
 from collections.abc import Sequence
@@ -133,12 +133,12 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         np.array(rig.thrust.sufferer.thrust_n), bend.scale, bend.exponent, hover_n
     )
     words = [""] * len(logs) if volts is None else [f" with {v:.2f} V" for v in volts]
-    told = [
+    sentences = [
         f"{clip:g} kg clipped on: weighs {w:.3f} N, hovers at a tabulated {t:.3f} N{v}."
         for clip, w, t, v in zip(clips_kg, weight_n, table_n, words, strict=True)
     ]
     assumed = spreads_of(rig)["thrust.sufferer.exponent"]
-    told += [
+    sentences += [
         f"Scale {bend.scale:.4f} at hover, exponent {bend.exponent:.3f} ± {bend.exponent_sd:.3f}.",
         f"From the first flight to the last the thrust changed by {100 * bend.fitted[2]:+.1f} %."
         if volts is None
@@ -146,7 +146,7 @@ def estimate(logs: Sequence[RunLog], clips_kg: Sequence[float], rig: Rig) -> Out
         f"The rig file has no place for the exponent's spread: gap goes on assuming {assumed:g}.",
     ]
     found = Calibrated(tuple(float(n) for n in moved_n), hover_n * bend.at_hover_sd, "N")
-    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(told))
+    return Outcome({"thrust.sufferer.thrust_n": found}, tuple(sentences))
 
 
 def _fitted(log_table: FloatArray, log_weight: FloatArray, volts: FloatArray | None) -> _Bend:

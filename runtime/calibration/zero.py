@@ -30,5 +30,5 @@ def estimate(log: RunLog, rig: Rig) -> Outcome:
         f"{_FURTHEST_M:g} m: check that the sufferer lies on the stop.",
     )
     bias = Calibrated(rest.mean_m, rest.mean_sd_m, "m")
-    told = f"{rest.readings} readings scatter by {1e3 * rest.noise_m:.1f} mm."
-    return Outcome({"range_sensor.bias_m": bias}, (told,))
+    sentence = f"{rest.readings} readings scatter by {1e3 * rest.noise_m:.1f} mm."
+    return Outcome({"range_sensor.bias_m": bias}, (sentence,))

@@ -36,8 +36,8 @@ def host_compiler() -> str:
 @functools.cache
 def version_of(compiler: str) -> str:
     """The first line that a compiler says about itself."""
-    told = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)  # noqa: S603
-    return shown(told.stdout.partition("\n")[0]) or Path(compiler).name
+    ended = subprocess.run([compiler, "--version"], capture_output=True, text=True, check=False)  # noqa: S603
+    return shown(ended.stdout.partition("\n")[0]) or Path(compiler).name
 
 
 def takes(compiler: str, flags: Sequence[str]) -> bool:

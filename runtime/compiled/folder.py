@@ -116,9 +116,9 @@ def read_c_folder(path: Path | str) -> CFolder:
     path = Path(path)
     found = [p for p in sorted(path.glob("*.c")) if not p.stem.endswith("_test")]
     if len(found) != 1:
-        told = "no C source" if not found else f"{len(found)} C sources"
+        sources = "no C source" if not found else f"{len(found)} C sources"
         raise UnusableInput(
-            f"{path}: a folder with {told}, where one made by `wakedeploy export --c` has one;"
+            f"{path}: a folder with {sources}, where one made by `wakedeploy export --c` has one;"
             " name such a folder, or a package's file."
         )
     text = _unsealed(found[0])

@@ -80,9 +80,9 @@ def _tested(folder: CFolder, compiler: str, flags: Sequence[str]) -> tuple[float
             ) from error
     said = _SAID.search(ended.stdout)
     if ended.returncode != 0 or said is None:
-        told = shown(ended.stdout + ended.stderr)[:300] or f"exit status {ended.returncode}"
+        message = shown(ended.stdout + ended.stderr)[:300] or f"exit status {ended.returncode}"
         raise CheckFailed(
-            f"{folder.path}: its self-test fails with {' '.join(flags)} ({told}): do not fly it,"
+            f"{folder.path}: its self-test fails with {' '.join(flags)} ({message}): do not fly it,"
             " export it again."
         )
     return float(said[1]), int(said[2])

@@ -52,8 +52,10 @@ class Conversation(ABC):
     Bytes that arrive go to `_heard`; a wire that breaks sets `_failure` to a sentence.
     """
 
-    def __init__(self, port: str) -> None:
+    def __init__(self, port: str, silence: str = "") -> None:
+        """`silence` is the sentence for who gets no answer, where no cable can be to blame."""
         self.port = port
+        self._said_of_silence = silence
         self._decoder = FrameDecoder()
         self._sequence = 0
         self._sent_s: dict[int, float] = {}  # by sequence, oldest first
@@ -168,7 +170,10 @@ class Conversation(ABC):
         answer = self.wait_for(self._send(message), ANSWER_LIMIT_S)
         self._require_alive(CheckFailed)
         if answer is None:
-            raise CheckFailed(f"{self.port}: the board stopped answering; check the cable.")
+            raise CheckFailed(
+                self._said_of_silence
+                or f"{self.port}: the board stopped answering; check the cable."
+            )
         return answer.status
 
     def _send(self, message: Message) -> int:
@@ -232,7 +237,7 @@ class Conversation(ABC):
                 f"({_quoted(self._first_bytes)}, no valid frame in {limit_s:g} s); check that it "
                 f"is the UNO, and upload {SKETCH} to it."
             )
-        return (
+        return self._said_of_silence or (
             f"{self.port}: nothing answered within {limit_s:g} s; check the cable and that it is "
             f"the UNO, and upload {SKETCH} to it."
         )

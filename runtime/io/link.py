@@ -20,8 +20,8 @@ from wakedeploy.core.errors import UnusableInput, one_line
 class Link(Conversation):
     """An open port with its reader thread; `close` it, or use it as a context manager."""
 
-    def __init__(self, port: str) -> None:
-        super().__init__(port)
+    def __init__(self, port: str, silence: str = "") -> None:
+        super().__init__(port, silence)
         self._serial = _opened(port)
         self._news = threading.Condition()
         self._closing = False

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 import wakedeploy as wd
-from wakedeploy.gap.folder import write_step
+from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.folder import write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 
@@ -31,7 +32,7 @@ def test_of_one_flight_it_concludes_nothing_and_says_so(closed: wd.Gap) -> None:
     assert closed.effects == closed.classes == ()
     assert closed.rig is None
     assert "flight" in closed.account
-    assert closed.result == json.loads((closed.folder / "result.json").read_text())
+    assert closed.result.as_json() == json.loads((closed.folder / "result.json").read_text())
     assert wd.Gap.read(closed.folder).account == closed.account
     assert closed.account.splitlines()[0] in closed._repr_html_()
 
@@ -41,7 +42,7 @@ def named(tmp_path: Path) -> wd.Gap:
     """What a folder tells that names an effect."""
     gain = {"value": 0.31, "low": 0.25, "high": 0.36, "unit": "1"}
     effect = {"name": "ground-effect", "confidence": 1.0, "parameters": {"gain": gain}}
-    write_step(tmp_path, "result", {"verdict": "named", "effects": [effect], "class": []})
+    write(tmp_path, Result.model_validate({"verdict": "named", "effects": [effect]}))
     return wd.Gap.read(tmp_path)
 
 

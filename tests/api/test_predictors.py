@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from made_packages import sound
 from needs import c_compiler
 
 import wakedeploy as wd
@@ -17,7 +18,7 @@ def predictor(
     request: pytest.FixtureRequest, tiny_package: Callable[[str], Package], tmp_path: Path
 ) -> wd.Predictor:
     path = tmp_path / "tiny.onnx"
-    write_package(tiny_package(request.param), path)
+    write_package(sound(tiny_package(request.param)), path)
     return wd.load(path)
 
 

@@ -5,7 +5,6 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +13,11 @@ from click.testing import CliRunner, Result
 from wakedeploy.cli import main
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.folder import at_work, write_step
+from wakedeploy.gap.folder import at_work
+from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Show
+from wakedeploy.gap.systems.gantry.artefacts import Result as Told
+from wakedeploy.gap.systems.gantry.findings import Effect
+from wakedeploy.gap.systems.gantry.folder import write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.threshold import _cache_path
 from wakedeploy.rig.file import default_rig
@@ -105,7 +108,9 @@ def test_broken_flights_are_refused_with_the_reason(folder: Path, log: RunLog) -
 def test_wrong_files_and_arguments_are_refused(folder: Path) -> None:
     (folder / "empty.csv").write_text("", encoding="utf-8")
     refused(gap(folder, "close", "empty.csv"), "is empty")
-    refused(gap(folder, "close", "missing.mcap"), "there is no such run log")
+    for step in STEPS:
+        refused(gap(folder, step, "missing.mcap", out="none"), "there is no such run log")
+    assert not (folder / "none").exists()
     refused(gap(folder, "close", "flight.csv", "flight.csv"), "the same recording more than once")
     refused(gap(folder, "close"), "Missing option '--measured'")
     refused(gap(folder, "close", "flight.csv", out="."), "would overwrite the rig file")
@@ -127,34 +132,35 @@ def test_ctrl_c_in_training_leaves_the_result_and_the_report(
 ) -> None:
     done: list[str] = []
 
-    def stands_in(step: str, told: dict[str, Any]) -> Callable[..., dict[str, Any]]:
-        def run(_: object, out: Path, *__: object) -> dict[str, Any]:
-            done.append(step)
-            return write_step(out, step, told)
+    def stands_in(told: Artefact) -> Callable[..., Artefact]:
+        def run(_: object, out: Path, *__: object) -> Artefact:
+            done.append(type(told).__name__.lower())
+            return write(out, told)
 
         return run
 
-    named = {"verdict": "named", "effects": [{"name": "spool-lag-source"}], "class": []}
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.find", stands_in("find", {"maps": []}))
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", stands_in("name", named))
-    for step, told in (("add", {"effects": named["effects"]}), ("show", {}), ("result", named)):
-        function = {"show": "show_gap", "result": "_concluded"}.get(step, step)
-        monkeypatch.setattr(
-            f"wakedeploy.gap.systems.gantry.steps.{function}", stands_in(step, told | {"a": 1})
-        )
+    found = {"verdict": "named", "effects": [Effect(name="spool-lag-source")]}
+    added = Add(rig="rig.toml", old_sha256="", new_sha256="", effects=[])
+    for function, told in {
+        "find": Find(), "name": Name(**found), "add": added, "show_gap": Show(),
+        "_concluded": Told(**found),
+    }.items():  # fmt: skip
+        monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.workflow.{function}", stands_in(told))
 
     def interrupted(*_: object) -> None:
         done.append("training")
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.retrain_shown", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.workflow.retrain_shown", interrupted)
     for i in range(3):
         record(default_rig(), seconds=12, seed=8 + i).write_csv(folder / f"flight{i}.csv")
     flights = ["flight.csv", *(f"flight{i}.csv" for i in range(3))]
     told = gap(folder, "close", *flights, more=("--retrain",))
     assert told.exit_code == 130, told.output
     assert done == ["find", "name", "add", "show", "result", "training"]
-    assert "the result stands; `wakedeploy gap show --retrain` trains" in told.stderr
+    trains = next(line for line in told.stderr.splitlines() if line.startswith("wakedeploy gap"))
+    assert trains.startswith(f"wakedeploy gap show --rig {folder}/rig.toml --measured {folder}/")
+    assert trains.endswith(f"--out {folder}/out --retrain")
 
 
 @pytest.mark.parametrize("step", STEPS)
@@ -171,8 +177,38 @@ def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("wakedeploy.gap.systems.gantry.steps.name", interrupted)
+    monkeypatch.setattr("wakedeploy.gap.systems.gantry.workflow.name", interrupted)
     told = gap(folder, "close", "flight.csv")
     assert told.exit_code == 130
-    assert "go on with `wakedeploy gap name`" in told.stderr
+    go_on = f"--rig {folder}/rig.toml --measured {folder}/flight.csv --out {folder}/out"
+    assert f"finished steps are kept; go on with:\nwakedeploy gap name {go_on}\n" in told.stderr
     assert json.loads((folder / "out" / "find.json").read_text("utf-8"))["maps"]
+
+
+@pytest.mark.parametrize("step", ["close", "find"])
+def test_ctrl_c_before_a_step_is_finished_gives_the_command_back(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, step: str
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    module = "workflow" if step == "close" else "steps"
+    monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.{module}.open_case", interrupted)
+    monkeypatch.setattr("sys.argv", ["/x/wakedeploy", "gap", step, "--rig", "my rig.toml"])
+    told = gap(folder, step, "flight.csv")
+    assert told.exit_code == 130
+    assert f"wakedeploy gap {step} --rig 'my rig.toml'\n" in told.stderr
+
+
+def test_ctrl_c_with_a_system_of_ones_own_gives_the_command_back(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("wakedeploy.cli.gap_system.open_model", interrupted)
+    monkeypatch.setattr("sys.argv", ["wakedeploy", "gap", "close", "--system", "my robot.py"])
+    own = ["--system", "my robot.py", "--measured", str(folder / "flight.csv")]
+    told = CliRunner().invoke(main, ["gap", "close", *own, "--out", str(folder / "own")])
+    assert told.exit_code == 130
+    assert "wakedeploy gap close --system 'my robot.py'\n" in told.stderr

@@ -97,7 +97,7 @@ def test_long_tenths_get_a_line_a_minute(clock: Clock, capsys: pytest.CaptureFix
     worked(told, clock, 9, 100, 45.0)  # less than a tenth
     printed = lines(capsys)
     assert printed[0] == "Jobs …"
-    assert "Jobs: 4 of 100, about 90 min left" in printed  # 96 of 56 s, as one has just begun
+    assert "Jobs: 4 of 100, about 71 min left" in printed  # 96 of 45 s, of which one is done
     assert 4 <= len(printed) <= 1 + 9 * 45 / 60
 
 
@@ -111,6 +111,25 @@ def test_a_long_step_is_known_to_go_on(clock: Clock, capsys: pytest.CaptureFixtu
         "Trials: 0 of 4, 62 s so far",
         "Trials: 0 of 4, 2 min so far",
         "Trials: 0 of 4, 3 min so far",
+    ]
+
+
+def test_time_left_never_grows_while_a_step_takes_longer_than_those_before(
+    clock: Clock, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = LogLines("Fitting", 3)
+    clock.now_s += 120.0
+    told.update(1, 3)
+    for _ in range(600):
+        clock.now_s += 0.5
+        told.tick()
+    assert lines(capsys) == [
+        "Fitting: 33 %, about 4 min left",
+        "Fitting: 33 %, about 3 min left",
+        "Fitting: 33 %, about 2 min left",
+        "Fitting: 33 %, 5 min so far",
+        "Fitting: 33 %, 6 min so far",
+        "Fitting: 33 %, 7 min so far",
     ]
 
 

@@ -86,3 +86,12 @@ def test_a_steady_flight_spans_20_mm_of_error(blinded: RunLog) -> None:
     assert high_mm - low_mm >= 20
     assert abs(high_mm + low_mm) < 0.1
     assert [text.get_text() for text in force.texts] == ["not recorded"]
+
+
+def test_a_short_landing_is_named_and_untimed_computing_said() -> None:
+    log = record(None, seconds=7, seed=3)
+    log.metadata["simulated"] = "true"
+    panels = pictured(log).axes
+    assert "LANDING" in [text.get_text() for text in panels[0].texts]
+    timing = panels[4].get_title(loc="left")
+    assert timing == "Round trip (computing: not measured in simulated time)"

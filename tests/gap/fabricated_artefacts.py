@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from wakedeploy.gap.rules import sealed_count
+from wakedeploy.gap.systems.gantry.artefacts import Add, Artefact, Find, Name, Result, Show, Summary
+from wakedeploy.gap.systems.gantry.search.before_after import closed_share
 from wakedeploy.physics.effects import LIBRARY
 
 _PAIR = ["spool-lag-sufferer", "command-latency"]
@@ -30,7 +32,7 @@ def fabricated_map(rng, index, bins=10):
         "unit": "m" if index % 3 == 2 else "N", "coordinate_unit": unit,
         "edges": list(np.sort(rng.uniform(-1, 1, bins + 1))), "mean": list(mean),
         "low": list(mean - half), "high": list(mean + half), "count": [64] * bins,
-        "q_value": min(1.0, 0.001 * 3.0**index),
+        "q_value": min(1.0, 0.001 * 3.0**index), "p_value": 0.001, "clarity": 5.0, "strength": 3.0,
     }  # fmt: skip
 
 
@@ -40,7 +42,7 @@ def white(rng, passes):
     statistic, p = (31.0, 0.4) if passes else (800.0, 1e-9)
     return {
         "p_value": p, "statistic": statistic, "limit": 34.0, "passes": passes, "lags": lags,
-        "autocorrelation": list(correlation),
+        "autocorrelation": list(correlation), "samples": 3200,
     }  # fmt: skip
 
 
@@ -54,18 +56,18 @@ def find_artefact(rng, maps=12, count=7):
     places = [
         {"channel": "force", "coordinate": "height", "exogenous": False, "low": 0.0, "high": 0.25,
          "residual": 0.41, "unit": "N", "coordinate_unit": "m", "q_value": 0.001,
-         "words": "below 0.25 m: force +0.41 N"},
+         "clarity": 5.0, "words": "below 0.25 m: force +0.41 N"},
         {"channel": "control effort", "coordinate": "source command", "exogenous": True,
          "low": 2.0, "high": 3.5, "residual": -0.12, "unit": "N", "coordinate_unit": "N",
-         "q_value": 0.004},
+         "q_value": 0.004, "clarity": 4.0, "words": ""},
     ]  # fmt: skip
-    flights = [f"flight{i}" for i in range(count)]
+    flights = [f"logs/flight{i}.mcap" for i in range(count)]
     kept = count - sealed_count(count)
     return {
         "rig": "rig.toml", "rig_sha256": "ab" * 32,
         "logs": [
-            {"path": f"logs/{name}.mcap", "sha256": "cd" * 32, "seconds": 20.0, "samples": 640,
-             "notes": ["2 outliers"] if name == "flight3" else [], "seed": i, "simulated": False}
+            {"path": name, "sha256": "cd" * 32, "seconds": 20.0, "samples": 640,
+             "notes": ["2 outliers"] if "flight3" in name else [], "seed": i, "simulated": False}
             for i, name in enumerate(flights)
         ],
         "split": {"fit": flights[:kept], "sealed": flights[kept:]},
@@ -138,7 +140,7 @@ def show_artefact(rng):
         "control effort": (0.22, 0.09, 0.08, "N"),
     }  # fmt: skip
     return {
-        "sealed": ["flight5", "flight6"], "in_sample": False,
+        "sealed": ["logs/flight5.mcap", "logs/flight6.mcap"], "in_sample": False,
         "gap": {
             name: {"before": b, "after": a, "noise_floor": f, "unit": unit,
                    "before_interval": [0.9 * b, 1.1 * b], "after_interval": [0.93 * a, 1.07 * a],
@@ -146,10 +148,11 @@ def show_artefact(rng):
             for name, (b, a, f, unit) in gap.items()
         },
         "places": [
-            {"coordinate": name, "edges": list(np.linspace(0, 1, 9)), "unit": "m",
+            {"coordinate": name, "channel": "error", "coordinate_unit": unit,
+             "edges": list(np.linspace(0, 1, 9)), "unit": "m",
              "before": list(rng.uniform(0.015, 0.03, 8)),
              "after": list(rng.uniform(0.01, 0.014, 8))}
-            for name in COORDINATES
+            for name, (unit, _) in COORDINATES.items()
         ],
         "placebo": {"name": "range-drift", "before": 0.0213, "after": 0.0212, "unit": "m",
                     "gain_nats": -1.2, "helps": False},
@@ -162,16 +165,54 @@ def show_artefact(rng):
     }  # fmt: skip
 
 
+KINDS = {"find": Find, "name": Name, "add": Add, "show": Show, "result": Result}
+
+
 def fabricate(out: Path, verdict="named", maps=12, upto="result", flights=7):
     rng = np.random.default_rng(3)
     name = name_artefact(rng, verdict)
     artefacts = {"find": find_artefact(rng, maps, flights), "name": name}
     if verdict != "none":
         artefacts |= {"add": add_artefact(), "show": show_artefact(rng)}
-    artefacts["result"] = {k: name[k] for k in ("verdict", "effects", "class")} | {"plan": {}}
+    artefacts["result"] = {k: name[k] for k in ("verdict", "effects", "class")}
     out.mkdir(parents=True, exist_ok=True)
     for step, content in artefacts.items():
-        (out / f"{step}.json").write_text(json.dumps(content), encoding="utf-8")
+        artefacts[step] = leave(out, step, content).as_json()
         if step == upto:
             break
     return artefacts
+
+
+def leave(out: Path, step: str, content: dict) -> Artefact:
+    """An artefact in a folder, as its step would have written it."""
+    told = KINDS[step].model_validate(content)
+    (out / f"{step}.json").write_text(json.dumps(told.as_json()), encoding="utf-8")
+    return told
+
+
+PLACE = {"channel": "force", "coordinate": "height", "exogenous": False, "low": 0.0, "high": 1.0,
+         "residual": 0.1, "unit": "N", "coordinate_unit": "m", "q_value": 0.001, "clarity": 5.0,
+         "words": ""}  # fmt: skip
+WHITE = {"p_value": None, "statistic": None, "limit": None, "passes": True, "lags": [],
+         "autocorrelation": [], "samples": 0}  # fmt: skip
+
+
+def channel(error: dict) -> dict:
+    """A channel of a gap with the share that is closed."""
+    closed = closed_share(error["before"], error["after"], error["noise_floor"])
+    return {"closed": closed} | error
+
+
+def summary(content: dict) -> Summary:
+    """What a folder says, from as much of it as a test is about."""
+    told = dict(content)
+    if "places" in told:
+        told["places"] = [PLACE | place for place in told["places"]]
+    for key in ("white", "white_before"):
+        if key in told:
+            told[key] = WHITE | told[key]
+    if "gap" in told:
+        told["gap"] = {name: channel(error) for name, error in told["gap"].items()}
+    if "logs" in told:
+        told["logs"] = [{"sha256": "", **log} for log in told["logs"]]
+    return Summary.model_validate(told)

@@ -11,8 +11,8 @@ from fabricated_artefacts import fabricate
 from wakedeploy.cli.gap_demo import demo
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap import demo as story
-from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
+from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.physics.effects.chain import Chain
 from wakedeploy.rig.file import read_rig
 

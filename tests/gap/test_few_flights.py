@@ -8,12 +8,13 @@ import contextlib
 import html
 import itertools
 import json
+import math
 import re
 from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
-from fabricated_artefacts import fabricate
+from fabricated_artefacts import PLACE, fabricate, summary
 from recorded import RIG, SECONDS, with_effects
 
 from wakedeploy.cli import main
@@ -22,15 +23,19 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap import demo
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
-from wakedeploy.gap.folder import read_steps, write_step
 from wakedeploy.gap.report.advice import advice
 from wakedeploy.gap.report.page import write_report
 from wakedeploy.gap.report.summary import account
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES, sealed_count
+from wakedeploy.gap.search.artefacts import Place
+from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.findings import Leading, Ranked
+from wakedeploy.gap.systems.gantry.folder import read_steps, write
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
 from wakedeploy.gap.systems.gantry.search.places import places_sentence
 from wakedeploy.gap.systems.gantry.search.preliminary_ranking import UNSIMULATED
-from wakedeploy.gap.systems.gantry.steps import add, close, open_case, write_result
+from wakedeploy.gap.systems.gantry.steps import add, open_case
+from wakedeploy.gap.systems.gantry.workflow import close, write_result
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
@@ -96,7 +101,7 @@ def several(flights, tmp_path_factory) -> dict[int, tuple[Path, dict]]:
         logs = flights[HIDDEN][:count]
         with searching(*SEARCHED[:2]):
             result = close(flights["rig"][0], logs, out, report=False, thresholds=LIMITS)
-        told[count] = out, result
+        told[count] = out, result.as_json()
     return told
 
 
@@ -248,7 +253,7 @@ def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> Non
     assert "% sure" not in account(read_steps(out).summary)
     case = open_case(flights["rig"][0], flights[HIDDEN], thresholds=LIMITS)
     added = add(case, out)  # who asks for it gets it
-    assert [e["name"] for e in added["effects"]] == [HIDDEN]
+    assert [e.name for e in added.effects] == [HIDDEN]
 
 
 def test_too_few_flights_do_not_wait_for_thresholds(flights, monkeypatch, tmp_path) -> None:
@@ -288,27 +293,35 @@ def fabricated(folder: Path, verdict: str, places: str, white: bool, count: int)
     few = cannot_tell(count)
     fabricate(folder, verdict, maps=1, upto="name", flights=count)
     steps = read_steps(folder)
+    assert steps.find is not None
+    assert steps.find.white is not None
+    assert steps.name is not None
     listed = [
-        place | {"residual": 0.1, "unit": "N", "words": f"height below 1: +0.1 N, q = {i}"}
+        Place(**PLACE | place | {"words": f"height below 1: +0.1 N, q = {i}"})
         for i, place in enumerate(PLACES[places])
     ]
     sentence = places_sentence(listed, white, count - sealed_count(count))
-    found = {**steps.find, "places": listed, "sentence": sentence}
-    write_step(folder, "find", found | {"white": steps.find["white"] | {"passes": white}})
-    named = dict(steps.name)
+    found = {"places": listed, "sentence": sentence}
+    found["white"] = steps.find.white.model_copy(update={"passes": white})
+    write(folder, steps.find.model_copy(update=found))
+    named = steps.name
     if few:
-        leading = {"clear": verdict != "none", "names": ["stiction"], "gain_nats": 30.0}
+        leading = Leading(clear=verdict != "none", names=["stiction"], gain_nats=30.0,
+                          next="range-bias", next_nats=2.0)  # fmt: skip
         rounds = [
-            r | {"ranking": [entry | {"confidence": None} for entry in r["ranking"]]}
-            for r in named["rounds"]
+            searched.model_copy(update={"ranking": [unsure(each) for each in searched.ranking]})
+            for searched in named.rounds
         ]
-        leading |= {"next": "range-bias", "next_nats": 2.0}
-        named |= {"verdict": "inconclusive", "effects": [], "class": [], "unknown": None,
-                  "leading": leading, "detectable": {}, "rounds": rounds}  # fmt: skip
-    write_step(folder, "name", named)
-    write_result(
-        folder, {k: named[k] for k in ("verdict", "effects", "class")} | {"flights": count}
-    )
+        nothing = {"verdict": "inconclusive", "effects": [], "rivals": [], "unknown": None}
+        nothing |= {"leading": leading, "detectable": {}, "rounds": rounds}
+        named = named.model_copy(update=nothing)
+    write(folder, named)
+    told = Result(verdict=named.verdict, effects=named.effects, rivals=named.rivals, flights=count)
+    write_result(folder, told)
+
+
+def unsure(entry: Ranked) -> Ranked:
+    return entry.model_copy(update={"confidence": math.nan})
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4, 7])
@@ -318,7 +331,7 @@ def test_headline_places_verdict_and_advice_never_contradict_each_other(
 ) -> None:
     fabricated(tmp_path, verdict, places, white, count)
     steps = read_steps(tmp_path)
-    headline, found = steps.result["headline"], steps.find["sentence"]
+    headline, found = steps.result.headline, steps.find.sentence
     words = account(steps.summary)
     after = advice(steps, tmp_path)
     commands = " ".join(after.commands) if after else ""
@@ -364,16 +377,18 @@ def test_the_page_says_what_the_terminal_says(tmp_path, monkeypatch, verdict, co
 
 def test_an_older_answer_about_one_flight_is_not_repeated() -> None:
     for verdict in ("named", "class", "unknown", "none"):
-        told = account({"verdict": verdict, "flights": 1, "effects": [{"name": "stiction"}]})
+        told = account(
+            summary({"verdict": verdict, "flights": 1, "effects": [{"name": "stiction"}]})
+        )
         assert told == "Cannot tell from one flight: fly at least 4."
 
 
 def test_what_chance_gives_is_said_to_be_unknown_before_it_is_simulated() -> None:
     leading = {"names": ["stiction"], "gain_nats": 4.0, "clear": False, "threshold_nats": None}
-    told = account({"verdict": "inconclusive", "flights": 1, "leading": leading})
+    told = account(summary({"verdict": "inconclusive", "flights": 1, "leading": leading}))
     assert "the best, stiction, gains 4.0 nats in this one flight; what chance alone gives" in told
     known = leading | {"threshold_nats": 6.5}
-    told = account({"verdict": "inconclusive", "flights": 1, "leading": known})
+    told = account(summary({"verdict": "inconclusive", "flights": 1, "leading": known}))
     assert "gains 4.0 nats in this one flight; chance alone gives up to 6.5." in told
 
 

@@ -7,16 +7,18 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fabricated_artefacts import fabricate
+from fabricated_artefacts import PLACE, fabricate, summary
 from recorded import flown
 
 from benchmarks.hidden_effects.lines import LINES, read_lines
 from wakedeploy.cli.gap_plan import _class_in
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.search.places import forbids_none
 from wakedeploy.gap.systems.gantry import steps as close
+from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.plan import stated_sizes
 from wakedeploy.gap.systems.gantry.search.expression_terms import TERMS
@@ -44,11 +46,18 @@ def folder(tmp_path: Path) -> Path:
     ("step", "changes", "told"),
     [
         ("find", {"logs": 7}, "logs = 7"),
-        ("find", {"places": [{"q_value": "low"}]}, "places.0.q_value = 'low'"),
+        ("find", {"places": [PLACE | {"q_value": "low"}]}, "places.0.q_value = 'low'"),
         ("name", {"effects": [{"name": 3}]}, "effects.0.name = 3"),
         ("name", {"effects": [{"name": "x", "parameters": [1]}]}, "effects.0.parameters"),
-        ("name", {"rounds": [{"ranking": [{}]}]}, "rounds.0.ranking.0.name is missing"),
+        (
+            "name",
+            {"rounds": [{"given": [], "ranking": [{}]}]},
+            "rounds.0.ranking.0.name is missing",
+        ),
         ("name", {"class": "both"}, "class = 'both'"),
+        ("name", {"verdict": "perhaps"}, "verdict = 'perhaps'"),
+        ("name", {"gremlin": 1}, "gremlin is not known"),
+        ("name", {"version": 0}, "version 0; this program reads 1"),
         (
             "name",
             {"unknown": {"parameters": {"c1": {"value": 1e300}}}},
@@ -87,7 +96,8 @@ def a_case() -> SimpleNamespace:
     ],
 )
 def test_a_size_that_no_rig_file_may_have_is_not_added(folder: Path, size: dict, told: str) -> None:
-    parameters = {"up_s": size, "down_s": {"value": 0.1, "unit": "s"}}
+    ends = {"low": None, "high": None}
+    parameters = {"up_s": size | ends, "down_s": {"value": 0.1, "unit": "s"} | ends}
     changed(folder, "name", effects=[{"name": "spool-lag-sufferer", "parameters": parameters}])
     with pytest.raises(UnusableInput, match=rf"name\.json: .*({told})"):
         close.add(a_case(), folder)
@@ -107,19 +117,23 @@ def test_a_class_of_what_the_library_lacks_is_not_planned_for(folder: Path) -> N
 
 
 def test_sizes_that_are_none_leave_the_plan_to_the_usual_ones() -> None:
-    def of(value: object) -> dict:
-        ranked = {"name": "command-latency", "parameters": {"latency_s": {"value": value}}}
-        return stated_sizes({"rounds": [{"ranking": [ranked, 3]}, None]}, ("command-latency",))
+    def of(value: float | None) -> dict:
+        size = {"value": value, "low": None, "high": None, "unit": "s"}
+        ranked = {"name": "command-latency", "parameters": {"latency_s": size},
+                  "gain_nats": 1.0, "interval": [0.0, 2.0]}  # fmt: skip
+        named = Name.model_validate({"rounds": [{"given": [], "ranking": [ranked]}]})
+        return stated_sizes(named, ("command-latency",))
 
     assert of(0.02) == {"command-latency": (0.02,)}
-    assert of(None) == of("x") == of(1e300) == {}
+    assert of(None) == of(math.nan) == stated_sizes(None, ("command-latency",)) == {}
 
 
 def test_numbers_that_nobody_measured_are_told_as_unknown() -> None:
     for value in (10**400, -(10**400), 1e300, math.inf, None, True, "1"):
         assert math.isnan(number(value))
-    assert "1e" not in account({"verdict": "none", "white_before": {"statistic": 1e300}})
-    assert not forbids_none([{"q_value": None}, {}, {"q_value": 0.9, "channel": "force"}])
+    white = {"passes": False, "statistic": math.inf}
+    assert "inf" not in account(summary({"verdict": "unknown", "white": white}))
+    assert not forbids_none([Place(**PLACE | {"q_value": q}) for q in (None, 0.9)])
 
 
 @pytest.mark.parametrize(

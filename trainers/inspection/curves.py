@@ -54,8 +54,8 @@ def _over_epochs(title: str, validation: Losses, training: Losses) -> "Figure":
         axes.axvline(best, color=figures.LIMIT, linestyle=":", zorder=1)
         axes.xaxis.set_major_locator(MaxNLocator("auto", integer=True, min_n_ticks=1))
         axes.set_xlim(0.5, len(epochs) + 0.5)
-        told = f"best validation error {held_out[best - 1]:.4g} in epoch {best}"
-        axes.set(xlabel="epoch", ylabel=_ERROR, title=f"{title}\n{told}")
+        label = f"best validation error {held_out[best - 1]:.4g} in epoch {best}"
+        axes.set(xlabel="epoch", ylabel=_ERROR, title=f"{title}\n{label}")
         _scale(axes, [*learned, *held_out])
         figures.legend(axes)
     return drawn
@@ -76,8 +76,8 @@ def _over_strengths(title: str, ridge: RidgeErrors) -> "Figure":
                 _mark(axes, ridge.strengths[best], held_out[best], colour)
             errors += [*learned, *held_out]
         axes.set_xscale("log")
-        told = "solved, without epochs: the circle is the strength taken"
-        axes.set(ylabel=_ERROR, title=f"{title}\n{told}")
+        label = "solved, without epochs: the circle is the strength taken"
+        axes.set(ylabel=_ERROR, title=f"{title}\n{label}")
         axes.set_xlabel("strength of the ridge, as a share of the activations' mean variance")
         _scale(axes, errors)
         figures.legend(axes, loc="upper left", bbox_to_anchor=(1.01, 1.0), ncols=1)

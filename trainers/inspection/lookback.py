@@ -40,13 +40,13 @@ def kernels(predictor: Predictor, tape: Tape) -> Kernels:
     core = predictor.core
     if not isinstance(core, DelayEmbedding):
         raise TypeError(f"{predictor.arch} chooses no delay")
-    told = []
+    shares = []
     for window in _windows(predictor, tape):
         delay_s, width_s = core.kernel(window)  # (B, 1)
         weights = core.weigh(delay_s, width_s)  # (B, P)
         mean_age_s = (weights * core.ages_s).sum(1, keepdim=True)  # (B, 1)
-        told.append(torch.cat([delay_s, width_s, mean_age_s], 1))
-    return Kernels(*torch.cat(told).double().numpy().T)
+        shares.append(torch.cat([delay_s, width_s, mean_age_s], 1))
+    return Kernels(*torch.cat(shares).double().numpy().T)
 
 
 @torch.no_grad()

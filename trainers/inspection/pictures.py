@@ -156,7 +156,7 @@ def _liveliest(data: EpisodeSet, lead_s: float, warm_up: int) -> tuple[Episode, 
         for forces, episode in zip(scored, episodes, strict=True)
         if len(forces)
     ]
-    _, part, episode = max(stretches, key=lambda one: one[0])
+    _, part, episode = max(stretches, key=lambda stretch: stretch[0])
     return episode, part
 
 
@@ -194,5 +194,5 @@ def _told(shown: _Shown, at: int, channel: Quantity, test: Scores | None) -> str
     if test is None:
         return here
     r2 = test.r2[channel.name]
-    told = f"{here}, {test.rmse[channel.name]:.3g} {channel.unit} over all test episodes"
-    return told if r2 is None else f"{told} (R² {r2:.3f})"
+    label = f"{here}, {test.rmse[channel.name]:.3g} {channel.unit} over all test episodes"
+    return label if r2 is None else f"{label} (R² {r2:.3f})"

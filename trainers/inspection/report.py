@@ -62,15 +62,15 @@ def _answer(run: TrainedRun, channel: Quantity) -> list[str]:
     rmse, r2 = run.metrics.test.rmse[channel.name], run.metrics.test.r2[channel.name]
     lead_s = run.config.lead_s
     ahead = f" {1e3 * lead_s:.0f} ms ahead" if lead_s else ""
-    told = f"It predicts {channel.name}{ahead} to within {rmse:.3g} {channel.unit} (RMS)"
+    sentence = f"It predicts {channel.name}{ahead} to within {rmse:.3g} {channel.unit} (RMS)"
     if r2 is None:
-        return [f"{told}.", "In the test episodes this force never changes."]
+        return [f"{sentence}.", "In the test episodes this force never changes."]
     if r2 <= 0.0:
-        return [f"{told}: it learned nothing.", "Always naming the mean force does as well."]
+        return [f"{sentence}: it learned nothing.", "Always naming the mean force does as well."]
     spread = rmse / math.sqrt(1.0 - r2) if r2 < 1.0 else math.inf
     word = "well" if r2 >= _GOOD else "in part" if r2 >= _POOR else "poorly"
     return [
-        f"{told}: {word}.",
+        f"{sentence}: {word}.",
         f"Always naming the mean would be off by {spread:.3g} {channel.unit}, so that it explains "
         f"{100 * r2:.0f} % of the force's variance. Judged on episodes that took no part in "
         "training.",

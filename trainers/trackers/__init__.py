@@ -116,10 +116,10 @@ def following(
 ) -> Iterator[Following]:
     """Tell `tracker`, if there is one, of the run that is trained in the block."""
     tracked = tracker.track(config, folder, fresh) if tracker is not None else None
-    told = Following(tracked, tracker, warn)
+    following = Following(tracked, tracker, warn)
     try:
-        yield told
+        yield following
     except BaseException as error:
-        told.close(INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED)
+        following.close(INTERRUPTED if isinstance(error, KeyboardInterrupt) else FAILED)
         raise
-    told.close(FINISHED)
+    following.close(FINISHED)

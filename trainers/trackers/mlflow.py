@@ -46,16 +46,16 @@ class MlFlow:
     def __init__(self, out: Path) -> None:
         logging.getLogger("mlflow").setLevel(os.environ.get("MLFLOW_LOGGING_LEVEL", "WARNING"))
         logging.getLogger("alembic").setLevel(logging.WARNING)
-        own = os.environ.get("MLFLOW_TRACKING_URI")
-        address = own or f"sqlite:///{out.absolute() / STORE}"
+        given = os.environ.get("MLFLOW_TRACKING_URI")
+        address = given or f"sqlite:///{out.absolute() / STORE}"
         self._secret = urlsplit(address).netloc.rpartition("@")[0]
         self.store = self._shown(address)
         # The tables of a new store are made by one process.
-        turn = contextlib.nullcontext() if own else one_at_a_time(out, "mlflow")
+        turn = contextlib.nullcontext() if given else one_at_a_time(out, "mlflow")
         try:
             with turn:
                 mlflow.set_tracking_uri(address)
-                self.experiment = _experiment(None if own else out.absolute() / ARTIFACTS)
+                self.experiment = _experiment(None if given else out.absolute() / ARTIFACTS)
         except self.failures as error:
             raise UnusableInput(
                 f"--tracker mlflow: the store {self.store} cannot be used ({self.why(error)}); set"
@@ -63,7 +63,7 @@ class MlFlow:
             ) from error
         self.told = f"MLflow: runs go into {self.store}, experiment {self.experiment.name}" + (
             "."
-            if own
+            if given
             else f"; look with `mlflow ui --backend-store-uri {shlex.quote(self.store)}`."
         )
 

@@ -21,7 +21,7 @@ def parameters(config: RunConfig) -> dict[str, Scalar]:
     """
     idle = idle_settings(config.arch)
     fit = {f"fit.{name}": v for name, v in config.settings.items() if name not in idle}
-    told = {
+    numbers = {
         "arch": config.arch,
         "domain": config.domain,
         "seed": config.seed,
@@ -34,7 +34,7 @@ def parameters(config: RunConfig) -> dict[str, Scalar]:
         **fit,
     }
     plain = (int, float, str)
-    return {n: v if isinstance(v, plain) else json.dumps(v) for n, v in told.items()}
+    return {n: v if isinstance(v, plain) else json.dumps(v) for n, v in numbers.items()}
 
 
 def epochs(
@@ -48,20 +48,20 @@ def epochs(
     descends = "learning_rate" not in idle_settings(config.arch)
     settings = FitSettings(**config.settings)  # type: ignore[arg-type]
     for epoch in range(after + 1, standing.epoch + 1):
-        told = {VALIDATION_LOSS: standing.history[epoch - 1]}
+        numbers = {VALIDATION_LOSS: standing.history[epoch - 1]}
         if epoch > missing:
-            told["loss/training"] = standing.training_history[epoch - missing - 1]
+            numbers["loss/training"] = standing.training_history[epoch - missing - 1]
         if descends:
-            told["learning_rate"] = learning_rate(settings, epoch - 1)
-        yield epoch, {name: value for name, value in told.items() if math.isfinite(value)}
+            numbers["learning_rate"] = learning_rate(settings, epoch - 1)
+        yield epoch, {name: value for name, value in numbers.items() if math.isfinite(value)}
 
 
 def finals(metrics: RunMetrics) -> dict[str, float]:
     """How a finished run ended; RMSE in the channels' units."""
     scores = {
         named(split, kind, channel): value
-        for split, one in (("validation", metrics.validation), ("test", metrics.test))
-        for kind, values in (("rmse", one.rmse), ("r2", one.r2))
+        for split, scores in (("validation", metrics.validation), ("test", metrics.test))
+        for kind, values in (("rmse", scores.rmse), ("r2", scores.r2))
         for channel, value in values.items()
         if value is not None
     }

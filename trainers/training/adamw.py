@@ -69,8 +69,8 @@ class AdamW:
 
     def restore(self, tensors: dict[str, Tensor]) -> None:
         """Go on from there. KeyError, ValueError: not the state of these weights."""
-        for name, own in (("first", self._first), ("second", self._second)):
-            if tensors[name].shape != own.shape:
+        for name, moments in (("first", self._first), ("second", self._second)):
+            if tensors[name].shape != moments.shape:
                 raise ValueError(f"the optimiser's {name} moments are not those of these weights")
         self._first.copy_(tensors["first"])
         self._second.copy_(tensors["second"])

@@ -144,9 +144,9 @@ class Fit:
 
     def tensors(self) -> dict[str, Tensor]:
         """Weights and optimiser state, to be restored by `restore`."""
-        own = self.optimiser.tensors()
+        tensors = self.optimiser.tensors()
         saved = {f"model.{name}": value for name, value in self.predictor.state_dict().items()}
-        return saved | {f"optimiser.{name}": value for name, value in own.items()}
+        return saved | {f"optimiser.{name}": value for name, value in tensors.items()}
 
     def restore(self, tensors: dict[str, Tensor], standing: Standing) -> None:
         """Continue where `tensors` and `standing` were saved. KeyError, ValueError: not ours."""

@@ -49,9 +49,9 @@ AnyRecord = TypeVar("AnyRecord", bound=_Record)
 class RunConfig(_Record):
     """What is trained on what; two runs of equal configuration give equal weights.
 
-    `hyper` holds every hyper-parameter of the architecture, `settings` how it was fitted,
-    `present_only` the observation channels whose past the model is kept from, and `training` by
-    which revision of the code it is fitted (runs that do not say are of the first).
+    `hyper` holds every hyper-parameter of the architecture, `settings` how it is fitted.
+    `present_only` are the observation channels whose past is kept from the model. `training` is the
+    revision of the code that fits it; runs that do not say are of the first.
     """
 
     format: Literal[1] = 1
@@ -184,8 +184,10 @@ def _predictor_of(config: RunConfig, weights: Mapping[str, Tensor], folder: Path
     """
     try:
         with torch.device("meta"):
-            shapes = {name: one.shape for name, one in new_predictor(config).state_dict().items()}
-        if shapes != {name: one.shape for name, one in weights.items()}:
+            shapes = {
+                name: tensor.shape for name, tensor in new_predictor(config).state_dict().items()
+            }
+        if shapes != {name: tensor.shape for name, tensor in weights.items()}:
             raise damaged(folder / BEST, "its tensors are not those of its config.json")
         predictor = new_predictor(config)
         predictor.load_state_dict(weights)

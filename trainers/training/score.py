@@ -63,14 +63,16 @@ def unlearned_forces(
 
     By name: nothing at all, and what a set's observer told at that sample, where it carries one.
     """
-    told = {"zero": torch.zeros_like(tape.force)}
+    forecasts = {"zero": torch.zeros_like(tape.force)}
     episodes = data.part(split)
     if all(OBSERVER in e.extras for e in episodes):
         counts = [len(shift_ahead(e.force, lead_s, data.rate_hz)) for e in episodes]
         both = zip(episodes, counts, strict=True)
         seen = [e.extras[OBSERVER][:count] for e, count in both if count > warm_up]
-        told["no-learning observer"] = torch.tensor(np.concatenate(seen)).reshape(tape.force.shape)
-    return told
+        forecasts["no-learning observer"] = torch.tensor(np.concatenate(seen)).reshape(
+            tape.force.shape
+        )
+    return forecasts
 
 
 def _compared(

@@ -180,8 +180,8 @@ def train(
             ended = _solve(folder, config, data, predictor, device)
             on_epoch(1, 1)
         else:
-            told = (on_epoch, on_standing)
-            ended = _descend(folder, config, data, predictor, device, *told)
+            callbacks = (on_epoch, on_standing)
+            ended = _descend(folder, config, data, predictor, device, *callbacks)
         _finish(folder, config, data, ended, device)
         return load_run(folder)
 
@@ -337,8 +337,8 @@ def _resume(path: Path, fit: Fit) -> float:
 
 def standing_in(facts: Mapping[str, Any]) -> Standing:
     """Where the fit of a checkpoint stands. KeyError, ValueError, TypeError: it tells none."""
-    told = (facts["history"], facts.get("training_history", ()))
-    return Standing(*(tuple(map(float, losses)) for losses in told))
+    histories = (facts["history"], facts.get("training_history", ()))
+    return Standing(*(tuple(map(float, losses)) for losses in histories))
 
 
 @dataclasses.dataclass(frozen=True)

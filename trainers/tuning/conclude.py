@@ -114,7 +114,7 @@ def _preset(
     hyper, settings = whole_point(work.plan, row.point)
     counting = finished(all_trials(study))
     ended = [t.datetime_complete for t in counting if t.datetime_complete is not None]
-    told: dict[str, Any] = {
+    record: dict[str, Any] = {
         **described(work.plan, work.data),
         "pruner": ", ".join(dict.fromkeys(t.user_attrs.get(PRUNER, "unknown") for t in counting)),
         "name": study.study_name,
@@ -129,19 +129,19 @@ def _preset(
         "device": row.device,
     }
     if row.cost is not None:
-        told[_COSTS[str(work.plan.cost)]] = round(row.cost, 1)
+        record[_COSTS[str(work.plan.cost)]] = round(row.cost, 1)
     heading = (
         "Found by `wakedeploy tune`; train with it: wakedeploy train --preset FILE --data SET\n"
         "# validation_error: root of the validation loss, 1 = predicting the mean."
     )
-    preset = Preset(arch=work.plan.arch, hyper=stated(hyper), settings=settings, study=told)
+    preset = Preset(arch=work.plan.arch, hyper=stated(hyper), settings=settings, study=record)
     return preset, heading
 
 
 def _reference_error(study: optuna.Study) -> dict[str, float]:
     """The validation error of the reference's trial, where it came to its end."""
-    own = [row.error for row in rows_of(study) if row.reference and row.error is not None]
-    return {"reference_error": min(own)} if own else {}
+    errors = [row.error for row in rows_of(study) if row.reference and row.error is not None]
+    return {"reference_error": min(errors)} if errors else {}
 
 
 def _write_front(

@@ -85,11 +85,11 @@ def _drawn_at(row: Row) -> float:
 
 
 def _errors(axes: "Axes", ended: Sequence[Row], stopped: Sequence[Row]) -> None:
-    for group, told, face in ((ended, FINISHED, figures.SUFFERER), (stopped, BEHIND, "none")):
+    for group, trials, face in ((ended, FINISHED, figures.SUFFERER), (stopped, BEHIND, "none")):
         if group:
             axes.plot(
                 [row.number for row in group], [_drawn_at(row) for row in group], "o",
-                ms=4, color=figures.SUFFERER, mfc=face, label=_counted(told, group),
+                ms=4, color=figures.SUFFERER, mfc=face, label=_counted(trials, group),
             )  # fmt: skip
 
 

@@ -50,8 +50,8 @@ class Plan:
     def identity(self) -> dict[str, object]:
         """What the study is known by, in JSON's types and in words that an error may use."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
-        told = {"dimensions": " ".join(map(str, self.dimensions))}
-        return fields | told | {"objective": ",".join(self.objective)}
+        row = {"dimensions": " ".join(map(str, self.dimensions))}
+        return fields | row | {"objective": ",".join(self.objective)}
 
     @property
     def cost(self) -> str | None:

@@ -43,9 +43,9 @@ _ENOUGH_AT_THE_TOP = 5  # trials that PED-ANOVA compares with the rest, as its a
 class Row:
     """One trial. `error` is 1 for predicting the mean, `cost` what a step costs; None: unknown.
 
-    `last_error` is the error after the last epoch of a trial that was ended before its end,
-    `point` holds the dimensions that were searched, as trained, `front` says whether no other trial
-    beats it, `device` is where it was trained, "" if it was not.
+    `last_error` is the error after the last epoch of a trial that was ended early. `point` holds
+    the dimensions that were searched, as trained. `front` says that no other trial beats it.
+    `device` is where it was trained, "" if it was not.
     """
 
     number: int
@@ -102,10 +102,10 @@ def importances(study: optuna.Study) -> dict[str, float]:
     share = min(0.5, max(0.1, _ENOUGH_AT_THE_TOP / len(ranked)))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        told = optuna.create_study(directions=study.directions)
-        told.add_trials(ranked)
+        copy = optuna.create_study(directions=study.directions)
+        copy.add_trials(ranked)
         found = get_param_importances(
-            told, evaluator=PedAnovaImportanceEvaluator(target_quantile=share)
+            copy, evaluator=PedAnovaImportanceEvaluator(target_quantile=share)
         )
     return dict(found)
 
@@ -168,8 +168,8 @@ def _row(arch: str, trial: FrozenTrial, repeated: bool, front: bool) -> Row:
 
 
 def _last_error(trial: FrozenTrial) -> float | None:
-    told = trial.intermediate_values
-    return told[max(told)] if told else None
+    values = trial.intermediate_values
+    return values[max(values)] if values else None
 
 
 def _state(trial: FrozenTrial) -> str:
@@ -186,10 +186,10 @@ def _state(trial: FrozenTrial) -> str:
 
 
 def _reason(trial: FrozenTrial, repeated: bool) -> str:
-    told: str = trial.user_attrs.get(REASON, "")
-    if trial.state == TrialState.FAIL and not told:
-        told = "its process ended"
-    return f"{told}; begun again" if repeated else told
+    reason: str = trial.user_attrs.get(REASON, "")
+    if trial.state == TrialState.FAIL and not reason:
+        reason = "its process ended"
+    return f"{reason}; begun again" if repeated else reason
 
 
 def _front(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -207,7 +207,7 @@ def _ranked(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
     Of two that were ended early the one that came farther is before, then the one with less error.
     """
     values = {trial.number: trial.values for trial in _ended(trials)}
-    worst = max((own[0] for own in values.values()), default=0.0)
+    worst = max((pair[0] for pair in values.values()), default=0.0)
     early = [
         (-trial.last_step, trial.intermediate_values[trial.last_step], trial.number)
         for trial in trials

@@ -64,8 +64,8 @@ def problem_of(trial: FrozenTrial, searched: Collection[str], objectives: int) -
 
 
 def _point(trial: FrozenTrial) -> dict[str, Any]:
-    told: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
-    return told
+    fixed: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
+    return fixed
 
 
 def _require_possible(trial: FrozenTrial, objectives: int) -> None:

@@ -59,11 +59,11 @@ def split(arch: str, point: Mapping[str, float]) -> tuple[dict[str, float], dict
     Both are drawn by themselves: a delay that begins beyond the point's own history begins at its
     end, since from outside hardly any gradient would lead it back.
     """
-    own = _hyper_names(arch)
-    hyper = {name: value for name, value in point.items() if name in own}
+    names = _hyper_names(arch)
+    hyper = {name: value for name, value in point.items() if name in names}
     if _DELAY in hyper and HISTORY.name in hyper:
         hyper[_DELAY] = min(hyper[_DELAY], hyper[HISTORY.name])
-    return hyper, {name: value for name, value in point.items() if name not in own}
+    return hyper, {name: value for name, value in point.items() if name not in names}
 
 
 def legible(name: str, drawn: float) -> float:

@@ -124,14 +124,14 @@ def give_back_of_the_dead(study: optuna.Study, elsewhere: bool = False) -> int:
 def is_elsewhere(trial: FrozenTrial) -> bool:
     """Whether a trial is run by another machine: nothing here can tell if its process lives."""
     worker = trial.user_attrs.get(WORKER)
-    own = (platform.node(), _machine())
-    return worker is not None and (worker["host"], worker["machine"]) != own
+    machine = (platform.node(), _machine())
+    return worker is not None and (worker["host"], worker["machine"]) != machine
 
 
 def this_worker() -> dict[str, Any]:
     """Who runs a trial: machine, process, and when that began, since numbers are given again."""
-    own = {"host": platform.node(), "machine": _machine()}
-    return {**own, "pid": os.getpid(), "born": _born(os.getpid())}
+    machine = {"host": platform.node(), "machine": _machine()}
+    return {**machine, "pid": os.getpid(), "born": _born(os.getpid())}
 
 
 def finished(trials: Sequence[FrozenTrial]) -> list[FrozenTrial]:
@@ -161,8 +161,8 @@ def _point(trial: FrozenTrial) -> dict[str, Any]:
 
 
 def _told(trial: FrozenTrial) -> dict[str, Any]:
-    told: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
-    return told
+    fixed: dict[str, Any] = trial.system_attrs.get("fixed_params", {})
+    return fixed
 
 
 def _made(storage: BaseStorage, name: str, plan: Plan) -> optuna.Study:
@@ -212,8 +212,8 @@ def _difference(name: str, there: Any, asked: Any) -> str:
     if name == "dimensions":
         before, now = str(there).split(), str(asked).split()
         there, asked = (
-            ", ".join(one for one in own if one not in other) or "without it"
-            for own, other in ((before, now), (now, before))
+            ", ".join(library for library in here if library not in other) or "without it"
+            for here, other in ((before, now), (now, before))
         )
     return f"was made with {name} = {there}, not {asked}"
 

@@ -131,12 +131,12 @@ def _check_folder(work: Work) -> None:
         _check_no_strangers(work)
         return
     there = read_preset(path).study
-    own = {
+    settings = {
         "name": work.name,
         "data_sha256": work.plan.data_sha256,
         "kept_in": work.place.told,
     }
-    for what, value in own.items():
+    for what, value in settings.items():
         if there.get(what) != value:
             raise UnusableInput(
                 f"{path} is of another study ({what} = {there.get(what)}, not {value}); choose"
@@ -178,11 +178,11 @@ def run_trials(
     with work.place.reachable(), interruptible():
         give_back_of_the_dead(study, elsewhere=work.give_up_elsewhere)
         on_trials(study)
-        left = _left(study, work.trials)
-        if min(workers, left) <= 1:
+        remaining = _left(study, work.trials)
+        if min(workers, remaining) <= 1:
             _run_here(work, study, data, on_trials)
         else:
-            _Crew(work, study, on_trials).run(min(workers, left))
+            _Crew(work, study, on_trials).run(min(workers, remaining))
 
 
 def _left(study: optuna.Study, wanted: int) -> int:
@@ -284,12 +284,12 @@ class _Crew:
 def _told(reading: Connection) -> Exception | None:
     """What a worker said before it ended, if it was not killed."""
     try:
-        told: Exception | None = reading.recv() if reading.poll() else None
+        error: Exception | None = reading.recv() if reading.poll() else None
     except (EOFError, OSError):
         return None
     finally:
         reading.close()
-    return told
+    return error
 
 
 def _member(work: Work, writing: Any) -> None:

@@ -4,14 +4,17 @@ import functools
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from wakedeploy.api.flights import Flight, Flights
 from wakedeploy.api.inputs import PathLike
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.folder import Steps, at_work, prepare, read_steps
+from wakedeploy.gap.folder import at_work, require_logs
 from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.systems.gantry.artefacts import Result
+from wakedeploy.gap.systems.gantry.findings import Retraining
+from wakedeploy.gap.systems.gantry.folder import Steps, prepare, read_steps
 from wakedeploy.rig.file import read_rig
 
 if TYPE_CHECKING:
@@ -37,10 +40,7 @@ class Gap:
     def read(cls, folder: PathLike) -> "Gap":
         """What an earlier run left in its folder; UnusableInput where there is no result."""
         gap = cls(Path(folder))
-        if not gap.steps.result:
-            raise UnusableInput(
-                f"{folder}: there is no result.json; run `wakedeploy gap close`, or close_gap."
-            )
+        _ = gap.result
         return gap
 
     @functools.cached_property
@@ -49,24 +49,28 @@ class Gap:
         return read_steps(self.folder)
 
     @property
-    def result(self) -> dict[str, Any]:
-        """The content of `result.json`."""
-        return dict(self.steps.result)
+    def result(self) -> Result:
+        """The content of `result.json`; UnusableInput where there is none."""
+        if self.steps.result is None:
+            raise UnusableInput(
+                f"{self.folder}: there is no result.json; run `wakedeploy gap close`, or close_gap."
+            )
+        return self.steps.result
 
     @property
     def verdict(self) -> str:
         """What was concluded: "named", "class", "unknown" or "none"."""
-        return str(self.result["verdict"])
+        return str(self.result.verdict)
 
     @property
     def effects(self) -> tuple[str, ...]:
         """The effects that were named, in the order in which they were found."""
-        return tuple(effect["name"] for effect in self.result["effects"])
+        return tuple(effect.name for effect in self.result.effects)
 
     @property
     def classes(self) -> tuple[str, ...]:
         """The effects that these flights cannot tell apart; () where there are none such."""
-        return tuple(self.result["class"])
+        return tuple(self.result.rivals)
 
     @property
     def account(self) -> str:
@@ -78,7 +82,7 @@ class Gap:
     @property
     def rig(self) -> Rig | None:
         """The corrected rig; None where nothing was added."""
-        return read_rig(self.folder / "rig.toml") if self.steps.add else None
+        return None if self.steps.add is None else read_rig(self.folder / "rig.toml")
 
     @property
     def report(self) -> Path:
@@ -93,16 +97,18 @@ class Gap:
         from wakedeploy.api.display import data_frame
 
         rows = [
-            (effect["name"], name, entry)
-            for effect in self.result["effects"]
-            for name, entry in effect["parameters"].items()
+            (effect.name, name, size)
+            for effect in self.result.effects
+            for name, size in effect.parameters.items()
         ]
         columns = {
             "effect": [effect for effect, _, _ in rows],
             "parameter": [name for _, name, _ in rows],
         }
         keys = ("value", "low", "high", "unit")
-        return data_frame(columns | {key: [entry.get(key) for *_, entry in rows] for key in keys})
+        return data_frame(
+            columns | {key: [getattr(size, key) for *_, size in rows] for key in keys}
+        )
 
     def __repr__(self) -> str:
         names = ", ".join(self.effects or self.classes)
@@ -151,14 +157,16 @@ def close_gap(
     Raises:
         UnusableInput: A rig file or a log cannot be used, or `out` cannot be written to.
     """
-    from wakedeploy.gap.systems.gantry.steps import close
+    from wakedeploy.gap.systems.gantry.workflow import close
 
     folder, rig_path = Path(out), Path(rig)
+    logs = [_log_path(flight) for flight in measured]
+    require_logs(logs)
     prepare(folder, rig_path)
     with at_work(folder):
         close(
             rig_path,
-            [_log_path(flight) for flight in measured],
+            logs,
             folder,
             workers=workers,
             report=report,
@@ -185,7 +193,7 @@ def trainer(minutes: float | None, workers: int, progress: Progress) -> "Retrain
     import trainers.training.trainer  # noqa: F401  what is not installed is told before minutes of fits
     from wakedeploy.gap.systems.gantry.retraining import retrain
 
-    def train(old: Rig, corrected: Rig, logs: Sequence[Path], out: Path) -> Any:
+    def train(old: Rig, corrected: Rig, logs: Sequence[Path], out: Path) -> Retraining:
         into = out / "retrain"
         return retrain(
             old, corrected, logs, into, minutes=minutes, workers=workers, progress=progress

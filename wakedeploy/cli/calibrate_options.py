@@ -165,10 +165,13 @@ class Request:
             return self.read_logs(len(runs))
         logs = []
         with self.site(rig) as site:
-            for question, *values in runs:
+            for number, (question, *values) in enumerate(runs, 1):
                 if question:
                     self.ask(question)
+                which = f", {number} of {len(runs)}" if len(runs) > 1 else ""
+                click.echo(f"… measuring{which}", err=True)
                 logs.append(record(site, rig, *values))
+        click.echo("… working out the constants", err=True)
         return logs
 
     def read_logs(self, count: int) -> "list[RunLog]":

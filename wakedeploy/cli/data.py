@@ -54,7 +54,11 @@ def _describe(described: "EpisodeSet", folder: Path, json_path: Path | None) -> 
     print_table(
         "channels",
         ["channel", "kind", "unit", *numbers],
-        [[c["name"], c["kind"], c["unit"], *(f"{c[n]:.4g}" for n in numbers)] for c in channels],
+        # 0.0 more: a minus zero is 0.
+        [
+            [c["name"], c["kind"], c["unit"], *(f"{c[n] + 0.0:.4g}" for n in numbers)]
+            for c in channels
+        ],
     )
     unlearned = _unlearned(described)
     if unlearned:

@@ -9,7 +9,7 @@ from click.core import ParameterSource
 
 from wakedeploy.cli.export_c import CWish, c_of_package, c_of_run, c_options, write_json_of
 from wakedeploy.cli.names import ARCHITECTURE
-from wakedeploy.cli.output import print_table, stage_bars
+from wakedeploy.cli.output import print_table, progress, stage_bars
 from wakedeploy.core.errors import UnusableInput
 
 if TYPE_CHECKING:
@@ -73,8 +73,9 @@ def command(
                 )
         write_json_of(json_path, c_of_package(wanted, data))
         return
-    from trainers.training.runs import load_run
-    from wakedeploy.api.predictors import export
+    with progress("Loading PyTorch", 1):
+        from trainers.training.runs import load_run
+        from wakedeploy.api.predictors import export
     from wakedeploy.core.package import Package
 
     is_bare = run is None and arch is None and not _is_given("runs")

@@ -5,19 +5,23 @@ In: a rig file and run logs. Out: a folder with one artefact per step, figures a
 
 import functools
 import importlib
+import math
+import shlex
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from wakedeploy.cli.groups import Group
+from wakedeploy.cli.groups import Group, same_command
 from wakedeploy.cli.log_lines import stages
 from wakedeploy.cli.many_files import Many
 from wakedeploy.cli.names import EFFECT
 from wakedeploy.cli.workers import workers_option
 
 if TYPE_CHECKING:
+    from wakedeploy.gap.systems.gantry.artefacts import Name
+    from wakedeploy.gap.systems.gantry.findings import Round
     from wakedeploy.gap.systems.gantry.steps import Case
 
 _OTHERS = {
@@ -89,6 +93,15 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
     return _of_rig_or_system(function)
 
 
+def _step_of_rig(of_rig: Callable[..., Any], rig_path: Path, given: dict[str, Any]) -> None:
+    try:
+        of_rig(rig_path=rig_path, **given)
+    except KeyboardInterrupt:
+        step = str(click.get_current_context().info_name)
+        _say_what_is_left(step, rig_path, given["measured"], given["out"])
+        raise
+
+
 def _retraining(function: Callable[..., Any]) -> Callable[..., Any]:
     """The options of a step that may train predictors."""
     for option in (
@@ -113,17 +126,26 @@ def _of_rig_or_system(of_rig: Callable[..., Any]) -> Callable[..., Any]:
         if system_path is None:
             if columns is not None:
                 raise click.UsageError("'--columns' goes with '--system'.")
-            of_rig(rig_path=rig_path, **given)
+            assert rig_path is not None
+            _step_of_rig(of_rig, rig_path, given)
             return
         from wakedeploy.cli.gap_system import run_steps
+        from wakedeploy.gap.folder import require_logs
 
         common = {"rig_path", "measured", "out", "workers", "json_path"}
         for name in given.keys() - common:
             source = click.get_current_context().get_parameter_source(name)
             if source is not click.core.ParameterSource.DEFAULT:
                 raise click.UsageError(f"'--{name.replace('_', '-')}' goes with '--rig'.")
+        require_logs(given["measured"])
         name = str(click.get_current_context().info_name)
-        run_steps(name, system_path, given["measured"], columns, given["out"], given["json_path"])
+        try:
+            run_steps(
+                name, system_path, given["measured"], columns, given["out"], given["json_path"]
+            )
+        except KeyboardInterrupt:
+            click.echo(f"The same command: {same_command()}", err=True)
+            raise
 
     return step
 
@@ -146,24 +168,21 @@ def close_gap(
     Example:
         wakedeploy gap close --rig rig.toml --measured flights/*.mcap --out gap
     """
+    _progress("loading")
     from wakedeploy.api.gaps import close_gap as close
     from wakedeploy.cli.output import write_json
     from wakedeploy.gap.report.advice import advice
 
     asked = minutes if retrain else None
-    try:
-        closed = close(
-            rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
-        )
-    except KeyboardInterrupt:
-        _say_what_is_left(out)
-        raise
+    closed = close(
+        rig_path, measured, out, workers=workers, retrain_minutes=asked, progress=_progress
+    )
     click.echo(closed.account)
     if after := advice(closed.steps, out):
         click.echo(f"\n{after.text}")
     click.echo(f"\nReport: {closed.report}")
     if json_path is not None:
-        write_json(json_path, closed.result)
+        write_json(json_path, closed.result.as_json())
 
 
 @command.command("find", cls=Many)
@@ -182,9 +201,9 @@ def find_gap(
     case = _case(rig_path, measured, out, workers)
     found = find(case, out, _progress)
     _say_if_few(out)
-    click.echo(found["sentence"])
-    for place in found["places"]:
-        click.echo(f"  {place['words']}")
+    click.echo(found.sentence)
+    for place in found.places:
+        click.echo(f"  {place.words}")
     _finish(case, out, json_path)
 
 
@@ -199,8 +218,9 @@ def name_gap(
     Example:
         wakedeploy gap name --rig rig.toml --measured flights/*.mcap --out gap
     """
-    from wakedeploy.gap.folder import read_steps
-    from wakedeploy.gap.report.summary import leading_sentences, verdict_sentence
+    from wakedeploy.gap.report.evidence import leading_sentences
+    from wakedeploy.gap.report.summary import verdict_sentence
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import name
 
     case = _case(rig_path, measured, out, workers)
@@ -208,19 +228,19 @@ def name_gap(
     summary = read_steps(out).summary
     for sentence in (verdict_sentence(summary), *leading_sentences(summary)):
         click.echo(sentence)
-    for searched in named["rounds"]:
+    for searched in named.rounds:
         click.echo(f"{_gain_of(named, searched)}:")
-        for entry in searched["ranking"][:5]:
-            click.echo(f"  {entry['name']:<26} {entry['gain_nats']:8.1f} nats")
+        for entry in searched.ranking[:5]:
+            click.echo(f"  {entry.name:<26} {entry.gain_nats:8.1f} nats")
     _finish(case, out, json_path)
 
 
-def _gain_of(named: dict[str, Any], searched: dict[str, Any]) -> str:
+def _gain_of(named: "Name", searched: "Round") -> str:
     """What the gains of a round are, on top of what, and what they have to pass where known."""
-    given = f" on top of {', '.join(searched['given'])}" if searched["given"] else ""
-    least = searched["threshold_nats"]
-    passing = "" if least is None else f" (threshold {least:.1f})"
-    if named["fitted_flights"] == 1:
+    given = f" on top of {', '.join(searched.given)}" if searched.given else ""
+    least = searched.threshold_nats
+    passing = "" if math.isnan(least) else f" (threshold {least:.1f})"
+    if named.fitted_flights == 1:
         return f"Gain in this one flight, a nat per parameter taken off{passing}"
     return f"Gain on held-out flights{given}{passing}"
 
@@ -252,14 +272,14 @@ def add_effect(
         wakedeploy gap add --rig rig.toml --measured flights/*.mcap --out gap --from-symbolic
     """
     from wakedeploy.gap.few_flights import caution
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import add
 
     if from_symbolic and only is not None:
         raise click.UsageError("--effect and --from-symbolic exclude each other; give one.")
     case = _case(rig_path, measured, out, workers)
     added = add(case, out, from_symbolic=from_symbolic, only=only)
-    names = ", ".join(e["name"] for e in added["effects"])
+    names = ", ".join(effect.name for effect in added.effects)
     click.echo(f"Wrote {out / 'rig.toml'} with {names}.")
     if doubt := caution(read_steps(out).flights):
         click.echo(doubt)
@@ -285,8 +305,8 @@ def show_gap(
         wakedeploy gap show --rig rig.toml --measured flights/*.mcap --out gap
     """
     from wakedeploy.api.gaps import trainer
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.shrinkage import channel_lines
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.steps import show_gap as show
 
     case = _case(rig_path, measured, out, workers)
@@ -298,10 +318,12 @@ def show_gap(
     _finish(case, out, json_path)
 
 
-def _enter(out: Path, rig_path: Path) -> None:
+def _enter(out: Path, rig_path: Path, measured: tuple[Path, ...]) -> None:
     """Make the folder, and keep others out of it until the command ends."""
-    from wakedeploy.gap.folder import at_work, prepare
+    from wakedeploy.gap.folder import at_work, require_logs
+    from wakedeploy.gap.systems.gantry.folder import prepare
 
+    require_logs(measured)
     prepare(out, rig_path)
     click.get_current_context().with_resource(at_work(out))
 
@@ -309,7 +331,7 @@ def _enter(out: Path, rig_path: Path) -> None:
 def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -> "Case":
     from wakedeploy.gap.systems.gantry.steps import open_case
 
-    _enter(out, rig_path)
+    _enter(out, rig_path, measured)
     _progress("reading the flights")
     return open_case(rig_path, measured, workers=workers, progress=_progress)
 
@@ -317,10 +339,10 @@ def _case(rig_path: Path, measured: tuple[Path, ...], out: Path, workers: int) -
 def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
     """Bring result and report up to date with the step."""
     from wakedeploy.cli.output import write_json
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.advice import advice
     from wakedeploy.gap.report.page import write_report
-    from wakedeploy.gap.systems.gantry.steps import result
+    from wakedeploy.gap.systems.gantry.folder import read_steps
+    from wakedeploy.gap.systems.gantry.workflow import result
 
     _progress("drawing the report")
     outcome = result(case, out)
@@ -329,33 +351,39 @@ def _finish(case: "Case", out: Path, json_path: Path | None) -> None:
         click.echo(after.text)
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
-        write_json(json_path, outcome)
+        write_json(json_path, outcome.as_json())
 
 
 def _say_if_few(out: Path) -> None:
     """The sentence that stands above whatever so few flights show."""
     from wakedeploy.gap.few_flights import cannot_tell, headline
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
 
     flights = read_steps(out).flights
     if cannot_tell(flights):
         click.echo(headline(flights))
 
 
-def _say_what_is_left(out: Path) -> None:
-    """After Ctrl-C: which step to go on with."""
-    from wakedeploy.gap.folder import read_steps
+def _say_what_is_left(step: str, rig_path: Path, measured: tuple[Path, ...], out: Path) -> None:
+    """After Ctrl-C: the whole command to go on with, or to begin the step anew with."""
+    from wakedeploy.gap.systems.gantry.folder import read_steps
+
+    def command(next_step: str, option: str = "") -> str:
+        logs = [] if next_step == "plan" else ["--measured", *map(str, measured)]
+        words = ["--rig", str(rig_path), *logs, "--out", str(out)]
+        return f"wakedeploy gap {next_step} {shlex.join(words)}{option}"
 
     steps = read_steps(out)
-    if steps.result and steps.missing is None:
-        trains = "; `wakedeploy gap show --retrain` trains" if steps.add else ""
-        click.echo(f"{out}: the result stands{trains}.", err=True)
-    elif steps.find and steps.missing is not None:
-        click.echo(
-            f"{out}: finished steps are kept; go on with `wakedeploy gap {steps.missing}"
-            f"{steps.option}`.",
-            err=True,
-        )
+    if step != "close":
+        said = f"finished steps are kept; this one begins anew with:\n{same_command()}"
+    elif steps.result is not None and steps.missing is None:
+        trains = f"; to train:\n{command('show', ' --retrain')}" if steps.add is not None else "."
+        said = f"the result stands{trains}"
+    elif steps.find is not None and steps.missing is not None:
+        said = f"finished steps are kept; go on with:\n{command(steps.missing, steps.option)}"
+    else:
+        said = f"no step is finished; the same command begins anew:\n{same_command()}"
+    click.echo(f"{out}: {said}", err=True)
 
 
 def _progress(stage: str, done: int = 0, total: int = 0, /) -> None:

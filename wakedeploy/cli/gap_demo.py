@@ -56,16 +56,17 @@ def demo(out: Path, quick: bool, figures: Path | None, workers: int) -> None:
 def _tell(out: Path, shown: dict[str, Any]) -> None:
     """The account, the rig file's new lines, the tracking, and where to look."""
     from wakedeploy.gap.demo import effect_lines
-    from wakedeploy.gap.folder import read_steps
-    from wakedeploy.gap.report.summary import account, place_words
+    from wakedeploy.gap.report.phrases import place_words
+    from wakedeploy.gap.report.summary import account
+    from wakedeploy.gap.systems.gantry.folder import read_steps
 
     steps = read_steps(out / "gap")
     click.secho("\nWhere they disagree", bold=True)
-    for place in steps.find["places"][:4]:
+    for place in steps.find.places[:4] if steps.find else ():
         click.echo(f"  {place_words(place)}")
     click.secho("\nWhat is missing", bold=True)
     click.echo(account(steps.summary))
-    if steps.add:
+    if steps.add is not None:
         click.secho(f"\nNew in {out / 'gap' / 'rig.toml'}", bold=True)
         click.echo(effect_lines(out / "gap" / "rig.toml"))
     click.echo()

@@ -79,7 +79,7 @@ def _print(title: str, result: "Result") -> None:
     print_table(
         f"each alone, threshold {result.threshold_nats:.1f} nats",
         ["effect", "held-out nats"],
-        [[one.name, f"{one.gain_nats:.1f}"] for one in result.rounds[0].ranking],
+        [[candidate.name, f"{candidate.gain_nats:.1f}"] for candidate in result.rounds[0].ranking],
     )
     print_table(
         "residual on sealed episodes",

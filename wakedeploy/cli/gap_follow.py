@@ -57,33 +57,33 @@ def follow(
     from wakedeploy.gap.systems.gantry import follow_up as after
 
     with at_work(out), stages() as progress:
-        left = after.what_is_open(out)
-        rig, logs = after.rig_of(left), list(measured)
+        question = after.what_is_open(out)
+        rig, logs = after.rig_of(question), list(measured)
         if not logs:
-            planned = after.planned_manoeuvre(out, left, rig, progress)
+            planned = after.planned_manoeuvre(out, question, rig, progress)
             click.echo(planned.sentence)
-            if not left.is_virtual:
-                click.echo(_to_fly(out, left, planned))
+            if not question.is_virtual:
+                click.echo(_to_fly(out, question, planned))
                 return
             progress(f"flying {planned.name}, {planned.flights} times")
-            logs = after.flown(out, left, planned, _virtual(left, plant_rig, hooks))
-        told = after.answered_again(out, left, logs, workers=workers, progress=progress)
-    click.echo(f"Before: {told['before']['headline']}")
-    click.echo(f"Now: {told['after']['headline']}")
-    if not after.is_settled(told):
+            logs = after.flown(out, question, planned, _virtual(question, plant_rig, hooks))
+        followed = after.answered_again(out, question, logs, workers=workers, progress=progress)
+    click.echo(f"Before: {followed.before.headline}")
+    click.echo(f"Now: {followed.after.headline}")
+    if not followed.is_settled:
         click.echo("It is still open; run this again to fly on, or see the report's next step.")
     click.echo(f"Report: {out / 'report.html'}")
     if json_path is not None:
-        write_json(json_path, {key: told[key] for key in ("split", "new_logs", "before", "after")})
+        write_json(json_path, followed.model_dump(mode="json", by_alias=True))
 
 
-def _virtual(left: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":
+def _virtual(question: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":
     """Who flies the virtual gantry, in lockstep, with PID alone."""
     from wakedeploy.api.flights import fly
 
     def flying(reference: Path, seed: int, log: Path) -> None:
         fly(
-            rig=left.rig_path,
+            rig=question.rig_path,
             seed=seed,
             log=log,
             reference=reference,
@@ -94,7 +94,7 @@ def _virtual(left: "Open", plant_rig: Path | None, hooks: str | None) -> "Fly":
     return flying
 
 
-def _to_fly(out: Path, left: "Open", planned: "Manoeuvre") -> str:
+def _to_fly(out: Path, question: "Open", planned: "Manoeuvre") -> str:
     """The commands for a real rig, to copy: each flight, then this command with its logs."""
     from wakedeploy.gap.systems.gantry.follow_up import FLOWN
 
@@ -103,7 +103,7 @@ def _to_fly(out: Path, left: "Open", planned: "Manoeuvre") -> str:
     for i in range(planned.flights):
         log = shlex.quote(str(folder / f"{planned.name}-{i + 1}.mcap"))
         lines.append(
-            f"  wakedeploy run-gantry --baseline --rig {shlex.quote(str(left.rig_path))}"
+            f"  wakedeploy run-gantry --baseline --rig {shlex.quote(str(question.rig_path))}"
             f" --port /dev/ttyACM0 --reference {shlex.quote(str(planned.path))} --log {log}"
         )
     lines += ["Then:", f"  wakedeploy gap follow --out {shlex.quote(str(out))} --measured"

@@ -87,7 +87,7 @@ def plan(
         made = make_plan(rig, members, sizes=sizes, progress=bar.update)
     _tell_plan(made)
     if json_path is not None:
-        write_json(json_path, made.as_json())
+        write_json(json_path, made.told.as_json())
     if out is not None:
         _keep(made, out)
     if reference is not None and made.best is None:
@@ -195,25 +195,22 @@ def _option_row(option: "Option", pairs: list[tuple[int, int]]) -> list[str]:
 
 def _keep(made: "Plan", out: Path) -> None:
     """plan.json, and where they are of this class, a result and a report that tell of it."""
-    from wakedeploy.gap.folder import read_steps
     from wakedeploy.gap.report.page import write_report
-    from wakedeploy.gap.systems.gantry.steps import planned, write_result
+    from wakedeploy.gap.systems.gantry.workflow import plan_kept
 
-    write_json(out / "plan.json", made.as_json())
-    result = read_steps(out).result
-    if result.get("class") == list(made.names):
-        write_result(out, {**result, "plan": planned(result, out)})
+    if plan_kept(out, made.told):
         write_report(out)
 
 
 def _class_in(out: Path | None) -> tuple[str, ...]:
     """The class that `gap close` or `gap name` left."""
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.physics.effects import LIBRARY
 
     if out is None:
         raise UnusableInput("Say what to split: --class NAME twice, or --out with a result.json.")
-    members = read_steps(out).result.get("class", [])
+    result = read_steps(out).result
+    members = [] if result is None else result.rivals
     if len(members) < 2:
         raise UnusableInput(f"{out / 'result.json'}: holds no class; give --class NAME twice.")
     unknown = [name for name in members if name not in LIBRARY]
@@ -226,10 +223,10 @@ def _class_in(out: Path | None) -> tuple[str, ...]:
 
 def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
     """UnusableInput where the class in the folder was found with another rig file."""
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
 
-    found_with = read_steps(out).find.get("rig_sha256")
-    if found_with in (None, rig.sha256):
+    find = read_steps(out).find
+    if find is None or find.rig_sha256 == rig.sha256:
         return
     raise UnusableInput(
         f"{rig_path or 'The default rig'}: the flights in {out} were compared with another rig "
@@ -239,7 +236,7 @@ def _same_rig(out: Path, rig: "Rig", rig_path: Path | None) -> None:
 
 def _known_sizes(out: Path | None, names: tuple[str, ...]) -> dict[str, tuple[float, ...]]:
     """Each member's parameters as `name` fitted them, where it did."""
-    from wakedeploy.gap.folder import read_steps
+    from wakedeploy.gap.systems.gantry.folder import read_steps
     from wakedeploy.gap.systems.gantry.planning.plan import stated_sizes
 
     return {} if out is None else stated_sizes(read_steps(out).name, names)

@@ -56,13 +56,13 @@ def reference(
     flights = read_flights(measured, rig)
     with stages() as progress:
         learned = learn(rig, flights, progress)
-    told = as_json(learned)
+    content = as_json(learned)
     new = corrected(learned)
     out.mkdir(parents=True, exist_ok=True)
-    write_json(out / "reference.json", told)
+    write_json(out / "reference.json", content)
     new.write(out / "rig.toml")
-    for sentence in told["sentences"]:
+    for sentence in content["sentences"]:
         click.echo(sentence)
     click.echo(f"Wrote {out / 'rig.toml'}: give it as --rig from now on.")
     if json_path is not None:
-        write_json(json_path, told)
+        write_json(json_path, content)

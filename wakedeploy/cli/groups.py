@@ -1,5 +1,7 @@
 """Groups of commands: help that is never cut, and what exists in answer to what is mistyped."""
 
+import shlex
+import sys
 from collections.abc import Iterator, Mapping
 
 import click
@@ -175,3 +177,8 @@ def _paths(ctx: click.Context) -> Iterator[str]:
         yield name
         if isinstance(command, click.Group):
             yield from (f"{name} {path}" for path in _paths(click.Context(command)))
+
+
+def same_command() -> str:
+    """The command that runs, as a person would type it again."""
+    return shlex.join(["wakedeploy", *sys.argv[1:]])

@@ -17,13 +17,14 @@ class LogLines:
     """How far something is: a line each tenth, and one a minute where a tenth takes longer.
 
     Nothing is said of what takes less than two seconds. Of `done` steps, done before, nothing is
-    learned about the time that the others take. `counted` tells steps instead of per cent.
+    learned about the time that the others take, and a step that takes longer than those before it
+    leaves the estimate out. `counted` tells steps instead of per cent.
     """
 
     def __init__(self, what: str, total: int = 0, done: int = 0, *, counted: bool = False) -> None:
         self._what, self._counted = what, counted
         self._total, self._done, self._before = total, done, done
-        self._began_s = self._said_s = time.monotonic()
+        self._began_s = self._said_s = self._stepped_s = time.monotonic()
         self._tenth, self._spoke = self._tenths, False
         self._lock = threading.Lock()
 
@@ -40,6 +41,8 @@ class LogLines:
         """Note that `done` of `total` steps are done, and say so where a line is due."""
         with self._lock:
             now_s = time.monotonic()
+            if done != self._done:
+                self._stepped_s = now_s
             self._done, self._total = done, total
             if now_s < self._began_s + _AT_ONCE_S:
                 self._before, self._tenth = done, self._tenths
@@ -72,9 +75,12 @@ class LogLines:
             return f"{duration(took_s)} so far"
         far = f"{100 * self._done / self._total:.0f} %"
         far = f"{self._done} of {self._total}" if self._counted else far
-        if steps <= 0 or self._done >= self._total:
+        each_s = (self._stepped_s - self._began_s) / steps if steps > 0 else 0.0
+        since_s = now_s - self._stepped_s
+        if since_s > each_s or self._done >= self._total:
             return f"{far}, {duration(took_s)} so far"
-        return f"{far}, about {duration(took_s / steps * (self._total - self._done))} left"
+        left_s = each_s * (self._total - self._done) - since_s
+        return f"{far}, about {duration(left_s)} left"
 
     def _say(self, how_far: str) -> None:
         click.echo(f"{self._what}{how_far}", err=True)

@@ -1,5 +1,6 @@
 """`wakedeploy rig`: start a rig file, and check one."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -57,9 +58,11 @@ def show(path: Path | None, json_path: Path | None) -> None:
 
     rig = read_rig(path) if path else default_rig()
     constants = _flat(rig.model_dump(mode="json", by_alias=True))
-    constants |= {name: f"{value:g}" for name, value in Chain.of(rig).values.items()}
-    rows = [[name, value, _spread(rig, name)] for name, value in constants.items()]
-    print_table(f"{path or 'default rig'}", ["constant", "value", "spread"], rows)
+    chain = Chain.of(rig)
+    constants |= {name: f"{value:g}" for name, value in chain.values.items()}
+    units = {f"{e.name}.{p.name}": p.unit for e, _ in chain.parts for p in e.parameters}
+    rows = [[n, v, _unit(n, units), _spread(rig, n)] for n, v in constants.items()]
+    print_table(f"{path or 'default rig'}", ["constant", "value", "unit", "spread"], rows)
     click.echo(f"Lead that fits this rig: {default_lead_s(rig):g} s.")
     if json_path:
         write_json(json_path, {"rig": rig.model_dump(mode="json", by_alias=True)})
@@ -78,10 +81,17 @@ def _flat(table: dict[str, Any], above: str = "") -> dict[str, str]:
 
 def _text(value: Any) -> str:
     if isinstance(value, list):
-        return ", ".join(
-            entry["name"] if isinstance(entry, dict) else f"{entry:g}" for entry in value
-        )
+        told = (entry["name"] if isinstance(entry, dict) else f"{entry:g}" for entry in value)
+        return ", ".join(told) or "none"
     return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def _unit(name: str, of_effects: Mapping[str, str]) -> str:
+    """The unit of an effect's parameter, or that in a constant's name; "" for pure numbers."""
+    from wakedeploy.core.units import unit_of
+
+    unit = of_effects.get(name) or unit_of(name.rpartition(".")[2]) or ""
+    return "" if unit == "1" else unit
 
 
 def _spread(rig: Any, name: str) -> str:

@@ -1,7 +1,8 @@
 """`wakedeploy train`: fit one, several or all architectures on an episode set."""
 
+import contextlib
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
     from trainers.training.score import Score
     from wakedeploy.api.scores import ScoreRow
     from wakedeploy.core.manifest import Quantity
+
+# Of a run's folder, as trainers.training.runs has them, whose import takes seconds after Ctrl-C.
+_KEPT = ("last.safetensors", "metrics.json")
 
 
 @click.command()
@@ -106,7 +110,7 @@ def command(
     from wakedeploy.api.training import train
 
     names = arch or _archs_of(preset)
-    with stage_bars() as bars:
+    with stage_bars() as bars, _saying_what_is_kept(out, names, fresh=fresh):
         runs = train(
             data,
             names,
@@ -136,6 +140,25 @@ def command(
         how = {"preset": preset, "lead_s": lead_s, "data_sha256": runs[0].config.data_sha256}
         lines = {"rows": [row.as_json() for row in rows]}
         write_json(json_path, how | lines | {"unlearned": unlearned_rows(nothing_learned, lead_s)})
+
+
+@contextlib.contextmanager
+def _saying_what_is_kept(out: Path, names: Sequence[str], *, fresh: bool) -> Iterator[None]:
+    """After Ctrl-C: whether the same command goes on or begins anew."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        click.echo(f"\n{_what_is_kept(out, names, fresh=fresh)}", err=True)
+        raise
+
+
+def _what_is_kept(out: Path, names: Sequence[str], *, fresh: bool) -> str:
+    kept = [path for name in _KEPT for path in out.rglob(name) if path.parent.parent.name in names]
+    if not kept:
+        return "No epoch is finished: the same command begins anew."
+    if fresh:
+        return f"Finished epochs are kept in {out}: the same command goes on without --fresh."
+    return f"Finished epochs are kept in {out}: the same command goes on from there."
 
 
 def _archs_of(preset: str) -> tuple[str, ...]:

@@ -26,6 +26,12 @@ HINTS = {
     "x_limit": "the carriage left limits.x_m: check the belt and steps_per_m",
     "z_limit": "the sufferer left limits.z_m: check the range sensor and the control gains",
 }
+# Of the virtual gantry in real time, which has no cable: it answers late where it gets no time.
+LATE_GANTRY = (
+    "the virtual gantry answered too late, as this computer is too slow or too busy to fly it in "
+    "real time: fly in simulated time, without --wall-clock, --live and --foxglove, or end what "
+    "else runs on it"
+)
 
 
 def in_words(fault: str) -> str:

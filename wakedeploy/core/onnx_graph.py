@@ -2,10 +2,10 @@
 
 A package may come from anyone, and has to be judged on a machine without the onnx package. What the
 eight architectures are exported to is straight arithmetic of some thirty operators, all weights in
-the file; that is all there is to the tables below. Any other field of onnx.proto3, any other
-operator and any other attribute is refused, so that there is nothing left in a graph that this
-reader has not seen: no branch, loop or graph within a graph, no function, no domain of somebody's,
-no file beside it. The tables are not recursive, so neither is the reader.
+the file; that is all there is to the tables below. Any other field of onnx.proto3, operator or
+attribute is refused, so a graph holds nothing that this reader has not seen. There is no branch,
+loop or graph within a graph, no function, no domain of somebody's, no file beside it. The tables
+are not recursive, so neither is the reader.
 """
 
 import struct

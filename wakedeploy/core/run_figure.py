@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 # What a panel shows at least, so that noise at rest does not look like a flight.
 _LEAST_ERROR_MM, _LEAST_FORCE_N, _LEAST_PULSE_US, _LEAST_X_M = 20.0, 0.1, 100.0, 0.02
 _LEAST_TIMING_MS = 1.0
+_LEAST_NAMED, _LEAST_ACROSS = 0.012, 0.06  # shares of the flight's time that a name takes
 
 
 def draw_run(log: RunLog, summary: RunSummary, title: str) -> "Figure":
@@ -96,8 +97,8 @@ def _force(axes: "Axes", log: RunLog) -> None:
         axes.plot(
             log["t_s"] + lead_s,
             -log["feedforward_n"],
-            color=figures.LIMIT,
-            linewidth=0.8,
+            color=figures.REFERENCE,  # often on the predicted line, and still to be seen
+            linewidth=1.2,
             linestyle=":",
             label="compensated",
         )
@@ -124,8 +125,12 @@ def _commands(axes: "Axes", log: RunLog) -> None:
 
 
 def _timing(axes: "Axes", log: RunLog, summary: RunSummary) -> None:
-    axes.set_title("Round trip, and computing per tick")
     computing_s = np.sum([log[stage] for stage in STAGES], axis=0)
+    is_simulated = log.metadata.get("simulated") == "true"
+    missing = "not measured in simulated time" if is_simulated else "not recorded"
+    is_timed = bool(np.isfinite(computing_s).any())
+    untimed = f"Round trip (computing: {missing})"
+    axes.set_title("Round trip, and computing per tick" if is_timed else untimed)
     for values, colour, label, spread in (
         (log["round_trip_s"], figures.MEASURED, "round trip", summary.round_trip_s),
         (computing_s, figures.PREDICTED, "computing", summary.computing_s),
@@ -192,7 +197,7 @@ def _mark_failsafe(panels: "Sequence[Axes]", log: RunLog, summary: RunSummary) -
 
 
 def _shade_modes(axes: "Axes", log: RunLog) -> None:
-    """Shade every stretch of one mode, and name it where there is room."""
+    """Shade every stretch of one mode, and name it where there is room, upright if it is narrow."""
     if not len(log):
         return
     changes = np.flatnonzero(log["mode"][1:] != log["mode"][:-1]) + 1
@@ -201,8 +206,9 @@ def _shade_modes(axes: "Axes", log: RunLog) -> None:
     for start, end, at in zip(starts, ends, [0, *changes], strict=True):
         mode = log["mode"][at]
         axes.axvspan(start, end, color=figures.MODE_SHADES[mode], zorder=0, linewidth=0)
-        wide = end - start > 0.06 * (log["t_s"][-1] - log["t_s"][0])
-        if wide and axes.get_subplotspec().is_first_row():  # type: ignore[union-attr]
+        share = (end - start) / (log["t_s"][-1] - log["t_s"][0]) if end > start else 0.0
+        named = share > _LEAST_NAMED
+        if named and axes.get_subplotspec().is_first_row():  # type: ignore[union-attr]
             axes.text(
                 0.5 * (start + end),
                 0.985,
@@ -210,6 +216,7 @@ def _shade_modes(axes: "Axes", log: RunLog) -> None:
                 transform=axes.get_xaxis_transform(),
                 ha="center",
                 va="top",
+                rotation=0 if share > _LEAST_ACROSS else 90,
                 fontsize=7,
                 color="#777777",
             )

@@ -18,6 +18,7 @@ from typing import IO, Any
 import lz4.frame
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import InvalidMagic
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
@@ -175,6 +176,11 @@ def read_mcap(path: Path) -> Table:
     found = _Found()
     problem = _read_into(found, path)
     if found.metadata is None:
+        if isinstance(problem, InvalidMagic):  # another kind of file, whose first bytes tell nobody
+            raise UnusableInput(
+                f"{path}: is not an MCAP run log of wakedeploy; name what --log has recorded "
+                "(.mcap), or what `wakedeploy log export` made of it (.csv)."
+            )
         reason = f" ({one_line(problem)})" if problem else ""
         raise UnusableInput(f"{path}: is not an MCAP run log of wakedeploy{reason}.")
     _refuse_newer(found.metadata, path)

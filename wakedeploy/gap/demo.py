@@ -16,11 +16,12 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.parallel import parallel_map
 from wakedeploy.core.rig import Rig
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
 from wakedeploy.gap.report.demo_figure import Flown, draw_story
+from wakedeploy.gap.systems.gantry.findings import Retraining
+from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.retraining import Pilot, fly_both, retrain
-from wakedeploy.gap.systems.gantry.steps import close
+from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.rig.file import default_rig, read_rig
 
 HIDDEN = ("spool-lag-source", "spool-lag-sufferer")
@@ -84,18 +85,17 @@ def run(
     fly_measured(logs, size, workers, functools.partial(progress, stage))
     folder = out / "gap"
 
-    def retrained(old: Rig, new: Rig, scored: Sequence[Path], into: Path) -> dict[str, Any]:
+    def retrained(old: Rig, new: Rig, scored: Sequence[Path], into: Path) -> Retraining:
         return retrain(
             old, new, scored, into / "retrain", minutes=size.minutes, epochs=size.epochs,
             workers=workers, progress=progress,
         )  # fmt: skip
 
-    close(rig_path, logs, folder, workers=workers, progress=progress, retrain=retrained)
-    steps = read_steps(folder)
-    told: dict[str, Any] = {"verdict": steps.name["verdict"], "tracking": None, "picture": None}
-    if steps.show.get("retrain"):
+    result = close(rig_path, logs, folder, workers=workers, progress=progress, retrain=retrained)
+    told: dict[str, Any] = {"verdict": result.verdict, "tracking": None, "picture": None}
+    if read_steps(folder).add is not None:
         told |= _flown_again(out, read_rig(folder / "rig.toml"), size, workers, progress)
-    told["effects"] = steps.name["effects"]
+    told["effects"] = result.as_json()["effects"]
     told["ok"] = as_hidden(told)
     return told | {"seconds": round(time.monotonic() - began, 1)}
 

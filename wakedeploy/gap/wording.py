@@ -1,11 +1,12 @@
-"""Numbers from artefacts as words: what is not a finite number becomes a dash, never an error.
+"""Numbers as words: what is not a finite number becomes a dash, never an error.
 
-In: values as JSON gives them. Out: plain floats and arrays, and text with units.
+In: numbers, None or NaN where nobody measured one. Out: plain floats and arrays, and text with
+units.
 """
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,27 +37,6 @@ def numbers(values: Any) -> FloatArray:
     return np.array([number(value) for value in values], dtype=np.float64)
 
 
-def mapping(value: Any) -> Mapping[str, Any]:
-    """The value if it is a mapping, else an empty one."""
-    return value if isinstance(value, Mapping) else {}
-
-
-def entries(value: Any) -> list[Mapping[str, Any]]:
-    """The mappings in a list, or nothing."""
-    return [entry for entry in _listed(value) if isinstance(entry, Mapping)]
-
-
-def texts(value: Any) -> list[str]:
-    """A list of names, or nothing."""
-    return [str(entry) for entry in _listed(value)]
-
-
-def interval(value: Any) -> tuple[float, float]:
-    """Low and high of an interval; NaN where there is none."""
-    ends = numbers(value)
-    return (float(ends[0]), float(ends[1])) if len(ends) == 2 else (math.nan, math.nan)
-
-
 def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, str]:
     """Factor and unit in which values read best: small seconds and metres in thousandths."""
     finite = np.abs(np.asarray(values, dtype=np.float64))
@@ -64,11 +44,6 @@ def scale_of(values: Sequence[float] | FloatArray, unit: str) -> tuple[float, st
     if unit in _THOUSANDTHS and finite.size and finite.max() < _SMALL:
         return 1e3, _THOUSANDTHS[unit]
     return 1.0, "" if unit in _DIMENSIONLESS else signs(unit)
-
-
-def unit_of(channel: Mapping[str, Any]) -> str:
-    """The unit stated, or none."""
-    return str(channel.get("unit") or "")
 
 
 def signs(unit: str) -> str:
@@ -149,15 +124,6 @@ def spoken(parameter: str) -> str:
     return _UNIT_SUFFIX.sub("", parameter).replace("_", " ")
 
 
-def parameters_of(effect: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Name and measured value of every parameter of an effect."""
-    return [
-        (str(name), measured(p.get("value"), p.get("low"), p.get("high"), str(p.get("unit", ""))))
-        for name, p in mapping(effect.get("parameters")).items()
-        if isinstance(p, Mapping)
-    ]
-
-
 def _digits(value: float, spread: float, signed: bool = False) -> str:
     """A number to the digit in which its spread counts between 3 and 30."""
     if spread > 0.0 and math.isfinite(spread):
@@ -174,7 +140,3 @@ def _with_unit(text: str, unit: str) -> str:
 
 def _minus(text: str) -> str:
     return text.replace("-", "−")
-
-
-def _listed(value: Any) -> list[Any]:
-    return list(value) if isinstance(value, list | tuple) else []

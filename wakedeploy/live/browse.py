@@ -9,6 +9,7 @@ import hmac
 import json
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +39,8 @@ class Flights:
         self.index = Index(folder)
         self.reading = (0, 0)
         self.way = hmac.new(token.encode(), b"reports", hashlib.sha256).hexdigest()[:32]
-        self._data: dict[tuple[str, int], dict[str, Any]] = {}
+        self._data: dict[tuple[str, int], Future[dict[str, Any]]] = {}
+        self._lock = threading.Lock()
 
     def read_on(self) -> None:
         """Read what is new, in a thread of its own."""
@@ -65,16 +67,33 @@ class Flights:
         }
 
     def data(self, name: str) -> dict[str, Any]:
-        """One flight; the last few stay in memory. Raises UnusableInput for what is not listed."""
+        """One flight, read once however many ask at a time; the last few stay in memory.
+
+        Raises UnusableInput for what is not listed.
+        """
         if name not in self.index:
             raise UnusableInput(f"{name}: there is no such flight in this folder.")
         path = self.folder / name
         key = (name, path.stat().st_mtime_ns)
-        if key not in self._data:
-            while len(self._data) >= 2 * MOST_FLIGHTS:
-                del self._data[next(iter(self._data))]
-            self._data[key] = flight_data(path, name)
-        return self._data[key]
+        with self._lock:
+            known = self._data.get(key)
+            read = known or Future[dict[str, Any]]()
+            if known is None:
+                while len(self._data) >= 2 * MOST_FLIGHTS:
+                    del self._data[next(iter(self._data))]
+                self._data[key] = read
+        if known is None:
+            self._read(path, key, read)
+        return read.result()
+
+    def _read(self, path: Path, key: tuple[str, int], read: Future[dict[str, Any]]) -> None:
+        """Carry a reading out; one that failed is not kept."""
+        try:
+            read.set_result(flight_data(path, key[0]))
+        except Exception as error:
+            with self._lock:
+                self._data.pop(key, None)
+            read.set_exception(error)
 
     def report(self, name: str) -> Path | None:
         """A report's or picture's file, if it lies in the folder."""

@@ -61,8 +61,8 @@ def reports_in(folder: Path) -> list[str]:
     A training without a page is there by its pictures.
     """
     found = sorted(_files(folder, (*_REPORTS, *_PICTURES)))
-    told = {os.path.dirname(name) for name in found if name.endswith(_REPORTS)}
-    shown = [n for n in found if n.endswith(_REPORTS) or os.path.dirname(n) not in told]
+    reported = {os.path.dirname(name) for name in found if name.endswith(_REPORTS)}
+    shown = [n for n in found if n.endswith(_REPORTS) or os.path.dirname(n) not in reported]
     return shown[:_MOST_REPORTS]
 
 
@@ -87,7 +87,7 @@ def row_of(path: Path) -> Row:
 def _row(log: RunLog) -> Row:
     summary, known = summarise(log), log.metadata
     scores = log.columns.get("gap_score", np.empty(0))
-    told = scores[np.isfinite(scores)]
+    finite = scores[np.isfinite(scores)]
     return {
         "started": known.get("started_utc", ""),
         "rig": known.get("rig_sha256", "")[:8],
@@ -99,7 +99,7 @@ def _row(log: RunLog) -> Row:
         "faults": _onsets(log),
         "failsafe": summary.failsafe_cause,
         "overruns": summary.overruns,
-        "gap": _number(float(told.max()), 3) if len(told) else None,
+        "gap": _number(float(finite.max()), 3) if len(finite) else None,
         "unfinished": "unfinished" in known,
     }
 

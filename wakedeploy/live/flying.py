@@ -230,7 +230,9 @@ async def _served(end: socket.socket, page: _Page | None, foxglove: "FoxgloveVie
     await server.run(server.look, lambda: server.is_over)
     asyncio.get_running_loop().remove_reader(end)
     end_s = time.monotonic() + LAST_WORD_S
-    while time.monotonic() < end_s and not all(one.is_up_to_date for one in server.visitors):
+    while time.monotonic() < end_s and not all(
+        visitor.is_up_to_date for visitor in server.visitors
+    ):
         server.flush()
         await asyncio.sleep(FLUSH_S)
     for visitor in list(server.visitors):

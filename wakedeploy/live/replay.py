@@ -21,7 +21,7 @@ from wakedeploy.core.runlog import RunLog
 from wakedeploy.core.runlog_columns import Value
 from wakedeploy.live.address import address_of, token_for
 from wakedeploy.live.events import events_of
-from wakedeploy.live.rows import page_row
+from wakedeploy.live.rows import COLUMNS, page_row
 from wakedeploy.live.web import (
     PageServer,
     Refused,
@@ -63,8 +63,16 @@ def _smoothed_force(log: RunLog, rig: Rig) -> Any:
     return force_n
 
 
+def _untimed(log: RunLog, rows: list[list[Value]]) -> str:
+    """Why a log does not say what the computer took; "" where it does."""
+    if any(row[COLUMNS.index("compute_s")] is not None for row in rows):
+        return ""
+    simulated = log.metadata.get("simulated") == "true"
+    return "not measured in simulated time" if simulated else "not recorded"
+
+
 class Replay(PageServer):
-    """A log that is played; every page sees the same place of it."""
+    """A log that is played; every page sees the same place of it. It begins with the first page."""
 
     def __init__(self, log: RunLog, name: str) -> None:
         super().__init__()
@@ -75,10 +83,11 @@ class Replay(PageServer):
         self._times = [float(t) for t in log["t_s"]]
         self._next = 0
         self._at_s, self._speed, self._plays = self._times[0], 1.0, True
-        self._last_s = time.monotonic()
+        self._last_s, self._is_seen = time.monotonic(), False
         self.hub.news(
             kind="replay", phase="replay", title=name, rig=rig_view(rig), hints=HINTS, log=name,
             begin_s=self._times[0], end_s=self._times[-1], watches_gap="gap_score" in log,
+            untimed=_untimed(log, self._rows),
             events=events_of(log), speeds=SPEEDS,
         )  # fmt: skip
         self._tell()
@@ -89,6 +98,9 @@ class Replay(PageServer):
     def look(self) -> None:
         """Let time pass, and take what was flown meanwhile."""
         now_s = time.monotonic()
+        if not self._is_seen:  # a log of seconds would be over before anybody has opened the page
+            self._is_seen = any(one.is_let_in for one in self.visitors)
+            self._last_s = now_s
         if self._plays:
             self._at_s += self._speed * (now_s - self._last_s)
             until = bisect.bisect_right(self._times, self._at_s)

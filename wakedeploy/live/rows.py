@@ -46,5 +46,5 @@ def rounded(value: Value, digits: int) -> float | None:
 def _sum(row: Mapping[str, Value]) -> float | None:
     """What the computer took from the measurement to the command [s]; None where untimed."""
     stages = [row.get(stage) for stage in STAGES]
-    told = [float(value) for value in stages if isinstance(value, int | float)]
-    return sum(told) if len(told) == len(stages) else None
+    known = [float(value) for value in stages if isinstance(value, int | float)]
+    return sum(known) if len(known) == len(stages) else None

@@ -272,7 +272,7 @@ class PageServer:
 
     def changed(self) -> None:
         """Pages have come or gone."""
-        self.hub.news(pages=sum(one.is_let_in for one in self.visitors))
+        self.hub.news(pages=sum(visitor.is_let_in for visitor in self.visitors))
 
     def flush(self) -> None:
         """Offer every page what is new."""
@@ -303,9 +303,9 @@ def bound(address: Address) -> tuple[list[socket.socket], Address]:
         sockets = tornado.netutil.bind_sockets(address.port, address.host)
     except OSError as error:
         taken = error.errno == errno.EADDRINUSE
-        told = f"{address.path or f'{address.host}:{address.port}'}"
+        place = f"{address.path or f'{address.host}:{address.port}'}"
         raise UnusableInput(
-            f"{told}: no page can be served there ({why(error)}); "
+            f"{place}: no page can be served there ({why(error)}); "
             + ("end what serves there, or name another port." if taken else "name another address.")
         ) from error
     return sockets, Address(address.host, sockets[0].getsockname()[1])

@@ -1,13 +1,13 @@
 """Study: how far ahead a force should be predicted, and what that costs and gains.
 
 In: the gantry's and the 2D downwash simulator's sets. Out: for each lead and model the error of the
-force that far ahead on the test samples that have such a target, and how well the sufferer keeps to
-its reference on unseen flights when it compensates what is predicted.
+force that far ahead, on the test samples that have such a target. Also how well the sufferer keeps
+to its reference on unseen flights when it compensates what is predicted.
 
 The limits are no compensation and the true force at each lead. On the gantry the truth is the air
 that is already on its way (`record(lead_oracle_s=…)`). In the 2D simulator nobody can say what the
-force will be before the sufferer has flown there; but it flies there nearly the same way again: the
-oracle with a lead is given the forces that the same flight met when it was flown before. That is
+force will be before the sufferer has flown there. But it flies there nearly the same way again, so
+the oracle with a lead gets the forces that the same flight met when it was flown before. That is
 repeated three times, each time with the forces of the flight before. It knows nothing before
 recording begins, so that all flights there are scored from `SETTLED_S` on.
 """

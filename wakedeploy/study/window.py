@@ -1,8 +1,8 @@
 """Study: how much of the past a predictor has to see.
 
 In: episode sets. Out: for each domain the error of its main force channel against the past that is
-seen, from none (the memoryless model) to one and a half of the domain's usual window, all on the
-same test samples: those that have the longest window before them.
+seen, from none (the memoryless model) to one and a half of the domain's usual window. All are
+scored on the same test samples: those that have the longest window before them.
 
 A window model is trained anew for each length. It sees snapshots as everywhere, at most 45, so that
 long windows are coarser. It learns from every sample that has its own window before it, which gives

@@ -1,8 +1,8 @@
 """Where jobs are carried out: one small interface, and this machine's processes behind it.
 
-Unlike `core.parallel`, which takes all its jobs at once, jobs may be added while others finish
-(a set that was generated is trained on), one that fails or takes its process along does not end the
-others, and they can be stopped at once.
+`core.parallel` takes all its jobs at once. Here jobs may be added while others finish: a set that
+was generated is trained on. A job that fails or takes its process along does not end the others,
+and all can be stopped at once.
 """
 
 import collections

@@ -1,6 +1,7 @@
 """Effects compared on made-up linear data, where every gain and every loss has a closed form."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -180,6 +181,10 @@ class Ages:
     """
 
     episodes, hold_s, noise_m = 4, 0.0204, 0.006
+    relations = {  # noqa: RUF012
+        "sample-and-hold": SimpleNamespace(confused_with=("range-delay",), constants=()),
+        "range-delay": SimpleNamespace(confused_with=(), constants=("range.delay_s",)),
+    }
 
     def __init__(self) -> None:
         rng = np.random.default_rng(12)

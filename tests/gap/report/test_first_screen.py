@@ -3,6 +3,7 @@
 import re
 
 import pytest
+from fabricated_artefacts import summary
 
 from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.summary import account
@@ -28,7 +29,7 @@ GAP = {
 
 
 def asked(result) -> dict[str, str]:
-    return dict(first_screen(result))
+    return dict(first_screen(summary(result)))
 
 
 def test_what_matters_is_told_in_newtons_millimetres_and_per_cent() -> None:
@@ -61,8 +62,8 @@ def test_halves_that_disagree_ask_for_more_flights() -> None:
 
 
 def test_of_too_few_flights_nothing_is_asked() -> None:
-    assert first_screen(NAMED | {"flights": 2}) == []
-    assert first_screen({}) == []
+    assert first_screen(summary(NAMED | {"flights": 2})) == []
+    assert first_screen(summary({})) == []
 
 
 @pytest.mark.parametrize(
@@ -79,6 +80,6 @@ def test_of_too_few_flights_nothing_is_asked() -> None:
     ],
 )
 def test_no_verdict_needs_statistics_to_be_read(result) -> None:
-    screen = account(result).partition("\n\n")[0]
+    screen = account(summary(result)).partition("\n\n")[0]
     assert len(screen.splitlines()) >= 3
     assert not re.search(r"nats|likelihood|sd|posterior|q <|whit", screen)

@@ -9,16 +9,18 @@ import matplotlib.image
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from fabricated_artefacts import NAMES, fabricate, fabricated_map
+from fabricated_artefacts import NAMES, fabricate, fabricated_map, summary
 
 from wakedeploy.cli import main
 from wakedeploy.cli.gap_plan import plan
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.gap.folder import read_steps
 from wakedeploy.gap.report.maps import strongest_maps
 from wakedeploy.gap.report.page import PICTURES, write_report
-from wakedeploy.gap.report.shrinkage import closed_share
 from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.search.artefacts import Map
+from wakedeploy.gap.systems.gantry.artefacts import Plan
+from wakedeploy.gap.systems.gantry.folder import read_steps
+from wakedeploy.gap.systems.gantry.search.before_after import closed_share
 from wakedeploy.gap.wording import confidence, measured, percent, probability, quantity, span
 
 VOID = {"img", "meta"}
@@ -136,26 +138,26 @@ def test_what_is_not_finite_becomes_a_dash_and_what_is_text_stays_text(tmp_path)
     evil = "<script>alert('$x_1$ & \"q\"')</script>"
     artefacts = fabricate(tmp_path, "class", maps=1)
     for step, content in artefacts.items():
-        spoilt = spoil(content, evil)
+        spoilt = spoil(content, evil, step != "add")  # a rig file's values are numbers
         (tmp_path / f"{step}.json").write_text(json.dumps(spoilt), encoding="utf-8")
     reader = read_page(write_report(tmp_path))
     assert evil in "".join(reader.text)
     assert "nan" not in "".join(reader.text).lower().split()
 
 
-def spoil(value, evil):
+def spoil(value, evil, numbers):
     """Every second number null, every text a piece of HTML and mathematics."""
     if isinstance(value, dict):
         return {
-            key: entry if key in ("verdict", "coordinate") else spoil(entry, evil)
+            key: entry if key in ("verdict", "coordinate", "rules") else spoil(entry, evil, numbers)
             for key, entry in value.items()
         }
     if isinstance(value, list):
-        whole = [spoil(entry, evil) for entry in value]
-        numeric = value and isinstance(value[0], float)
+        whole = [spoil(entry, evil, numbers) for entry in value]
+        numeric = numbers and value and isinstance(value[0], float)
         return [None if numeric and i % 2 else e for i, e in enumerate(whole)]
     if isinstance(value, float):
-        return value if value > 0.1 else None
+        return None if numbers and value <= 0.1 else value
     return evil if isinstance(value, str) else value
 
 
@@ -200,7 +202,7 @@ def test_the_account_of_each_verdict(tmp_path, verdict, expected):
 def test_every_open_class_is_told():
     open_ones = [["viscous-friction", "coulomb-friction"], ["battery-sag", "range-drift"]]
     result = {"verdict": "class", "class": ["range-bias", "range-scale"], "more_classes": open_ones}
-    told = account(result).splitlines()[0]
+    told = account(summary(result)).splitlines()[0]
     assert "either range-bias or range-scale; these flights cannot tell which." in told
     assert "Besides, viscous-friction or coulomb-friction is missing." in told
     assert "Besides, battery-sag or range-drift is missing." in told
@@ -208,12 +210,13 @@ def test_every_open_class_is_told():
 
 def test_the_account_needs_no_more_than_a_verdict():
     for verdict in ("named", "class", "unknown", "none", None):
-        assert account({"verdict": verdict})
+        assert account(summary({"verdict": verdict}))
 
 
 def test_the_account_says_how_little_it_rests_on():
-    told = account({"verdict": "named", "effects": [{"name": "stiction", "confidence": 0.999}],
-                    "flights": 3, "cross_validated": True})  # fmt: skip
+    sure = {"name": "stiction", "confidence": 0.999}
+    result = {"verdict": "named", "effects": [sure], "flights": 3, "cross_validated": True}
+    told = account(summary(result))
     assert "too few flights to seal" in told
     assert "Three flights say so; one more has to confirm it." in told
     assert "% sure" not in told
@@ -224,13 +227,13 @@ def test_the_account_says_what_was_assumed_and_how_far_it_is_from_what_was_tried
     logs[1]["notes"] = ["the source is off"]
     result = {"verdict": "named", "effects": [{"name": "stiction"}], "logs": logs,
               "split": {"fit": [log["path"] for log in logs]}, "threshold_of_s": 100.0}  # fmt: skip
-    told = account(result)
+    told = account(summary(result))
     assert "In f1.mcap: the source is off." in told
     assert "simulated for 100 s of flight, these are 360 s" in told
-    assert "simulated for" not in account(result | {"threshold_of_s": 200.0})
+    assert "simulated for" not in account(summary(result | {"threshold_of_s": 200.0}))
     for log in logs:
         log["notes"] = ["the source is off"]
-    assert account(result).count("In every flight: the source is off.") == 1
+    assert account(summary(result)).count("In every flight: the source is off.") == 1
 
 
 def test_the_account_does_not_call_unknown_sizes_implausible():
@@ -238,7 +241,7 @@ def test_the_account_does_not_call_unknown_sizes_implausible():
              "belt-backlash": {"parameter": "backlash_m", "size": None, "unit": "m", "known": True},
              "pwm-dead-band": {"parameter": "band_us", "size": None, "unit": "us", "known": False},
              }  # fmt: skip
-    told = account({"verdict": "none", "detectable": sizes})
+    told = account(summary({"verdict": "none", "detectable": sizes}))
     assert "No plausible size of these would have shown: belt-backlash." in told
     assert "From which size these would have shown is not known: pwm-dead-band." in told
 
@@ -246,23 +249,25 @@ def test_the_account_does_not_call_unknown_sizes_implausible():
 def test_the_account_tells_the_retrained_predictors_by_either_force():
     scores = {"unit": "N", "old_rmse": 0.2, "new_rmse": 0.1}
     by_old = {"old_rmse": 0.3, "new_rmse": 0.25}
-    told = account({"verdict": "named", "retrain": scores | {"by_old_label": by_old}})
+    told = account(summary({"verdict": "named", "retrain": scores | {"by_old_label": by_old}}))
     assert "by the force that the old one measures, 0.250 N and 0.30 N" in told
     assert "over flights" not in told
     for ends, open_ in (([0.3, 1.6], True), ([0.3, 0.8], False)):
         sure = scores | {"ratio": 0.5, "ratio_interval": ends}
-        told = account({"verdict": "named", "retrain": sure})
+        told = account(summary({"verdict": "named", "retrain": sure}))
         assert f"That is 0.50 of it, 0.30 to {ends[1]:.2f} over flights" in told
         assert ("they cannot tell whether it helps" in told) is open_
 
 
 def test_a_plan_takes_the_place_of_what_the_library_says_splits():
     result = {"verdict": "class", "class": NAMES[:3], "split_by": "a sensor"}
-    assert "What would tell them apart: a sensor." in account(result)
+    assert "What would tell them apart: a sensor." in account(summary(result))
     size = {"value": 0.5, "low": 0.4, "high": 0.6, "unit": "N"}
-    told = account(result | {"members": [{"name": "b", "parameters": {"coulomb_n": size}}]})
+    told = account(
+        summary(result | {"members": [{"name": "b", "parameters": {"coulomb_n": size}}]})
+    )
     assert "If it is b: coulomb 0.50 N (0.40 to 0.60)." in told
-    planned = account(result | {"plan": {"sentence": "Fly steps.", "manoeuvre": "steps"}})
+    planned = account(summary(result | {"plan": {"sentence": "Fly steps.", "manoeuvre": "steps"}}))
     assert "Fly steps." in planned
     assert "writes it with --write-reference FILE" in planned
     assert "looks for the manoeuvre" not in planned
@@ -273,9 +278,9 @@ def test_a_plan_takes_the_place_of_what_the_library_says_splits():
 def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
     left = fabricate(tmp_path, "class")
     names = tuple(left["result"]["class"])
-    told = {"class": list(names), "sentence": "Fly slow triangles.", "manoeuvre": "triangles",
-            "flights": 3, "seconds": 60.0, "split_by": ""}  # fmt: skip
-    made = SimpleNamespace(names=names, best=None, as_json=lambda: told)
+    told = Plan(rivals=names, sentence="Fly slow triangles.", manoeuvre="triangles", flights=3,
+                seconds=60.0, is_searched=True)  # fmt: skip
+    made = SimpleNamespace(names=names, best=None, told=told)
     monkeypatch.setattr(
         "wakedeploy.gap.systems.gantry.planning.plan.make_plan", lambda *_, **__: made
     )
@@ -283,7 +288,7 @@ def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
     monkeypatch.setattr("wakedeploy.cli.gap_plan._same_rig", lambda *_: None)
     run = CliRunner().invoke(plan, ["--out", str(tmp_path)])
     assert run.exit_code == 0, run.output
-    assert json.loads((tmp_path / "plan.json").read_text("utf-8")) == told
+    assert json.loads((tmp_path / "plan.json").read_text("utf-8")) == told.as_json()
     written = json.loads((tmp_path / "result.json").read_text("utf-8"))["plan"]
     assert (written["manoeuvre"], written["flights"]) == ("triangles", 3)
     assert "Fly slow triangles" in (tmp_path / "report.html").read_text("utf-8")
@@ -300,20 +305,22 @@ def test_an_expression_is_shown_with_its_coefficients(tmp_path):
 
 def test_a_placebo_that_helps_is_a_warning():
     placebo = {"name": "range-drift", "before": 2.0, "after": 1.0, "unit": "N", "helps": True}
-    assert "Careful" in account({"verdict": "named", "placebo": placebo})
+    assert "Careful" in account(summary({"verdict": "named", "placebo": placebo}))
 
 
 def test_beside_nothing_a_place_is_told_as_too_little():
     place = {"words": "height above 0.9 m: +0.01 N (force), q = 0.04", "q_value": 0.04}
-    told = account({"verdict": "none", "places": [place]})
+    told = account(summary({"verdict": "none", "places": [place]}))
     assert "Too little to say that something is missing (q = 0.04): height above 0.9 m" in told
     assert "It shows most" not in told
-    assert "It shows most (q = 0.04) at height" in account({"verdict": "named", "places": [place]})
+    assert "It shows most (q = 0.04) at height" in account(
+        summary({"verdict": "named", "places": [place]})
+    )
 
 
 def test_an_error_below_the_noise_is_told_as_noise_and_not_as_more_than_all():
     error = {"before": 0.012, "after": 0.0053, "noise_floor": 0.0056, "unit": "m"}
-    told = account({"verdict": "named", "gap": {"height 0.25 s ahead": error}})
+    told = account(summary({"verdict": "named", "gap": {"height 0.25 s ahead": error}}))
     assert "where noise alone gives 5.6 mm: no more is left than noise." in told
     assert "100 %" not in told
 
@@ -323,18 +330,18 @@ def test_an_error_below_the_noise_is_told_as_noise_and_not_as_more_than_all():
 def test_how_far_a_placebo_helps_is_told_against_what_was_found(nats, said):
     placebo = {"name": "range-drift", "before": 2.0, "after": 1.0, "unit": "N", "helps": nats > 3.0}
     placebo |= {"gain_nats": nats, "found_gain_nats": 100.0}
-    told = account({"verdict": "named", "placebo": placebo})
+    told = account(summary({"verdict": "named", "placebo": placebo}))
     assert said in told
     assert ("Careful" in told) is (nats == 90.0)
 
 
 def test_twelve_maps_at_most_the_most_significant_of_both_kinds():
     rng = np.random.default_rng(0)
-    maps = [fabricated_map(rng, i) for i in range(30)]
-    exogenous, fed_back = strongest_maps({"maps": maps[::-1]})
+    maps = [Map(**fabricated_map(rng, i)) for i in range(30)]
+    exogenous, fed_back = strongest_maps(maps[::-1])
     assert (len(exogenous), len(fed_back)) == (6, 6)
-    assert [m["q_value"] for m in exogenous] == [m["q_value"] for m in maps[:6]]
-    assert len(strongest_maps({"maps": [m for m in maps if m["exogenous"]]})[0]) == 12
+    assert exogenous == maps[:6]
+    assert len(strongest_maps([m for m in maps if m.exogenous])[0]) == 12
 
 
 def test_numbers_carry_the_digits_that_their_interval_allows():
@@ -352,25 +359,27 @@ def test_numbers_carry_the_digits_that_their_interval_allows():
 
 
 def test_the_share_closed_is_of_squares_above_the_floor():
-    assert closed_share({"before": 5.0, "after": 4.0, "noise_floor": 3.0}) == pytest.approx(9 / 16)
-    assert np.isnan(closed_share({"before": 3.0, "after": 3.0, "noise_floor": 3.0}))
+    assert closed_share(5.0, 4.0, 3.0) == pytest.approx(9 / 16)
+    assert np.isnan(closed_share(3.0, 3.0, 3.0))
 
 
 def test_what_only_a_member_of_a_class_would_close_is_said_to_be_so():
     error = {"before": 0.012, "after": 0.006, "noise_floor": 0.005, "unit": "m"}
     gap = {"height 0.25 s ahead": error}
-    told = account({"verdict": "class", "class": ["a", "b"], "gap": gap, "as_if": ["a"]})
+    told = account(summary({"verdict": "class", "class": ["a", "b"], "gap": gap, "as_if": ["a"]}))
     assert "If it is a: in these flights, the error" in told
 
 
 def test_a_little_that_is_left_and_a_part_that_is_known_are_told():
     named = {"verdict": "named", "effects": [{"name": "added-mass"}]}
     rest = {"text": "+ 0.1 N * x_m", "gain_nats": 9.0, "force_n": 0.008}
-    told = account(named | {"rest": rest})
+    told = account(summary(named | {"rest": rest}))
     assert "Its form is not exact: 8 mN are left" in told
     assert "+ 0.1 N * x_m." in told
     white = {"passes": False, "statistic": 90.0, "limit": 40.0}
-    told = account({"verdict": "unknown", "beside": [{"name": "added-mass"}], "white": white})
+    told = account(
+        summary({"verdict": "unknown", "beside": [{"name": "added-mass"}], "white": white})
+    )
     assert "known effects explain only a part" in told
     assert "A part of it looks like added-mass" in told
     assert "not white noise (statistic 90" in told
@@ -404,9 +413,8 @@ def test_each_step_is_a_command_that_leaves_result_and_report(tmp_path, monkeypa
     case = SimpleNamespace(flights=("a", "b", "c", "d", "e"), sealed=("f", "g"))
     monkeypatch.setattr("wakedeploy.cli.gap._case", lambda *_: case)
     function = "show_gap" if step == "show" else step
-    monkeypatch.setattr(
-        f"wakedeploy.gap.systems.gantry.steps.{function}", lambda *_, **__: left[step]
-    )
+    told = getattr(read_steps(tmp_path), step)
+    monkeypatch.setattr(f"wakedeploy.gap.systems.gantry.steps.{function}", lambda *_, **__: told)
     (tmp_path / "result.json").unlink()
     given = ["--rig", "rig.toml", "--measured", "a.mcap", "--out", str(tmp_path)]
     run = CliRunner().invoke(main, ["gap", step, *given, "--json", str(tmp_path / "told.json")])

@@ -3,11 +3,14 @@
 import re
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 from effect_rigs import HOVER_US, NO_WAKE, WEIGHT_N, flown
 
+from wakedeploy.gap.systems.kinds.kind import Scales
 from wakedeploy.physics import effects
 from wakedeploy.physics.effects import LIBRARY, Effect, chain, equation_table, markdown_table
 from wakedeploy.physics.gantry import GantryPlant
@@ -51,3 +54,18 @@ def test_the_example_class_flies_once_it_is_in_the_library(monkeypatch: pytest.M
     run = flown(GantryPlant(rig, seed=0), 6.0, sufferer_us=lambda t_s: HOVER_US)
     assert run["sufferer_thrust_n"][0] == pytest.approx(WEIGHT_N)
     assert run["sufferer_thrust_n"][-1] == pytest.approx((1.0 - 0.1 * 0.9502) * WEIGHT_N, rel=1e-4)
+
+
+def test_the_examples_for_any_system_act() -> None:
+    _, own, for_all = re.findall(r"```python\n(.*?)```", OWN, re.DOTALL)
+    made: dict[str, Any] = {}
+    exec(own, made)
+    state, parameters = SimpleNamespace(position_m=2.0), SimpleNamespace(stiffness=5.0)
+    assert made["cable"].function(0.0, state, None, parameters) == {"speed_mps": -40.0}
+    exec(for_all, made)
+    drag = made["CubicDrag"]()
+    at = SimpleNamespace(speed=np.array([2.0, -2.0]))
+    assert drag.force(at, {"coefficient": 0.5}) == pytest.approx([-4.0, 4.0])
+    scales = Scales({"force": 8.0, "speed": 2.0}, {"force": "N", "speed": "m/s"})
+    assert drag.parameters[0].size(scales) == 1.0
+    assert drag.parameters[0].unit(scales) == "N/(m/s)³"

@@ -45,8 +45,8 @@ def worth_trying(model: Model, base: Fit, names: Sequence[str], least_nats: floa
     kept = []
     for name, promised in zip(names, promises(model, base, names), strict=True):
         free = model.free((*base.hypothesis, name))
-        own = [f for f in free if f.name.startswith(f"{name}.")]
-        moves, is_jagged = {f.quantity for f in own}, any(f.scanned for f in own)
+        parameters = [f for f in free if f.name.startswith(f"{name}.")]
+        moves, is_jagged = {f.quantity for f in parameters}, any(f.scanned for f in parameters)
         if promised > least_nats or promised < _NO_SLOPE_NATS or moves & bent or is_jagged:
             kept.append(name)
     return kept
@@ -57,11 +57,11 @@ def _promise(model: Model, base: Fit, name: str, held: FloatArray, rest: FloatAr
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     theta = extended(base, free)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    columns = [_direction(model, base, hypothesis, theta, free, i) for i in own]
+    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    columns = [_direction(model, base, hypothesis, theta, free, i) for i in places]
     span = np.stack(columns, axis=1)
     span = span - held @ (held.T @ span)
-    prior = np.diag([1.0 / free[i].prior_sd ** 2 for i in own])
+    prior = np.diag([1.0 / free[i].prior_sd ** 2 for i in places])
     pull = span.T @ rest
     return 0.5 * float(pull @ np.linalg.solve(span.T @ span + prior, pull))
 

@@ -209,7 +209,7 @@ class Fit:
         twice as many where the curvature bears it out.
         """
         free = self.free[self._index(name)]
-        ends = [one._ends(name, level) for one in (self, *self.summits)]
+        ends = [summit._ends(name, level) for summit in (self, *self.summits)]
         lowest, highest = self.profiled.get(name, (-np.inf, np.inf))
         low = max(min(low for low, _ in ends), free.low, lowest)
         return low, min(max(high for _, high in ends), free.high, highest)
@@ -233,15 +233,18 @@ class Fit:
         prior = np.diag(prior_precision(self.free)[free])
         unit = np.eye(len(prior))[np.count_nonzero(free[:at])]
         total, count = fisher.sum(0) + prior, len(gradient)
-        own = _solve(total, unit)
-        curvature = float(own @ unit)
+        inverse = _solve(total, unit)
+        curvature = float(inverse @ unit)
         if count < 2:
             return curvature, 0.0
         # An episode's pull on the estimate is weighed without its own information: so many
         # parameters bend to each of so few episodes that its gradient tells too little of it.
-        pulls = [_solve(total - one, unit) @ g for g, one in zip(gradient, fisher, strict=True)]
+        pulls = [
+            _solve(total - information, unit) @ g
+            for g, information in zip(gradient, fisher, strict=True)
+        ]
         spread = float(np.var(pulls, ddof=1)) * (count - 1) ** 2 / count
-        return curvature, spread + float(own @ prior @ own)
+        return curvature, spread + float(inverse @ prior @ inverse)
 
     def _index(self, name: str) -> int:
         try:
@@ -307,28 +310,28 @@ def held_out(base: Fit, larger: Fit) -> FloatArray:
     """
     if base.episodes != larger.episodes:
         raise ValueError(f"fitted to {base.episodes} and to {larger.episodes}: not comparable")
-    own = [i for i, n in enumerate(larger.names) if n not in set(base.names)]
+    places = [i for i, n in enumerate(larger.names) if n not in set(base.names)]
     seen = larger.per_episode - base.per_episode
     if len(larger.episodes) < 2:
-        return seen - len(own)
-    return seen - _flattery(larger, own)
+        return seen - len(places)
+    return seen - _flattery(larger, places)
 
 
-def _flattery(fitted: Fit, own: Sequence[int]) -> FloatArray:
+def _flattery(fitted: Fit, places: Sequence[int]) -> FloatArray:
     """How much too well parameters fit each episode for having been fitted to it, (E,) nats."""
     gradient, fisher = fitted.slopes.gradient(), fitted.slopes.fisher()
     total = fisher.sum(0) + np.diag(prior_precision(fitted.free))
     low, high = _bounds(fitted.free)
     fixed = (fitted.theta <= low) | (fitted.theta >= high)
-    own = [i for i in own if not fixed[i]]  # at its bound a parameter follows no episode
-    if not own:
+    places = [i for i in places if not fixed[i]]  # at its bound a parameter follows no episode
+    if not places:
         return np.zeros(len(gradient))
-    shared = [i for i in range(len(total)) if i not in set(own) and not fixed[i]]
+    shared = [i for i in range(len(total)) if i not in set(places) and not fixed[i]]
     follow = np.column_stack(
-        [_solve(total[np.ix_(shared, shared)], total[shared, i]) for i in own]
+        [_solve(total[np.ix_(shared, shared)], total[shared, i]) for i in places]
     )  # (s, k): how far the shared parameters go with the own ones
-    along = np.zeros((len(total), len(own)))
-    along[own, range(len(own))] = 1.0
+    along = np.zeros((len(total), len(places)))
+    along[places, range(len(places))] = 1.0
     along[shared] = -follow
     pull = gradient @ along  # (E, k)
     curvature = along.T @ fisher @ along  # (E, k, k)

@@ -7,6 +7,7 @@ import functools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -24,7 +25,6 @@ from wakedeploy.gap.evidence.inference import (
     slopes_at,
 )
 from wakedeploy.gap.progress import Steps, uncounted
-from wakedeploy.physics.effects import LIBRARY
 
 _CONTENDERS_NATS = 12.0  # candidates this close to the best are fitted to the end
 _MOST_CONTENDERS = 4
@@ -51,6 +51,26 @@ _MOST_SUMMITS = 3
 _SIZES_APIECE = 3  # scanned sizes that lie on one summit
 _MOVED_SD = 1.0  # a constant nearer to its calibration has taken nobody's place
 _ABSURD_NATS = 10.0  # a start that is worse than no effect by more is not worth climbing from
+
+
+class Related(Protocol):
+    """What an effect says of others: which it is confused with, which constants it moves."""
+
+    @property
+    def confused_with(self) -> Sequence[str]:
+        """Names of effects."""
+        ...
+
+    @property
+    def constants(self) -> Sequence[str]:
+        """The calibrated constants that its parameters stand for."""
+        ...
+
+
+def relations(model: Model) -> Mapping[str, Related]:
+    """What is known of a model's effects, by name; nothing where it has no `relations`."""
+    known: Mapping[str, Related] = getattr(model, "relations", {})
+    return known
 
 
 Scans = dict[tuple[Hypothesis, str, int], list[float]]  # the likeliest sizes of what is jagged
@@ -119,8 +139,8 @@ def rank(
         pairs = zip(rough, candidates, strict=True)
         rough = [max(f, before.get(n, f), key=_objective) for f, n in pairs]
     elif released and base.calibration_log_prior < BENT_NATS:
-        left = functools.partial(_advanced, steps, sum(costs), total)
-        rough = _from_calibration(model, base, candidates, rough, left)
+        remaining = functools.partial(_advanced, steps, sum(costs), total)
+        rough = _from_calibration(model, base, candidates, rough, remaining)
     best = max((f.objective for f in rough), default=0.0)
     least = max(best - _CONTENDERS_NATS, base.objective + least_nats)
     order = sorted(range(len(rough)), key=lambda i: -rough[i].objective)
@@ -190,14 +210,14 @@ def candidate(base: Fit, name: str, fitted: Fit) -> Candidate:
 
 def _looked(fitted: Fit, name: str) -> float:
     """The logarithm of how many summits an effect's parameters were scanned for [nats]."""
-    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    return sum(math.log(max(len(f.scanned) / _SIZES_APIECE, 1.0)) for f in own)
+    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    return sum(math.log(max(len(f.scanned) / _SIZES_APIECE, 1.0)) for f in parameters)
 
 
 def _cost(model: Model, base: Fit, name: str) -> int:
     """About how long the rough fit of a candidate takes, in scanned sizes."""
-    own = [f for f in model.free((*base.hypothesis, name)) if f.name.startswith(f"{name}.")]
-    return _ROUGH_SIZES + sum(len(f.scanned) for f in own)
+    parameters = [f for f in model.free((*base.hypothesis, name)) if f.name.startswith(f"{name}.")]
+    return _ROUGH_SIZES + sum(len(f.scanned) for f in parameters)
 
 
 def _advanced(steps: Steps, before: int, total: int, done: int, of: int) -> None:
@@ -213,31 +233,33 @@ def _rough(model: Model, base: Fit, name: str, scans: Scans) -> Fit:
     """The candidate fitted from several starts, mostly with the base's slopes for the rest."""
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    if not own:
+    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    if not places:
         raise ValueError(f"{name!r} has no parameters")
     fits, least = list[Fit](), -np.inf
-    for theta in _starts(model, base, hypothesis, free, own, scans):
-        slopes = _carried_over(model, base, hypothesis, free, theta, own)
-        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, own, least))
+    for theta in _starts(model, base, hypothesis, free, places, scans):
+        slopes = _carried_over(model, base, hypothesis, free, theta, places)
+        fits.append(fit(model, hypothesis, base.episodes, theta, slopes, places, least))
         least = max(f.objective for f in fits) - _SUMMIT_NATS
     best = max(fits, key=_objective)
-    if any(free[i].scanned for i in own) and best.objective > base.objective + _WORTH_NATS:
-        best = max((best, *_climbed(model, fits, own)), key=_objective)
+    if any(free[i].scanned for i in places) and best.objective > base.objective + _WORTH_NATS:
+        best = max((best, *_climbed(model, fits, places)), key=_objective)
     return best
 
 
-def _climbed(model: Model, fits: Sequence[Fit], own: Sequence[int]) -> list[Fit]:
+def _climbed(model: Model, fits: Sequence[Fit], places: Sequence[int]) -> list[Fit]:
     """The highest of several summits, each climbed to the end with everything free.
 
     How high a jagged effect's summits are, the base's slopes tell too roughly to choose by them.
     """
     most = max(f.objective for f in fits)
     summits: list[Fit] = []
-    for one in sorted(fits, key=_objective, reverse=True):
-        is_new = not any(np.allclose(one.theta[own], s.theta[own], rtol=_APART) for s in summits)
-        if is_new and one.objective > most - _SUMMIT_NATS and len(summits) < _MOST_SUMMITS:
-            summits.append(one)
+    for climbed in sorted(fits, key=_objective, reverse=True):
+        is_new = not any(
+            np.allclose(climbed.theta[places], s.theta[places], rtol=_APART) for s in summits
+        )
+        if is_new and climbed.objective > most - _SUMMIT_NATS and len(summits) < _MOST_SUMMITS:
+            summits.append(climbed)
     return [fit(model, f.hypothesis, f.episodes, f.theta) for f in summits]
 
 
@@ -259,7 +281,8 @@ def _from_calibration(
         if f.quantity and abs(value - f.neutral) > BENT_SD * f.prior_sd
     }
     owners = {n for n, fitted in zip(candidates, rough, strict=True) if bent & _moves(fitted, n)}
-    related = {r for n in owners if n in LIBRARY for r in LIBRARY[n].confused_with}
+    known = relations(model)
+    related = {r for n in owners if n in known for r in known[n].confused_with}
     sizes = [
         _released(model, base, fitted.hypothesis, n)
         for n, fitted in zip(candidates, rough, strict=True)
@@ -300,7 +323,7 @@ def _released(
     there, and a climb from outliers goes nowhere.
     """
     free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     plain = extended(base, free)
     for i, f in enumerate(free):
         if f.quantity:
@@ -308,9 +331,9 @@ def _released(
         if f.first is not None:
             plain[i] = 0.5 * (plain[i] + f.first)
     tried: list[tuple[float, FloatArray]] = []
-    for k in range(len(_ROW) + max(len(free[i].starts) for i in own)):
+    for k in range(len(_ROW) + max(len(free[i].starts) for i in places)):
         theta = plain.copy()
-        for i in own:
+        for i in places:
             sizes = (*free[i].starts, *(free[i].neutral + r * free[i].prior_sd for r in _ROW))
             theta[i] = np.clip(sizes[min(k, len(sizes) - 1)], free[i].low, free[i].high)
         if any(np.array_equal(theta, known) for _, known in tried):
@@ -318,7 +341,7 @@ def _released(
         some = base.episodes[:_GLANCED_AT]
         density = sum(float(model.score(hypothesis, theta, e).log_density.sum()) for e in some)
         tried.append((density, theta))
-    return sorted(tried, key=lambda one: -one[0])
+    return sorted(tried, key=lambda pair: -pair[0])
 
 
 def _starts(
@@ -326,26 +349,26 @@ def _starts(
     base: Fit,
     hypothesis: Hypothesis,
     free: tuple[Free, ...],
-    own: Sequence[int],
+    places: Sequence[int],
     scans: Scans,
 ) -> list[FloatArray]:
     """The neutral point, and those of the effect's starts that are not absurd."""
     neutral_point = extended(base, free)
     starts = [neutral_point]
-    for k in range(max(len(free[i].starts) for i in own)):
+    for k in range(max(len(free[i].starts) for i in places)):
         theta = neutral_point.copy()
-        for i in own:
+        for i in places:
             theta[i] = free[i].starts[min(k, len(free[i].starts) - 1)]
         here = sum(model.score(hypothesis, theta, e).log_density.sum() for e in base.episodes)
         if here > base.log_likelihood - _ABSURD_NATS:
             starts.append(theta)
     points = [neutral_point]
-    confusable = _constants_of_confused(hypothesis[-1])
+    confusable = _constants_of_confused(relations(model), hypothesis[-1])
     bent = [
         i
         for i, f in enumerate(free)
         if f.quantity in confusable
-        and i not in own
+        and i not in places
         and abs(neutral_point[i] - f.neutral) > _MOVED_SD * f.prior_sd
     ]
     if bent:
@@ -353,7 +376,7 @@ def _starts(
         # delay for the age of held readings: with both, the right size looks absurd.
         points.append(neutral_point.copy())
         points[1][bent] = [free[i].neutral for i in bent]
-    for i in own:
+    for i in places:
         for k, point in enumerate(points):
             key = (hypothesis, free[i].name, k)
             if key not in scans:
@@ -367,15 +390,12 @@ def _starts(
     return starts
 
 
-def _constants_of_confused(name: str) -> set[str]:
+def _constants_of_confused(known: Mapping[str, Related], name: str) -> set[str]:
     """The calibrated constants that effects move which this one is confused with."""
-    if name not in LIBRARY:
+    if name not in known:
         return set()
-    confused = {n for n, e in LIBRARY.items() if name in e.confused_with}
-    moved = {
-        p.constant for n in confused | {*LIBRARY[name].confused_with} for p in LIBRARY[n].parameters
-    }
-    return {constant for constant in moved if constant is not None}
+    confused = {n for n, effect in known.items() if name in effect.confused_with}
+    return {c for n in confused | {*known[name].confused_with} for c in known[n].constants}
 
 
 def _scanned(
@@ -410,7 +430,7 @@ def _likeliest(density: Mapping[float, float], most: int, apart: float) -> dict[
     """The sizes of the highest log density, highest first, none within `apart` of a higher one."""
     places: set[float] = set()
     kept: dict[float, float] = {}
-    for size, value in sorted(density.items(), key=lambda one: (-one[1], -one[0])):
+    for size, value in sorted(density.items(), key=lambda pair: (-pair[1], -pair[0])):
         place = round(math.log(size) / apart) if apart else size
         if place not in places and len(kept) < most:
             kept[size] = value
@@ -424,7 +444,7 @@ def _carried_over(
     hypothesis: Hypothesis,
     free: tuple[Free, ...],
     theta: FloatArray,
-    own: Sequence[int],
+    places: Sequence[int],
 ) -> Slopes:
     """Slopes of the larger hypothesis: the base's for shared parameters, fresh for its own."""
     place = {name: i for i, name in enumerate(base.names)}
@@ -439,5 +459,5 @@ def _carried_over(
         tuple(widened(d) for d in base.slopes.innovation),
         tuple(widened(d) for d in base.slopes.variance),
     )
-    missing = [i for i, s in enumerate(shared) if s < 0 or i in own]
+    missing = [i for i, s in enumerate(shared) if s < 0 or i in places]
     return slopes_at(model, hypothesis, base.episodes, theta, (old, missing))

@@ -79,8 +79,8 @@ class Evidence:
         known = nuisance * scale[:, None] * scale[None, :]
         shared = scale[:, None] * total[:p, p:]
         explained = shared.T @ np.linalg.lstsq(known, shared, rcond=1e-12)[0]
-        left = total[p:, p:] - explained
-        return np.asarray(0.5 * (left + left.T))
+        remainder = total[p:, p:] - explained
+        return np.asarray(0.5 * (remainder + remainder.T))
 
     def only(self, names: Sequence[str]) -> "Evidence":
         """The same about some of the effects."""
@@ -129,8 +129,8 @@ def gather(
             progress()
     grams = []
     for i, nuisance in enumerate(nuisances):
-        own = np.stack([d[i] for d in directions], axis=1)
-        everything = np.hstack([nuisance, own])
+        movement = np.stack([d[i] for d in directions], axis=1)
+        everything = np.hstack([nuisance, movement])
         grams.append(everything.T @ everything)
     precision = np.array([1.0 / f.prior_sd**2 for f in base.free])
     whole = np.array([[_share(c, name) for c in columns] for name in names])
@@ -162,17 +162,17 @@ class _Target:
     def of(cls, model: Model, base: Fit, name: str, size: Sequence[float] | None) -> "_Target":
         hypothesis = (*base.hypothesis, name)
         free = model.free(hypothesis)
-        own = tuple(i for i, f in enumerate(free) if f.name.startswith(f"{name}."))
+        parameters = tuple(i for i, f in enumerate(free) if f.name.startswith(f"{name}."))
         places = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
-        claimed = tuple(places[free[i].quantity] for i in own if free[i].quantity in places)
+        claimed = tuple(places[free[i].quantity] for i in parameters if free[i].quantity in places)
         neutral = extended(base, free)
-        for i in own:
+        for i in parameters:
             neutral[i] = free[i].neutral
         there = neutral.copy()
-        for k, i in enumerate(own):
+        for k, i in enumerate(parameters):
             start = free[i].starts[min(1, len(free[i].starts) - 1)] if size is None else size[k]
             there[i] = np.clip(start, free[i].low, free[i].high)
-        return cls(name, hypothesis, free, own, neutral, there, claimed)
+        return cls(name, hypothesis, free, parameters, neutral, there, claimed)
 
 
 def _of_nuisances(
@@ -371,30 +371,30 @@ def information(model: Model, base: Fit, name: str, size: float | None = None) -
 
 
 def _left(information: FloatArray, truth: FloatArray, evidence: Evidence, rival: str) -> float:
-    own = evidence.of(rival)
-    pull = information[own] @ truth
-    share = fitted_shares(information[np.ix_(own, own)], pull[None, :], evidence, own)[0]
-    explained = share @ pull - 0.5 * share @ information[np.ix_(own, own)] @ share
+    rows = evidence.of(rival)
+    pull = information[rows] @ truth
+    share = fitted_shares(information[np.ix_(rows, rows)], pull[None, :], evidence, rows)[0]
+    explained = share @ pull - 0.5 * share @ information[np.ix_(rows, rows)] @ share
     return max(0.0, 0.5 * float(truth @ information @ truth) - float(explained))
 
 
 def fitted_shares(
-    own: FloatArray, pulls: FloatArray, evidence: Evidence, places: Sequence[int]
+    gram: FloatArray, pulls: FloatArray, evidence: Evidence, places: Sequence[int]
 ) -> FloatArray:
     """What a fit uses of a rival's directions (n, k), each within its bounds.
 
     The unbounded optimum first, then one direction after another; the problem is convex.
     """
     columns = [evidence.columns[i] for i in places]
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(own), _TINY))
-    scaled = own * scale[:, None] * scale[None, :]
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), _TINY))
+    scaled = gram * scale[:, None] * scale[None, :]
     shares = (np.linalg.lstsq(scaled, (scale * pulls).T, rcond=1e-8)[0].T * scale).copy()
     for _ in range(_SWEEPS if len(places) > 1 else 1):
         before = shares.copy()
         for k, column in enumerate(columns):
-            rest = pulls[:, k] - shares @ own[:, k] + shares[:, k] * own[k, k]
+            rest = pulls[:, k] - shares @ gram[:, k] + shares[:, k] * gram[k, k]
             reach = np.maximum(shares[:, 0], 0.0) if column.is_shape else 1.0
-            best = rest / max(own[k, k], _TINY)
+            best = rest / max(gram[k, k], _TINY)
             shares[:, k] = np.clip(best, reach * column.low, reach * column.high)
         if np.allclose(shares, before, rtol=1e-4, atol=1e-6):
             break

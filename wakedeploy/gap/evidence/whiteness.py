@@ -48,8 +48,8 @@ class Whiteness:
     @property
     def at_reference(self) -> float:
         """The statistic that as many samples as the reference's would be expected to give."""
-        left = (self.statistic - self.freedom) * REFERENCE_SAMPLES / self.samples
-        return self.freedom + left
+        excess = (self.statistic - self.freedom) * REFERENCE_SAMPLES / self.samples
+        return self.freedom + excess
 
     def limit(self, of_reference: float | None = None) -> float:
         """What the statistic may be with so many samples, if it may be `of_reference` with others.
@@ -60,8 +60,8 @@ class Whiteness:
         of_white_noise = float(chi2.ppf(RULES.white_quantile, self.freedom))
         if of_reference is None:
             return of_white_noise
-        left = (of_reference - self.freedom) * self.samples / REFERENCE_SAMPLES
-        return max(self.freedom + left, of_white_noise)
+        excess = (of_reference - self.freedom) * self.samples / REFERENCE_SAMPLES
+        return max(self.freedom + excess, of_white_noise)
 
     def passes(self, of_reference: float | None = None) -> bool:
         """Whether the innovations are as white as the reference's, or as noise."""
@@ -69,7 +69,7 @@ class Whiteness:
 
     def as_json(self, of_reference: float | None = None) -> dict[str, Any]:
         """As the artefacts hold it, with the limit for so many samples."""
-        told: dict[str, Any] = {
+        content: dict[str, Any] = {
             "p_value": self.p_value,
             "statistic": self.statistic,
             "limit": self.limit(of_reference),
@@ -78,8 +78,8 @@ class Whiteness:
             "autocorrelation": self.autocorrelation.tolist(),
         }
         if len(self.by_channel) > 1:
-            told["by_channel"] = self.by_channel.tolist()
-        return told | {"samples": self.samples}
+            content["by_channel"] = self.by_channel.tolist()
+        return content | {"samples": self.samples}
 
 
 def whiteness(fitted: Fit) -> Whiteness:

@@ -39,14 +39,14 @@ _COMBINED = {
 }
 
 
-def acting_name(one: Effect) -> str:
+def acting_name(effect: Effect) -> str:
     """An effect's name as a variable's: `ground-effect` → `effect_ground_effect`."""
-    return "effect_" + one.name.replace("-", "_")
+    return "effect_" + effect.name.replace("-", "_")
 
 
-def is_acting(one: Effect) -> bool:
+def is_acting(effect: Effect) -> bool:
     """Whether an effect does more than to replace constants."""
-    return any(one.changes(method) for method in METHODS)
+    return any(effect.changes(method) for method in METHODS)
 
 
 def stage_functions() -> list[ast.FunctionDef]:
@@ -57,10 +57,10 @@ def stage_functions() -> list[ast.FunctionDef]:
 def effect_functions(chain: Chain) -> list[ast.FunctionDef]:
     """One function per effect and method that acts, in the order in which effects act."""
     return [
-        _function(one, method)
-        for one, _ in chain.parts
+        _function(effect, method)
+        for effect, _ in chain.parts
         for method in METHODS
-        if one.changes(method)
+        if effect.changes(method)
     ]
 
 
@@ -70,20 +70,20 @@ def combining_functions(chain: Chain) -> list[ast.FunctionDef]:
     return [*made, _accepted(chain), _trailed(chain), _ranged(chain), _motion()]
 
 
-def _function(one: Effect, method: str) -> ast.FunctionDef:
-    if isinstance(one, ExpressionForce):
-        return _of_expression(one)
-    function = getattr(type(one), method)
+def _function(effect: Effect, method: str) -> ast.FunctionDef:
+    if isinstance(effect, ExpressionForce):
+        return _of_expression(effect)
+    function = getattr(type(effect), method)
     try:
         source = textwrap.dedent(inspect.getsource(function))
     except (OSError, TypeError) as error:
         raise UnusableInput(
-            f"The effect {one.name!r} has no source text, so it cannot be exported; define it in "
-            "a file."
+            f"The effect {effect.name!r} has no source text, so it cannot be exported; define it "
+            "in a file."
         ) from error
-    plain = _Plain(one.name, function.__globals__).visit(_parsed(source))
+    plain = _Plain(effect.name, function.__globals__).visit(_parsed(source))
     assert isinstance(plain, ast.FunctionDef)
-    plain.name = f"{acting_name(one)}_{method}"
+    plain.name = f"{acting_name(effect)}_{method}"
     return ast.fix_missing_locations(plain)
 
 
@@ -114,9 +114,11 @@ class _Plain(ast.NodeTransformer):
         self._effect, self._known, self._others = effect, known, others
 
     def visit_FunctionDef(self, node: ast.FunctionDef) -> ast.FunctionDef:
-        node.args.args = [ast.arg(one.arg) for one in node.args.args if one.arg != "self"]
+        node.args.args = [
+            ast.arg(argument.arg) for argument in node.args.args if argument.arg != "self"
+        ]
         node.returns, node.decorator_list = None, []
-        self._own = {one.arg for one in node.args.args} | _assigned(node)
+        self._own = {argument.arg for argument in node.args.args} | _assigned(node)
         node.body = [self.visit(statement) for statement in node.body]
         return node
 
@@ -153,12 +155,12 @@ def _assigned(node: ast.FunctionDef) -> set[str]:
     return {name.id for name in names if isinstance(name.ctx, ast.Store)}
 
 
-def _of_expression(one: ExpressionForce) -> ast.FunctionDef:
+def _of_expression(effect: ExpressionForce) -> ast.FunctionDef:
     """A force that a rig file gives as an expression."""
-    parsed = ast.parse(one.formula.text, mode="eval").body
+    parsed = ast.parse(effect.formula.text, mode="eval").body
     body = ast.unparse(_InState().visit(parsed))
     text = (
-        f"def {acting_name(one)}_force_n(p, m, s):\n"
+        f"def {acting_name(effect)}_force_n(p, m, s):\n"
         f"    '''A force without a name, as an expression, within 3 weights [N].'''\n"
         f"    force_n = {body}\n"
         f"    most_n = {MOST_WEIGHTS} * s.weight_n\n"
@@ -174,7 +176,7 @@ class _InState(ast.NodeTransformer):
         assert isinstance(node.func, ast.Name)
         called = _FUNCTIONS.get(node.func.id, node.func.id)
         function = ast.Attribute(ast.Name("np", ast.Load()), called, ast.Load())
-        return ast.Call(function, [self.visit(one) for one in node.args], [])
+        return ast.Call(function, [self.visit(argument) for argument in node.args], [])
 
     def visit_Name(self, node: ast.Name) -> ast.Attribute:
         setting = Setting.__dataclass_fields__
@@ -184,26 +186,26 @@ class _InState(ast.NodeTransformer):
 
 def _combined(chain: Chain, method: str, name: str, each: str, last: str) -> ast.FunctionDef:
     lines = ["total = 0.0"] if "total" in last else []
-    lines += [each.format(call=_call(one, method, "m, c")) for one in _acting(chain, method)]
+    lines += [each.format(call=_call(effect, method, "m, c")) for effect in _acting(chain, method)]
     return _defined(f"{name}(c, m)", [*lines, last])
 
 
 def _accepted(chain: Chain) -> ast.FunctionDef:
     rest = "pulse_us, before_us, motor, c.idle_us"
     acting = _acting(chain, "pulse_us")
-    lines = [f"pulse_us = {_call(one, 'pulse_us', rest)}" for one in acting]
+    lines = [f"pulse_us = {_call(effect, 'pulse_us', rest)}" for effect in acting]
     return _defined("accepted_us(c, pulse_us, before_us, motor)", [*lines, "return pulse_us"])
 
 
 def _trailed(chain: Chain) -> ast.FunctionDef:
     acting = _acting(chain, "carriage_m")
-    lines = [f"drive_m = {_call(one, 'carriage_m', 'drive_m, before_m')}" for one in acting]
+    lines = [f"drive_m = {_call(effect, 'carriage_m', 'drive_m, before_m')}" for effect in acting]
     return _defined("carriage_place_m(c, drive_m, before_m)", [*lines, "return drive_m"])
 
 
 def _ranged(chain: Chain) -> ast.FunctionDef:
     acting = _acting(chain, "range_m")
-    lines = [f"range_m = {_call(one, 'range_m', 'range_m, m, c')}" for one in acting]
+    lines = [f"range_m = {_call(effect, 'range_m', 'range_m, m, c')}" for effect in acting]
     return _defined("changed_range_m(c, m, range_m)", [*lines, "return range_m"])
 
 
@@ -213,11 +215,11 @@ def _motion() -> ast.FunctionDef:
 
 
 def _acting(chain: Chain, method: str) -> list[Effect]:
-    return [one for one, _ in chain.parts if one.changes(method)]
+    return [effect for effect, _ in chain.parts if effect.changes(method)]
 
 
-def _call(one: Effect, method: str, rest: str) -> str:
-    name = acting_name(one)
+def _call(effect: Effect, method: str, rest: str) -> str:
+    name = acting_name(effect)
     return f"{name}_{method}(c.{name}, {rest})"
 
 

@@ -58,9 +58,9 @@ def python_module(rig: Rig) -> str:
         f'"""{_title(rig)}\n\n{_about(chain, "simulate")}\n"""',
         "from types import SimpleNamespace\nfrom typing import Any\n\nimport numpy as np",
         _python_constants(_constants(rig, chain)),
-        *(ast.unparse(one) for one in stage_functions()),
-        *(ast.unparse(one) for one in effect_functions(chain)),
-        *(ast.unparse(one) for one in combining_functions(chain)),
+        *(ast.unparse(function) for function in stage_functions()),
+        *(ast.unparse(function) for function in effect_functions(chain)),
+        *(ast.unparse(function) for function in combining_functions(chain)),
         _core_text().strip(),
     ]
     return "\n\n\n".join(parts) + "\n"
@@ -69,20 +69,24 @@ def python_module(rig: Rig) -> str:
 def matlab_script(rig: Rig) -> str:
     """The model as the text of a MATLAB function file `gantry_model.m`."""
     chain = Chain.of(rig)
-    core = [one for one in ast.parse(_core_text()).body if isinstance(one, ast.FunctionDef)]
-    (main,) = (one for one in core if one.name == "simulate")
+    core = [
+        statement
+        for statement in ast.parse(_core_text()).body
+        if isinstance(statement, ast.FunctionDef)
+    ]
+    (main,) = (function for function in core if function.name == "simulate")
     main.name = NAME
-    others = [one for one in core if one is not main]
+    others = [function for function in core if function is not main]
     about = f"{_title(rig)}\n\n{_about(chain, NAME)}"
     first, *rest = matlab.function(main).splitlines()
     comments = [f"  % {line}".rstrip() for line in about.splitlines()]
     parts = [
         "\n".join([first, *comments, "  %", *rest]) + "\n",
         _matlab_constants(_constants(rig, chain)),
-        *(matlab.function(one) for one in stage_functions()),
-        *(matlab.function(one) for one in effect_functions(chain)),
-        *(matlab.function(one) for one in combining_functions(chain)),
-        *(matlab.function(one) for one in others),
+        *(matlab.function(function) for function in stage_functions()),
+        *(matlab.function(function) for function in effect_functions(chain)),
+        *(matlab.function(function) for function in combining_functions(chain)),
+        *(matlab.function(function) for function in others),
     ]
     return "\n".join(parts) + matlab.HELPERS
 
@@ -105,17 +109,17 @@ def _about(chain: Chain, function: str) -> str:
     ]
     if chain.parts:
         lines += ["", "Effects, in the order in which they act:"]
-        lines += [line for one, p in chain.parts for line in _described(one, p)]
+        lines += [line for effect, p in chain.parts for line in _described(effect, p)]
     return "\n".join(lines)
 
 
-def _described(one: Effect, values: Mapping[str, float]) -> list[str]:
-    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in one.parameters}
+def _described(effect: Effect, values: Mapping[str, float]) -> list[str]:
+    units = {p.name: "" if p.unit == "1" else f" {p.unit}" for p in effect.parameters}
     shown = ", ".join(f"{name} = {value:g}{units[name]}" for name, value in values.items())
-    told = [f"- {one.name}: {shown}", *textwrap.wrap(one.physics, 94)]
-    if isinstance(one, ExpressionForce):
-        told += textwrap.wrap(one.formula.text, 94)
-    return [told[0], *(f"  {line}" for line in told[1:])]
+    lines = [f"- {effect.name}: {shown}", *textwrap.wrap(effect.physics, 94)]
+    if isinstance(effect, ExpressionForce):
+        lines += textwrap.wrap(effect.formula.text, 94)
+    return [lines[0], *(f"  {line}" for line in lines[1:])]
 
 
 def _constants(rig: Rig, chain: Chain) -> dict[str, Constant]:
@@ -135,7 +139,7 @@ def _constants(rig: Rig, chain: Chain) -> dict[str, Constant]:
         "range_delay_s": moved["range.delay_s"],
         "range_hold_s": moved["range.hold_s"],
     }
-    acting = {acting_name(one): dict(p) for one, p in chain.parts if is_acting(one)}
+    acting = {acting_name(effect): dict(p) for effect, p in chain.parts if is_acting(effect)}
     return made | acting
 
 
@@ -160,7 +164,7 @@ def _python_constants(constants: Mapping[str, Constant]) -> str:
     lines += ["    c = SimpleNamespace()"]
     for name, value in constants.items():
         if isinstance(value, Mapping):
-            inner = ", ".join(f"{key}={_number(one)}" for key, one in value.items())
+            inner = ", ".join(f"{key}={_number(number)}" for key, number in value.items())
             lines.append(f"    c.{name} = SimpleNamespace({inner})")
         elif isinstance(value, tuple):
             lines.append(f"    c.{name} = np.array([{', '.join(map(_number, value))}])")
@@ -174,7 +178,7 @@ def _matlab_constants(constants: Mapping[str, Constant]) -> str:
     lines += ["  c = struct();"]
     for name, value in constants.items():
         if isinstance(value, Mapping):
-            lines += [f"  c.{name}.{key} = {_number(one)};" for key, one in value.items()]
+            lines += [f"  c.{name}.{key} = {_number(number)};" for key, number in value.items()]
         elif isinstance(value, tuple):
             lines.append(f"  c.{name} = [{', '.join(map(_number, value))}];")
         else:

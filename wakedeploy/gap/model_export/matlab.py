@@ -93,7 +93,7 @@ class _Writer:
 
     def __init__(self, tree: ast.FunctionDef) -> None:
         self._tree = tree
-        self._names = [one.arg for one in tree.args.args]
+        self._names = [argument.arg for argument in tree.args.args]
         self._outputs = _outputs(tree)
 
     def text(self) -> str:
@@ -110,8 +110,8 @@ class _Writer:
         given = self._tree.args.defaults
         first = len(self._names) - len(given)
         return [
-            f"  if nargin < {first + i + 1}, {self._names[first + i]} = {self._value(one)}; end"
-            for i, one in enumerate(given)
+            f"  if nargin < {first + i + 1}, {self._names[first + i]} = {self._value(each)}; end"
+            for i, each in enumerate(given)
         ]
 
     def _block(self, body: list[ast.stmt], depth: int) -> list[str]:
@@ -136,10 +136,10 @@ class _Writer:
     def _assignment(self, target: ast.expr, value: ast.expr) -> list[str]:
         if not isinstance(target, ast.Tuple):
             return [f"{self._value(target)} = {self._value(value)};"]
-        targets = [self._value(one) for one in target.elts]
+        targets = [self._value(element) for element in target.elts]
         if isinstance(value, ast.Tuple):
             pairs = zip(targets, value.elts, strict=True)
-            return [f"{name} = {self._value(one)};" for name, one in pairs]
+            return [f"{name} = {self._value(element)};" for name, element in pairs]
         return [f"[{', '.join(targets)}] = {self._value(value)};"]
 
     def _condition(self, node: ast.If, depth: int) -> list[str]:
@@ -159,7 +159,7 @@ class _Writer:
     def _result(self, value: ast.expr) -> list[str]:
         values = value.elts if isinstance(value, ast.Tuple) else [value]
         pairs = zip(self._outputs, values, strict=True)
-        return [f"{name} = {self._value(one)};" for name, one in pairs]
+        return [f"{name} = {self._value(element)};" for name, element in pairs]
 
     def _value(self, node: ast.expr) -> str:
         writers: dict[type[ast.expr], Callable[[Any], str]] = {
@@ -229,10 +229,10 @@ class _Writer:
 
     def _boolean(self, node: ast.BoolOp) -> str:
         sign = " && " if isinstance(node.op, ast.And) else " || "
-        return f"({sign.join(self._value(one) for one in node.values)})"
+        return f"({sign.join(self._value(operand) for operand in node.values)})"
 
     def _either(self, node: ast.IfExp) -> str:
-        parts = (self._value(one) for one in (node.test, node.body, node.orelse))
+        parts = (self._value(part) for part in (node.test, node.body, node.orelse))
         return f"chosen({', '.join(parts)})"
 
     def _record(self, node: ast.Dict) -> str:
@@ -246,7 +246,7 @@ class _Writer:
     def _call(self, node: ast.Call) -> str:
         if node.keywords:
             raise self._refused(node)
-        arguments, name = [self._value(one) for one in node.args], _called(node)
+        arguments, name = [self._value(argument) for argument in node.args], _called(node)
         if isinstance(node.func, ast.Name) and name not in _BUILT_IN:
             return f"{name}({', '.join(arguments)})"
         known = _BUILT_IN if isinstance(node.func, ast.Name) else _NUMPY

@@ -5,7 +5,8 @@ In: artefacts of the steps. Out: figures; None where there is nothing to draw.
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
@@ -14,17 +15,10 @@ from wakedeploy.gap.report.maps import AFTER, BEFORE, labelled
 from wakedeploy.gap.report.shrinkage import closed_words, gap_channel, unchanged
 from wakedeploy.gap.report.tables import ranked
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.wording import (
-    FloatArray,
-    entries,
-    interval,
-    mapping,
-    number,
-    numbers,
-    quantity,
-    scale_of,
-    texts,
-)
+from wakedeploy.gap.search.artefacts import White
+from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Show, Spectrum, Summary, Traces
+from wakedeploy.gap.systems.gantry.findings import Confusion, Gap, Ranked, Retraining, Round
+from wakedeploy.gap.wording import FloatArray, numbers, quantity, scale_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -37,27 +31,39 @@ _FIRST_ROUND, _LATER_ROUNDS = 30, 10  # effects shown per panel of the ranking
 _DARK_BELOW_NATS = 60.0  # where the heat map's shades are dark
 _MOST_NUMBERED = 12  # names in a confusion matrix whose cells still have room for numbers
 
-Artefact = Mapping[str, Any]
+Curve = TypeVar("Curve", covariant=True)
 
 
-def draw_spectrum(find: Artefact, show: Artefact) -> "Figure | None":
+class Pair(Protocol[Curve]):
+    """The same of the rig file as it is, and with what was found."""
+
+    @property
+    def before(self) -> Curve:
+        """As it is."""
+        ...
+
+    @property
+    def after(self) -> Curve:
+        """With what was found."""
+        ...
+
+
+def draw_spectrum(find: Find, show: Show | None) -> "Figure | None":
     """Spectrum and autocorrelation of the innovations, after the effect was added, too."""
-    spectra = _before_after(find.get("spectrum"), show.get("spectrum"))
-    whites = _before_after(find.get("white"), show.get("white"))
-    if not any(len(numbers(s.get("density"))) for s, _, _ in spectra):
+    spectra = _curves(find.spectrum, None if show is None else show.spectrum)
+    whites = _curves(find.white, None if show is None else show.white)
+    if not any(spectrum.density for spectrum, _, _ in spectra):
         return None
     drawn, (left, right) = figures.figure(1, 2, size=(_WIDTH_IN, 2.9), width_ratios=(1.25, 1.0))
-    _spectrum(left, spectra, mapping(find.get("spectrum")))
-    _autocorrelation(right, whites, _samples(find, "sealed" if show.get("white") else "fit"))
+    _spectrum(left, spectra)
+    used = find.split.fit if show is None or show.white is None else find.split.sealed
+    _autocorrelation(right, whites, _samples(find, used))
     return drawn
 
 
-def draw_replay(find: Artefact) -> "Figure | None":
+def draw_replay(replay: Sequence[Replay]) -> "Figure | None":
     """Error of open-loop replay per horizon, and what noise alone would give."""
-    points = sorted(
-        (number(p.get("horizon_s")), number(p.get("rmse_m")), number(p.get("expected_m")))
-        for p in entries(find.get("replay"))
-    )
+    points = sorted((p.horizon_s, p.rmse_m, p.expected_m) for p in replay)
     horizon, rmse, expected = np.array(points).reshape(-1, 3).T
     if not bool(np.isfinite(rmse).any()):
         return None
@@ -71,36 +77,39 @@ def draw_replay(find: Artefact) -> "Figure | None":
     return drawn
 
 
-def draw_ranking(name: Artefact) -> "Figure | None":
-    """Held-out gain per effect with interval, one panel per round, and the threshold."""
-    rounds = [r for r in entries(name.get("rounds")) if ranked(r)]
+def draw_ranking(
+    rounds: Sequence[Round], found: Sequence[str], rivals: Sequence[str], flights: int = 0
+) -> "Figure | None":
+    """Held-out gain per effect with interval, one panel per round, and the threshold.
+
+    `found` and `rivals` are drawn apart; of one flight (`flights`) nothing was held out.
+    """
+    rounds = [r for r in rounds if ranked(r.ranking)]
     if not rounds:
         return None
-    rankings = [ranked(r)[: _LATER_ROUNDS if i else _FIRST_ROUND] for i, r in enumerate(rounds)]
+    rankings = [
+        ranked(r.ranking)[: _LATER_ROUNDS if i else _FIRST_ROUND] for i, r in enumerate(rounds)
+    ]
     heights = [0.6 + 0.19 * len(ranking) for ranking in rankings]
     drawn, grid = figures.figure(
         len(rounds), size=(_WIDTH_IN, sum(heights) + 0.3), squeeze=False, height_ratios=heights
     )
-    found = {str(e.get("name")) for e in entries(name.get("effects"))}
-    rivals = set(texts(name.get("class")))
     for axes, round_, ranking in zip(grid[:, 0], rounds, rankings, strict=True):
-        _round(axes, round_, ranking, found, rivals)
-    _threshold_legend(grid[0, 0])
+        _round(axes, round_, ranking, set(found), set(rivals))
+        _threshold_legend(axes)  # each round has its own
     gain = "gain in held-out log density over the model so far [nats]"
-    if number(name.get("fitted_flights")) == 1.0:
+    if flights == 1:
         gain = "gain in log density over the rig as it is, less a nat per parameter [nats]"
     grid[-1, 0].set_xlabel(gain)
     return drawn
 
 
-def draw_confusion(name: Artefact) -> "Figure | None":
+def draw_confusion(confusion: Confusion) -> "Figure | None":
     """Nats that the best version of a rival (column) loses if the effect of the row is true."""
-    confusion = mapping(name.get("confusion"))
-    names, rows = texts(confusion.get("names")), confusion.get("loss_nats")
-    square = isinstance(rows, list) and len(rows) == len(names) > 1
-    if not square or any(len(numbers(row)) != len(names) for row in rows or []):
+    names, rows = confusion.names, confusion.loss_nats
+    if not len(rows) == len(names) > 1 or any(len(row) != len(names) for row in rows):
         return None
-    loss = np.array([numbers(row) for row in rows or []])
+    loss = np.array([numbers(row) for row in rows])
     np.fill_diagonal(loss, math.nan)
     if not bool(np.isfinite(loss).any()):
         return None
@@ -110,10 +119,9 @@ def draw_confusion(name: Artefact) -> "Figure | None":
     return drawn
 
 
-def draw_gaps(show: Artefact) -> "Figure | None":
+def draw_gaps(gap: Mapping[str, Gap]) -> "Figure | None":
     """Per channel: the gap before and after with intervals, and the noise floor."""
-    channels = [(str(n), mapping(c)) for n, c in mapping(show.get("gap")).items()]
-    channels = [(n, c) for n, c in channels if not math.isnan(number(c.get("before")))]
+    channels = [(n, c) for n, c in gap.items() if not math.isnan(c.before)]
     if not channels:
         return None
     drawn, grid = figures.figure(
@@ -121,38 +129,38 @@ def draw_gaps(show: Artefact) -> "Figure | None":
     )
     for axes, (name, channel) in zip(grid[:, 0], channels, strict=True):
         same = unchanged(channel)
-        levels = [_level(channel, "before", "as it is" if same else "before", BEFORE)]
+        levels = [_before(channel, "as it is" if same else "before")]
         if not same:
             closed = closed_words(channel)
-            note = {"note": f"{closed} closed" if closed else ""}
-            levels.append(_level(channel, "after", "after", AFTER) | note)
-        _levels(axes, levels, channel, f"rms error, {name}")
+            levels.append(replace(_after(channel), note=f"{closed} closed" if closed else ""))
+        _levels(axes, levels, channel.noise_floor, channel.unit, f"rms error, {name}")
     drawn.align_ylabels(grid)
     return drawn
 
 
-def draw_placebo(summary: Artefact) -> "Figure | None":
+def draw_placebo(summary: Summary) -> "Figure | None":
     """The gap without anything, with a wrong effect, and with the one that was found."""
-    placebo = mapping(summary.get("placebo"))
-    name, channel = gap_channel(summary)
-    if math.isnan(number(placebo.get("after"))) or unchanged(channel):
+    placebo, (name, channel) = summary.placebo, gap_channel(summary)
+    if placebo is None or channel is None or unchanged(channel) or math.isnan(placebo.after):
         return None
-    names = [str(e.get("name")) for e in entries(summary.get("effects"))]
+    names = [effect.name for effect in summary.effects]
+    wrong = f"placebo: {placebo.name}"
     levels = [
-        _level(channel or placebo, "before", "before", BEFORE),
-        _level(placebo, "after", f"placebo: {placebo.get('name')}", figures.SOURCE),
-        _level(channel, "after", f"found: {', '.join(names)}" if names else "after", AFTER),
+        _before(channel),
+        Level(placebo.after, placebo.after_interval, wrong, figures.SOURCE),
+        _after(channel, f"found: {', '.join(names)}" if names else "after"),
     ]
     drawn, axes = figures.figure(size=(_WIDTH_IN, 1.9))
-    _levels(axes, levels, channel or placebo, f"rms error, {name}" if name else "gap")
+    _levels(axes, levels, channel.noise_floor, channel.unit, f"rms error, {name}")
     return drawn
 
 
-def draw_traces(show: Artefact) -> "Figure | None":
+def draw_traces(traces: Traces | None) -> "Figure | None":
     """Forecasts 0.25 s ahead of one flight that was held out, before and after."""
-    traces = mapping(show.get("traces"))
-    time_s, measured_m = numbers(traces.get("t_s")), numbers(traces.get("measured_m"))
-    before_m, after_m = numbers(traces.get("before_m")), numbers(traces.get("after_m"))
+    if traces is None:
+        return None
+    time_s, measured_m = numbers(traces.t_s), numbers(traces.measured_m)
+    before_m, after_m = numbers(traces.before_m), numbers(traces.after_m)
     if not len(time_s) == len(measured_m) == len(before_m) == len(after_m) > 1:
         return None
     drawn, (height, error) = figures.figure(
@@ -177,38 +185,35 @@ def draw_traces(show: Artefact) -> "Figure | None":
     return drawn
 
 
-def draw_retraining(show: Artefact) -> "Figure | None":
+def draw_retraining(scores: Retraining | None) -> "Figure | None":
     """Error on measured data of predictors trained on the old and on the corrected simulation."""
-    retrain = mapping(show.get("retrain"))
-    if math.isnan(number(retrain.get("new_rmse"))):
+    if scores is None:
         return None
     drawn, axes = figures.figure(size=(_WIDTH_IN, 1.45))
     levels = [
-        _level(retrain, "old_rmse", "trained on the old rig", BEFORE),
-        _level(retrain, "new_rmse", "trained on the corrected rig", AFTER),
+        Level(scores.old_rmse, scores.old_rmse_interval, "trained on the old rig", BEFORE),
+        Level(scores.new_rmse, scores.new_rmse_interval, "trained on the corrected rig", AFTER),
     ]
-    _levels(axes, levels, retrain, "prediction error on measured data, rms")
+    _levels(axes, levels, math.nan, scores.unit, "prediction error on measured data, rms")
     return drawn
 
 
-def _before_after(found: Any, shown: Any) -> list[tuple[Artefact, str, str]]:
-    """(artefact, colour, label) of what is there: before and after, or as it was found."""
-    both = mapping(shown)
-    pairs = [(mapping(both.get("before")), BEFORE, "before"),
-             (mapping(both.get("after")), AFTER, "after")]  # fmt: skip
-    pairs = [pair for pair in pairs if pair[0]]
-    return pairs or [(mapping(found), figures.MEASURED, "innovations")]
+def _curves(found: Curve | None, shown: Pair[Curve] | None) -> list[tuple[Curve, str, str]]:
+    """With colour and label, what is there: before and after, or as it was found."""
+    if shown is not None:
+        return [(shown.before, BEFORE, "before"), (shown.after, AFTER, "after")]
+    return [] if found is None else [(found, figures.MEASURED, "innovations")]
 
 
-def _spectrum(axes: "Axes", spectra: Sequence[tuple[Artefact, str, str]], found: Artefact) -> None:
+def _spectrum(axes: "Axes", spectra: Sequence[tuple[Spectrum, str, str]]) -> None:
     from matplotlib.ticker import LogLocator
 
     for spectrum, colour, label in spectra:
-        hz, density = numbers(spectrum.get("frequency_hz")), numbers(spectrum.get("density"))
+        hz, density = numbers(spectrum.frequency_hz), numbers(spectrum.density)
         if len(hz) == len(density) > 0:
             drawable = (hz > 0.0) & (density > 0.0)
             axes.loglog(hz[drawable], density[drawable], color=colour, label=label)
-            _band(axes, hz, spectrum if spectrum.get("low") is not None else found)
+            _band(axes, hz, spectrum)
     axes.set(xlabel="frequency [Hz]", ylabel="power density (white noise = 1)")
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     for axis in (axes.xaxis, axes.yaxis):
@@ -218,31 +223,22 @@ def _spectrum(axes: "Axes", spectra: Sequence[tuple[Artefact, str, str]], found:
         figures.legend(axes)
 
 
-def _band(axes: "Axes", hz: FloatArray, spectrum: Artefact) -> None:
-    """The 95 % band of white noise, one number or one per frequency; drawn once."""
-    if axes.collections:
+def _band(axes: "Axes", hz: FloatArray, spectrum: Spectrum) -> None:
+    """The 95 % band of white noise; drawn once."""
+    if axes.collections or math.isnan(spectrum.low + spectrum.high):
         return
-    low, high = (_spread(spectrum.get(end), len(hz)) for end in ("low", "high"))
-    if bool(np.isfinite(low).any()):
-        axes.fill_between(hz, low, high, color=figures.SUFFERER, alpha=0.25, linewidth=0,
-                          label="95 % of white noise")  # fmt: skip
+    axes.fill_between(hz, spectrum.low, spectrum.high, color=figures.SUFFERER, alpha=0.25,
+                      linewidth=0, label="95 % of white noise")  # fmt: skip
 
 
-def _spread(value: Any, count: int) -> FloatArray:
-    many = numbers(value)
-    return many if len(many) == count else np.full(count, number(value))
-
-
-def _autocorrelation(
-    axes: "Axes", whites: Sequence[tuple[Artefact, str, str]], samples: float
-) -> None:
+def _autocorrelation(axes: "Axes", whites: Sequence[tuple[White, str, str]], samples: int) -> None:
     from matplotlib.ticker import MaxNLocator
 
     for white, colour, label in whites:
-        lags, values = numbers(white.get("lags")), numbers(white.get("autocorrelation"))
+        lags, values = np.array(white.lags), numbers(white.autocorrelation)
         if len(lags) == len(values) > 0:
             axes.plot(lags, values, "o-", color=colour, markersize=3, label=label)
-    if samples > 0.0:
+    if samples:
         half = 1.96 / math.sqrt(samples)
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
@@ -250,13 +246,10 @@ def _autocorrelation(
     axes.xaxis.set_major_locator(MaxNLocator(6, integer=True))
 
 
-def _samples(find: Artefact, use: str) -> float:
-    """Of the flights fitted or sealed, of all where the split does not say."""
-    logs = entries(find.get("logs"))
-    names = texts(mapping(find.get("split")).get(use))
-    counts = [number(log.get("samples")) for log in logs if str(log.get("path")) in names]
-    counts = counts or [number(log.get("samples")) for log in logs]
-    return float(np.nansum(counts)) if counts else 0.0
+def _samples(find: Find, used: Sequence[str]) -> int:
+    """Of the flights that were used, of all where the split does not say."""
+    counts = [log.samples for log in find.logs if log.path in used]
+    return sum(counts or [log.samples for log in find.logs])
 
 
 def _threshold_legend(axes: "Axes") -> None:
@@ -266,8 +259,8 @@ def _threshold_legend(axes: "Axes") -> None:
 
 def _round(
     axes: "Axes",
-    round_: Artefact,
-    ranking: Sequence[Artefact],
+    round_: Round,
+    ranking: Sequence[Ranked],
     found: set[str],
     rivals: set[str],
 ) -> None:
@@ -275,20 +268,20 @@ def _round(
 
     A class's members count from the round in which the best one passed the threshold.
     """
-    threshold = number(round_.get("threshold_nats"))
-    gains = np.array([number(each.get("gain_nats")) for each in ranking])
-    ends = np.array([interval(each.get("interval")) for each in ranking])
+    threshold = round_.threshold_nats
+    gains = np.array([each.gain_nats for each in ranking])
+    ends = np.array([each.interval for each in ranking])
     passes = gains >= threshold
     any_passes = bool(passes.any())
     chosen = [
-        (ok and str(c.get("name")) in found) or (any_passes and str(c.get("name")) in rivals)
+        (ok and c.name in found) or (any_passes and c.name in rivals)
         for ok, c in zip(passes, ranking, strict=True)
     ]
     colours = np.where(chosen, AFTER, np.where(passes, figures.MEASURED, figures.LIMIT))
     rows = np.arange(len(ranking))
     axes.hlines(rows, ends[:, 0], ends[:, 1], colors=list(colours), linewidth=2.2, alpha=0.45)
     axes.scatter(gains, rows, c=list(colours), s=np.where(chosen, 26, 13), clip_on=False, zorder=3)
-    names = [_plain(c.get("name")) for c in ranking]
+    names = [_plain(c.name) for c in ranking]
     axes.set_yticks(range(len(ranking)), names, fontsize=8)
     axes.set_ylim(len(ranking) - 0.4, -0.6)
     axes.grid(False, axis="y")
@@ -297,12 +290,10 @@ def _round(
     axes.set_title(_round_title(round_, len(ranking)))
 
 
-def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> None:
+def _gain_axis(axes: "Axes", ranking: Sequence[Ranked], threshold: float) -> None:
     """Linear near zero, logarithmic beyond the threshold, where one effect outgrows the rest."""
     linear = max(threshold, 5.0) if not math.isnan(threshold) else 10.0
-    ends = [number(c.get("gain_nats")) for c in ranking] + [
-        end for c in ranking for end in interval(c.get("interval"))
-    ]
+    ends = [end for c in ranking for end in (c.gain_nats, *c.interval)]
     if float(np.nanmax(np.abs(ends), initial=0.0)) > 8.0 * linear:
         axes.set_xscale("symlog", linthresh=2.0 * linear, linscale=1.0)
         axes.xaxis.set_major_formatter("{x:g}")
@@ -312,10 +303,10 @@ def _gain_axis(axes: "Axes", ranking: Sequence[Artefact], threshold: float) -> N
                      label=f"threshold, {threshold:.1f} nats")  # fmt: skip
 
 
-def _round_title(round_: Artefact, shown: int) -> str:
-    given = [_plain(name) for name in texts(round_.get("given"))]
+def _round_title(round_: Round, shown: int) -> str:
+    given = [_plain(name) for name in round_.given]
     title = f"On top of {', '.join(given)}" if given else "On top of the model as it is"
-    total = len(entries(round_.get("ranking")))
+    total = len(round_.ranking)
     return title if shown == total else f"{title} (best {shown} of {total})"
 
 
@@ -351,36 +342,52 @@ def _number_cells(axes: "Axes", loss: FloatArray) -> None:
         axes.text(column, row, f"{nats:.0f}", ha="center", va="center", fontsize=7, color=ink)
 
 
-def _level(source: Artefact, key: str, label: str, colour: str) -> dict[str, Any]:
-    return {"value": number(source.get(key)), "ends": interval(source.get(f"{key}_interval")),
-            "label": label, "colour": colour, "note": ""}  # fmt: skip
+@dataclass(frozen=True)
+class Level:
+    """An error with its 90 % interval, as a bar."""
+
+    value: float
+    interval: tuple[float, float] | None
+    label: str
+    colour: str
+    note: str = ""
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Of the interval; NaN without one."""
+        return self.interval or (math.nan, math.nan)
 
 
-def _levels(
-    axes: "Axes", levels: Sequence[Mapping[str, Any]], channel: Artefact, name: str
-) -> None:
+def _before(channel: Gap, label: str = "before") -> Level:
+    return Level(channel.before, channel.before_interval, label, BEFORE)
+
+
+def _after(channel: Gap, label: str = "after") -> Level:
+    return Level(channel.after, channel.after_interval, label, AFTER)
+
+
+def _levels(axes: "Axes", levels: Sequence[Level], floor: float, unit: str, name: str) -> None:
     """Errors one below the other, from zero, each with interval; the noise floor as a line."""
-    levels = [level for level in levels if not math.isnan(level["value"])]
-    floor = number(channel.get("noise_floor"))
-    every = [floor, *(v for level in levels for v in (level["value"], *level["ends"]))]
-    factor, unit = scale_of(every, str(channel.get("unit") or ""))
+    levels = [level for level in levels if not math.isnan(level.value)]
+    every = [floor, *(v for level in levels for v in (level.value, *level.ends))]
+    factor, shown = scale_of(every, unit)
     for row, level in enumerate(levels):
-        axes.barh(row, factor * level["value"], height=0.55, color=level["colour"], alpha=0.55)
-        low, high = (factor * end for end in level["ends"])
-        axes.plot([low, high], [row, row], color=level["colour"], linewidth=2.4)
-        end = np.nanmax([factor * level["value"], high])
-        text = "  ".join([quantity(factor * level["value"], ""), level["note"]])
+        axes.barh(row, factor * level.value, height=0.55, color=level.colour, alpha=0.55)
+        low, high = (factor * end for end in level.ends)
+        axes.plot([low, high], [row, row], color=level.colour, linewidth=2.4)
+        end = np.nanmax([factor * level.value, high])
+        text = "  ".join([quantity(factor * level.value, ""), level.note])
         axes.annotate(text, (end, row), (5, 0), textcoords="offset points", va="center",
                       fontsize=8, zorder=4, bbox=_ON_PAPER)  # fmt: skip
     if not math.isnan(floor):
         axes.axvline(factor * floor, color=figures.REFERENCE, linestyle="--", linewidth=1.0)
         axes.text(factor * floor, 1.0, "noise floor", transform=axes.get_xaxis_transform(),
                   ha="center", va="bottom", fontsize=8)  # fmt: skip
-    axes.set_yticks(range(len(levels)), [_plain(level["label"]) for level in levels])
+    axes.set_yticks(range(len(levels)), [_plain(level.label) for level in levels])
     axes.set_ylim(len(levels) - 0.4, -0.6)
     axes.grid(False, axis="y")
     axes.set_xlim(0, 1.18 * factor * float(np.nanmax(every)))
-    axes.set_xlabel(labelled(name, unit))
+    axes.set_xlabel(labelled(name, shown))
 
 
 def _plain(text: object) -> str:

@@ -3,137 +3,130 @@
 A reader of the verdict asks these three questions, and needs no statistics for the answers: forces
 in newtons, heights in millimetres, shares in per cent.
 
-In: `result.json`, or more (see `steps.Steps.summary`). Out: pairs of a question and its answer.
+In: the summary of a folder. Out: pairs of a question and its answer.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Sequence
 
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
-from wakedeploy.gap.report.mattering import force_words, matters, share_of
-from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, gap_value
-from wakedeploy.gap.wording import confidence, entries, listed, mapping, number, percent, texts
-
-Result = Mapping[str, Any]
+from wakedeploy.gap.report.mattering import force_words, share_of
+from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, gap_values
+from wakedeploy.gap.systems.gantry.artefacts import Summary
+from wakedeploy.gap.systems.gantry.findings import Effect, Worth
+from wakedeploy.gap.wording import confidence, listed, percent
 
 _HORIZONS = ("0.25 s ahead", "1 s ahead")
 
 
-def first_screen(result: Result) -> list[tuple[str, str]]:
+def first_screen(summary: Summary) -> list[tuple[str, str]]:
     """Each question that can be answered, with its answer; none of too few flights."""
-    if cannot_tell(flight_count(result)) or not result.get("verdict"):
+    if cannot_tell(flight_count(summary)) or summary.verdict is None:
         return []
     answers = [
-        ("Does it matter?", importance(result)),
-        ("How sure is that?", certainty(result)),
-        ("What next?", next_step(result)),
+        ("Does it matter?", importance(summary)),
+        ("How sure is that?", certainty(summary)),
+        ("What next?", next_step(summary)),
     ]
     return [(question, answer) for question, answer in answers if answer]
 
 
-def importance(result: Result) -> str:
+def importance(summary: Summary) -> str:
     """What it does to the sufferer, and what a forecast loses by not knowing it."""
-    verdict = result.get("verdict")
-    if verdict == "none":
-        return _nothing_matters(result)
-    if verdict == "named":
-        return _of_names(entries(result.get("effects")))
-    if explainable := mapping(result.get("explainable")):
-        share = percent(explainable.get("share"))
+    if summary.verdict == "none":
+        return _nothing_matters(summary)
+    if summary.verdict == "named":
+        return _of_names(summary.effects)
+    if summary.explainable is not None:
+        share = percent(summary.explainable.share)
         return f"Yes: knowing it would remove up to {share} of the squared forecast error."
-    told = _costs("it", result)
-    return f"Yes: {told}." if told else ""
+    costs = _costs("it", summary.worth)
+    return f"Yes: {costs}." if costs else ""
 
 
-def _nothing_matters(result: Result) -> str:
-    name, channel = gap_channel(result)
-    if not channel:
+def _nothing_matters(summary: Summary) -> str:
+    name, channel = gap_channel(summary)
+    if channel is None:
         return ""
-    error, noise = gap_value(channel, "before"), gap_value(channel, "noise_floor")
+    error, _, noise = gap_values(channel)
     return f"No: the rig file forecasts the {name} to {error}, and noise alone gives {noise}."
 
 
-def _of_names(effects: list[Mapping[str, Any]]) -> str:
-    judged = [e for e in effects if e.get("worth")]
-    counts = [_costs(str(e.get("name")), e) for e in judged if matters(e)]
+def _of_names(effects: Sequence[Effect]) -> str:
+    judged = [effect for effect in effects if effect.worth is not None]
+    counts = [_costs(effect.name, effect.worth) for effect in judged if effect.matters]
     if counts:
         return f"Yes: {'; '.join(counts)}."
-    small = [_costs(str(e.get("name")), e) for e in judged]
+    small = [_costs(effect.name, effect.worth) for effect in judged]
     return f"No: {'; '.join(small)}." if small else ""
 
 
-def _costs(name: str, entry: Mapping[str, Any]) -> str:
+def _costs(name: str, worth: Worth | None) -> str:
     """`crosswind-offset makes 37 mN, 1.4 mm of height and 34 % of the squared forecast error`."""
-    worth = mapping(entry.get("worth"))
-    if not worth:
+    if worth is None:
         return ""
-    told = [force_words(worth)]
-    height_mm = 1e3 * number(mapping(worth.get("tracking_m")).get("value"))
+    costs = [force_words(worth.force_n)]
+    height_mm = 1e3 * worth.tracking_m.value
     if height_mm > 0.0:
-        told.append(f"{height_mm:.1f} mm of height")
-    shares = {h: share_of(entry, h) for h in _HORIZONS}
+        costs.append(f"{height_mm:.1f} mm of height")
+    shares = {h: share_of(worth, h) for h in _HORIZONS}
     known = {h: share for h, share in shares.items() if not math.isnan(share)}
     if known:
         best = max(known, key=lambda h: known[h])
-        told.append(f"{percent(max(known[best], 0.0))} of the squared forecast error {best}")
-    return f"{name} makes {listed(told)}"
+        costs.append(f"{percent(max(known[best], 0.0))} of the squared forecast error {best}")
+    return f"{name} makes {listed(costs)}"
 
 
-def certainty(result: Result) -> str:
+def certainty(summary: Summary) -> str:
     """How sure the verdict is, in per cent and by what it was tried on."""
-    verdict = result.get("verdict")
-    told = {"named": _names_sure, "class": _class_sure, "unknown": _unknown_sure}
-    if verdict not in told:
+    sure = {"named": _names_sure, "class": _class_sure, "unknown": _unknown_sure}
+    if summary.verdict not in sure:
         return (
             "Where nothing is missing, one search in twenty finds something; this one found "
             "nothing that flights kept apart bear out."
-            if entries(result.get("withdrawn"))
+            if summary.withdrawn
             else ""
         )
-    return " ".join(part for part in (*told[verdict](result), _halves(result)) if part)
+    return " ".join(part for part in (*sure[summary.verdict](summary), _halves(summary)) if part)
 
 
-def _names_sure(result: Result) -> list[str]:
-    effects = entries(result.get("effects"))
-    if unconfirmed(flight_count(result)):
+def _names_sure(summary: Summary) -> list[str]:
+    if unconfirmed(flight_count(summary)):
         return ["No flight was kept apart to confirm it."]
-    known = [(str(e.get("name")), number(e.get("confidence"))) for e in effects]
-    sure = [f"{name} {confidence(c)}" for name, c in known if not math.isnan(c)]
-    told = [f"{listed(sure)}."] if sure else []
-    if all(mapping(e.get("worth")).get("confirmed") for e in effects):
-        told.append("Flights that took no part in finding it bear it out.")
-    return told
+    known = [effect for effect in summary.effects if not math.isnan(effect.confidence)]
+    sure = [f"{effect.name} {confidence(effect.confidence)}" for effect in known]
+    sentences = [f"{listed(sure)}."] if sure else []
+    if all(effect.worth is not None and effect.worth.confirmed for effect in summary.effects):
+        sentences.append("Flights that took no part in finding it bear it out.")
+    return sentences
 
 
-def _class_sure(result: Result) -> list[str]:
-    return [f"One of {listed(texts(result.get('class')), 'or')} is there; which, is open."]
+def _class_sure(summary: Summary) -> list[str]:
+    return [f"One of {listed(summary.rivals, 'or')} is there; which, is open."]
 
 
-def _unknown_sure(result: Result) -> list[str]:
-    if entries(result.get("beside")):
+def _unknown_sure(summary: Summary) -> list[str]:
+    if summary.beside:
         return ["That there is more than the known part is beyond chance; what it is, is open."]
     return ["That something is missing is beyond chance; what it is, is open."]
 
 
-def _halves(result: Result) -> str:
-    again = mapping(result.get("repeated"))
-    if not again:
+def _halves(summary: Summary) -> str:
+    if summary.repeated is None:
         return ""
-    if again.get("agree"):
+    if summary.repeated.agree:
         return "Each half of the flights by itself says the same."
     return "The two halves of the flights do not agree: fly more."
 
 
-def next_step(result: Result) -> str:
+def next_step(summary: Summary) -> str:
     """What to do, in words; the commands stand below where there are any."""
-    if why := mapping(result.get("next")).get("why"):
-        return f"{str(why)[:1].upper()}{str(why)[1:]}."
-    verdict = result.get("verdict")
-    if verdict == "named" and any(matters(e) for e in entries(result.get("effects"))):
+    if summary.next is not None:
+        return f"{summary.next.why[:1].upper()}{summary.next.why[1:]}."
+    if summary.verdict == "named" and summary.to_add:
         return "Simulate and train with the corrected rig file."
-    if verdict in ("named", "none"):
+    if summary.verdict in ("named", "none"):
         return "Nothing: simulate and train with the rig file as it is."
-    if verdict == "unknown":
+    if summary.verdict == "unknown":
         return "Look where flights and rig file disagree, and fly there more."
     return ""

@@ -1,25 +1,19 @@
 """Figures over coordinates: maps of the residual, and the error per place before and after.
 
-In: lists as in `find.json` and `show.json`. Out: figures; None where there is nothing to draw.
+In: maps of `find.json`, profiles of `show.json`. Out: figures; None where there is nothing to draw.
 """
 
 import math
 import re
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from wakedeploy.core import figures
-from wakedeploy.gap.wording import (
-    FloatArray,
-    entries,
-    number,
-    numbers,
-    probability,
-    scale_of,
-    signs,
-)
+from wakedeploy.gap.search.artefacts import Map
+from wakedeploy.gap.systems.gantry.artefacts import Profile
+from wakedeploy.gap.wording import FloatArray, numbers, probability, scale_of, signs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -32,15 +26,13 @@ _COLUMNS = 3
 _WIDTH_IN = 7.5
 _LONG_LABEL = 18  # characters that fit beside a panel
 
-Map = Mapping[str, Any]
 
-
-def strongest_maps(find: Map) -> tuple[list[Map], list[Map]]:
+def strongest_maps(maps: Sequence[Map]) -> tuple[list[Map], list[Map]]:
     """At most twelve maps, exogenous and fed-back ones apart, the most significant first."""
-    drawable = [m for m in entries(find.get("maps")) if _bins(m) is not None]
+    drawable = [m for m in maps if _bins(m) is not None]
     ordered = sorted(drawable, key=lambda m: (_q(m), -_strength(m)))
-    exogenous = [m for m in ordered if m.get("exogenous")]
-    fed_back = [m for m in ordered if not m.get("exogenous")]
+    exogenous = [m for m in ordered if m.exogenous]
+    fed_back = [m for m in ordered if not m.exogenous]
     half = _MOST_MAPS // 2
     return (
         exogenous[: max(half, _MOST_MAPS - len(fed_back))],
@@ -58,18 +50,16 @@ def draw_maps(maps: Sequence[Map]) -> "Figure | None":
     return drawn
 
 
-def draw_places(show: Map, find: Map) -> "Figure | None":
+def draw_places(places: Sequence[Profile]) -> "Figure | None":
     """The error per bin of each coordinate, before and after; the six that change most."""
-    places = [p for p in entries(show.get("places")) if _change(p) > -math.inf]
-    once = {(str(p.get("channel")), str(p.get("coordinate"))): p for p in reversed(places)}
-    places = sorted(once.values(), key=_change, reverse=True)[:6]
-    if not places:
+    drawable = [place for place in places if _change(place) > -math.inf]
+    once = {(place.channel, place.coordinate): place for place in reversed(drawable)}
+    shown = sorted(once.values(), key=_change, reverse=True)[:6]
+    if not shown:
         return None
-    units = {m.get("coordinate"): m.get("coordinate_unit") for m in entries(find.get("maps"))}
-    drawn, panels = _panels(len(places), height_in=1.9)
-    for axes, place in zip(panels, places, strict=True):
-        unit = place.get("coordinate_unit") or units.get(place.get("coordinate"))
-        _place(axes, place, str(unit or ""))
+    drawn, panels = _panels(len(shown), height_in=1.9)
+    for axes, place in zip(panels, shown, strict=True):
+        _place(axes, place)
     handles, labels = panels[0].get_legend_handles_labels()
     drawn.legend(handles, labels, loc="outside upper right", ncols=2)
     return drawn
@@ -97,60 +87,69 @@ def _panels(count: int, height_in: float) -> "tuple[Figure, list[Axes]]":
 
 def _map(axes: "Axes", map_: Map) -> None:
     edges, mean = _bins(map_)  # type: ignore[misc]  # strongest_maps has seen to that
-    low, high = (_as_long(numbers(map_.get(end)), mean) for end in ("low", "high"))
-    factor, unit = scale_of(np.concatenate([mean, low, high]), str(map_.get("unit", "")))
+    low, high = (_as_long(numbers(ends), mean) for ends in (map_.low, map_.high))
+    factor, unit = scale_of(np.concatenate([mean, low, high]), map_.unit)
     significant = _q(map_) <= SIGNIFICANT
     colour = figures.MEASURED if significant else figures.LIMIT
     widths = np.diff(edges)
     axes.bar(edges[:-1], factor * (high - low), widths, factor * low, align="edge", color=colour,
              alpha=0.3, linewidth=0)  # fmt: skip
-    lone = _as_long(numbers(map_.get("blocks")), mean) == 1.0
+    lone = _as_long(numbers(map_.blocks), mean) == 1.0
     for chosen, line in ((~lone, "-"), (lone, ":")):
         axes.hlines((factor * mean)[chosen], edges[:-1][chosen], edges[1:][chosen], color=colour,
                     linewidth=1.8, linestyle=line)  # fmt: skip
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
     weight, ink = ("bold", colour) if significant else ("normal", "#777777")
-    title = probability("q", map_.get("q_value"))
+    title = probability("q", map_.q_value)
     axes.set_title(title, color=ink, fontweight=weight, fontsize=8.5)
-    axes.set_xlabel(labelled(map_.get("coordinate"), str(map_.get("coordinate_unit", ""))))
-    axes.set_ylabel(_folded(labelled(map_.get("channel"), unit)))
+    axes.set_xlabel(labelled(map_.coordinate, map_.coordinate_unit))
+    axes.set_ylabel(_folded(labelled(_left_in(map_.channel), unit)))
     _calm(axes)
 
 
-def _place(axes: "Axes", place: Map, coordinate_unit: str) -> None:
-    edges = numbers(place.get("edges"))
-    before, after = numbers(place.get("before")), numbers(place.get("after"))
-    factor, unit = scale_of(np.concatenate([before, after]), str(place.get("unit", "")))
-    for values, colour, label in ((before, BEFORE, "before"), (after, AFTER, "after")):
+def _place(axes: "Axes", place: Profile) -> None:
+    edges, before, after = (numbers(each) for each in (place.edges, place.before, place.after))
+    factor, unit = scale_of(np.concatenate([before, after]), place.unit)
+    for values, reaches, colour, label in (
+        (before, place.before_reach, BEFORE, "before"),
+        (after, place.after_reach, AFTER, "after"),
+    ):
         axes.stairs(factor * values, edges, baseline=None, color=colour, linewidth=1.8, label=label)
-        reach = factor * _as_long(numbers(place.get(f"{label}_reach")), values)
+        reach = factor * _as_long(numbers(reaches), values)
         axes.bar(edges[:-1], 2.0 * reach, np.diff(edges), factor * values - reach, align="edge",
                  color=colour, alpha=0.25, linewidth=0)  # fmt: skip
     axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)
-    axes.set_xlabel(labelled(place.get("coordinate"), coordinate_unit))
-    axes.set_ylabel(_folded(labelled(place.get("channel", "error"), unit)))
+    axes.set_xlabel(labelled(place.coordinate, place.coordinate_unit))
+    axes.set_ylabel(_folded(labelled(_left_in(place.channel), unit)))
     _calm(axes)
+
+
+def _left_in(channel: str) -> str:
+    """What a map's axis shows. A log's column is the signal; its map, what the model leaves of it.
+
+    The gantry's channels are residuals by their own names, in words.
+    """
+    return f"residual of {channel}" if "_" in channel else channel
 
 
 def _bins(map_: Map) -> tuple[FloatArray, FloatArray] | None:
     """Edges (n+1,) and means (n,) of a map; None if they do not belong together."""
-    edges, mean = numbers(map_.get("edges")), numbers(map_.get("mean"))
+    edges, mean = numbers(map_.edges), numbers(map_.mean)
     fits = len(edges) == len(mean) + 1 and bool(np.isfinite(edges).all())
     return (edges, mean) if fits and bool(np.isfinite(mean).any()) else None
 
 
 def _strength(map_: Map) -> float:
     """The largest mean in units of its own half interval."""
-    mean = numbers(map_.get("mean"))
-    low, high = (_as_long(numbers(map_.get(end)), mean) for end in ("low", "high"))
+    mean = numbers(map_.mean)
+    low, high = (_as_long(numbers(ends), mean) for ends in (map_.low, map_.high))
     ratio = np.abs(mean) / np.maximum((high - low) / 2, 1e-12)
     return float(np.nanmax(ratio)) if bool(np.isfinite(ratio).any()) else 0.0
 
 
-def _change(place: Map) -> float:
+def _change(place: Profile) -> float:
     """The largest fall of the error in any bin, as a share; −inf if it cannot be drawn."""
-    edges = numbers(place.get("edges"))
-    before, after = numbers(place.get("before")), numbers(place.get("after"))
+    edges, before, after = (numbers(each) for each in (place.edges, place.before, place.after))
     if not len(edges) - 1 == len(before) == len(after) > 0 or not bool(np.isfinite(edges).all()):
         return -math.inf
     change = (np.abs(before) - np.abs(after)) / np.maximum(np.abs(before), 1e-12)
@@ -158,8 +157,7 @@ def _change(place: Map) -> float:
 
 
 def _q(map_: Map) -> float:
-    q = number(map_.get("q_value"))
-    return 1.0 if math.isnan(q) else q
+    return 1.0 if math.isnan(map_.q_value) else map_.q_value
 
 
 def _as_long(values: FloatArray, like: FloatArray) -> FloatArray:

@@ -1,84 +1,69 @@
 """What an effect is worth, in words: a person who knows no nats reads newtons and percentages.
 
-In: an answer's entries with `worth`, as `name.json` has it. Out: sentences.
+In: an answer, and its effects with `worth`. Out: sentences.
 """
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
-from wakedeploy.gap.wording import (
-    entries,
-    listed,
-    mapping,
-    number,
-    percent,
-    quantity,
-    span,
-    texts,
-)
+from wakedeploy.gap.search.artefacts import Forecast
+from wakedeploy.gap.systems.gantry.findings import Answer, Effect, Expression, Half, Worth
+from wakedeploy.gap.wording import listed, percent, quantity, span
 
 _NEAR, _FAR = "0.25 s ahead", "1 s ahead"
 _LEAST_N = 0.0005  # below it, it is an error of a reading
 NOTHING = "Nothing that matters is missing from the model"
 
 
-def matters(entry: Mapping[str, Any]) -> bool:
-    """Whether an entry was found to matter; one that no flight has judged is taken to."""
-    return mapping(entry.get("worth")).get("matters") is not False
-
-
-def small_clause(result: Mapping[str, Any]) -> str:
+def small_clause(answer: Answer) -> str:
     """`X is there, too small to matter here (1.9 %)`; "" where nothing is."""
-    small = [e for e in entries(result.get("effects")) if not matters(e)]
+    small = [effect for effect in answer.effects if not effect.matters]
     if not small:
         return ""
-    told = [f"{e.get('name')} ({removed_words(e)})" for e in small]
-    return f"{listed(told)} {'are' if small[1:] else 'is'} there, too small to matter here"
+    names = [f"{effect.name} ({removed_words(effect.worth)})" for effect in small]
+    return f"{listed(names)} {'are' if small[1:] else 'is'} there, too small to matter here"
 
 
-def form_sentences(result: Mapping[str, Any]) -> list[str]:
+def form_sentences(answer: Answer) -> list[str]:
     """That an effect leads although its form is not the rig's, and how much is left."""
-    rest = mapping(result.get("rest"))
-    if not entries(result.get("effects")):
+    rest = answer.rest
+    if not answer.effects:
         return []
-    if rest.get("text"):
-        left = f"{force_words(rest)} are left, which are not added; as an expression"
-        return [f"Its form is not exact: {left}, {rest['text']}."]
-    if result.get("form_exact") is False:
+    if rest is not None and rest.text:
+        remainder = f"{force_words(rest.force_n)} are left, which are not added; as an expression"
+        return [f"Its form is not exact: {remainder}, {rest.text}."]
+    if not answer.form_exact:
         return ["Its form is not exact: what is left is not quite noise."]
     return []
 
 
-def unsettled_sentences(result: Mapping[str, Any]) -> list[str]:
+def unsettled_sentences(answer: Answer) -> list[str]:
     """Fits that did not end where they should."""
-    names = texts(result.get("unsettled"))
-    if not names:
+    if not answer.unsettled:
         return []
-    told = "Did not converge, so that it may rank too low, or its interval be wrong"
-    return [f"{told}: {listed(names)}."]
+    start = "Did not converge, so that it may rank too low, or its interval be wrong"
+    return [f"{start}: {listed(answer.unsettled)}."]
 
 
-def repeated_sentences(result: Mapping[str, Any]) -> list[str]:
+def repeated_sentences(answer: Answer) -> list[str]:
     """Whether each half of the flights gives the same answer by itself."""
-    again = mapping(result.get("repeated"))
-    halves = entries(again.get("halves"))
-    if len(halves) != 2:
+    again = answer.repeated
+    if again is None or len(again.halves) != 2:
         return []
-    told = [_half(half) for half in halves]
-    if again.get("agree"):
-        return [f"Both halves of the flights say so by themselves: {listed(told)}."]
-    return [f"The two halves of the flights do not agree: {listed(told)}. More flights would tell."]
+    halves = [_half(half) for half in again.halves]
+    if again.agree:
+        return [f"Both halves of the flights say so by themselves: {listed(halves)}."]
+    return [
+        f"The two halves of the flights do not agree: {listed(halves)}. More flights would tell."
+    ]
 
 
-def _half(half: Mapping[str, Any]) -> str:
-    low, high, unit = half.get("low"), half.get("high"), str(half.get("unit") or "")
-    return f"{half.get('leading')} {span(low, high, unit)}"
+def _half(half: Half) -> str:
+    return f"{half.leading} {span(half.low, half.high, half.unit)}"
 
 
-def removed_words(entry: Mapping[str, Any]) -> str:
+def removed_words(worth: Worth | None) -> str:
     """`1.9 %` of the squared forecast error, at the horizon where it removes more."""
-    shares = [share_of(entry, _NEAR), share_of(entry, _FAR)]
+    shares = [share_of(worth, _NEAR), share_of(worth, _FAR)]
     known = [s for s in shares if not math.isnan(s)]
     if not known:
         return "not measured"
@@ -86,66 +71,64 @@ def removed_words(entry: Mapping[str, Any]) -> str:
     return f"{100 * most:.1f} %".replace("-", "−") if abs(most) < 0.1 else percent(most)
 
 
-def share_of(entry: Mapping[str, Any], horizon: str) -> float:
+def share_of(worth: Worth | None, horizon: str) -> float:
     """The share of the squared forecast error that it removes; NaN where nobody measured it."""
-    return number(mapping(_removed(entry).get(horizon)).get("share"))
+    removed = None if worth is None else worth.removed.get(horizon)
+    return math.nan if removed is None else removed.share
 
 
-def worth_sentences(entry: Mapping[str, Any], subject: str = "It") -> list[str]:
+def worth_sentences(worth: Worth | None, subject: str = "It") -> list[str]:
     """What it changes in the force and in forecasts, and whether that matters."""
-    worth = mapping(entry.get("worth"))
-    if not worth:
+    if worth is None:
         return []
-    told = [f"{subject} makes {force_words(worth)}{_tracking(worth)}"]
+    shares_told = [f"{subject} makes {force_words(worth.force_n)}{_tracking(worth)}"]
     for horizon in (_NEAR, _FAR):
-        one = mapping(_removed(entry).get(horizon))
-        if not math.isnan(number(one.get("share"))):
-            told.append(f"{_with_interval(one)} {horizon}")
-    shares = f"; of the squared forecast error it removes {listed(told[1:])}" if told[1:] else ""
-    verdict = "it matters" if matters(entry) else "too small to matter here, and not added"
-    return [f"{told[0]}{shares}: {verdict}."]
+        if not math.isnan(share_of(worth, horizon)):
+            shares_told.append(f"{_with_interval(worth.removed[horizon])} {horizon}")
+    shares = (
+        f"; of the squared forecast error it removes {listed(shares_told[1:])}"
+        if shares_told[1:]
+        else ""
+    )
+    verdict = "it matters" if worth.matters else "too small to matter here, and not added"
+    return [f"{shares_told[0]}{shares}: {verdict}."]
 
 
-def withdrawn_sentences(result: Mapping[str, Any]) -> list[str]:
+def withdrawn_sentences(answer: Answer) -> list[str]:
     """What the search found and the sealed flights did not bear out."""
     return [
-        f"Withdrawn: {entry.get('name')}. The flights that it was found in speak for it"
-        f"{_by(entry)}; those that took no part forecast no better with it "
-        f"({_with_interval(mapping(_removed(entry).get(_NEAR)))} of the squared error removed "
-        f"{_NEAR}{_placebo(entry)})."
-        for entry in entries(result.get("withdrawn"))
+        f"Withdrawn: {effect.name}. The flights that it was found in speak for it"
+        f"{_by(effect)}; those that took no part forecast no better with it "
+        f"({_near(effect.worth)} of the squared error removed {_NEAR}{_placebo(effect.worth)})."
+        for effect in answer.withdrawn
     ]
 
 
-def small_rest_sentences(result: Mapping[str, Any]) -> list[str]:
+def small_rest_sentences(rest: Expression | None) -> list[str]:
     """An expression that is evident and does not matter."""
-    rest = mapping(result.get("small"))
-    if not rest.get("text"):
+    if rest is None or not rest.text:
         return []
-    force = force_words(mapping(rest.get("worth")))
+    force = force_words(math.nan if rest.worth is None else rest.worth.force_n)
     return [
-        f"A little is left that does not matter, and is not added: {rest['text']}. It makes "
-        f"{force} and removes {removed_words(rest)} of the squared forecast error."
+        f"A little is left that does not matter, and is not added: {rest.text}. It makes "
+        f"{force} and removes {removed_words(rest.worth)} of the squared forecast error."
     ]
 
 
-def explainable_sentences(result: Mapping[str, Any]) -> list[str]:
+def explainable_sentences(answer: Answer) -> list[str]:
     """What knowing the cause of a disagreement would be worth, where no cause was found."""
-    worth = mapping(result.get("explainable"))
-    if not worth:
+    share = answer.explainable
+    if share is None:
         return []
-    told = f"All that could be explained of the forecast error {_NEAR} is {_with_interval(worth)}"
-    few = "" if result.get("verdict") == "unknown" else ": too little to matter here"
-    return [f"The flights disagree with the model beyond noise. {told}{few}."]
+    sentence = (
+        f"All that could be explained of the forecast error {_NEAR} is {_with_interval(share)}"
+    )
+    few = "" if answer.verdict == "unknown" else ": too little to matter here"
+    return [f"The flights disagree with the model beyond noise. {sentence}{few}."]
 
 
-def _removed(entry: Mapping[str, Any]) -> Mapping[str, Any]:
-    return mapping(mapping(entry.get("worth")).get("removed"))
-
-
-def force_words(worth: Mapping[str, Any]) -> str:
+def force_words(force_n: float) -> str:
     """The force that something makes: `37 mN`; of a sensor's error `no force`."""
-    force_n = number(worth.get("force_n"))
     if math.isnan(force_n):
         return "an unknown force"
     if force_n < _LEAST_N:
@@ -153,17 +136,22 @@ def force_words(worth: Mapping[str, Any]) -> str:
     return f"{1e3 * force_n:.0f} mN" if force_n < 0.2 else quantity(force_n, "N")
 
 
-def _tracking(worth: Mapping[str, Any]) -> str:
+def _tracking(worth: Worth) -> str:
     """What ignoring it costs in flight."""
-    cost = mapping(worth.get("tracking_m"))
-    value, low, high = (1e3 * number(cost.get(key)) for key in ("value", "low", "high"))
+    cost = worth.tracking_m
+    value, low, high = (1e3 * each for each in (cost.value, cost.low, cost.high))
     return "" if math.isnan(value) else f", {value:.1f} mm of height ({low:.1f} to {high:.1f})"
 
 
-def _with_interval(one: Mapping[str, Any]) -> str:
-    low, high = number(one.get("low")), number(one.get("high"))
+def _near(worth: Worth | None) -> str:
+    removed = None if worth is None else worth.removed.get(_NEAR)
+    return "an unknown share" if removed is None else _with_interval(removed)
+
+
+def _with_interval(removed: Forecast) -> str:
+    low, high = removed.low, removed.high
     ends = "" if math.isnan(low + high) else f" ({_digits(low)} to {_digits(high)})"
-    return f"{_digits(number(one.get('share')))} %{ends}"
+    return f"{_digits(removed.share)} %{ends}"
 
 
 def _digits(share: float) -> str:
@@ -171,11 +159,11 @@ def _digits(share: float) -> str:
     return f"{size:.{1 if abs(size) < 10.0 else 0}f}".replace("-", "−")
 
 
-def _by(entry: Mapping[str, Any]) -> str:
-    gain = number(entry.get("gain_nats"))
-    return "" if math.isnan(gain) else f" by {gain:.1f} nats"
+def _by(effect: Effect) -> str:
+    return "" if math.isnan(effect.gain_nats) else f" by {effect.gain_nats:.1f} nats"
 
 
-def _placebo(entry: Mapping[str, Any]) -> str:
-    share = number(mapping(mapping(entry.get("worth")).get("placebo_removed")).get(_NEAR))
+def _placebo(worth: Worth | None) -> str:
+    removed = (worth and worth.placebo_removed) or {}
+    share = removed.get(_NEAR, math.nan)
     return "" if math.isnan(share) else f"; a wrong effect: {_digits(share)} %"

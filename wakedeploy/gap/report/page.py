@@ -3,7 +3,7 @@
 In: a folder with the steps' artefacts. Out: `report.html` and `figures/*.png` in the same folder.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,21 +11,22 @@ from typing import TYPE_CHECKING, Any
 from wakedeploy.core import figures, pages
 from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.few_flights import cannot_tell, caution, in_words, unconfirmed
-from wakedeploy.gap.folder import TITLE, Steps, read_steps
 from wakedeploy.gap.report import charts
 from wakedeploy.gap.report import maps as report_maps
 from wakedeploy.gap.report.advice import advice
+from wakedeploy.gap.report.evidence import evidence
 from wakedeploy.gap.report.first_screen import first_screen
 from wakedeploy.gap.report.shrinkage import (
     closed_words,
     flight_count,
     gap_channel,
-    gap_value,
+    gap_values,
     noise_unknown,
     shrinking,
     unchanged,
+    without_noise,
 )
-from wakedeploy.gap.report.summary import evidence, verdict_sentence
+from wakedeploy.gap.report.summary import verdict_sentence
 from wakedeploy.gap.report.tables import (
     added_effects,
     detectable_table,
@@ -35,23 +36,38 @@ from wakedeploy.gap.report.tables import (
     place_table,
     ranking_table,
     unknown_effect,
+    values_of,
     whiteness,
 )
+from wakedeploy.gap.search.artefacts import Map
+from wakedeploy.gap.systems.gantry.artefacts import Find, Name, Show, Summary
+from wakedeploy.gap.systems.gantry.findings import Confusion, Gap
+from wakedeploy.gap.systems.gantry.folder import TITLE, Steps, read_steps
 from wakedeploy.gap.wording import (
     UNKNOWN,
     counted,
-    entries,
     listed,
-    mapping,
-    number,
-    parameters_of,
     quantity,
     spoken,
-    texts,
 )
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def _found(steps: Steps) -> Find:
+    return steps.find or Find()
+
+
+def _maps(steps: Steps) -> tuple[list[Map], list[Map]]:
+    return report_maps.strongest_maps(_found(steps).maps)
+
+
+def _ranking(name: Name | None) -> "Figure | None":
+    if name is None:
+        return None
+    found = [effect.name for effect in name.effects]
+    return charts.draw_ranking(name.rounds, found, name.rivals, name.fitted_flights)
 
 
 @dataclass(frozen=True)
@@ -71,27 +87,28 @@ PICTURES = (
         "known. Blue: significant (q ≤ 0.05, all maps counted); grey: not. A place is listed only "
         "if it exceeds what the model's approximations leave on this rig; an innovation (sd: "
         "standard deviations of a reading's forecast) counts by q alone.",
-        lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[0]),
+        lambda steps: report_maps.draw_maps(_maps(steps)[0]),
     ),
     Picture(
         "maps_fed_back",
         "The same against what the controller feeds back. A disagreement here can be an echo of "
         "one elsewhere: under control, a missing force shows in the command.",
-        lambda steps: report_maps.draw_maps(report_maps.strongest_maps(steps.find)[1]),
+        lambda steps: report_maps.draw_maps(_maps(steps)[1]),
     ),
     Picture(
         "replay",
         "Open-loop replay from filtered states: the error in height after each horizon, and the "
         "error that the model expects of itself. Its noise is fitted to the same flights, so a "
         "missing effect raises both.",
-        lambda steps: charts.draw_replay(steps.find),
+        lambda steps: charts.draw_replay(_found(steps).replay),
     ),
     Picture(
         "spectrum",
         "Innovations, the part of each measurement that the model did not foresee. If only noise "
         "is left, spectrum and autocorrelation stay within the shaded bands.",
         lambda steps: charts.draw_spectrum(
-            steps.find, {} if cannot_tell(steps.flights) and not steps.add else steps.show
+            _found(steps),
+            None if cannot_tell(steps.flights) and steps.add is None else steps.show,
         ),
     ),
     Picture(
@@ -100,14 +117,14 @@ PICTURES = (
         "calibration were, under every hypothesis), with 90 % intervals. Left of "
         "the threshold is what calibration errors alone can gain on this rig. Orange: found; blue: "
         "above the threshold and not chosen; grey: below.",
-        lambda steps: charts.draw_ranking(steps.name),
+        lambda steps: _ranking(steps.name),
     ),
     Picture(
         "confusion",
         "If the effect of a row is the truth, how much the best version of the effect of a column "
         "loses on these flights, at the size found or else at its usual size. Below 3 nats (×) "
         "they cannot be told apart; in a row full of × that effect would hardly show at all.",
-        lambda steps: charts.draw_confusion(steps.name),
+        lambda steps: charts.draw_confusion(steps.name.confusion if steps.name else Confusion()),
     ),
     Picture(
         "before_after",
@@ -115,19 +132,19 @@ PICTURES = (
         "leaves. Closed: (before² − after²) / (before² − floor²), no more than 100 %. Noise and "
         "calibration are fitted before and after; the new rig file has the effect alone, with the "
         "calibration as it was.",
-        lambda steps: charts.draw_gaps({"gap": _gap(steps)}),
+        lambda steps: charts.draw_gaps(_gap(steps)),
     ),
     Picture(
         "places",
         "The mean residual at the places found, on the flights shown, before and after, with 90 % "
         "intervals.",
-        lambda steps: report_maps.draw_places(steps.show, steps.find),
+        lambda steps: report_maps.draw_places(steps.show.places if steps.show else []),
     ),
     Picture(
         "forecasts",
         "One flight: height 0.25 s ahead as forecast by the model before and after. The rms leaves "
         "out readings that strayed.",
-        lambda steps: charts.draw_traces(steps.show),
+        lambda steps: charts.draw_traces(steps.show.traces if steps.show else None),
     ),
     Picture(
         "placebo",
@@ -142,7 +159,7 @@ PICTURES = (
         "Predictors trained on the old and on the corrected simulation, scored on the flights that "
         "are shown here, with 90 % intervals over flights where there are several. The force is "
         "measured with the corrected rig for both.",
-        lambda steps: charts.draw_retraining(steps.show),
+        lambda steps: charts.draw_retraining(steps.show.retrain if steps.show else None),
     ),
 )
 
@@ -164,11 +181,11 @@ def write_report(out: Path) -> Path:
     """
     steps = read_steps(out)
     pictures = draw_pictures(steps, out / "figures")
-    told = _opening(steps, out) | _data(steps) | {"pictures": pictures, "title": TITLE}
-    told |= {"where": _where(steps), "which": _which(steps), "shown": _shown(steps)}
-    told |= {"added": _added(steps), "nothing_added": _nothing_added(steps)}
+    content = _opening(steps, out) | _data(steps) | {"pictures": pictures, "title": TITLE}
+    content |= {"where": _where(steps), "which": _which(steps), "shown": _shown(steps)}
+    content |= {"added": _added(steps), "nothing_added": _nothing_added(steps)}
     path = out / "report.html"
-    write_text_whole(path, pages.page("wakedeploy.gap.report", "report.html", **told))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "report.html", **content))
     return path
 
 
@@ -176,7 +193,9 @@ def draw_pictures(steps: Steps, folder: Path) -> dict[str, pages.Picture]:
     """Draw every figure there is something for, as PNG; others are removed."""
     drawn = {}
     few = cannot_tell(steps.flights)
-    left_out = () if not few or steps.add else {each.name for each in PICTURES} - {*_OF_FEW}
+    left_out = (
+        () if not few or steps.add is not None else {each.name for each in PICTURES} - {*_OF_FEW}
+    )
     for each in PICTURES:
         path = folder / f"{each.name}.png"
         with figures.style():
@@ -204,100 +223,100 @@ def _opening(steps: Steps, out: Path) -> dict[str, Any]:
 
 
 def _flights(steps: Steps) -> str:
-    logs = entries(steps.find.get("logs"))
-    seconds = quantity(sum(number(log.get("seconds")) for log in logs), "s")
+    logs = _found(steps).logs
+    seconds = quantity(sum(log.seconds for log in logs), "s")
     return f"{counted(len(logs), 'flight')}, {seconds}" if logs else "No flights read yet"
 
 
-def _tiles(summary: Mapping[str, Any]) -> list[tuple[str, str]]:
-    tiles = []
-    for effect in entries(summary.get("effects")):
-        for parameter, value in parameters_of(effect):
-            tiles.append((f"{effect.get('name')}, {spoken(parameter)}", value))
+def _tiles(summary: Summary) -> list[tuple[str, str]]:
+    tiles = [
+        (f"{effect.name}, {spoken(parameter)}", value)
+        for effect in summary.effects
+        for parameter, value in values_of(effect.parameters)
+    ]
     name, channel = gap_channel(summary)
-    if channel and cannot_tell(flight_count(summary)):
-        tiles.append((f"error of the {name}", gap_value(channel, "before")))
-    elif channel:
-        tiles.append((f"{name}, before", gap_value(channel, "before")))
-        members = texts(summary.get("as_if"))
-        after = f"after, if it is {listed(members)}" if members else "after"
-        tiles.append((after, gap_value(channel, "after")))
-        tiles.append(("noise alone", gap_value(channel, "noise_floor")))
-        tiles.append(("of the gap closed", closed_words(channel) or UNKNOWN))
-        if unchanged(channel):
-            noise = [] if noise_unknown(summary) else [tiles[-2]]
-            tiles[-4:] = [(f"error of the {name}", gap_value(channel, "before")), *noise]
-    return tiles
+    if channel is None:
+        return tiles
+    before, after, noise = gap_values(channel)
+    if cannot_tell(flight_count(summary)) or unchanged(channel):
+        tiles.append((f"error of the {name}", before))
+        unknown = cannot_tell(flight_count(summary)) or noise_unknown(summary)
+        return tiles if unknown else [*tiles, ("noise alone", noise)]
+    return [
+        *tiles,
+        (f"{name}, before", before),
+        (f"after, if it is {listed(summary.as_if)}" if summary.as_if else "after", after),
+        ("noise alone", noise),
+        ("of the gap closed", closed_words(channel) or UNKNOWN),
+    ]
 
 
 def _where(steps: Steps) -> dict[str, Any]:
     find = steps.find
-    if not find:
+    if find is None:
         return {}
     return {
-        "sentence": find.get("sentence"),
-        "places": place_table(entries(find.get("places"))),
-        "white": whiteness(mapping(find.get("white")), "the rig as it is"),
+        "sentence": find.sentence,
+        "places": place_table(find.places),
+        "white": whiteness(find.white, "the rig as it is"),
     }
 
 
 def _which(steps: Steps) -> dict[str, Any]:
     name = steps.name
-    if not name:
+    if name is None:
         return {}
     return {
-        "rest_white": _rest_white(steps),
+        "rest_white": _rest_white(name, steps.flights),
         "untried": _untried(name),
-        "unknown": unknown_effect(mapping(name.get("unknown"))),
-        "ranking": ranking_table(name),
-        "noise": noise_table(mapping(name.get("noise"))),
-        "detectable": detectable_table(name),
-        "folds_detectable": name.get("verdict") != "none",
+        "unknown": unknown_effect(name.unknown),
+        "ranking": ranking_table(name.rounds[0].ranking if name.rounds else ()),
+        "noise": noise_table(name.noise),
+        "detectable": detectable_table(name.detectable),
+        "folds_detectable": name.verdict != "none",
     }
 
 
-def _rest_white(steps: Steps) -> str:
+def _rest_white(name: Name, flights: int) -> str:
     """Whether the answer leaves more than noise; nothing where the answer is the rig as it is."""
-    white, leading = mapping(steps.name.get("white")), mapping(steps.name.get("leading"))
-    if not cannot_tell(steps.flights):
-        fitted = "the rig as it is, fitted anew" if steps.name.get("verdict") == "none" else ""
-        return whiteness(white, fitted or "the model with what was found")
-    if not leading.get("clear"):
+    if not cannot_tell(flights):
+        fitted = "the rig as it is, fitted anew" if name.verdict == "none" else ""
+        return whiteness(name.white, fitted or "the model with what was found")
+    if name.leading is None or not name.leading.clear:
         return ""
-    return whiteness(white, f"the rig as if {texts(leading.get('names'))[0]} were in it")
+    return whiteness(name.white, f"the rig as if {name.leading.names[0]} were in it")
 
 
-def _untried(name: Mapping[str, Any]) -> str:
-    left = texts(name.get("untried"))
-    if not left:
+def _untried(name: Name) -> str:
+    if not name.untried:
         return ""
     return (
-        f"Not tried, as nothing stands out: {listed(left)}. Of their hundreds of sizes, some fit "
-        "the noise of so few flights."
+        f"Not tried, as nothing stands out: {listed(name.untried)}. Of their hundreds of sizes, "
+        "some fit the noise of so few flights."
     )
 
 
 def _added(steps: Steps) -> dict[str, Any]:
     add = steps.add
-    if not add:
+    if add is None:
         return {}
-    old, new = (str(add.get(f"{which}_sha256") or UNKNOWN)[:12] for which in ("old", "new"))
     return {
-        "rig": add.get("rig"),
-        "old": old,
-        "new": new,
-        "effects": added_effects(entries(add.get("effects"))),
+        "rig": add.rig,
+        "old": add.old_sha256[:12],
+        "new": add.new_sha256[:12],
+        "effects": added_effects(add.effects),
         "caution": caution(steps.flights),
     }
 
 
 def _nothing_added(steps: Steps) -> str:
     """Why not; "" where something was added, or the step has still to come."""
-    if steps.add or steps.missing in ("find", "name", "add"):
+    if steps.add is not None or steps.missing in ("find", "name", "add"):
         return ""
+    verdict = None if steps.name is None else steps.name.verdict
     if cannot_tell(steps.flights):
         why = f"{in_words(steps.flights)} cannot confirm what to add"
-    elif unconfirmed(steps.flights) and steps.name.get("verdict") != "none":
+    elif unconfirmed(steps.flights) and verdict != "none":
         why = "no flight was kept apart to confirm what to add"
     else:
         return "Nothing: the rig file stays."
@@ -306,50 +325,46 @@ def _nothing_added(steps: Steps) -> str:
 
 def _shown(steps: Steps) -> dict[str, Any]:
     show = steps.show
-    if not show:
+    if show is None:
         nothing = "Nothing was added, so there is nothing to compare."
         return {"sentences": [nothing]} if steps.missing is None else {}
-    if cannot_tell(steps.flights) and not steps.add:
+    if cannot_tell(steps.flights) and steps.add is None:
         return {"sentences": shrinking(steps.summary)}
-    white = mapping(show.get("white"))
+    before, after = (show.white.before, show.white.after) if show.white else (None, None)
     return {
         "sentences": [_judging(show)],
         "gap": gap_table(_gap(steps)),
         "white": [
-            whiteness(mapping(white.get("before")), "these flights before"),
-            whiteness(mapping(white.get("after")), "these flights after"),
+            whiteness(before, "these flights before"),
+            whiteness(after, "these flights after"),
         ],
     }
 
 
-def _gap(steps: Steps) -> Mapping[str, Any]:
+def _gap(steps: Steps) -> dict[str, Gap]:
     """The channels; without a floor where what noise alone leaves is not known."""
-    gap = mapping(steps.show.get("gap"))
-    if not noise_unknown(steps.summary):
-        return gap
-    kept = ("before", "after", "before_interval", "after_interval", "unit")
-    return {n: {k: v for k, v in mapping(c).items() if k in kept} for n, c in gap.items()}
+    gap = {} if steps.show is None else steps.show.gap
+    return without_noise(gap) if noise_unknown(steps.summary) else gap
 
 
-def _judging(show: Mapping[str, Any]) -> str:
-    sealed = texts(show.get("sealed"))
-    if show.get("cross_validated"):
+def _judging(show: Show) -> str:
+    if show.cross_validated:
         return (
             "Judged on each flight with sizes fitted to the others; what to fit was chosen with "
             "all of them, as there were too few to keep one apart."
         )
-    if show.get("in_sample") or not sealed:
+    if show.in_sample or not show.sealed:
         return (
             "Judged in sample, on the very flights that it was fitted to: there were too few to "
             "keep one apart."
         )
-    verb = "was" if len(sealed) == 1 else "were"
-    return f"Judged on {listed(sealed)}, which {verb} not looked at before."
+    verb = "was" if len(show.sealed) == 1 else "were"
+    return f"Judged on {listed(show.sealed)}, which {verb} not looked at before."
 
 
 def _data(steps: Steps) -> dict[str, Any]:
-    sealed = texts(mapping(steps.find.get("split")).get("sealed"))
+    find = _found(steps)
     return {
-        "logs": log_rows(entries(steps.find.get("logs")), sealed),
-        "rig_sha256": steps.find.get("rig_sha256") or UNKNOWN,
+        "logs": log_rows(find.logs, find.split.sealed),
+        "rig_sha256": find.rig_sha256 or UNKNOWN,
     }

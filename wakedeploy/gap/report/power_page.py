@@ -76,19 +76,19 @@ def write_page(power: Power, folder: Path) -> Path:
 def sentences(power: Power) -> list[str]:
     """The answer in plain words."""
     count = {v: sum(e.verdict == v for e in power.effects) for v in _MEANING}
-    told = [
+    sentences = [
         f"With {power.flights} flights of {power.seconds:g} s, {count['named']} of "
         f"{len(power.effects)} effects of plausible size will be named, {count['class']} will be "
         f"found but left in a class, and {count['too small']} are too small to be sure of."
     ]
     for group in power.classes:
-        told.append(f"Together in a class: {', '.join(group)}.")
+        sentences.append(f"Together in a class: {', '.join(group)}.")
     bought = power.purchase
     if bought is None:
-        told.append("No sensor of the menu would name another effect.")
+        sentences.append("No sensor of the menu would name another effect.")
     else:
         sensor, gained = bought
-        told.append(
+        sentences.append(
             f"The sensor that helps most is the {sensor.name} ({sensor.description}, about "
             f"{sensor.euros:.0f} €): it names {_listed(gained)} as well. The search does not "
             "read it yet: what it reads is for you to hold against the class."
@@ -99,8 +99,8 @@ def sentences(power: Power) -> list[str]:
         if costly.cost_mm is None
         else (f"adds {costly.cost_mm:.0f} mm to a tracking error of {power.tracking_mm:.1f} mm")
     )
-    told.append(f"Ignoring {costly.name} costs most: it {cost}.")
-    return told + _imitated(power)
+    sentences.append(f"Ignoring {costly.name} costs most: it {cost}.")
+    return sentences + _imitated(power)
 
 
 def _imitated(power: Power) -> list[str]:
@@ -308,13 +308,13 @@ def _sensor_rows() -> list[list[str]]:
 
 def _class_rows(power: Power) -> list[list[str]]:
     known = {e.name: e for e in power.effects}
-    told = []
+    sentences = []
     for group in power.classes:
         sensor = power.splitter(group)
         price = "none of these" if sensor is None else f"{sensor.name}, {sensor.euros:g} €"
         ways = "; ".join(dict.fromkeys(known[n].split_by for n in group))
-        told.append([", ".join(group), price, ways])
-    return told
+        sentences.append([", ".join(group), price, ways])
+    return sentences
 
 
 def _method(power: Power) -> tuple[str, ...]:

@@ -4,8 +4,9 @@ In: parts of a `Result`. Out: figures; None where there is nothing to draw.
 """
 
 import math
+import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 _WIDTH_IN = 7.5
 _HOLE = 3.0  # times the usual step
+# A good model's line lies where the measured one does: both are to be seen.
+_ON_TOP: dict[str, Any] = {"linewidth": 0.8, "linestyle": (0, (4, 2)), "zorder": 3}
 
 
 def draw_trace(trace: Trace) -> "Figure | None":
@@ -35,17 +38,23 @@ def draw_trace(trace: Trace) -> "Figure | None":
         squeeze=False,
     )
     for axes, (name, course) in zip(grid[:, 0], trace.channels.items(), strict=True):
-        for values, colour, label in (
-            (course.measured, figures.REFERENCE, "measured"),
-            (course.before, BEFORE, "baseline"),
-            (course.after, AFTER, "with what was found"),
+        for values, colour, label, style in (
+            (course.measured, figures.REFERENCE, "measured", _ON_TOP),
+            (course.before, BEFORE, "baseline", {}),
+            (course.after, AFTER, "with what was found", {}),
         ):
             whole = np.where(_after_hole(time_s), np.nan, numbers(values))
-            axes.plot(time_s, whole, color=colour, label=label)
+            axes.plot(time_s, whole, color=colour, label=label, **style)
         axes.set_ylabel(labelled(name, course.unit))
     _legend(drawn, grid[0, 0])
-    grid[-1, 0].set_xlabel(f"time in {trace.episode} [s]")
+    grid[-1, 0].set_xlabel(f"time in {_episode(trace.episode)} [s]")
     return drawn
+
+
+def _episode(name: str) -> str:
+    """An episode as a person reads it; a log is cut into numbered blocks."""
+    block = re.fullmatch(r"(.+) (\d+)/(\d+)", name)
+    return f"block {block[2]} of {block[3]} of {block[1]}" if block else name
 
 
 def draw_autocorrelation(white: WhitePair, channels: Sequence[str]) -> "Figure | None":

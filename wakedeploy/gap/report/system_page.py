@@ -13,9 +13,12 @@ from wakedeploy.core.files import write_text_whole
 from wakedeploy.gap.report import system_charts
 from wakedeploy.gap.report.charts import draw_gaps, draw_ranking
 from wakedeploy.gap.report.maps import draw_places
-from wakedeploy.gap.report.summary import place_words
+from wakedeploy.gap.report.phrases import place_words
 from wakedeploy.gap.report.tables import ranking_table, whiteness
-from wakedeploy.gap.search.artefacts import LabelAudit, Result, Round, SingleSteps
+from wakedeploy.gap.search.artefacts import LabelAudit, Ranked, Result, Round, SingleSteps
+from wakedeploy.gap.systems.gantry import findings as drawn
+from wakedeploy.gap.systems.gantry.artefacts import Profile
+from wakedeploy.gap.systems.gantry.findings import Gap
 from wakedeploy.gap.wording import counted, listed, measured, number, probability, quantity
 
 if TYPE_CHECKING:
@@ -70,16 +73,16 @@ def write_page(
 
 def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, Any]:
     """Verdict, where, which, how much smaller."""
-    plain = result.as_json()  # for what the gantry's report draws, too
     drawings: dict[str, Drawing] = {
-        "places": lambda: draw_places(plain["shown"], {}),
-        "ranking": lambda: draw_ranking(plain),
-        "gap": lambda: draw_gaps(plain),
+        "places": lambda: draw_places([Profile(**dict(each)) for each in result.shown.places]),
+        "ranking": lambda: draw_ranking(_rounds(result.rounds), found, result.rivals),
+        "gap": lambda: draw_gaps({n: Gap(**dict(each)) for n, each in result.gap.items()}),
         "trace": lambda: system_charts.draw_trace(result.shown.trace),
         "autocorrelation": lambda: system_charts.draw_autocorrelation(
             result.white, list(result.gap)
         ),
     }
+    found = [effect.name for effect in result.effects]
     folder, episodes = out / "figures", counted(len(result.episodes), "episode")
     return {
         "title": title,
@@ -91,8 +94,8 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
         "placebo": _placebo(result),
         "doubt": _doubt(result.doubted),
         "white": [
-            whiteness(plain["white"]["before"], "the baseline"),
-            whiteness(plain["white"]["after"], "the baseline with what was found"),
+            whiteness(result.white.before, "the baseline"),
+            whiteness(result.white.after, "the baseline with what was found"),
         ],
         "pictures": {
             name: _picture(folder / f"{prefix}{name}.png", _CAPTIONS[name], drawing)
@@ -133,7 +136,7 @@ def _places(result: Result) -> pages.Table | None:
         return None
     rows = [
         [
-            place_words(place.model_dump()).split(":")[0],
+            place_words(place).split(":")[0],
             place.channel,
             quantity(place.residual, place.unit, signed=True),
             probability("q", place.q_value),
@@ -146,20 +149,35 @@ def _places(result: Result) -> pages.Table | None:
 
 
 def _alone(rounds: Sequence[Round]) -> pages.Table | None:
-    """The first ranking as a table; the parameters without their effect's name."""
-    if not rounds:
-        return None
-    ranking = [
-        one.model_dump()
-        | {
-            "parameters": {
-                name.removeprefix(f"{one.name}."): size.model_dump()
-                for name, size in one.parameters.items()
-            }
-        }
-        for one in rounds[0].ranking
+    """The first ranking as a table."""
+    return ranking_table(_rounds(rounds)[0].ranking) if rounds else None
+
+
+def _rounds(rounds: Sequence[Round]) -> list[drawn.Round]:
+    """As they are drawn; the parameters without their effect's name."""
+    return [
+        drawn.Round(
+            given=searched.given,
+            threshold_nats=searched.threshold_nats,
+            ranking=[_drawn(candidate) for candidate in searched.ranking],
+        )
+        for searched in rounds
     ]
-    return ranking_table({"rounds": [{"ranking": ranking}]})
+
+
+def _drawn(candidate: Ranked) -> drawn.Ranked:
+    sizes = {
+        name.removeprefix(f"{candidate.name}."): drawn.Size(
+            value=size.value, low=size.low, high=size.high, unit=size.unit
+        )
+        for name, size in candidate.parameters.items()
+    }
+    return drawn.Ranked(
+        name=candidate.name,
+        gain_nats=candidate.gain_nats,
+        interval=candidate.interval,
+        parameters=sizes,
+    )
 
 
 def _placebo(result: Result) -> str:

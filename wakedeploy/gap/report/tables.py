@@ -5,12 +5,11 @@ to say.
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Mapping, Sequence
 
 from wakedeploy.core.pages import Table
-from wakedeploy.gap.report.shrinkage import closed_words, gap_value, unchanged
-from wakedeploy.gap.report.summary import (
+from wakedeploy.core.rig import Effect as RigEffect
+from wakedeploy.gap.report.phrases import (
     coordinate,
     detectable_sizes,
     place_words,
@@ -18,38 +17,33 @@ from wakedeploy.gap.report.summary import (
     untold,
     whiteness_words,
 )
+from wakedeploy.gap.report.shrinkage import closed_words, gap_values, unchanged
+from wakedeploy.gap.search.artefacts import Place, Quantity, White
+from wakedeploy.gap.systems.gantry.artefacts import Log
+from wakedeploy.gap.systems.gantry.findings import Detectable, Expression, Gap, Ranked, Sizes
 from wakedeploy.gap.wording import (
     UNKNOWN,
     confidence,
-    entries,
-    interval,
     listed,
-    mapping,
     measured,
-    number,
-    parameters_of,
     probability,
     quantity,
     spoken,
-    texts,
-    unit_of,
 )
 
 _MOST_PLACES, _MOST_RANKED = 16, 10
 _NO_NATS = 0.05
 
-Artefact = Mapping[str, Any]
 
-
-def place_table(places: Sequence[Artefact]) -> Table:
+def place_table(places: Sequence[Place]) -> Table:
     """The places where the disagreement is significant, the strongest first."""
     rows = [
         [
             place_words(place).split(":")[0],
-            str(place.get("channel") or UNKNOWN),
-            "known beforehand" if place.get("exogenous") else "fed back",
-            quantity(place.get("residual"), unit_of(place), signed=True),
-            probability("q", place.get("q_value")),
+            place.channel,
+            "known beforehand" if place.exogenous else "fed back",
+            quantity(place.residual, place.unit, signed=True),
+            probability("q", place.q_value),
         ]
         for place in places[:_MOST_PLACES]
     ]
@@ -58,117 +52,111 @@ def place_table(places: Sequence[Artefact]) -> Table:
     return Table(["place", "channel", "coordinate", "residual", "significance"], rows)
 
 
-def ranking_table(name: Artefact) -> Table:
-    """The best of the first round with gain, confidence and fitted values."""
-    rounds = entries(name.get("rounds"))
-    ranking = ranked(rounds[0]) if rounds else []
-    rows = [_ranked(candidate) for candidate in ranking[:_MOST_RANKED]]
+def ranking_table(ranking: Iterable[Ranked]) -> Table:
+    """The best of a round with gain, confidence and fitted values."""
+    best = ranked(ranking)
+    rows = [_ranked(candidate) for candidate in best[:_MOST_RANKED]]
     titles = ["effect alone", "gain [nats]", "confidence", "values"]
-    if all(math.isnan(number(each.get("confidence"))) for each in ranking):
+    if all(math.isnan(each.confidence) for each in best):
         titles, rows = [*titles[:2], titles[3]], [[*row[:2], row[3]] for row in rows]
     return Table(titles, rows)
 
 
-def ranked(round_: Artefact) -> list[Artefact]:
+def ranked(ranking: Iterable[Ranked]) -> list[Ranked]:
     """The effects of a round whose gain is known, the best first."""
-    known = entries(round_.get("ranking"))
-    known = [each for each in known if not math.isnan(number(each.get("gain_nats")))]
-    return sorted(known, key=lambda each: -number(each.get("gain_nats")))
+    known = [each for each in ranking if not math.isnan(each.gain_nats)]
+    return sorted(known, key=lambda each: -each.gain_nats)
 
 
-def _ranked(candidate: Artefact) -> list[str]:
-    values = ", ".join(f"{spoken(name)} {value}" for name, value in parameters_of(candidate))
-    gain = _gain(candidate)
-    return [str(candidate.get("name")), gain, confidence(candidate.get("confidence")), values]
+def values_of(sizes: Sizes) -> list[tuple[str, str]]:
+    """Name and measured value of every parameter."""
+    return [(name, measured(p.value, p.low, p.high, p.unit)) for name, p in sizes.items()]
 
 
-def _gain(candidate: Artefact) -> str:
+def _ranked(candidate: Ranked) -> list[str]:
+    values = ", ".join(f"{spoken(name)} {value}" for name, value in values_of(candidate.parameters))
+    return [candidate.name, _gain(candidate), confidence(candidate.confidence), values]
+
+
+def _gain(candidate: Ranked) -> str:
     """A gain in nats with its interval; below a twentieth of one it says nothing."""
-    nats, ends = number(candidate.get("gain_nats")), interval(candidate.get("interval"))
+    nats, ends = candidate.gain_nats, candidate.interval
     if max(map(abs, (nats, *ends))) < _NO_NATS:
         return "0.0"
     return measured(nats, *ends, "")
 
 
-def noise_table(noise: Artefact) -> Table:
+def noise_table(noise: Mapping[str, Quantity]) -> Table:
     """The noise model as fitted together with what was found."""
-    rows = [
-        [spoken(str(name)), quantity(mapping(value).get("value"), unit_of(mapping(value)))]
-        for name, value in noise.items()
-    ]
+    rows = [[spoken(name), quantity(each.value, each.unit)] for name, each in noise.items()]
     return Table(["noise", "value"], rows)
 
 
-def detectable_table(name: Artefact) -> Table:
+def detectable_table(sizes: Mapping[str, Detectable]) -> Table:
     """The smallest size of each effect that would have shown; the answer if nothing is missing."""
-    rows = [list(row) for row in detectable_sizes(name)]
-    rows += [[hidden, UNKNOWN, "no plausible size"] for hidden in undetectable(name)]
-    rows += [[bent, UNKNOWN, "not known: far from linear"] for bent in untold(name)]
+    rows = [list(row) for row in detectable_sizes(sizes)]
+    rows += [[hidden, UNKNOWN, "no plausible size"] for hidden in undetectable(sizes)]
+    rows += [[bent, UNKNOWN, "not known: far from linear"] for bent in untold(sizes)]
     return Table(["effect", "parameter", "off by"], rows)
 
 
-def unknown_effect(unknown: Artefact) -> dict[str, object]:
+def unknown_effect(unknown: Expression | None) -> dict[str, object]:
     """The expression for an effect without a name, and what it depends on."""
-    if not unknown:
+    if unknown is None:
         return {}
-    names = [coordinate(each) for each in texts(unknown.get("coordinates"))]
+    names = [coordinate(each) for each in unknown.coordinates]
     return {
         "depends": f"What is left depends on the {listed(names)}." if names else "",
-        "lines": [str(unknown[key]) for key in ("text", "expression") if unknown.get(key)],
-        "coefficients": Table(["coefficient", "value (90 % interval)"], parameters_of(unknown)),
+        "lines": [each for each in (unknown.text, unknown.expression) if each],
+        "coefficients": Table(
+            ["coefficient", "value (90 % interval)"], values_of(unknown.parameters)
+        ),
     }
 
 
-def added_effects(effects: Sequence[Artefact]) -> Table:
+def added_effects(effects: Sequence[RigEffect]) -> Table:
     """The values that the new rig file states."""
-    rows = [
-        [str(effect.get("name")), parameter, value]
-        for effect in effects
-        for parameter, value in parameters_of(effect) or [(UNKNOWN, UNKNOWN)]
-    ]
+    rows = []
+    for effect in effects:
+        values = [
+            (name, measured(p.value, p.low, p.high, p.unit))
+            for name, p in effect.parameters.items()
+        ]
+        rows += [[effect.name, *pair] for pair in values or [(UNKNOWN, UNKNOWN)]]
     return Table(["effect", "parameter", "value (90 % interval)"], rows)
 
 
-def gap_table(gap: Artefact) -> Table:
+def gap_table(gap: Mapping[str, Gap]) -> Table:
     """Every channel before, after, floor, and the share of the gap that is closed."""
-    channels = [(str(name), mapping(channel)) for name, channel in gap.items()]
     rows = [
         [
             name,
-            *(gap_value(channel, key) for key in ("before", "after", "noise_floor")),
+            *gap_values(channel),
             UNKNOWN if unchanged(channel) else closed_words(channel) or UNKNOWN,
         ]
-        for name, channel in channels
+        for name, channel in gap.items()
     ]
     return Table(["channel", "before", "after", "noise alone", "closed"], rows)
 
 
-def whiteness(white: Artefact, of: str) -> str:
+def whiteness(white: White | None, of: str) -> str:
     """One sentence: whether what is left looks like noise, which is no proof that it is."""
-    if white.get("passes") is None:
+    if white is None:
         return ""
-    left = "cannot be told from noise" if white["passes"] else "are more than noise"
+    left = "cannot be told from noise" if white.passes else "are more than noise"
     return f"For {of}, the innovations {left} ({whiteness_words(white)})."
 
 
-def log_rows(logs: Sequence[Artefact], sealed: Sequence[str]) -> list[dict[str, str]]:
+def log_rows(logs: Sequence[Log], sealed: Sequence[str]) -> list[dict[str, str]]:
     """Every log read: length, use, notes, hash."""
-    return [_log_row(log, sealed) for log in logs]
-
-
-def _log_row(log: Artefact, sealed: Sequence[str]) -> dict[str, str]:
-    path = str(log.get("path"))
-    return {
-        "path": path,
-        "length": quantity(log.get("seconds"), "s"),
-        "samples": f"{number(log.get('samples')):.0f}".replace("nan", UNKNOWN),
-        "use": "sealed" if any(_same(path, name) for name in sealed) else "fitted",
-        "notes": "; ".join(texts(log.get("notes"))),
-        "sha256": str(log.get("sha256") or UNKNOWN)[:12],
-    }
-
-
-def _same(path: str, name: str) -> bool:
-    """A split names logs by path or by file name, with or without the ending."""
-    last = path.replace("\\", "/").rsplit("/", 1)[-1]
-    return name in (path, last, last.rsplit(".", 1)[0])
+    return [
+        {
+            "path": log.path,
+            "length": quantity(log.seconds, "s"),
+            "samples": str(log.samples),
+            "use": "sealed" if log.path in sealed else "fitted",
+            "notes": "; ".join(log.notes),
+            "sha256": log.sha256[:12],
+        }
+        for log in logs
+    ]

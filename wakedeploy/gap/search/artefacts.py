@@ -9,7 +9,7 @@ import math
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_of, json_text, text_of, write_text_whole
@@ -21,18 +21,30 @@ VERSION = 1
 Verdict = Literal["named", "class", "none", "unknown"]
 
 
+_LARGEST = 1e15  # in any unit, nothing that was measured is so large
+
+
 def _or_nan(value: Any) -> Any:
-    return math.nan if value is None else value
+    unknown = value is None or (isinstance(value, float) and not math.isfinite(value))
+    return math.nan if unknown else value
 
 
-Number = Annotated[float, BeforeValidator(_or_nan)]
+def _within(value: float) -> float:
+    if abs(value) > _LARGEST:
+        raise ValueError(f"numbers lie within ±{_LARGEST:g}")
+    return value
 
 
-class _Part(BaseModel):
+Number = Annotated[float, BeforeValidator(_or_nan), AfterValidator(_within)]
+
+
+class Part(BaseModel):
+    """A part of an artefact: nothing in it that its type does not know."""
+
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
 
-class Artefact(_Part):
+class Artefact(Part):
     """A file of a step: the version of its form, the rules, and whose it is.
 
     `key` is a hash of system and logs; "" where a step is never taken up again.
@@ -52,22 +64,27 @@ class Artefact(_Part):
         write_text_whole(path, json_text(self.as_json()))
 
 
-class Quantity(_Part):
+class Quantity(Part):
     """A value and its unit."""
 
     value: Number
     unit: str
 
 
-class Size(Quantity):
+class Measured(Quantity):
+    """A value with its 90 % interval, both in `unit`."""
+
+    low: Number
+    high: Number
+
+
+class Size(Measured):
     """A value with its 90 % interval, both in `unit`.
 
     Where innovations are not white the interval is wider: the likelihood's own is `mean_low` to
     `mean_high`, and `least_squares` is the value by which errors are smallest.
     """
 
-    low: Number
-    high: Number
     mean_low: Number | None = None
     mean_high: Number | None = None
     least_squares: Number | None = None
@@ -76,7 +93,7 @@ class Size(Quantity):
 Sizes = dict[str, Size]
 
 
-class Forecast(_Part):
+class Forecast(Part):
     """The share of the squared error of forecasts that goes away, with its 90 % interval."""
 
     share: Number
@@ -84,7 +101,7 @@ class Forecast(_Part):
     high: Number
 
 
-class Ranked(_Part):
+class Ranked(Part):
     """An effect in a ranking: what it gains [nats] on episodes that it was not fitted to.
 
     `judged` says why it is not named, or "accepted"; "" where it was not looked at.
@@ -99,7 +116,7 @@ class Ranked(_Part):
     forecast: Forecast | None = None
 
 
-class Round(_Part):
+class Round(Part):
     """A ranking beside the effects `given`, the gain that chance brings, and what was chosen."""
 
     given: list[str]
@@ -111,7 +128,7 @@ class Round(_Part):
     sealed_error: list[Number] = []
 
 
-class Effect(_Part):
+class Effect(Part):
     """An effect that was named, and what it does on sealed episodes."""
 
     name: str
@@ -119,7 +136,7 @@ class Effect(_Part):
     forecast: Forecast
 
 
-class Followed(_Part):
+class Followed(Part):
     """The coordinate that a push follows: its share of the push, and means over ranges."""
 
     coordinate: str
@@ -129,7 +146,7 @@ class Followed(_Part):
     means: list[Number]
 
 
-class Leftover(_Part):
+class Leftover(Part):
     """A push on a state's rate that nothing explains: its sd, and its share of the usual rate."""
 
     state: str
@@ -140,7 +157,7 @@ class Leftover(_Part):
     against: Followed | None = None
 
 
-class Map(_Part):
+class Map(Part):
     """Mean residuals of a channel over ranges of a coordinate; `edges` has one more than `mean`."""
 
     channel: str
@@ -160,7 +177,7 @@ class Map(_Part):
     q_value: Number
 
 
-class Place(_Part):
+class Place(Part):
     """Where a channel's residuals are off by more than noise, and by how much."""
 
     channel: str
@@ -176,7 +193,7 @@ class Place(_Part):
     words: str
 
 
-class White(_Part):
+class White(Part):
     """Whether innovations are white: the statistic, its limit, and the autocorrelation at lags."""
 
     p_value: Number
@@ -194,14 +211,14 @@ class White(_Part):
         return self.by_channel or [self.autocorrelation]
 
 
-class WhitePair(_Part):
+class WhitePair(Part):
     """Of the baseline, and with what was found."""
 
     before: White
     after: White
 
 
-class Error(_Part):
+class Error(Part):
     """A channel's error on sealed episodes, rms."""
 
     before: Number
@@ -209,7 +226,7 @@ class Error(_Part):
     unit: str
 
 
-class Placebo(_Part):
+class Placebo(Part):
     """The best wrong effect in place of what was found; errors by channel, in its unit."""
 
     name: str
@@ -218,7 +235,7 @@ class Placebo(_Part):
     sealed_gain_nats: Number
 
 
-class Profile(_Part):
+class Profile(Part):
     """A channel's mean residual over ranges of a coordinate, before and after."""
 
     channel: str
@@ -230,7 +247,7 @@ class Profile(_Part):
     after: list[Number]
 
 
-class Course(_Part):
+class Course(Part):
     """A channel along an episode: measured, predicted by the baseline and with what was found."""
 
     unit: str
@@ -239,7 +256,7 @@ class Course(_Part):
     after: list[Number]
 
 
-class Trace(_Part):
+class Trace(Part):
     """One episode, as measured and as predicted."""
 
     episode: str
@@ -247,7 +264,7 @@ class Trace(_Part):
     channels: dict[str, Course]
 
 
-class Shown(_Part):
+class Shown(Part):
     """What the report draws of the sealed episodes."""
 
     places: list[Profile]
@@ -305,14 +322,14 @@ class BeforeAfter(Artefact):
     forecast_s: Number | None = None
 
 
-class Steps(_Part):
+class Steps(Part):
     """Single steps of a motor: how many, and the median time constant [s]."""
 
     steps: int
     median_s: Number
 
 
-class SingleSteps(_Part):
+class SingleSteps(Part):
     """An exponential fitted to each step alone, with its time constant [s] by name."""
 
     up: Steps
@@ -320,21 +337,21 @@ class SingleSteps(_Part):
     tau_s: dict[str, Number]
 
 
-class DelayProfile(_Part):
+class DelayProfile(Part):
     """The largest log likelihood [nats below the best] at each transport delay [s]."""
 
     delay_s: list[Number]
     nats: list[Number]
 
 
-class PhaseDelay(_Part):
+class PhaseDelay(Part):
     """The delay [s] over the frequency [Hz], from the cross-spectrum."""
 
     frequency_hz: list[Number]
     delay_s: list[Number]
 
 
-class Turning(_Part):
+class Turning(Part):
     """Logged less derived acceleration against that of turning axes, z axis; rms in m/s²."""
 
     slope: Number
@@ -344,7 +361,7 @@ class Turning(_Part):
     p_value: Number
 
 
-class Spread(_Part):
+class Spread(Part):
     """Mean, rms and largest size of each axis [N]."""
 
     mean: list[Number]
@@ -352,14 +369,14 @@ class Spread(_Part):
     largest: list[Number]
 
 
-class Stated(_Part):
+class Stated(Part):
     """Largest difference [N] of a published label from ours, inside flights and near their cuts."""
 
     inside: Number
     near_cuts: Number
 
 
-class LabelAudit(_Part):
+class LabelAudit(Part):
     """What is wrong with the force label of a group of flights, rms of the z axis in newtons."""
 
     flights: int
@@ -414,14 +431,20 @@ def read(path: Path, kind: type[Kind], key: str) -> Kind | None:
         raise UnusableInput(f"{path} cannot be read; delete it to run the step anew.") from error
     if not isinstance(content, dict) or content.get("key") != key:
         return None
+    return stated(path, content, kind, "delete it to run the step anew")
+
+
+Form = TypeVar("Form", bound=Part)
+
+
+def stated(path: Path, content: dict[str, Any], kind: type[Form], otherwise: str) -> Form:
+    """What a file says, as a type; UnusableInput, with what to do `otherwise`, for another form."""
     if content.get("version") != VERSION:
         raise UnusableInput(
             f"{path}: version {content.get('version', 'not stated')}; this program reads {VERSION};"
-            " delete it to run the step anew."
+            f" {otherwise}."
         )
     try:
         return kind.model_validate(content)
     except ValidationError as error:
-        raise UnusableInput(
-            f"{path}: {first_problem(error)}; delete it to run the step anew."
-        ) from error
+        raise UnusableInput(f"{path}: {first_problem(error)}; {otherwise}.") from error

@@ -17,7 +17,8 @@ import numpy.typing as npt
 
 from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.wording import number, signs
+from wakedeploy.gap.search.artefacts import Place
+from wakedeploy.gap.wording import signs
 
 IntArray = npt.NDArray[np.int64]
 Orders = npt.NDArray[np.int32]
@@ -343,14 +344,13 @@ def _short(value: float) -> str:
     return (f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}").replace("-", "−")
 
 
-def forbids_none(places: Sequence[Mapping[str, Any]]) -> bool:
+def forbids_none(places: Sequence[Place]) -> bool:
     """Whether a place disagrees too clearly for "nothing is missing".
 
     Innovations do not count: their whiteness is a gate of its own.
     """
     return any(
-        p.get("channel") != INNOVATION and number(p.get("q_value")) <= RULES.forbids_none_q
-        for p in places
+        place.channel != INNOVATION and place.q_value <= RULES.forbids_none_q for place in places
     )
 
 

@@ -8,16 +8,17 @@ const LATER_MS = 1000;
 
 const number = (digits) => (value) => (value === null || value === undefined ? "–" : value.toFixed(digits));
 const date = (value) => (value ? value.slice(0, 16).replace("T", " ") : "–");
+// Those that are extra a phone has no room for.
 const COLUMNS = [
   { key: "started", name: "Date, UTC", shown: date },
   { key: "name", name: "Flight", kind: "name", shown: String },
   { key: "tracking_mm", name: "Tracking [mm]", kind: "number", shown: number(1) },
-  { key: "worst_mm", name: "Worst [mm]", kind: "number", shown: number(0) },
-  { key: "gap", name: "Gap score", kind: "number", shown: number(2), bad: (row) => row.gap > 1 },
+  { key: "worst_mm", extra: true, name: "Worst [mm]", kind: "number", shown: number(0) },
+  { key: "gap", extra: true, name: "Gap score", kind: "number", shown: number(2), bad: (row) => row.gap > 1 },
   { key: "fault_count", name: "Faults", kind: "faults", shown: (_, row) => faults(row), bad: (row) => Boolean(row.failsafe || row.problem) },
-  { key: "seconds", name: "Length [s]", kind: "number", shown: number(0) },
-  { key: "package", name: "Package", shown: (value, row) => value || (row.started ? "PID" : "–") },
-  { key: "rig", name: "Rig", shown: (value) => value || "–" },
+  { key: "seconds", extra: true, name: "Length [s]", kind: "number", shown: number(0) },
+  { key: "package", extra: true, name: "Package", shown: (value, row) => value || (row.started ? "PID" : "–") },
+  { key: "rig", extra: true, name: "Rig", shown: (value) => value || "–" },
 ];
 
 let rows = [];
@@ -93,7 +94,7 @@ function heads() {
   const made = COLUMNS.map((column) => {
     const head = document.createElement("th");
     head.scope = "col";
-    head.className = column.kind === "number" ? "is-number" : "";
+    head.className = [column.kind === "number" && "is-number", column.extra && "is-extra"].filter(Boolean).join(" ");
     if (column.key === sort.key) head.ariaSort = sort.down ? "descending" : "ascending";
     const button = Object.assign(document.createElement("button"), { type: "button", textContent: column.name });
     button.addEventListener("click", () => sortBy(column.key));
@@ -102,29 +103,29 @@ function heads() {
   });
   const over = Object.assign(document.createElement("th"), { scope: "col" });
   over.append(Object.assign(document.createElement("span"), { className: "soft small", textContent: "Over" }));
-  $("heads").replaceChildren(...made, over);
+  $("heads").replaceChildren(over, ...made);
 }
 
 function sortBy(key) {
   sort = { key, down: sort.key === key ? !sort.down : key !== "name" };
   draw();
   const at = COLUMNS.findIndex((column) => column.key === key);
-  $("heads").children[at].firstChild.focus();
+  $("heads").children[at + 1].firstChild.focus(); // the first one is that of the boxes
 }
 
 function line(row) {
   const made = document.createElement("tr");
   made.dataset.name = row.name;
   made.className = ["is-first", "is-second"][chosen.indexOf(row.name)] ?? "";
+  made.insertCell().append(overBox(row));
   for (const column of COLUMNS) {
     const cell = made.insertCell();
     const text = column.shown(row[column.key], row);
     if (column.key === "started" && row.started) cell.append(Object.assign(document.createElement("span"), { className: "year", textContent: text.slice(0, 5) }), text.slice(5));
     else cell.textContent = text;
-    cell.className = [column.kind && `is-${column.kind}`, column.bad?.(row) && "is-bad"].filter(Boolean).join(" ");
+    cell.className = [column.kind && `is-${column.kind}`, column.bad?.(row) && "is-bad", column.extra && "is-extra"].filter(Boolean).join(" ");
     if (column.kind === "name" || column.kind === "faults") cell.title = text;
   }
-  made.insertCell().append(overBox(row));
   made.addEventListener("click", (event) => choose(row.name, event.shiftKey));
   return made;
 }
@@ -144,7 +145,11 @@ async function choose(name, over) {
   else chosen = over && chosen.length && chosen[0] !== name ? [chosen[0], name] : [name];
   mark();
   const asked = [...chosen];
-  const slow = setTimeout(() => notice(`Reading ${name} …`), 400);
+  const begun = performance.now();
+  const telling = setInterval(() => {
+    const seconds = (performance.now() - begun) / 1000;
+    if (asked.join() === chosen.join()) notice(`Reading ${name} …${seconds < 2 ? "" : ` ${seconds.toFixed(0)} s so far`}`);
+  }, 500);
   try {
     const flights = await (await ask(`/api/flight?${query()}`)).json();
     if (asked.join() !== chosen.join()) return; // another one was chosen meanwhile
@@ -155,7 +160,7 @@ async function choose(name, over) {
   } catch (error) {
     notice(`${name} cannot be drawn (${error.message}).`);
   } finally {
-    clearTimeout(slow);
+    clearInterval(telling);
   }
 }
 

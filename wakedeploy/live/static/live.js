@@ -15,7 +15,7 @@ const $ = (id) => document.getElementById(id);
 const holder = sessionStorage.holder ??= crypto.randomUUID?.() ?? String(Math.random()).slice(2);
 
 let columns = [];
-let rows = {}; // one array per column
+let rows = { t_s: [] }; // one array per column; the first frame says which there are
 let state = {};
 let armWord = null;
 let holdsFlight = false;
@@ -121,9 +121,16 @@ function heard(news) {
 function tellAbout() {
   document.title = state.title ? `${state.title} – wakedeploy` : "wakedeploy";
   $("title").textContent = state.kind === "replay" ? `Replay of ${state.title}` : state.title ?? "";
-  $("log").textContent = state.kind === "replay" ? "" : state.log ? `Recorded in ${state.log}` : "Not recorded";
-  if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
+  $("log").textContent = state.kind === "replay" ? "" : recording();
+  if (state.untimed) $("budget").textContent = $("compute-legend").textContent = state.untimed;
+  else if (state.rig) $("budget").textContent = `of ${(1e3 * state.rig.budget_s).toFixed(2)} ms, last 30 s`;
   $("gap-says").textContent = state.watches_gap ? "1 is the limit" : state.kind === "replay" ? "not recorded" : "off; --watch-gap";
+}
+
+function recording() {
+  if (state.log === undefined) return "–"; // the run has not said it yet
+  const begun = state.phase !== "standby";
+  return state.log ? `${begun ? "Recorded" : "To be recorded"} in ${state.log}` : "Not recorded";
 }
 
 function tellStop() {
@@ -134,7 +141,8 @@ function tellStop() {
   if (state.stopped) stopAsked = 0;
   if (over) {
     const why = state.stopped ? ` (${state.stopped})` : "";
-    notice(`The run has ended: ${state.ended}${why}. What was flown stays here until this page is closed.`);
+    const how = state.reason ?? `${state.ended}${why}.`;
+    notice(`The run has ended: ${how} What was flown stays here until this page is closed.`);
   } else if (state.stopped) {
     notice(`Stopped: ${state.stopped}. The sufferer comes down. It stays stopped for this run.`);
   }
@@ -181,7 +189,8 @@ function tellLine(now) {
   const end = state.end_s ?? Math.max(now.t_s, SPAN_S);
   timeline.draw(events, begin, end, now.t_s);
   timeline.tell(events, state.hints ?? {});
-  $("line-span").textContent = `${begin.toFixed(0)} to ${end.toFixed(0)} s`;
+  const digits = state.end_s === undefined ? 0 : 1; // of a flight in the air the end moves
+  $("line-span").textContent = `${begin.toFixed(digits)} to ${end.toFixed(digits)} s`;
 }
 
 const PHASES = { starting: "Starting", standby: "Standing by", "about to fly": "About to fly", ended: "Ended" };

@@ -7,7 +7,7 @@ import { Timeline, faultText } from "./timeline.js";
 
 const STRIPS = [
   { name: "Height [m]", of: ["z_ref_m", "z_m"], dashed: "z_ref_m", digits: 3, height: 190 },
-  { name: "Error under control [mm]", of: ["error_mm"], digits: 1, height: 120 },
+  { name: "Error under control [mm]: reference less height", of: ["error_mm"], digits: 1, height: 120 },
   { name: "Force of the wake [N]: measured, dashed as predicted", of: ["force_pred_n", "force_n"], dashed: "force_pred_n", digits: 2, height: 150 },
   { name: "Computing [ms]", of: ["compute_ms"], digits: 2, height: 100 },
 ];
@@ -49,7 +49,8 @@ export class FlightView {
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", "Modes and faults of the first flight; the line below steps through the faults");
     const list = element("ol", { hidden: true });
-    this.root.replaceChildren(this.names(), this.strips, element("div", { className: "view-line" }, canvas), list, this.steps());
+    this.band = element("div", { className: "view-line" }, canvas);
+    this.root.replaceChildren(this.names(), this.strips, this.band, list, this.steps());
     this.tables = flights.map(derived);
     this.plots = STRIPS.filter((strip) => this.has(strip)).map((strip) => this.strip(strip));
     this.timeline = new Timeline(canvas, list);
@@ -133,8 +134,15 @@ export class FlightView {
     this.plots[0]?.setScale("x", { min, max });
   }
 
+  // The band below has the time axis of the strips.
   line() {
-    const x = this.plots[0]?.scales.x;
+    const plot = this.plots[0];
+    const x = plot?.scales.x;
+    if (plot) {
+      const { offsetLeft, offsetWidth } = plot.over;
+      this.band.style.marginLeft = `${offsetLeft}px`;
+      this.band.style.width = `${offsetWidth}px`;
+    }
     const [first] = this.flights;
     const end = first.columns.t_s.at(-1) ?? 0;
     const from = x?.min ?? first.columns.t_s[0] ?? 0;
@@ -180,5 +188,6 @@ export class FlightView {
   resize() {
     const width = Math.max(this.root.clientWidth, 200);
     this.plots?.forEach((plot) => plot.width !== width && plot.setSize({ width, height: plot.height }));
+    if (this.band) this.line();
   }
 }

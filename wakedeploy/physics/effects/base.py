@@ -29,9 +29,9 @@ class Parameter:
     neutral value. `constant`: the constant of the rig that this parameter replaces (see
     `wakedeploy.physics.constants`); its neutral value is then the rig's own, else `neutral`.
     `starts`: how far from neutral (in `scale`) fits begin, where the neutral point itself has no
-    slope. `scanned`: least and largest size and their ratio from one to the next, where the
-    likelihood is so jagged that every such size has to be looked at first; its summits stand
-    `summits_apart` (a share of the size) from each other, and no standard error is told below that.
+    slope. `scanned`: least size, largest size, and the ratio from one to the next, for a likelihood
+    so jagged that every such size is looked at first. `summits_apart`: how far its summits stand
+    from each other, as a share of the size; no standard error below that is stated.
     """
 
     name: str
@@ -89,11 +89,11 @@ class Setting:
 class Effect:
     """Base of all effects: acts nowhere. A subclass overrides the methods of its stage.
 
-    Class attributes: `name` as in rig files and results; `physics`, one sentence; `equation`, the
-    same in the symbols of docs/reference/effects.md, a prime for what it makes; `stage`;
-    `parameters`; `confused_with`, names of effects that look alike; `split_by`, the manoeuvre or
-    sensor that tells them apart; `shows_in`, what it changes beside the sufferer's motion, by the
-    names of the sensors that one could buy (`gap.systems.gantry.planning.sensors`). An effect whose
+    Class attributes: `name` as in rig files and results, `stage`, `parameters`. `physics` is one
+    sentence. `equation` says the same in the symbols of docs/reference/effects.md, with a prime for
+    what it makes. `confused_with` names effects that look alike, `split_by` the manoeuvre or sensor
+    that tells them apart. `shows_in` is what it changes beside the sufferer's motion, by the names
+    of sensors that one could buy (`gap.systems.gantry.planning.sensors`). An effect whose
     parameters all replace constants of the rig needs no method at all.
     """
 
@@ -105,6 +105,11 @@ class Effect:
     confused_with: ClassVar[tuple[str, ...]] = ()
     split_by: ClassVar[str] = ""
     shows_in: ClassVar[tuple[str, ...]] = ()
+
+    @property
+    def constants(self) -> tuple[str, ...]:
+        """The rig's constants that its parameters stand for."""
+        return tuple(p.constant for p in self.parameters if p.constant is not None)
 
     @classmethod
     def changes(cls, *quantities: str) -> bool:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from tests.gap.fabricated_artefacts import NAMES, fabricate
+from tests.gap.fabricated_artefacts import NAMES, fabricate, leave
 from wakedeploy.cli import main
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.runlog import read_run_log
@@ -39,9 +39,8 @@ def folder(tmp_path, monkeypatch):
 
     def closed(rig_path, logs, out, **_):
         asked.append((rig_path, list(logs)))
-        told = {"verdict": "named", "effects": [{"name": NAMES[0]}], "class": []}
-        (out / "result.json").write_text(json.dumps(told | {"headline": "It lags."}))
-        return told
+        told = {"verdict": "named", "effects": [{"name": NAMES[0]}], "headline": "It lags."}
+        return leave(out, "result", told)
 
     asked: list = []
     monkeypatch.setattr(follow_up, "make_plan", planned)
@@ -101,7 +100,7 @@ def test_of_an_unknown_the_leading_effects_are_told_apart(tmp_path) -> None:
 def test_where_nothing_is_open_nothing_is_flown(tmp_path, verdict, why) -> None:
     fabricate(tmp_path, verdict)
     if verdict == "none":
-        (tmp_path / "result.json").write_text(json.dumps({"verdict": "none", "class": []}))
+        leave(tmp_path, "result", {"verdict": "none"})
     with pytest.raises(UnusableInput, match=why):
         follow_up.what_is_open(tmp_path)
 

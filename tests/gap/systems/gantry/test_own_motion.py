@@ -70,9 +70,9 @@ def test_friction_that_was_found_mends_the_forecasts_of_other_flights(base, fric
     after = Shown.of(before.model, friction[1])
     assert moved_mps(after.model, friction[1]) < 1e-3
     told = gaps(before, after)["height 0.25 s ahead"]
-    assert told["closed"] > 0.6
+    assert told.closed > 0.6
     there = Shown.of(before.model, base[1])
-    assert told["after"] < 0.7 * gaps(before, there)["height 0.25 s ahead"]["after"]
+    assert told.after < 0.7 * gaps(before, there)["height 0.25 s ahead"].after
 
 
 def test_a_rig_file_with_friction_begins_where_the_readings_are() -> None:

@@ -106,18 +106,18 @@ def test_the_corrected_rig_makes_the_better_predictor(tmp_path):
         paths.append(tmp_path / f"log{i}.mcap")
         log.without_truth().write_mcap(paths[-1])
     told = retrain(OLD, TRUTH, [*paths, logs[2]], tmp_path / "out", minutes=4, epochs=20)
-    assert told["new_rmse"] < told["old_rmse"]
-    assert told["ratio_interval"][1] < 1.0
-    assert told["label_sd"] < told["new_rmse"] < told["measured_rms"]
-    assert told["flights"] == 3
-    by_old = told["by_old_label"]
-    assert by_old["flights"] == 3
-    assert by_old["old_rmse"] != told["old_rmse"]  # another lag taken off is another force
-    assert told["scored_on"] == [*(str(path) for path in paths), "flight2"]
-    assert told["unit"] == "N"
+    assert told.new_rmse < told.old_rmse
+    assert told.ratio_interval[1] < 1.0
+    assert told.label_sd < told.new_rmse < told.measured_rms
+    assert told.flights == 3
+    by_old = told.by_old_label
+    assert by_old.flights == 3
+    assert by_old.old_rmse != told.old_rmse  # another lag taken off is another force
+    assert told.scored_on == [*(str(path) for path in paths), "flight2"]
+    assert told.unit == "N"
     alone = retrain(OLD, TRUTH, paths[:1], tmp_path / "alone", minutes=2, epochs=1)
-    assert (alone["flights"], alone["ratio_interval"]) == (1, None)  # of one flight there is none
-    assert told["lead_s"] == {"old": default_lead_s(OLD), "new": default_lead_s(TRUTH)}
+    assert (alone.flights, alone.ratio_interval) == (1, None)  # of one flight there is none
+    assert told.lead_s == {"old": default_lead_s(OLD), "new": default_lead_s(TRUTH)}
     pilots = [
         Pilot(rig, tmp_path / "out" / f"{name}.onnx")
         for name, rig in (("old", OLD), ("new", TRUTH))

@@ -5,24 +5,29 @@ import shutil
 from pathlib import Path
 
 import pytest
+from fabricated_artefacts import leave
 from recorded import as_it_stands, judged
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import sha256_of
+from wakedeploy.core.rig import Effect as RigEffect
 from wakedeploy.domains.gantry import record
-from wakedeploy.gap.folder import (
+from wakedeploy.gap.report import page
+from wakedeploy.gap.systems.gantry.artefacts import Add, Find, Name, Show
+from wakedeploy.gap.systems.gantry.findings import Effect
+from wakedeploy.gap.systems.gantry.folder import (
     PICTURES,
     Steps,
     forget,
     prepare,
     read_plan,
     read_steps,
-    require,
-    write_step,
+    required,
+    write,
 )
-from wakedeploy.gap.report import page
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
-from wakedeploy.gap.systems.gantry.steps import Case, add, close, name, open_case, show_gap
+from wakedeploy.gap.systems.gantry.steps import Case, add, name, open_case, show_gap
+from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import default_rig, read_rig
 
@@ -34,7 +39,9 @@ SEARCHED = (
     "command-latency", "spool-lag-sufferer", "spool-lag-source", ADDED, "coulomb-friction",
     "range-delay",
 )  # fmt: skip
-GAP_KEYS = {"before", "after", "noise_floor", "unit", "closed"}
+GAP_KEYS = {
+    "before", "after", "noise_floor", "unit", "closed", "before_interval", "after_interval",
+}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +65,8 @@ def closed(world, tmp_path_factory):
         patched.setattr(
             "wakedeploy.gap.systems.gantry.search.naming.LIBRARY", {n: LIBRARY[n] for n in SEARCHED}
         )
-        return out, close(rig_path, logs, out, report=False, thresholds=THRESHOLDS)
+        result = close(rig_path, logs, out, report=False, thresholds=THRESHOLDS)
+        return out, result.as_json()
 
 
 def content(out: Path, step: str):
@@ -124,7 +132,7 @@ def test_no_step_goes_on_from_other_logs_or_before_its_turn(world, closed, tmp_p
         with pytest.raises(UnusableInput, match="other logs"):
             step(other, closed[0])
     with pytest.raises(UnusableInput, match="other logs"):
-        require(closed[0], "find", "another rig", case.recordings)
+        required(closed[0], "find", "another rig", case.recordings)
 
 
 def test_an_unusable_log_leaves_an_earlier_run_as_it_was(world, closed, tmp_path):
@@ -151,8 +159,8 @@ def test_forgetting_takes_the_workflows_own_rig_file_and_no_other(tmp_path):
         rig.write_bytes(written)
         for step in ("find", "name", "show"):
             (tmp_path / f"{step}.json").write_text("{}", encoding="utf-8")
-        told = {"new_sha256": sha256_of(b"by add")}
-        (tmp_path / "add.json").write_text(json.dumps(told), encoding="utf-8")
+        told = {"rig": "rig.toml", "old_sha256": "", "new_sha256": sha256_of(b"by add")}
+        leave(tmp_path, "add", told | {"effects": []})
         forget(tmp_path, "name")
         assert rig.exists() is stays
         assert sorted(p.name for p in tmp_path.glob("*.json")) == ["find.json"]
@@ -174,17 +182,17 @@ def test_forgetting_leaves_what_is_not_the_steps_own(tmp_path):
 
 
 def test_a_torn_plan_is_told(tmp_path):
-    assert read_plan(tmp_path) == {}
+    assert read_plan(tmp_path) is None
     (tmp_path / "plan.json").write_text('{"class": [', encoding="utf-8")
     with pytest.raises(UnusableInput, match="run the step that writes it again"):
         read_plan(tmp_path)
 
 
 def test_what_can_come_next_follows_from_what_is_there(tmp_path):
-    (tmp_path / "find.json").write_text('{"sentence": "x"}', encoding="utf-8")
+    leave(tmp_path, "find", {"sentence": "x"})
     assert (read_steps(tmp_path).missing, read_steps(tmp_path).option) == ("name", "")
     unknown = {"verdict": "unknown", "unknown": {"expression": "c1*x_m"}}
-    (tmp_path / "name.json").write_text(json.dumps(unknown), encoding="utf-8")
+    leave(tmp_path, "name", unknown)
     assert (read_steps(tmp_path).missing, read_steps(tmp_path).option) == (
         "add", " --from-symbolic"
     )  # fmt: skip
@@ -192,9 +200,11 @@ def test_what_can_come_next_follows_from_what_is_there(tmp_path):
 
 def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
     out = shutil.copytree(closed[0], tmp_path / "out")
-    left = content(out, "name") | {"verdict": "class", "effects": [], "class": [ADDED, "esc-frame"]}
+    left = read_steps(out).name
+    assert left is not None
+    unsure = {"verdict": "class", "effects": [], "rivals": [ADDED, "esc-frame"]}
     forget(out, "name")
-    write_step(out, "name", left)
+    write(out, left.model_copy(update=unsure))
     assert read_steps(out).missing == "plan"
     case = open_case(*world, thresholds=THRESHOLDS)
     with pytest.raises(UnusableInput, match="--effect"):
@@ -215,9 +225,9 @@ def test_an_effect_asked_for_has_the_size_that_the_gap_is_shown_with(world, clos
     ranked = [r["ranking"] for r in content(out, "name")["rounds"]]
     alone = [e["parameters"] for entries in ranked for e in entries if e["name"] == ADDED]
     assert abs(speed - true_mps) < 0.3 * abs(alone[-1]["speed_mps"]["value"] - true_mps)
-    gap = show_gap(case, out)["gap"]["height 0.25 s ahead"]
+    gap = show_gap(case, out).gap["height 0.25 s ahead"]
     _, error_m = judged(rig, case.flights, case.sealed)
-    assert error_m == pytest.approx(gap["after"], rel=0.02)
+    assert error_m == pytest.approx(gap.after, rel=0.02)
 
 
 def test_an_effect_that_was_named_keeps_its_size_if_it_is_asked_for(world, closed, tmp_path):
@@ -243,14 +253,15 @@ def test_add_runs_again_after_it_was_killed_while_it_wrote(world, closed, tmp_pa
 
 
 def test_beside_a_sure_effect_the_class_is_still_to_be_settled() -> None:
-    named = {"verdict": "class", "effects": [{"name": "spool-lag"}], "class": ["a", "b"]}
+    named = Name(verdict="class", effects=[Effect(name="spool-lag")], rivals=["a", "b"])
 
-    def left(**ran) -> tuple[str | None, str]:
-        steps = Steps({"maps": []}, named, ran.get("add", {}), ran.get("show", {}), {})
+    def left(*added: str, show: Show | None = None) -> tuple[str | None, str]:
+        effects = [RigEffect(name=each) for each in added]
+        add = Add(rig="rig.toml", old_sha256="", new_sha256="", effects=effects) if added else None
+        steps = Steps(Find(), named, add, show)
         return steps.missing, steps.option
 
-    sure, one = {"effects": [{"name": "spool-lag"}]}, {"effects": [{"name": "a"}]}
     assert left() == ("add", "")
-    assert left(add=sure) == ("show", "")
-    assert left(add=sure, show={"gap": {"x": 1}}) == ("plan", "")
-    assert left(add=one, show={"gap": {"x": 1}}) == (None, "")
+    assert left("spool-lag") == ("show", "")
+    assert left("spool-lag", show=Show()) == ("plan", "")
+    assert left("a", show=Show()) == (None, "")

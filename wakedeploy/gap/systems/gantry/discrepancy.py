@@ -62,9 +62,9 @@ def free_terms(rig: Rig) -> tuple[Free, ...]:
     sizes = dict.fromkeys(_EVEN, bump) | dict.fromkeys(_ODD, _ODD_SHARE * bump)
     sizes |= dict.fromkeys(_HEIGHT, _HEIGHT_SHARE * wake)
     sizes |= dict.fromkeys(_FRICTION, friction)
-    known = {f"{PREFIX}{name}": told for name, told in rig.discrepancy.fitted.items()}
+    known = {f"{PREFIX}{name}": pair for name, pair in rig.discrepancy.fitted.items()}
     terms = {name: known.get(name, (0.0, sd)) for name, sd in sizes.items() if sd > 0.0}
-    return tuple(_free(name, *told) for name, told in terms.items())
+    return tuple(_free(name, *pair) for name, pair in terms.items())
 
 
 def _free(name: str, size: float, sd: float) -> Free:

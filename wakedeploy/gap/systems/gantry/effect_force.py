@@ -45,12 +45,12 @@ def force_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> float:
 
 def changes_of(model: GantryModel, fitted: Fit, part: Sequence[str]) -> list[FloatArray]:
     """The force [N] that some effects add, step by step of each flight while in the air."""
-    own = [any(f.name.startswith(f"{name}.") for name in part) for f in fitted.free]
+    is_part = [any(f.name.startswith(f"{name}.") for name in part) for f in fitted.free]
     neutral = np.array([f.neutral for f in fitted.free])
-    plain = replace(fitted, theta=np.where(own, neutral, fitted.theta))
+    plain = replace(fitted, theta=np.where(is_part, neutral, fitted.theta))
     changes = []
     for episode, flight in enumerate(model.flights):
-        with_it, without = (model.forces(one, episode) for one in (fitted, plain))
+        with_it, without = (model.forces(hypothesis, episode) for hypothesis in (fitted, plain))
         change = with_it.acceleration[0] * with_it.inertia_kg
         change = change - without.acceleration[0] * without.inertia_kg
         inside = [change[a:b] for a, b in zip(flight.start, flight.stop, strict=True)]

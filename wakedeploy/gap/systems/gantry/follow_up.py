@@ -4,16 +4,19 @@ In: a folder that `gap close` left, and who can fly. Out: the manoeuvre as a fil
 folder with the new answer, and `follow.json` with both answers.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+
+from pydantic import Field
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.files import json_text, write_text_whole
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.folder import Steps, read_steps
 from wakedeploy.gap.progress import Progress, quiet
+from wakedeploy.gap.search.artefacts import Part
+from wakedeploy.gap.systems.gantry.artefacts import Find, Result
+from wakedeploy.gap.systems.gantry.folder import Steps, read_steps
 from wakedeploy.gap.systems.gantry.planning.plan import (
     Option,
     make_plan,
@@ -21,8 +24,7 @@ from wakedeploy.gap.systems.gantry.planning.plan import (
     write_plan_reference,
 )
 from wakedeploy.gap.systems.gantry.search.naming import Thresholds
-from wakedeploy.gap.systems.gantry.steps import close
-from wakedeploy.gap.wording import entries, mapping, number, texts
+from wakedeploy.gap.systems.gantry.workflow import close
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.rig.file import read_rig
 
@@ -35,6 +37,29 @@ REFERENCE = "manoeuvre.csv"
 Fly = Callable[[Path, int, Path], None]
 
 
+class Short(Part):
+    """An answer in short: verdict, class, effects, and the sentence that heads the report."""
+
+    verdict: str | None
+    rivals: list[str] = Field(alias="class")
+    headline: str
+    effects: list[str]
+
+
+class Followed(Part):
+    """follow.json: what was to be told apart, the flights for it, and both answers."""
+
+    split: list[str]
+    new_logs: list[str]
+    before: Short
+    after: Short
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the new answer leaves no class and no "unknown"."""
+        return not self.after.rivals and self.after.verdict in ("named", "none")
+
+
 @dataclass(frozen=True)
 class Open:
     """What is still open: effects to tell apart, the flights so far, and the rig file."""
@@ -44,7 +69,7 @@ class Open:
     rig_path: Path
     is_virtual: bool
     next_seed: int
-    before: Mapping[str, Any]
+    before: Short
 
 
 @dataclass(frozen=True)
@@ -61,56 +86,58 @@ class Manoeuvre:
 def what_is_open(folder: Path) -> Open:
     """Read it from the folder's artefacts; UnusableInput where nothing is open, or not known."""
     steps = read_steps(folder)
-    if not steps.result:
+    if steps.result is None:
         raise UnusableInput(f"{folder}: there is no result.json; run `wakedeploy gap close` first.")
-    names = _names(steps)
+    names = _names(steps, steps.result)
     if len(names) < 2:
-        verdict = steps.result.get("verdict")
+        verdict = steps.result.verdict
         raise UnusableInput(f"{folder}: the answer is {verdict!r}: nothing is left to tell apart.")
-    logs = entries(steps.find.get("logs"))
-    paths = tuple(Path(str(log.get("path"))) for log in logs)
+    find = steps.find or Find()
+    paths = tuple(Path(log.path) for log in find.logs)
     missing = [path for path in paths if not path.is_file()]
     if missing:
         raise UnusableInput(f"{missing[0]}: this log of the first answer is gone; put it back.")
-    seeds = [number(log.get("seed")) for log in logs]
     return Open(
         names,
         paths,
-        Path(str(steps.find.get("rig"))),
-        all(log.get("simulated") for log in logs),
-        round(max((seed for seed in seeds if seed == seed), default=0.0)) + 1,
-        _answer(steps),
+        Path(str(find.rig)),
+        all(log.simulated for log in find.logs),
+        max((log.seed for log in find.logs if log.seed is not None), default=0) + 1,
+        _short(steps.result),
     )
 
 
-def _names(steps: Steps) -> tuple[str, ...]:
+def _names(steps: Steps, result: Result) -> tuple[str, ...]:
     """The members of the class, or the effects that lead where nothing was named."""
-    members = texts(steps.result.get("class"))
-    if len(members) > 1:
-        return tuple(members)
-    if steps.result.get("verdict") != "unknown":
+    if len(result.rivals) > 1:
+        return tuple(result.rivals)
+    if result.verdict != "unknown" or steps.name is None:
         return ()
-    rounds = entries(steps.name.get("rounds"))
-    ranking = entries(rounds[0].get("ranking")) if rounds else []
-    return tuple(str(one.get("name")) for one in ranking if one.get("name") in LIBRARY)[:_LEADING]
+    ranking = [entry for searched in steps.name.rounds[:1] for entry in searched.ranking]
+    return tuple(entry.name for entry in ranking if entry.name in LIBRARY)[:_LEADING]
 
 
-def _answer(steps: Steps) -> dict[str, Any]:
-    keys = ("verdict", "class", "headline")
-    told: dict[str, Any] = {key: steps.result.get(key) for key in keys}
-    return told | {"effects": [e.get("name") for e in entries(steps.result.get("effects"))]}
+def _short(result: Result) -> Short:
+    return Short(
+        verdict=result.verdict,
+        rivals=result.rivals,
+        headline=result.headline,
+        effects=[effect.name for effect in result.effects],
+    )
 
 
-def planned_manoeuvre(folder: Path, left: Open, rig: Rig, progress: Progress = quiet) -> Manoeuvre:
+def planned_manoeuvre(
+    folder: Path, question: Open, rig: Rig, progress: Progress = quiet
+) -> Manoeuvre:
     """The manoeuvre that splits them best, written beside the answer.
 
     Raises UnusableInput where none does within the rig's limits; the sentence says what would.
     """
     stage = "looking for the manoeuvre that tells them apart"
     progress(stage)
-    sizes = stated_sizes(read_steps(folder).name, left.names)
+    sizes = stated_sizes(read_steps(folder).name, question.names)
     plan = make_plan(
-        rig, left.names, sizes=sizes, progress=lambda done, of: progress(stage, done, of)
+        rig, question.names, sizes=sizes, progress=lambda done, of: progress(stage, done, of)
     )
     best: Option | None = plan.best
     if best is None or best.flights is None:
@@ -122,13 +149,13 @@ def planned_manoeuvre(folder: Path, left: Open, rig: Rig, progress: Progress = q
     return Manoeuvre(path, named.name, named.description, kept, plan.sentence)
 
 
-def flown(folder: Path, left: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
+def flown(folder: Path, question: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
     """The manoeuvre, as often as it takes, each flight with a seed of its own; their logs."""
     place = folder / FLOWN
     place.mkdir(parents=True, exist_ok=True)
     logs = []
     for i in range(planned.flights):
-        seed = left.next_seed + i
+        seed = question.next_seed + i
         path = place / f"{planned.name}-{seed}.mcap"
         fly(planned.path, seed, path)
         logs.append(path)
@@ -137,44 +164,40 @@ def flown(folder: Path, left: Open, planned: Manoeuvre, fly: Fly) -> list[Path]:
 
 def answered_again(
     folder: Path,
-    left: Open,
+    question: Open,
     new: Sequence[Path],
     *,
     workers: int = 2,
     thresholds: Thresholds | None = None,
     report: bool = True,
     progress: Progress = quiet,
-) -> dict[str, Any]:
+) -> Followed:
     """The answer of all flights, the new ones first; writes `follow.json`.
 
     The last of the earlier flights stay sealed: they have confirmed nothing of the new answer.
     """
-    logs = [*new, *left.logs]
+    logs = [*new, *question.logs]
     result = close(
-        *(left.rig_path, logs, folder),
+        *(question.rig_path, logs, folder),
         workers=workers,
         report=report,
         progress=progress,
         thresholds=thresholds,
     )
-    told = {
-        "split": list(left.names),
-        "new_logs": [str(path) for path in new],
-        "before": dict(left.before),
-        "after": _answer(read_steps(folder)),
-    }
-    write_text_whole(folder / "follow.json", json_text(told))
-    return {**told, "result": result}
+    followed = Followed(
+        split=list(question.names),
+        new_logs=[str(path) for path in new],
+        before=question.before,
+        after=_short(result),
+    )
+    write_text_whole(
+        folder / "follow.json", json_text(followed.model_dump(mode="json", by_alias=True))
+    )
+    return followed
 
 
-def rig_of(left: Open) -> Rig:
+def rig_of(question: Open) -> Rig:
     """The rig file of the first answer; UnusableInput where it is gone."""
-    if not left.rig_path.is_file():
-        raise UnusableInput(f"{left.rig_path}: the rig file of the first answer is gone.")
-    return read_rig(left.rig_path)
-
-
-def is_settled(told: Mapping[str, Any]) -> bool:
-    """Whether the new answer leaves no class and no "unknown"."""
-    after = mapping(told.get("after"))
-    return not texts(after.get("class")) and after.get("verdict") in ("named", "none")
+    if not question.rig_path.is_file():
+        raise UnusableInput(f"{question.rig_path}: the rig file of the first answer is gone.")
+    return read_rig(question.rig_path)

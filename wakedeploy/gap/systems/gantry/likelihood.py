@@ -13,6 +13,7 @@ import copy
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -64,7 +65,10 @@ class GantryModel:
     """The likelihood of flights under effects on top of a rig file; a `Model` of `inference`.
 
     `extra` are further effects by name, as a search for a symbolic expression tries them.
+    `relations` say which effects are confused with which, for `evidence.ranking`.
     """
+
+    relations: ClassVar[Mapping[str, Effect]] = LIBRARY
 
     def __init__(
         self, rig: Rig, flights: Sequence[Flight], extra: Mapping[str, Effect] | None = None

@@ -182,7 +182,7 @@ def _around(size: float) -> tuple[float, ...]:
     """Sizes from half to twice as large, and closely about it: a summit may be 0.1 ms wide."""
     far = size * np.geomspace(0.5, 2.0, 51)
     near = np.linspace(max(size - _NEAR_S, 0.5 * size), size + _NEAR_S, 61)
-    return tuple(float(one) for one in np.unique(np.concatenate([far, near])))
+    return tuple(float(number) for number in np.unique(np.concatenate([far, near])))
 
 
 def _scanned(p: Parameter) -> tuple[float, ...]:

@@ -124,15 +124,15 @@ def likely_periods_s(
     """
 
     def evidence(hold_s: float, wander_s: float, flights: slice = slice(None)) -> float:
-        return sum(_evidence(*one, hold_s, chance, wander_s) for one in samples[flights])
+        return sum(_evidence(*sample, hold_s, chance, wander_s) for sample in samples[flights])
 
-    first = np.array([evidence(one, _FAR_S, slice(1)) for one in _PERIODS_S])
+    first = np.array([evidence(period_s, _FAR_S, slice(1)) for period_s in _PERIODS_S])
     coarse = np.full(len(first), -np.inf)
     for left in np.flatnonzero(first > first.max() - _RULED_OUT_NATS).tolist():
         coarse[left] = first[left] + evidence(_PERIODS_S[left], _FAR_S, slice(1, None))
     found = []
     for k in _highest_two(coarse):
-        finer = [(evidence(one, _WANDER_S), one) for one in _PERIODS_S[k] + _FINER]
+        finer = [(evidence(period_s, _WANDER_S), period_s) for period_s in _PERIODS_S[k] + _FINER]
         found.append(max(finer))
     found.sort(reverse=True)
     return tuple(float(period_s) for nats, period_s in found if nats > found[0][0] - _ALIKE_NATS)

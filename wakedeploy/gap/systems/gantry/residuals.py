@@ -4,11 +4,11 @@ In: a model and a fit. Out: residual series of four kinds, all measured minus si
 
 *Force*: the balance of momentum over a quarter of a second, that is mass times gain of speed less
 every force of the model, the commands' thrust included [N].
-*Control effort*: the same balance over a second. Feedback holds the height, so over a second hardly
-any speed is gained, and the command answers a force that the model lacks: the balance is then the
-thrust that the commands give beyond what the model needs for this motion, with the opposite sign,
-that of the missing force [N]. The mean command alone would not do: it also answers the wake and the
-reference, which the model knows.
+*Control effort*: the same balance over a second. Feedback holds the height, so the sufferer hardly
+gains speed in a second, and the command answers the force that the model lacks. The balance is then
+the thrust given beyond what the model needs for this motion, with the sign of the missing force
+[N]. The mean command would not do: it also answers the wake and the reference, which the model
+knows.
 *Height 0.25 s ahead*: open-loop replay from the filtered state [m].
 *Innovation*: each reading less what the filter predicts of it, over its standard deviation.
 """

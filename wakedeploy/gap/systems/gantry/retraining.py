@@ -26,6 +26,7 @@ from wakedeploy.core.runlog import RunLog, read_run_log
 from wakedeploy.domains.gantry import make_set, record
 from wakedeploy.domains.gantry_measured import measured_stretches
 from wakedeploy.gap.progress import Progress, Steps, quiet, uncounted
+from wakedeploy.gap.systems.gantry.findings import Interval, Retraining, Scores
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import parse_rig
 
@@ -59,16 +60,15 @@ def retrain(
     epochs: int = EPOCHS,
     workers: int = 2,
     progress: Progress = quiet,
-) -> dict[str, Any]:
+) -> Retraining:
     """Train the same small predictor on both rigs' simulations; score both on measured flights.
 
     Give flights that took no part in finding what the corrected rig has, where there are some.
 
     Both see `minutes` of the same commands and seeds, and each predicts the force at its own rig's
     lead. They are packages `old.onnx` and `new.onnx` in `out`. The result is `show.json`'s
-    `retrain`: root-mean-square errors [N], their 90 % intervals over flights (None for one flight),
-    the `ratio` of the new error to the old, flights paired; `label_sd`, the error that the measured
-    force itself has, and `measured_rms`, its size; `scored_on`, the flights' names.
+    `retrain`: root-mean-square errors [N] with 90 % intervals over flights (None for one flight),
+    and the `ratio` of the new error to the old, flights paired.
 
     The force is measured from the logs with the *corrected* rig for both predictors, since the
     thrust's lag has to be taken off to see it. A wrong name would favour its own predictor there,
@@ -94,20 +94,19 @@ def retrain(
     progress(stage)
     packages = _in_processes(jobs, workers, functools.partial(progress, stage))
     predictors = {name: read_package(path) for name, path in packages.items()}
-    return {
-        "unit": "N",
-        **_scores(predictors, truth),
-        "by_old_label": _scores(predictors, by_old),
-        "scored_on": [
+    return Retraining(
+        **dict(_scores(predictors, truth)),
+        by_old_label=_scores(predictors, by_old),
+        scored_on=[
             str(log) if isinstance(log, Path) else n for n, log in zip(logs, measured, strict=True)
         ],
-        "label_sd": _rms(truth, "sd"),
-        "measured_rms": _rms(truth, "force"),
-        "arch": arch,
-        "minutes": minutes,
-        "lead_s": {name: default_lead_s(rig) for name, rig in rigs.items()},
-        "packages": {name: str(path) for name, path in packages.items()},
-    }
+        label_sd=_rms(truth, "sd"),
+        measured_rms=_rms(truth, "force"),
+        arch=arch,
+        minutes=minutes,
+        lead_s={name: default_lead_s(rig) for name, rig in rigs.items()},
+        packages={name: str(path) for name, path in packages.items()},
+    )
 
 
 def fly_both(
@@ -181,9 +180,8 @@ def _opened(log: RunLog | Path) -> RunLog:
     return log if isinstance(log, RunLog) else read_run_log(log)
 
 
-def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
-    """`<name>_rmse` with its interval for each package, and the ratio of the last to the first."""
-    told: dict[str, Any] = {}
+def _scores(packages: Mapping[str, Package], flights: Flown) -> Scores:
+    """Both packages' errors with intervals, and the ratio of the new one's to the old one's."""
     sums = {
         name: np.array([_squares(package, episodes) for episodes in flights.values()])
         for name, package in packages.items()
@@ -193,14 +191,21 @@ def _scores(packages: Mapping[str, Package], flights: Flown) -> dict[str, Any]:
         raise UnusableInput(
             "No measured flight is longer than the predictor's memory and lead; fly 8 s or more."
         )
-    for name, each in sums.items():
-        told[f"{name}_rmse"], told[f"{name}_rmse_interval"] = rms_over_flights(each[scored])
-    old, new = (each[scored] for each in sums.values())
-    told["ratio"], told["ratio_interval"] = rms_ratio(old, new)
-    return told | {"flights": int(scored.sum())}
+    old, new = sums["old"][scored], sums["new"][scored]
+    (old_rmse, of_old), (new_rmse, of_new) = rms_over_flights(old), rms_over_flights(new)
+    ratio, of_ratio = rms_ratio(old, new)
+    return Scores(
+        old_rmse=old_rmse,
+        old_rmse_interval=of_old,
+        new_rmse=new_rmse,
+        new_rmse_interval=of_new,
+        ratio=ratio,
+        ratio_interval=of_ratio,
+        flights=int(scored.sum()),
+    )
 
 
-def rms_over_flights(sums: FloatArray) -> tuple[float, list[float] | None]:
+def rms_over_flights(sums: FloatArray) -> tuple[float, Interval]:
     """Root mean square from each flight's sum of squares and count (k, 2), and its 90 % interval.
 
     Flights are the clusters of a ratio estimate; its logarithm is taken as t distributed with
@@ -210,7 +215,7 @@ def rms_over_flights(sums: FloatArray) -> tuple[float, list[float] | None]:
     return math.exp(value), _interval(value, influence)
 
 
-def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, list[float] | None]:
+def rms_ratio(old: FloatArray, new: FloatArray) -> tuple[float, Interval]:
     """Root mean square of `new` over that of `old`, (k, 2) each, flights paired, and its interval.
 
     What makes a flight hard for both, such as a rough wake, does not widen it.
@@ -227,13 +232,13 @@ def _log_rms(sums: FloatArray) -> tuple[float, FloatArray]:
     return 0.5 * math.log(mean), np.asarray(influence)
 
 
-def _interval(value: float, influence: FloatArray) -> list[float] | None:
+def _interval(value: float, influence: FloatArray) -> Interval:
     k = len(influence)
     if k < 2:
         return None
     spread = math.sqrt(k / (k - 1) * float(np.square(influence).sum()))
     reach = float(student.ppf(0.5 + LEVEL / 2.0, k - 1)) * spread
-    return [math.exp(value - reach), math.exp(value + reach)]
+    return math.exp(value - reach), math.exp(value + reach)
 
 
 def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, float]:
@@ -246,15 +251,15 @@ def _squares(package: Package, episodes: Sequence[Episode]) -> tuple[float, floa
         warm = max(predictor.warm_up_steps - 1, 0)
         if len(target) <= warm:
             continue
-        told = rolled_out(predictor, episode.observation[: len(target)])
-        error = (told - target)[warm:].astype(np.float64)
+        forecast = rolled_out(predictor, episode.observation[: len(target)])
+        error = (forecast - target)[warm:].astype(np.float64)
         total, count = total + float(np.square(error).sum()), count + len(error)
     return total, float(count)
 
 
 def _rms(flights: Flown, of: str) -> float:
     """Root mean square [N] of the measured force or of its standard deviation."""
-    episodes = [episode for own in flights.values() for episode in own]
+    episodes = [episode for stretches in flights.values() for episode in stretches]
     parts = [e.force if of == "force" else e.extras["force_sd_n"] for e in episodes]
     return float(np.sqrt(np.mean(np.square(np.concatenate(parts)))))
 

@@ -108,16 +108,16 @@ def reported_period_s(seen_s: FloatArray, applied_s: FloatArray) -> float | None
 def _times_of_frames(log: RunLog) -> tuple[FloatArray, FloatArray]:
     """Ticks (n,) and the times at which the pulse seen at each was applied; none if it has none.
 
-    A column that copies the ticks (this one's time, or a command's that is only then sent, or the
-    tick's before) would look like frames that keep step with the loop, and times of another clock
-    like frames of any phase.
+    A column may copy the ticks: this one's time, a command's that is only then sent, or the tick's
+    before. It would look like frames that keep step with the loop; times of another clock would
+    look like frames of any phase.
     """
     known = np.isfinite(log["applied_time_s"]) & (log["applied_time_s"] > 0.0)
     seen_s = np.asarray(log["t_s"][known], float)
     applied_s = np.asarray(log["applied_time_s"][known], float)
     age_s = seen_s - applied_s
     is_this, is_last = age_s < _NO_AGE_S, np.abs(age_s[1:] - np.diff(seen_s)) < _NO_AGE_S
-    copies = max(float(one.mean()) for one in (is_this, is_last)) if len(seen_s) > 1 else 1.0
+    copies = max(float(marks.mean()) for marks in (is_this, is_last)) if len(seen_s) > 1 else 1.0
     if copies > _EXPECTED or float(np.median(np.abs(age_s))) > _OTHER_CLOCK_S:
         return np.zeros(0), np.zeros(0)
     return seen_s, applied_s

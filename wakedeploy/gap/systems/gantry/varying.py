@@ -66,13 +66,13 @@ def varying(stated_by: rig.Rig) -> tuple[Varying, ...]:
         Varying(SAG, "how fast the battery fades", "1/s", stated.sag_per_s),
         Varying("range.bias_m", "the range sensor's bias", "m", stated.bias_m),
     )
-    return tuple(one for one in known if one.sd > 0.0)
+    return tuple(quantity for quantity in known if quantity.sd > 0.0)
 
 
 def of_one_flight(truth: rig.Rig, stated: rig.Rig, rng: np.random.Generator) -> rig.Rig:
     """A simulated gantry as it is in one flight: what varies, drawn as the rig file states it."""
-    for one in varying(stated):
-        truth = one.simulated(truth, one.sd * float(rng.standard_normal()))
+    for quantity in varying(stated):
+        truth = quantity.simulated(truth, quantity.sd * float(rng.standard_normal()))
     return truth
 
 
@@ -99,11 +99,11 @@ def freed(score: Score, directions: FloatArray, stand: FloatArray) -> Score:
     innovation = score.innovation + directions @ (amounts - stand)
     density = score.log_density.copy()
     density -= 0.5 * score.weight * (innovation**2 - score.innovation**2) / score.variance
-    own = -0.5 * amounts**2
-    own[0] -= 0.5 * float(np.linalg.slogdet(precision)[1])
+    log_density = -0.5 * amounts**2
+    log_density[0] -= 0.5 * float(np.linalg.slogdet(precision)[1])
     ones = np.ones(len(amounts))
     return Score(
-        np.concatenate([density, own]),
+        np.concatenate([density, log_density]),
         np.concatenate([innovation, amounts]),
         np.concatenate([score.variance, ones]),
         np.concatenate([score.weight, ones]),
@@ -115,6 +115,6 @@ def shifted(
     constants: Constants, effects: Chain, quantities: Sequence[Varying], amounts: FloatArray
 ) -> tuple[Constants, Chain]:
     """Constants and effects with a flight's own deviations (K,), in standard deviations."""
-    for one, amount in zip(quantities, amounts, strict=True):
-        constants, effects = one.moved(constants, effects, one.sd * float(amount))
+    for quantity, amount in zip(quantities, amounts, strict=True):
+        constants, effects = quantity.moved(constants, effects, quantity.sd * float(amount))
     return constants, effects

@@ -1,5 +1,6 @@
 """Kinds of effect, each written once; `library` offers each at the ports where it makes sense.
 
-`kind` has what they share, `inputs`, `forces`, `outputs` and `constants` the kinds by the role of
-their port. A kind vanishes where its sizes are 0; its other parameters are shapes.
+`kind` has what they share, `inputs` and `forces` the kinds for ports of these roles, `sensors`
+those for outputs and for constants. A kind vanishes where its sizes are 0; its other parameters are
+shapes.
 """

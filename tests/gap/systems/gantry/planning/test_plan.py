@@ -10,6 +10,8 @@ from wakedeploy.gap.evidence.inference import Free, Score, fit
 from wakedeploy.gap.evidence.ranking import rank
 from wakedeploy.gap.evidence.separation import gain_nats, gather, loss_nats
 from wakedeploy.gap.rules import sealed_count
+from wakedeploy.gap.systems.gantry.artefacts import Name
+from wakedeploy.gap.systems.gantry.findings import Ranked, Round, Size
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import manoeuvre
@@ -149,7 +151,7 @@ def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     assert best.manoeuvre.name == "triangles-both"
     assert best.worst_nats > 2.0 * made.options[1].worst_nats
     assert "triangles-both" in made.sentence
-    assert made.as_json()["manoeuvre"] == "triangles-both"
+    assert made.told.manoeuvre == "triangles-both"
     written = write_plan_reference(tmp_path / "fly.csv", RIG, best)
     back = read_reference(tmp_path / "fly.csv", RIG)
     np.testing.assert_allclose(back.z_m, written.z_m, atol=1e-6)
@@ -159,7 +161,7 @@ def test_without_the_source_nothing_tells_its_lag_from_its_way() -> None:
     made = make_plan(RIG, ["spool-lag-source", "transport-speed"], manoeuvres=some("height-steps"))
     assert made.best is None
     assert "source steps at two separations" in made.sentence
-    assert made.as_json()["flights"] is None
+    assert made.told.flights is None
 
 
 def test_more_flights_of_a_kind_add_up(evidence) -> None:
@@ -177,9 +179,10 @@ def test_a_class_needs_two_known_effects(names) -> None:
 
 
 def test_sizes_come_from_what_naming_stated() -> None:
-    stated = {"rounds": [{"ranking": [
-        {"name": "coulomb-friction", "parameters": {"coulomb_n": {"value": 0.21}}},
-    ]}]}  # fmt: skip
+    size = Size(value=0.21, low=0.1, high=0.3, unit="N")
+    ranked = Ranked(name="coulomb-friction", parameters={"coulomb_n": size}, gain_nats=9.0,
+                    interval=(5.0, 13.0))  # fmt: skip
+    stated = Name(rounds=[Round(given=[], ranking=[ranked])])
     names = ["coulomb-friction", "viscous-friction"]
     assert stated_sizes(stated, names) == {"coulomb-friction": (0.21,)}
     assert plausible_size(RIG, "ground-effect") == (0.1, 0.1)

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from fabricated_artefacts import leave
 
 from runtime.loop.pilot import observation
 from wakedeploy.cli.gap_plan import plan as plan_command
@@ -199,14 +200,14 @@ def test_commands_say_in_one_sentence_what_they_need(tmp_path) -> None:
     run = CliRunner()
     nothing = run.invoke(plan_command, [])
     assert "--class NAME twice" in str(nothing.exception)
-    (tmp_path / "result.json").write_text('{"class": ["stiction"]}')
+    leave(tmp_path, "result", {"class": ["stiction"]})
     short = run.invoke(plan_command, ["--out", str(tmp_path)])
     assert "holds no class" in str(short.exception)
     (tmp_path / "result.json").write_text("[]")
     wrong = run.invoke(plan_command, ["--out", str(tmp_path)])
     assert "no JSON object" in str(wrong.exception)
-    (tmp_path / "result.json").write_text('{"class": ["stiction", "coulomb-friction"]}')
-    (tmp_path / "find.json").write_text('{"rig_sha256": "ab"}')
+    leave(tmp_path, "result", {"class": ["stiction", "coulomb-friction"]})
+    leave(tmp_path, "find", {"rig_sha256": "ab"})
     other = run.invoke(plan_command, ["--out", str(tmp_path)])
     assert "The default rig" in str(other.exception)
     assert "give that one by --rig" in str(other.exception)

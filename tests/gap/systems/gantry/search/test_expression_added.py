@@ -8,15 +8,16 @@ import time
 from pathlib import Path
 
 import pytest
+from fabricated_artefacts import leave
 from recorded import RIG, as_it_stands, flown, judged, with_effects
 
 from wakedeploy.core.rig import Rig
-from wakedeploy.gap.folder import write_step
 from wakedeploy.gap.report.summary import account
+from wakedeploy.gap.systems.gantry.folder import read_steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.answer import write_answer
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Thresholds, name_effects
-from wakedeploy.gap.systems.gantry.steps import Case, add, result, show_gap
+from wakedeploy.gap.systems.gantry.steps import Case, add, show_gap, write_answer
+from wakedeploy.gap.systems.gantry.workflow import result
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
 from wakedeploy.rig.file import read_rig
 
@@ -41,8 +42,8 @@ def told_of(answer: Answer, out: Path, *sealed: int, truth: Rig = RIG) -> Case:
     """The case, and in a folder what was found, its expression added to the rig file."""
     flights = [flown(seed, truth, cable) for seed in (*SEEDS, *sealed)]
     case = Case(RIG, tuple(flights[: len(SEEDS)]), tuple(flights[len(SEEDS) :]), LIMITS)
-    logs = [{"sha256": sha256} for sha256 in case.recordings]
-    write_step(out, "find", {"rig_sha256": RIG.sha256, "logs": logs, "places": []})
+    logs = [{"path": "", "sha256": sha256} for sha256 in case.recordings]
+    leave(out, "find", {"rig_sha256": RIG.sha256, "logs": logs})
     write_answer(answer, out, time.monotonic())
     add(case, out, from_symbolic=True)
     return case
@@ -76,9 +77,9 @@ def test_the_rig_file_written_errs_as_was_shown(answer, shown) -> None:
     """Noise and calibration are fitted again; equally likely ones err by a few per cent more."""
     case, out, told = shown
     fitted, error_m = judged(as_it_stands(out / "rig.toml"), case.flights, case.sealed)
-    gap = told["gap"]["height 0.25 s ahead"]
-    assert error_m == pytest.approx(gap["after"], rel=0.06)
-    assert gap["after"] < 0.8 * gap["before"]
+    gap = told.gap["height 0.25 s ahead"]
+    assert error_m == pytest.approx(gap.after, rel=0.06)
+    assert gap.after < 0.8 * gap.before
     assert fitted.log_likelihood == pytest.approx(answer.fit.log_likelihood, abs=2.0)
 
 
@@ -88,10 +89,12 @@ def test_what_is_told_is_what_the_file_has(shown) -> None:
     (written,) = read_rig(out / "rig.toml").effect
     assert written.name == SYMBOLIC
     stated = {n: p.model_dump(exclude_none=True) for n, p in written.parameters.items()}
-    assert told["unknown"]["parameters"] == stated
-    assert told["beside"] == gap["as_if"] == []
-    near = f"the known effect that comes nearest, {told['closest']}, explains too little of it"
-    assert near in account(told)
+    kept = {"value", "low", "high", "unit"}
+    said = {n: size.model_dump(include=kept) for n, size in told.unknown.parameters.items()}
+    assert said == stated
+    assert told.beside == gap.as_if == []
+    near = f"the known effect that comes nearest, {told.closest}, explains too little of it"
+    assert near in account(read_steps(out).summary)
 
 
 @pytest.mark.slow
@@ -106,9 +109,8 @@ def test_an_effect_that_is_needed_beside_the_expression_stays_as_refitted_with_i
     told = result(told_of(both, tmp_path, truth=truth), tmp_path)
     ground, cable_and_more = read_rig(tmp_path / "rig.toml").effect
     assert (ground.name, cable_and_more.name) == ("ground-effect", SYMBOLIC)
-    (beside,) = told["beside"]
-    assert set(beside) == {"name", "parameters"}  # how sure it was without the expression is gone
+    (beside,) = told.beside  # how sure it was without the expression is gone
     for parameter, (size, _) in GROUND.items():
-        assert ground.parameters[parameter].value == beside["parameters"][parameter]["value"]
+        assert ground.parameters[parameter].value == beside.parameters[parameter].value
         assert ground.parameters[parameter].value == pytest.approx(size, rel=0.05)
-    assert "A part of it looks like ground-effect, which" in account(told)
+    assert "A part of it looks like ground-effect, which" in account(read_steps(tmp_path).summary)

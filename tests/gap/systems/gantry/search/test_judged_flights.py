@@ -4,9 +4,7 @@ import numpy as np
 import pytest
 from recorded import RIG, flown, with_effects
 
-from wakedeploy.gap.folder import to_add
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.answer import write_answer
 from wakedeploy.gap.systems.gantry.search.explainable_error import explainable
 from wakedeploy.gap.systems.gantry.search.naming import (
     Thresholds,
@@ -15,7 +13,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
     with_terms,
 )
 from wakedeploy.gap.systems.gantry.search.repeatability import FEWEST, repeated
-from wakedeploy.gap.systems.gantry.steps import Case, _judged
+from wakedeploy.gap.systems.gantry.steps import Case, _judged, write_answer
 
 LIMITS = Thresholds(6.0, 8.0, 8.0, 36.0, 0.02, 0.02, 0.003)
 TRIED = ("crosswind-offset", "added-mass", "range-drift")
@@ -35,16 +33,16 @@ def test_an_effect_that_matters_is_told_to_and_is_added(shifted, tmp_path) -> No
     answer, flights, sealed = shifted
     case = Case(RIG, tuple(flights), (sealed,), LIMITS)
     told = _judged(case, tmp_path, answer, write_answer(answer, tmp_path, 0.0), lambda *_: None)
-    assert told["verdict"] == "named"
-    (effect,) = told["effects"]
-    assert effect["name"] == "crosswind-offset"
-    worth = effect["worth"]
-    assert worth["matters"]
-    assert worth["removed"]["0.25 s ahead"]["share"] > 0.05
-    assert worth["force_n"] > 0.02
-    assert 0.0 < worth["tracking_m"]["low"] <= worth["tracking_m"]["value"]
-    assert to_add(told["effects"]) == told["effects"]
-    assert told["repeated"] is None  # four flights have no halves of three
+    assert told.verdict == "named"
+    (effect,) = told.effects
+    assert effect.name == "crosswind-offset"
+    worth = effect.worth
+    assert worth.matters
+    assert worth.removed["0.25 s ahead"].share > 0.05
+    assert worth.force_n > 0.02
+    assert 0.0 < worth.tracking_m.low <= worth.tracking_m.value
+    assert told.to_add == told.effects
+    assert told.repeated is None  # four flights have no halves of three
 
 
 @pytest.mark.slow

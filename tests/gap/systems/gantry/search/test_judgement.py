@@ -5,16 +5,18 @@ import pytest
 from recorded import RIG, flown
 
 from wakedeploy.gap.evidence.inference import Fit, Slopes
-from wakedeploy.gap.folder import to_add
 from wakedeploy.gap.report.summary import account, verdict_sentence
+from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.effect_force import Cost, force_of, tracking_error
+from wakedeploy.gap.systems.gantry.findings import Effect
+from wakedeploy.gap.systems.gantry.folder import Steps
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.search.importance import Mattering, Removed, removed
 from wakedeploy.gap.systems.gantry.search.judgement import judged, parts_of, unexplained
 from wakedeploy.gap.systems.gantry.search.naming import with_terms
 from wakedeploy.physics.effects.chain import default_lead_s
 
-NAMED = {"verdict": "named", "effects": [{"name": "crosswind-offset", "parameters": {}}]}
+NAMED = Name(verdict="named", effects=[Effect(name="crosswind-offset")])
 
 
 def worth(
@@ -64,16 +66,19 @@ def test_missing_forecasts_and_strays_do_not_count() -> None:
 
 def test_what_helps_and_counts_is_added() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(0.3, 0.5, 60.0)])
-    assert one["verdict"] == "named"
-    assert [e["name"] for e in to_add(one["effects"])] == ["crosswind-offset"]
-    assert verdict_sentence(one) == "Effect missing from the model: crosswind-offset."
+    assert one.verdict == "named"
+    assert [e.name for e in one.to_add] == ["crosswind-offset"]
+    assert (
+        verdict_sentence(Steps(name=one).summary)
+        == "Effect missing from the model: crosswind-offset."
+    )
 
 
 def test_what_is_certain_and_small_keeps_its_name_and_is_not_added() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(0.019, 0.01, 25.0)])
-    assert one["verdict"] == "named"
-    assert to_add(one["effects"]) == []
-    told = account(one)
+    assert one.verdict == "named"
+    assert one.to_add == []
+    told = account(Steps(name=one).summary)
     assert told.startswith(
         "Nothing that matters is missing from the model: crosswind-offset (1.9 %)"
     )
@@ -82,9 +87,9 @@ def test_what_is_certain_and_small_keeps_its_name_and_is_not_added() -> None:
 
 def test_what_makes_the_sealed_forecast_worse_is_withdrawn_with_a_sentence() -> None:
     one = judged(NAMED, [("crosswind-offset",)], [worth(-0.08, -0.02, 1.0)])
-    assert one["verdict"] == "none"
-    assert one["effects"] == []
-    told = account(one)
+    assert one.verdict == "none"
+    assert one.effects == []
+    told = account(Steps(name=one).summary)
     assert told.startswith("Nothing that matters is missing from the model.")
     assert "Withdrawn: crosswind-offset" in told
     assert "−8.0 %" in told
@@ -106,40 +111,42 @@ def test_what_spoils_the_forecast_is_never_added_however_evident() -> None:
 
 
 def test_of_two_effects_one_may_be_withdrawn() -> None:
-    both = {"verdict": "named", "effects": [{"name": n} for n in ("added-mass", "range-drift")]}
+    both = Name(verdict="named", effects=[Effect(name=n) for n in ("added-mass", "range-drift")])
     parts = parts_of(both, ("added-mass", "range-drift"))
     one = judged(both, parts, [worth(0.2, 0.2, 40.0), worth(-0.02, 0.0, 1.0)])
-    assert [e["name"] for e in one["effects"]] == ["added-mass"]
-    assert [e["name"] for e in one["withdrawn"]] == ["range-drift"]
+    assert [e.name for e in one.effects] == ["added-mass"]
+    assert [e.name for e in one.withdrawn] == ["range-drift"]
 
 
 def test_an_expression_that_does_not_matter_is_no_unknown() -> None:
     wave = {"text": "0.01 N * sin(3.3*x_m)", "gain_nats": 15.0}
-    unknown = {"verdict": "unknown", "unknown": wave, "effects": []}
+    unknown = Name.model_validate({"verdict": "unknown", "unknown": wave})
     one = judged(unknown, [("wave",)], [worth(0.02, 0.01, 12.0)])
-    assert one["verdict"] == "none"
-    assert one["unknown"] is None
-    assert "0.01 N * sin(3.3*x_m)" in account(one)
+    assert one.verdict == "none"
+    assert one.unknown is None
+    assert "0.01 N * sin(3.3*x_m)" in account(Steps(name=one).summary)
     kept = judged(unknown, [("wave",)], [worth(0.3, 0.2, 80.0)])
-    assert kept["verdict"] == "unknown"
+    assert kept.verdict == "unknown"
 
 
 def test_a_class_stands_and_falls_with_its_best_member() -> None:
-    told = {"verdict": "class", "class": ["wake-width", "wake-spreading"], "effects": []}
-    assert judged(told, [("wake-width",)], [worth(0.2, 0.2, 20.0)])["verdict"] == "class"
+    told = Name(verdict="class", rivals=["wake-width", "wake-spreading"])
+    assert judged(told, [("wake-width",)], [worth(0.2, 0.2, 20.0)]).verdict == "class"
     small = judged(told, [("wake-width",)], [worth(0.01, 0.02, 1.0)])
-    assert (small["verdict"], small["class"]) == ("none", [])
-    assert "does not matter, and is not added: wake-width or wake-spreading." in account(small)
+    assert (small.verdict, small.rivals) == ("none", [])
+    assert "does not matter, and is not added: wake-width or wake-spreading." in account(
+        Steps(name=small).summary
+    )
     gone = judged(told, [("wake-width",)], [worth(-0.1, 0.0, 0.0)])
-    assert gone["verdict"] == "none"
-    assert gone["class"] == []
+    assert gone.verdict == "none"
+    assert gone.rivals == []
 
 
 @pytest.mark.parametrize(("share", "verdict"), [(0.2, "unknown"), (0.01, "none")])
 def test_a_disagreement_without_a_cause_is_unknown_only_if_a_cause_would_help(share, verdict):
-    told = unexplained({"verdict": "unknown", "effects": []}, Removed(share, share - 0.005, 1.0))
-    assert told["verdict"] == verdict
-    assert "beyond noise" in account(told)
+    told = unexplained(Name(verdict="unknown"), Removed(share, share - 0.005, 1.0))
+    assert told.verdict == verdict
+    assert "beyond noise" in account(Steps(name=told).summary)
 
 
 def test_the_force_of_an_effect_is_told_in_newtons() -> None:

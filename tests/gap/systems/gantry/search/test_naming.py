@@ -1,6 +1,7 @@
 """What the workflow answers about effects that are hidden in the virtual gantry."""
 
 import json
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,7 +16,6 @@ from wakedeploy.gap.progress import quiet
 from wakedeploy.gap.systems.gantry.flight import read_flights
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.answer import write_answer
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.expressions import search
 from wakedeploy.gap.systems.gantry.search.naming import (
@@ -33,7 +33,7 @@ from wakedeploy.gap.systems.gantry.search.naming import (
 )
 from wakedeploy.gap.systems.gantry.search.places import find_places
 from wakedeploy.gap.systems.gantry.search.refitting import expressed_by_own_motion, without_idle
-from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name
+from wakedeploy.gap.systems.gantry.steps import Case, _judged, find, name, write_answer
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY
 from wakedeploy.physics.effects.chain import setting_of
@@ -73,7 +73,7 @@ def test_nothing_that_matters_is_missing_where_nothing_is_hidden(nothing, tmp_pa
     sealed = tuple(flown(seed) for seed in (54, 55))
     case = Case(RIG, nothing.model.flights, sealed, LIMITS)
     told = _judged(case, tmp_path, nothing, write_answer(nothing, tmp_path, 0.0), quiet)
-    assert told["verdict"] == "none"
+    assert told.verdict == "none"
     assert nothing.effects == nothing.members == ()
     assert nothing.rounds[0].given == ()
     assert nothing.rounds[0].ranking[0].gain_nats < LIMITS.effect_nats
@@ -175,8 +175,8 @@ def test_nothing_is_not_the_answer_where_a_place_disagrees() -> None:
     """No effect, no expression and white innovations: the fitted noise has swallowed it."""
     model = GantryModel(RIG, [flown(seed, hook=notch) for seed in SEEDS])
     near, base = fitted_base(model)
-    places = find_places(near, base, LIMITS.whiteness, LIMITS.places)["places"]
-    assert {p["coordinate"] for p in places} >= {"sufferer command"}
+    places = find_places(near, base, LIMITS.whiteness, LIMITS.places).places
+    assert {p.coordinate for p in places} >= {"sufferer command"}
     verdicts = {
         seen: name_effects(RIG, model, LIMITS, candidates=TRIED, disagrees=seen).verdict
         for seen in (False, bool(places))
@@ -322,15 +322,15 @@ def test_what_would_have_been_noticed_is_smaller_than_what_was_hidden(nothing) -
     sizes = detectable(nothing)
     for effect, parameter in (("ground-effect", "gain"), ("coulomb-friction", "coulomb_n")):
         told = sizes[effect]
-        assert told["parameter"] == parameter
-        assert 0.0 < told["size"] < STRONG[effect][parameter][0]
-        assert told["known"]
+        assert told.parameter == parameter
+        assert 0.0 < told.size < STRONG[effect][parameter][0]
+        assert told.known
 
 
 @pytest.mark.slow
 def test_a_hidden_effect_of_the_size_told_gains_what_it_must(nothing) -> None:
     """15 nats and as many again for chance: half to twice of it."""
-    size_n = detectable(nothing)["coulomb-friction"]["size"]
+    size_n = detectable(nothing)["coulomb-friction"].size
     rubbing = constants_of(RIG)["rail.coulomb_n"] + size_n
     truth = with_effects(coulomb_friction={"coulomb_n": (rubbing, "N")})
     model, base = fitted_base(GantryModel(RIG, [flown(seed, truth) for seed in SEEDS]))
@@ -340,9 +340,9 @@ def test_a_hidden_effect_of_the_size_told_gains_what_it_must(nothing) -> None:
 
 def test_no_size_is_told_of_what_is_far_from_linear(nothing) -> None:
     """A dead band does nothing at first; 7 us of it are found, whatever its slope at zero says."""
-    assert detectable(nothing)["pwm-dead-band"] == {
-        "parameter": "band_us", "size": None, "unit": "us", "known": False,
-    }  # fmt: skip
+    told = detectable(nothing)["pwm-dead-band"]
+    assert (told.parameter, told.unit, told.known) == ("band_us", "us", False)
+    assert math.isnan(told.size)
 
 
 def written(tmp_path, variant: str):
@@ -374,7 +374,8 @@ def told(flights) -> str:
         "intervals": [answer.fit.interval(n) for n in answer.fit.names],
         "white": answer.white.as_json(LIMITS.whiteness),
     }
-    return json.dumps([find_places(model, base, LIMITS.whiteness, LIMITS.places), named])
+    found = find_places(model, base, LIMITS.whiteness, LIMITS.places)
+    return json.dumps([found.as_json(), named])
 
 
 @pytest.mark.slow
@@ -391,8 +392,8 @@ def test_the_artefacts_are_the_same_without_the_truth(tmp_path) -> None:
     for variant in ("with", "without"):
         flights = written(tmp_path, variant)
         case, out = Case(RIG, tuple(flights), (), LIMITS), tmp_path / f"{variant}.out"
-        found = find(case, out)
-        named = name(case, out)
+        found = find(case, out).as_json()
+        named = name(case, out).as_json()
         named.pop("seconds")
         found.pop("logs")
         found.pop("split")

@@ -10,7 +10,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -22,12 +21,12 @@ from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import FloatArray
 from wakedeploy.gap.evidence.separation import Evidence, gather, loss_nats
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.systems.gantry import artefacts
 from wakedeploy.gap.systems.gantry.discrepancy import form_hooks
 from wakedeploy.gap.systems.gantry.flight import Flight, flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.planning.manoeuvres import Manoeuvre, menu
 from wakedeploy.gap.systems.gantry.search.naming import fitted_base
-from wakedeploy.gap.wording import entries, mapping, number
 from wakedeploy.physics.constants import constants_of
 from wakedeploy.physics.effects import LIBRARY, effect
 
@@ -60,6 +59,18 @@ class Option:
     def worst_nats(self) -> float:
         """Of the pair that is hardest to split."""
         return float(_pairs(self.loss).min())
+
+    @property
+    def told(self) -> artefacts.Option:
+        """As plan.json has it."""
+        return artefacts.Option(
+            manoeuvre=self.manoeuvre.name,
+            description=self.manoeuvre.description,
+            seconds=self.seconds,
+            loss_nats=self.loss.tolist(),
+            worst_nats=self.worst_nats,
+            flights=self.flights,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,29 +111,21 @@ class Plan:
             "sealed, and nothing is learned from them."
         )
 
-    def as_json(self) -> dict[str, Any]:
-        """For result.json and plan.json."""
+    @property
+    def told(self) -> artefacts.Plan:
+        """As plan.json has it."""
         best = self.best
-        return {
-            "class": list(self.names),
-            "sentence": self.sentence,
-            "manoeuvre": None if best is None else best.manoeuvre.name,
-            "flights": None if best is None else best.flights,
-            "seconds": None if best is None else best.total_s,
-            "split_by": self.sensors,
-            "margin_nats": MARGIN_NATS,
-            "options": [
-                {
-                    "manoeuvre": o.manoeuvre.name,
-                    "description": o.manoeuvre.description,
-                    "seconds": o.seconds,
-                    "loss_nats": o.loss.tolist(),
-                    "worst_nats": o.worst_nats,
-                    "flights": o.flights,
-                }
-                for o in (*self.options, self.random)
-            ],
-        }
+        return artefacts.Plan(
+            rivals=list(self.names),
+            sentence=self.sentence,
+            manoeuvre=None if best is None else best.manoeuvre.name,
+            flights=None if best is None else best.flights,
+            seconds=math.nan if best is None else best.total_s,
+            split_by=self.sensors,
+            is_searched=True,
+            margin_nats=MARGIN_NATS,
+            options=[option.told for option in (*self.options, self.random)],
+        )
 
 
 def make_plan(
@@ -182,18 +185,16 @@ def plausible_size(rig: Rig, name: str) -> tuple[float, ...]:
     return tuple(values)
 
 
-def stated_sizes(named: Mapping[str, Any], names: Sequence[str]) -> dict[str, tuple[float, ...]]:
+def stated_sizes(
+    named: artefacts.Name | None, names: Sequence[str]
+) -> dict[str, tuple[float, ...]]:
     """The parameters that name.json states for these effects, from the last round with each."""
-    ranking = {
-        str(one.get("name")): one
-        for searched in entries(named.get("rounds"))
-        for one in entries(searched.get("ranking"))
-    }
+    ranked = {} if named is None else named.ranked
     sizes = {}
     for name in names:
-        stated = mapping(ranking.get(name, {}).get("parameters"))
-        wanted = [number(mapping(stated.get(p.name)).get("value")) for p in effect(name).parameters]
-        if all(math.isfinite(value) for value in wanted):
+        stated = ranked[name].parameters if name in ranked else {}
+        wanted = [stated[p.name].value for p in effect(name).parameters if p.name in stated]
+        if len(wanted) == len(effect(name).parameters) and all(map(math.isfinite, wanted)):
             sizes[name] = tuple(wanted)
     return sizes
 

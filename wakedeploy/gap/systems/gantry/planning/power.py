@@ -1,9 +1,9 @@
 """What flights of a rig can and cannot tell, before any of them is flown.
 
-In: a rig, how many flights of what length. Out: per effect of the library the smallest size that
-will be detected and that will be named, the rivals that remain, the minutes of flight until it is
-named, the cheapest sensor that would name it, and what ignoring it costs in millimetres. Flights
-are simulated; what is missing from them is then judged by the likelihood that `name` uses.
+In: a rig, how many flights of what length. Out: for each effect of the library the smallest sizes
+that are detected and named, and the rivals that remain. Also how many minutes of flight name it,
+which sensor would, and what ignoring it costs in millimetres. Flights are simulated; the likelihood
+that `name` uses then judges what is missing from them.
 """
 
 from collections.abc import Callable, Sequence
@@ -56,12 +56,14 @@ Advance = Callable[[], None]
 class EffectPower:
     """What the flights say about one effect; sizes are changes of its first parameter.
 
-    `size` is one prior scale; the fields after it hold at that size. `named` and `detected` are
-    shares of data sets, `rivals` the effects that would stay within the margin, `flights` and
-    `minutes` what naming takes (None: no number of flights), `calibrate_to` the spread that the
-    rig file would have to state where only calibration helps, `sensor` the cheapest one with which
-    it is named from these flights (None: none of the menu, or none needed), `cost_mm` what
-    ignoring it adds to the tracking error (None: the flight ends in a failsafe).
+    `size` is one prior scale; the fields after it hold at that size.
+
+    `named` and `detected` are shares of data sets. `rivals` would stay within the margin.
+    `flights` and `minutes` are what naming takes; None where no number of flights does it.
+    `calibrate_to` is the spread that the rig file would have to state where only calibration helps.
+    `sensor` is the cheapest that names it from these flights; None for none, or none needed.
+    `cost_mm` is what ignoring it adds to the tracking error; None where the flight ends in a
+    failsafe.
     """
 
     name: str
@@ -169,7 +171,7 @@ class Power:
             "naming_rate": self.naming_rate,
             "tracking_mm": self.tracking_mm,
             "classes": [list(group) for group in self.classes],
-            "class_sensors": [None if one is None else one.name for one in splitters],
+            "class_sensors": [None if sensor is None else sensor.name for sensor in splitters],
             "effects": [asdict(e) | {"verdict": e.verdict} for e in self.effects],
             "loss_nats": self.loss_nats.tolist(),
             "sensors": [asdict(sensor) for sensor in SENSORS],
@@ -215,11 +217,11 @@ def power(
     named_with = _named_with_sensors(
         simulated, threshold, _telling(progress, "sensors", len(SENSORS) + 1)
     )
-    told = _Told(rig, simulated, threshold, seconds + 2.0 * rig.disturbance.rest_s)
+    evidence = _Told(rig, simulated, threshold, seconds + 2.0 * rig.disturbance.rest_s)
     advance = _telling(progress, "sizes", len(chosen))
     effects = []
     for i, name in enumerate(chosen):
-        effects.append(told.effect(name, named_with[i], costs[name]))
+        effects.append(evidence.effect(name, named_with[i], costs[name]))
         advance()
     return Power(
         rig_sha256=rig.sha256,
@@ -230,7 +232,7 @@ def power(
         threshold_source="Gaussian draws" if threshold_nats is None else "simulated flights",
         tracking_mm=plain_mm,
         effects=tuple(effects),
-        loss_nats=told.loss,
+        loss_nats=evidence.loss,
         named_with=named_with,
     )
 

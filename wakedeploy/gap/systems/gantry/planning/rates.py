@@ -62,9 +62,9 @@ class Draws:
         gains = []
         for name in self.evidence.names:
             places = self.evidence.of(name)
-            own = self.information[np.ix_(places, places)]
-            share = fitted_shares(own, pulls[:, places], self.evidence, places)
-            bent = np.einsum("nk,kl,nl->n", share, own, share)
+            block = self.information[np.ix_(places, places)]
+            share = fitted_shares(block, pulls[:, places], self.evidence, places)
+            bent = np.einsum("nk,kl,nl->n", share, block, share)
             gains.append(np.einsum("nk,nk->n", share, pulls[:, places]) - 0.5 * bent)
         return np.asarray(np.stack(gains, axis=1) - self.cost_nats)
 

@@ -14,6 +14,7 @@ import numpy as np
 from wakedeploy.core.files import sha256_of
 from wakedeploy.core.rig import Rig
 from wakedeploy.gap.systems.gantry.discrepancy import PREFIX
+from wakedeploy.gap.systems.gantry.findings import Sized
 from wakedeploy.gap.systems.gantry.reference.learning import Reference
 from wakedeploy.gap.systems.gantry.search.answer import sizes_of
 from wakedeploy.gap.systems.gantry.search.correction import entry_of
@@ -85,7 +86,7 @@ def form_force_n(reference: Reference) -> float:
     )
     squares = []
     for episode, flight in enumerate(reference.model.flights):
-        with_it, without = (reference.model.forces(one, episode) for one in (fitted, plain))
+        with_it, without = (reference.model.forces(fit, episode) for fit in (fitted, plain))
         change = (with_it.acceleration[0] - without.acceleration[0]) * with_it.inertia_kg
         squares += [change[a:b] ** 2 for a, b in zip(flight.start, flight.stop, strict=True)]
     return float(np.sqrt(np.mean(np.concatenate(squares))))
@@ -101,7 +102,7 @@ def corrected(reference: Reference) -> Rig:
     )
     digest = sha256_of("".join(f.sha256 for f in reference.flights).encode())
     found = [
-        entry_of({"name": n, "parameters": sizes_of(reference.fit, n)}, digest, date)
+        entry_of(Sized(name=n, parameters=sizes_of(reference.fit, n)), digest, date)
         for n in reference.fit.hypothesis
     ]
     return rig.model_copy(update={"effect": (*rig.effect, *found)})
@@ -109,10 +110,10 @@ def corrected(reference: Reference) -> Rig:
 
 def _calibrated(reference: Reference) -> dict[str, Calibrated]:
     """Constants by their place in the rig file; a motor's scale and exponent move its table."""
-    learned = {one.name: one for one in constants_learned(reference)}
+    learned = {constant.name: constant for constant in constants_learned(reference)}
     known = {
-        place_of(name): Calibrated(one.value, one.spread)
-        for name, one in learned.items()
+        place_of(name): Calibrated(constant.value, constant.spread)
+        for name, constant in learned.items()
         if not name.startswith("thrust.")
     }
     for motor in ("source", "sufferer"):

@@ -82,7 +82,7 @@ def farthest(values: FloatArray, errors: FloatArray, tried: int) -> Apart:
     (Student, n − 2). Bonferroni's correction is for the number of comparisons.
     """
     each = [_apart(values, errors, flight, tried) for flight in range(len(values))]
-    return min(each, key=lambda one: one.p_value)
+    return min(each, key=lambda spread: spread.p_value)
 
 
 def _apart(values: FloatArray, errors: FloatArray, flight: int, tried: int) -> Apart:

@@ -23,7 +23,7 @@ def as_json(reference: Reference) -> dict[str, Any]:
     return {
         "flights": names,
         "learned_from": [names[i] for i in reference.kept],
-        "repeatability": [_own(one, names) for one in reference.own],
+        "repeatability": [_own(quantity, names) for quantity in reference.own],
         "odd": [
             {
                 "flight": names[o.flight],
@@ -34,44 +34,47 @@ def as_json(reference: Reference) -> dict[str, Any]:
             }
             for o in reference.odd
         ],
-        "constants": [one.as_json() for one in constants_learned(reference)],
-        "effects": {n: sizes_of(reference.fit, n) for n in reference.fit.hypothesis},
+        "constants": [constant.as_json() for constant in constants_learned(reference)],
+        "effects": {
+            name: {p: size.model_dump() for p, size in sizes_of(reference.fit, name).items()}
+            for name in reference.fit.hypothesis
+        },
         "form_force_n": form_force_n(reference),
         "sentences": sentences(reference),
     }
 
 
-def _own(one: Own, names: Sequence[str]) -> dict[str, Any]:
-    values = zip(names, one.values, one.errors, strict=True)
+def _own(learned: Own, names: Sequence[str]) -> dict[str, Any]:
+    values = zip(names, learned.values, learned.errors, strict=True)
     return {
-        "quantity": one.quantity.name,
-        "unit": one.quantity.unit,
-        "sd": one.between.sd,
-        "low": one.between.low,
-        "high": one.between.high,
-        "p_value": one.between.p_value,
+        "quantity": learned.quantity.name,
+        "unit": learned.quantity.unit,
+        "sd": learned.between.sd,
+        "low": learned.between.low,
+        "high": learned.between.high,
+        "p_value": learned.between.p_value,
         "by_flight": {n: {"value": float(v), "error": float(e)} for n, v, e in values},
     }
 
 
 def sentences(reference: Reference) -> list[str]:
     """The same in plain words, the flights that are unlike the others first."""
-    told = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
-    told += [_variation(one) for one in reference.own]
+    lines = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
+    lines += [_variation(quantity) for quantity in reference.own]
     for name in reference.fit.hypothesis:
         for parameter, size in sizes_of(reference.fit, name).items():
-            ends = f"[{size['low']:.3g}, {size['high']:.3g}]"
-            told.append(f"{name}: {parameter} {size['value']:.3g} {size['unit']} {ends}.")
+            ends = f"[{size.low:.3g}, {size.high:.3g}]"
+            lines.append(f"{name}: {parameter} {size.value:.3g} {size.unit} {ends}.")
     moved = [
         f"{c.name} {c.stated:.4g} → {c.value:.4g} ± {c.spread:.2g}"
         for c in constants_learned(reference)
         if abs(c.value - c.stated) > _MOVED_SD * c.stated_spread
     ]
     if moved:
-        told.append(f"Constants beyond the rig file's spread: {'; '.join(moved)}.")
+        lines.append(f"Constants beyond the rig file's spread: {'; '.join(moved)}.")
     mn = 1e3 * form_force_n(reference)
-    told.append(f"The form of wake and friction differs from the model's by {mn:.0f} mN rms.")
-    return told
+    lines.append(f"The form of wake and friction differs from the model's by {mn:.0f} mN rms.")
+    return lines
 
 
 def _odd(odd: Odd, flight: str) -> str:
@@ -83,13 +86,16 @@ def _odd(odd: Odd, flight: str) -> str:
     )
 
 
-def _variation(one: Own) -> str:
-    words = one.quantity.words
-    if not one.between.is_sure:
-        most = _size(one.quantity, one.between.high)
+def _variation(learned: Own) -> str:
+    words = learned.quantity.words
+    if not learned.between.is_sure:
+        most = _size(learned.quantity, learned.between.high)
         return f"From flight to flight {words} stays the same, to within {most}."
-    low, high = _size(one.quantity, one.between.low), _size(one.quantity, one.between.high)
-    sd = _size(one.quantity, one.between.sd)
+    low, high = (
+        _size(learned.quantity, learned.between.low),
+        _size(learned.quantity, learned.between.high),
+    )
+    sd = _size(learned.quantity, learned.between.sd)
     return f"From flight to flight {words} varies by {sd} (1 sd) [{low}, {high}]."
 
 

@@ -1,22 +1,33 @@
 """What `name.json` says of an answer: sizes, gains, who could be taken for whom, and the noise.
 
-In: an `Answer`. Out: the artefact of `name`, and the fits beside it.
+In: an `Answer`. Out: the artefact of `name`.
 """
 
+import math
 import time
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.separation import gather, loss_nats
-from wakedeploy.gap.folder import forget, write_step
+from wakedeploy.gap.search.artefacts import Quantity, White
+from wakedeploy.gap.systems.gantry.artefacts import Name
 from wakedeploy.gap.systems.gantry.effect_force import force_of
+from wakedeploy.gap.systems.gantry.findings import (
+    Bent,
+    Confusion,
+    Effect,
+    Expression,
+    Leading,
+    Ranked,
+    Size,
+    Sized,
+    Sizes,
+)
+from wakedeploy.gap.systems.gantry.findings import Round as RoundTold
 from wakedeploy.gap.systems.gantry.rules import RULES
 from wakedeploy.gap.systems.gantry.search.detectability import detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer, Round
-from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 from wakedeploy.gap.systems.gantry.search.threshold import FLIGHTS, SECONDS
 from wakedeploy.physics.effects import LIBRARY
 
@@ -24,91 +35,88 @@ _CONFUSED = 14  # effects in the picture of what can be told apart
 _NEAR_TOP = 5  # of a ranking; what comes after it decides nothing
 
 
-def write_answer(
-    answer: Answer, out: Path, started_s: float, is_simulated: bool = True
-) -> dict[str, Any]:
-    """Write `name.json`, and the fits beside it; the search began at `started_s`, monotonic.
+def told_of(answer: Answer, started_s: float, is_simulated: bool = True) -> Name:
+    """What `name.json` says; the search began at `started_s`, monotonic.
 
     `is_simulated` says that the thresholds are the rig's own. What only a verdict can stand on, as
     how sure a name is and what would have been detected, an inconclusive answer leaves out.
     """
     concluded = answer.verdict != "inconclusive"
-    told = {
-        "verdict": answer.verdict,
-        "effects": [_effect(answer, n) for n in answer.effects],
-        "class": list(answer.members),
-        "more_classes": [list(members) for members in answer.classes[1:]],
-        "others": _others(answer),
-        "leading": None if concluded else _leading(answer, is_simulated),
-        "untried": [] if concluded else _untried(answer),
-        "split_by": _split_by(answer),
-        "rounds": [_round(r, concluded, is_simulated) for r in answer.rounds],
-        "confusion": _confusion(answer) if concluded else {},
-        "detectable": detectable(answer) if concluded else {},
-        "unknown": answer.unknown.as_json() if answer.unknown is not None else None,
-        "rest": _rest(answer),
-        "closest": _closest(answer),
-        "form_exact": answer.rest is None and answer.white.passes(answer.thresholds.whiteness),
-        "unsettled": unsettled(answer),
-        "together": [
-            {"name": n, "parameters": sizes_of(answer.fit, n)}
-            for n in answer.fit.hypothesis
-            if n in LIBRARY
-        ],
-        "beside": [{"name": n, "parameters": sizes_of(answer.fit, n)} for n in _beside(answer)],
-        "calibration": bent(answer.fit),
-        "white": answer.white.as_json(answer.thresholds.whiteness),
-        "fitted_flights": answer.model.episodes,
-        "threshold_of_s": FLIGHTS * SECONDS,
-        "noise": _noise(answer.fit),
-        "seconds": time.monotonic() - started_s,
-    }
-    forget(out, "name")
-    Found.of(answer).write(out)
-    return write_step(out, "name", told)
+    return Name(
+        verdict=answer.verdict,
+        effects=[_effect(answer, n) for n in answer.effects],
+        rivals=list(answer.members),
+        more_classes=[list(members) for members in answer.classes[1:]],
+        others=_others(answer),
+        leading=None if concluded else _leading(answer, is_simulated),
+        untried=[] if concluded else _untried(answer),
+        split_by=_split_by(answer),
+        rounds=[_round(r, concluded, is_simulated) for r in answer.rounds],
+        confusion=_confusion(answer) if concluded else Confusion(),
+        detectable=detectable(answer) if concluded else {},
+        unknown=answer.unknown.told if answer.unknown is not None else None,
+        rest=_rest(answer),
+        closest=_closest(answer),
+        form_exact=answer.rest is None and answer.white.passes(answer.thresholds.whiteness),
+        unsettled=unsettled(answer),
+        together=[_sized(answer.fit, n) for n in answer.fit.hypothesis if n in LIBRARY],
+        beside=[_sized(answer.fit, n) for n in _beside(answer)],
+        calibration=bent(answer.fit),
+        white=White(**answer.white.as_json(answer.thresholds.whiteness)),
+        fitted_flights=answer.model.episodes,
+        threshold_of_s=FLIGHTS * SECONDS,
+        noise=_noise(answer.fit),
+        seconds=time.monotonic() - started_s,
+    )
 
 
-def _effect(answer: Answer, effect: str) -> dict[str, Any]:
+def _effect(answer: Answer, effect: str) -> Effect:
     best_in = [r for r in answer.rounds if r.found == effect]
     searched = best_in[0] if best_in else answer.rounds[0]
     found = next(c for c in searched.ranking if c.name == effect)
-    return {
-        "name": effect,
-        "confidence": searched.confidence(found),
-        "gain_nats": found.gain_nats,
-        "parameters": sizes_of(answer.fit, effect),
-    }
+    return Effect(
+        name=effect,
+        confidence=searched.confidence(found),
+        gain_nats=found.gain_nats,
+        parameters=sizes_of(answer.fit, effect),
+    )
 
 
-def sizes_of(fitted: Fit, effect: str) -> dict[str, dict[str, Any]]:
-    """The parameters of one of a fit's effects, with 90 % intervals.
-
-    `at_bound` is only with those that stand at an end of the library's range, `holds_neutral` with
-    others whose interval reaches to where the parameter changes nothing.
-    """
-    told = {}
-    for p in LIBRARY[effect].parameters:
-        name = f"{effect}.{p.name}"
-        low, high = fitted.interval(name)
-        told[p.name] = {"value": fitted.value(name), "low": low, "high": high, "unit": p.unit}
-        free = next(f for f in fitted.free if f.name == name)
-        # An end of the range is no estimate; not so zero, nor where the parameter changes nothing.
-        if fitted.value(name) in {free.low, free.high} - {0.0, free.neutral}:
-            told[p.name]["at_bound"] = True
-        elif low <= free.neutral <= high:
-            told[p.name]["holds_neutral"] = True
-    return told
+def _sized(fitted: Fit, effect: str) -> Sized:
+    return Sized(name=effect, parameters=sizes_of(fitted, effect))
 
 
-def bent(fitted: Fit) -> list[dict[str, Any]]:
+def sizes_of(fitted: Fit, effect: str) -> Sizes:
+    """The parameters of one of a fit's effects, with 90 % intervals."""
+    return {p.name: _size(fitted, f"{effect}.{p.name}", p.unit) for p in LIBRARY[effect].parameters}
+
+
+def _size(fitted: Fit, name: str, unit: str) -> Size:
+    value, (low, high) = fitted.value(name), fitted.interval(name)
+    free = next(f for f in fitted.free if f.name == name)
+    # An end of the range is no estimate; not so zero, nor where the parameter changes nothing.
+    at_bound = value in {free.low, free.high} - {0.0, free.neutral}
+    holds_neutral = not at_bound and bool(low <= free.neutral <= high)
+    return Size(
+        value=value, low=low, high=high, unit=unit, at_bound=at_bound, holds_neutral=holds_neutral
+    )
+
+
+def bent(fitted: Fit) -> list[Bent]:
     """Calibrated constants that the flights want far from where the rig file has them."""
-    told = []
-    for f, value in zip(fitted.free, fitted.theta, strict=True):
-        away_sd = abs(float(value) - f.neutral) / f.prior_sd
-        if f.quantity == f.name and away_sd > RULES.bent_sd:
-            one = {"name": f.name, "stated": f.neutral, "spread": f.prior_sd}
-            told.append(one | {"fitted": float(value), "away_sd": away_sd})
-    return sorted(told, key=lambda one: -float(one["away_sd"]))
+    found = [
+        Bent(
+            name=f.name,
+            stated=f.neutral,
+            spread=f.prior_sd,
+            fitted=float(value),
+            away_sd=abs(float(value) - f.neutral) / f.prior_sd,
+        )
+        for f, value in zip(fitted.free, fitted.theta, strict=True)
+        if f.quantity == f.name
+    ]
+    far = [constant for constant in found if constant.away_sd > RULES.bent_sd]
+    return sorted(far, key=lambda constant: -constant.away_sd)
 
 
 def _closest(answer: Answer) -> str:
@@ -118,12 +126,12 @@ def _closest(answer: Answer) -> str:
     return best.name if leads else ""
 
 
-def _rest(answer: Answer) -> dict[str, Any] | None:
+def _rest(answer: Answer) -> Expression | None:
     """What is left beyond the effects, with the size of its force along the flights."""
     if answer.rest is None:
         return None
     force_n = force_of(answer.model, answer.rest.fit, answer.rest.terms)
-    return answer.rest.as_json() | {"force_n": force_n}
+    return answer.rest.told.model_copy(update={"force_n": force_n})
 
 
 def unsettled(answer: Answer) -> list[str]:
@@ -138,8 +146,8 @@ def unsettled(answer: Answer) -> list[str]:
 
 def _unmoved(fitted: Fit, effect: str) -> bool:
     """Whether all of an effect's parameters stand exactly where they are neutral."""
-    own = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
-    return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in own)
+    parameters = [f for f in fitted.free if f.name.startswith(f"{effect}.")]
+    return all(abs(fitted.value(f.name) - f.neutral) < 1e-9 * f.prior_sd for f in parameters)
 
 
 def _beside(answer: Answer) -> list[str]:
@@ -147,22 +155,19 @@ def _beside(answer: Answer) -> list[str]:
     return [n for n in answer.fit.hypothesis if n in LIBRARY and answer.verdict == "unknown"]
 
 
-def _leading(answer: Answer, is_simulated: bool) -> dict[str, Any]:
-    """The effects that few flights speak for most and do not tell apart, and what comes after.
-
-    `clear` says that they gain more than noise and calibration alone.
-    """
+def _leading(answer: Answer, is_simulated: bool) -> Leading:
+    """The effects that few flights speak for most and do not tell apart, and what comes after."""
     (searched,) = answer.rounds
     after = next((c for c in searched.ranking if c not in searched.near), None)
-    return {
-        "clear": bool(searched.found),
-        "names": [c.name for c in searched.rivals],
-        "others": [c.name for c in searched.near[RULES.most_in_class :]],
-        "gain_nats": searched.near[0].gain_nats,
-        "next": after.name if after is not None else None,
-        "next_nats": after.gain_nats if after is not None else None,
-        "threshold_nats": searched.least_nats if is_simulated else None,
-    }
+    return Leading(
+        clear=bool(searched.found),
+        names=[c.name for c in searched.rivals],
+        others=[c.name for c in searched.near[RULES.most_in_class :]],
+        gain_nats=searched.near[0].gain_nats,
+        next=after.name if after is not None else None,
+        next_nats=after.gain_nats if after is not None else math.nan,
+        threshold_nats=searched.least_nats if is_simulated else math.nan,
+    )
 
 
 def _untried(answer: Answer) -> list[str]:
@@ -171,29 +176,26 @@ def _untried(answer: Answer) -> list[str]:
     return [name for name in LIBRARY if name not in known]
 
 
-def _round(searched: Round, concluded: bool, is_simulated: bool) -> dict[str, Any]:
-    ranking = []
-    for c in searched.ranking:
-        ends = (end if np.isfinite(end) else None for end in c.gain_interval())
-        ranking.append(
-            {
-                "name": c.name,
-                "gain_nats": c.gain_nats,
-                "interval": list(ends),
-                "confidence": searched.confidence(c) if concluded else None,
-                "parameters": sizes_of(c.fit, c.name),
-            }
-        )
-    return {
-        "given": list(searched.given),
-        "found": searched.found,
-        "near_nats": searched.near_nats,
-        "threshold_nats": searched.least_nats if is_simulated else None,
-        "ranking": ranking,
-    }
+def _round(searched: Round, concluded: bool, is_simulated: bool) -> RoundTold:
+    return RoundTold(
+        given=list(searched.given),
+        found=searched.found,
+        near_nats=searched.near_nats,
+        threshold_nats=searched.least_nats if is_simulated else math.nan,
+        ranking=[
+            Ranked(
+                name=c.name,
+                gain_nats=c.gain_nats,
+                interval=c.gain_interval(),
+                confidence=searched.confidence(c) if concluded else math.nan,
+                parameters=sizes_of(c.fit, c.name),
+            )
+            for c in searched.ranking
+        ],
+    )
 
 
-def _confusion(answer: Answer) -> dict[str, Any]:
+def _confusion(answer: Answer) -> Confusion:
     """How well each leading effect could be imitated by each other one, at the size found."""
     first = answer.rounds[0]
     leading = list(first.ranking[:_CONFUSED])
@@ -204,20 +206,20 @@ def _confusion(answer: Answer) -> dict[str, Any]:
     }
     names = [c.name for c in leading]
     evidence = gather(answer.base_model, answer.base, names, sizes)
-    return {"names": names, "loss_nats": loss_nats(evidence).tolist()}
+    return Confusion(names=names, loss_nats=loss_nats(evidence).tolist())
 
 
-def _noise(fitted: Fit) -> dict[str, Any]:
-    told = {}
-    for i, f in enumerate(fitted.free):
-        if f.name.startswith("noise.log_"):
-            told[f.name.removeprefix("noise.log_")] = {
-                "value": float(np.exp(fitted.theta[i])),
-                "unit": _NOISE_UNITS[f.name.removeprefix("noise.log_")],
-            }
-    return told
+def _noise(fitted: Fit) -> dict[str, Quantity]:
+    return {
+        f.name.removeprefix(_NOISE): Quantity(
+            value=float(np.exp(value)), unit=_NOISE_UNITS[f.name.removeprefix(_NOISE)]
+        )
+        for f, value in zip(fitted.free, fitted.theta, strict=True)
+        if f.name.startswith(_NOISE)
+    }
 
 
+_NOISE = "noise.log_"
 _NOISE_UNITS = {
     "acceleration": "m/s^2 sqrt(s)",
     "turbulence": "of the wake's force",

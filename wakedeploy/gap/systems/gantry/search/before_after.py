@@ -7,9 +7,9 @@ the noise floor, per place, whiteness of the rest, and a placebo: a wrong effect
 parameters, the best of those by gain, which must not help.
 """
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.stats import t as student_t
@@ -17,7 +17,11 @@ from scipy.stats import t as student_t
 from wakedeploy.gap.evidence.inference import Fit, Hypothesis, Slopes, applied, fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell
+from wakedeploy.gap.search.artefacts import Place, White, WhitePair
 from wakedeploy.gap.search.places import Residuals, bin_means, block_length, blocks_of
+from wakedeploy.gap.systems.gantry import artefacts
+from wakedeploy.gap.systems.gantry.artefacts import Profile, Show, Traces
+from wakedeploy.gap.systems.gantry.findings import Bent, Gap, Placebo
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import (
@@ -67,9 +71,9 @@ class Shown:
     def left_out(cls, model: GantryModel, fits: Sequence[Fit]) -> "Shown":
         """Each flight under the fit to the others, (E,) fits of one hypothesis."""
         each = [cls.of(model.only([i]), fitted) for i, fitted in enumerate(fits)]
-        near = GantryModel(model.rig, [one.model.flights[0] for one in each], model.extra)
-        scores = tuple(one.fit.slopes.scores[0] for one in each)
-        density = np.concatenate([one.fit.per_episode for one in each])
+        near = GantryModel(model.rig, [shown.model.flights[0] for shown in each], model.extra)
+        scores = tuple(shown.fit.slopes.scores[0] for shown in each)
+        density = np.concatenate([shown.fit.per_episode for shown in each])
         episodes = tuple(range(len(fits)))
         joined = replace(
             each[0].fit, episodes=episodes, slopes=Slopes(scores, (), ()), per_episode=density
@@ -81,12 +85,12 @@ def show(
     found: Found,
     corrected: Fit | None,
     sealed: Sequence[Flight],
-    places: Sequence[Any],
+    places: Sequence[Place],
     *,
     members: Sequence[str] = (),
     whiteness_limit: float,
     in_sample: bool = False,
-) -> dict[str, Any]:
+) -> Show:
     """`show.json`, without the predictors of `retrain`.
 
     `corrected` is the fit whose effects the corrected rig file has (None: nothing was added),
@@ -96,37 +100,36 @@ def show(
     confirm nothing: of so few flights there is none.
     """
     crossed = in_sample and len(sealed) > 1
+    few = in_sample and cannot_tell(len(sealed))
     begin = _line(GantryModel(found.model.rig, sealed, found.model.extra), found.base)
-    before = _under(begin, found.base_model, found.base, crossed)
+    before = under(begin, found.base_model, found.base, crossed)
     after = before
     if corrected is not None:
-        after = _under(before.model, found.model, corrected, crossed)
+        after = under(before.model, found.model, corrected, crossed)
     gain = _log_density(after) - _log_density(before)
 
-    def white(shown: Shown) -> dict[str, Any]:
-        return whiteness(shown.fit).as_json(whiteness_limit)
+    def white(shown: Shown) -> White:
+        return White(**whiteness(shown.fit).as_json(whiteness_limit))
 
-    result: dict[str, Any] = {
-        "shown_on": [flight.name for flight in sealed],
-        "sealed": [] if in_sample else [flight.name for flight in sealed],
-        "in_sample": in_sample and not crossed,
-        "cross_validated": crossed,
-        "gap": gaps(before, after),
-        "places": [_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
-        "placebo": {}
-        if in_sample and cannot_tell(len(sealed))
+    return Show(
+        shown_on=[flight.name for flight in sealed],
+        sealed=[] if in_sample else [flight.name for flight in sealed],
+        in_sample=in_sample and not crossed,
+        cross_validated=crossed,
+        gap=gaps(before, after),
+        places=[_by_place(before, after, *here) for here in _maps_of(places)[:_MOST_MAPS]],
+        placebo=None
+        if few
         else _placebo(found, after.fit.hypothesis, members, before, gain, crossed),
-        "white": {"before": white(before), "after": white(after)},
-        "spectrum": {"before": _spectrum(before), "after": _spectrum(after)},
-        "traces": _traces(before, after),
-        "log_density_gain_nats": gain,
-        "hidden_by": [] if corrected is None else _hiding(found.base, corrected),
-        "retrain": None,
-    }
-    return result
+        white=WhitePair(before=white(before), after=white(after)),
+        spectrum=artefacts.SpectrumPair(before=_spectrum(before), after=_spectrum(after)),
+        traces=_traces(before, after),
+        log_density_gain_nats=gain,
+        hidden_by=[] if corrected is None else _hiding(found.base, corrected),
+    )
 
 
-def _under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
+def under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
     """The flights under a fit, or each under what the others of them say (`crossed`)."""
     if not crossed:
         return Shown.of(flights, fitted)
@@ -135,13 +138,13 @@ def _under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: b
     return Shown.left_out(flights, fits)
 
 
-def _hiding(base: Fit, corrected: Fit) -> list[dict[str, Any]]:
+def _hiding(base: Fit, corrected: Fit) -> list[Bent]:
     """Constants that are bent far without an effect, and with it are not, or are its own."""
-    still = {one["name"] for one in bent(corrected)}
-    return [one for one in bent(base) if one["name"] not in still]
+    still = {constant.name for constant in bent(corrected)}
+    return [constant for constant in bent(base) if constant.name not in still]
 
 
-def gaps(before: Shown, after: Shown) -> dict[str, Any]:
+def gaps(before: Shown, after: Shown) -> dict[str, Gap]:
     """Root mean square errors ahead, before and after, with 90 % intervals and the noise floor.
 
     The floor is the error that the corrected model expects of itself: range noise and turbulence.
@@ -152,17 +155,22 @@ def gaps(before: Shown, after: Shown) -> dict[str, Any]:
         b, a = _rms(old), _rms(new)
         # Noise alone errs no more than any model did; the fitted noise may expect more of itself.
         floor = min(_expected(after, horizon_s), a, b)
-        excess = b**2 - floor**2
-        table[f"height {horizon_s:g} s ahead"] = {
-            "before": b,
-            "after": a,
-            "noise_floor": floor,
-            "unit": "m",
-            "before_interval": _rms_interval(old),
-            "after_interval": _rms_interval(new),
-            "closed": (b**2 - a**2) / excess if excess > 0.02 * floor**2 else None,
-        }
+        table[f"height {horizon_s:g} s ahead"] = Gap(
+            before=b,
+            after=a,
+            noise_floor=floor,
+            unit="m",
+            before_interval=_rms_interval(old),
+            after_interval=_rms_interval(new),
+            closed=closed_share(b, a, floor),
+        )
     return table
+
+
+def closed_share(before: float, after: float, floor: float) -> float:
+    """(before² − after²) / (before² − floor²); NaN where noise alone errs nearly as much."""
+    excess = before**2 - floor**2
+    return (before**2 - after**2) / excess if excess > 0.02 * floor**2 else math.nan
 
 
 def _errors(shown: Shown, horizon_s: float) -> list[FloatArray]:
@@ -183,14 +191,14 @@ def _rms(blocks: Sequence[FloatArray]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(list(blocks)) ** 2)))
 
 
-def _rms_interval(blocks: Sequence[FloatArray]) -> list[float]:
+def _rms_interval(blocks: Sequence[FloatArray]) -> tuple[float, float]:
     """Student's 90 % interval of the mean square, from blocks."""
     squares = np.array([float((b**2).mean()) for b in blocks])
     if len(squares) < 2:
-        return [0.0, float("inf")]
+        return 0.0, float("inf")
     reach = student_t.ppf(0.95, len(squares) - 1) * squares.std(ddof=1) / len(squares) ** 0.5
     low, high = squares.mean() - reach, squares.mean() + reach
-    return [float(np.sqrt(max(low, 0.0))), float(np.sqrt(high))]
+    return float(np.sqrt(max(low, 0.0))), float(np.sqrt(high))
 
 
 def _expected(shown: Shown, horizon_s: float) -> float:
@@ -201,7 +209,7 @@ def _expected(shown: Shown, horizon_s: float) -> float:
     return float(np.sqrt(np.nanmean(np.concatenate(variance))))
 
 
-def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dict[str, Any]:
+def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> Profile:
     """Mean residual in bins of one coordinate, before and after, each with its 90 % reach."""
     old, new = (
         [residuals(shown.model, each, channel, i) for i, each in enumerate(shown.by_flight)]
@@ -209,15 +217,19 @@ def _by_place(before: Shown, after: Shown, channel: str, coordinate: str) -> dic
     )
     where = np.concatenate([s.coordinates[coordinate] for s in old])
     edges = np.unique(np.quantile(where[np.isfinite(where)], np.linspace(0.0, 1.0, _BINS + 1)))
-    return {
-        "channel": channel,
-        "coordinate": coordinate,
-        "coordinate_unit": COORDINATES[coordinate][0],
-        "edges": edges.tolist(),
-        **_binned("before", old, coordinate, edges),
-        **_binned("after", new, coordinate, edges),
-        "unit": CHANNELS[channel],
-    }
+    was, was_reach = _binned(old, coordinate, edges)
+    now, now_reach = _binned(new, coordinate, edges)
+    return Profile(
+        channel=channel,
+        coordinate=coordinate,
+        coordinate_unit=COORDINATES[coordinate][0],
+        edges=edges.tolist(),
+        before=was,
+        before_reach=was_reach,
+        after=now,
+        after_reach=now_reach,
+        unit=CHANNELS[channel],
+    )
 
 
 def _line(model: GantryModel, base: Fit) -> GantryModel:
@@ -232,9 +244,9 @@ def _line(model: GantryModel, base: Fit) -> GantryModel:
     return GantryModel(model.rig, bare.around_own_motion(plain).flights, model.extra)
 
 
-def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
+def _maps_of(places: Sequence[Place]) -> list[tuple[str, str]]:
     """Channel and coordinate of the places, each map once, in order; "everywhere" over height."""
-    maps = [(str(p.get("channel")), str(p.get("coordinate"))) for p in places]
+    maps = [(place.channel, place.coordinate) for place in places]
     return list(
         dict.fromkeys(
             (channel, name if name in COORDINATES else "height")
@@ -245,8 +257,8 @@ def _maps_of(places: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
 
 
 def _binned(
-    when: str, series: Sequence[Residuals], name: str, edges: FloatArray
-) -> dict[str, list[float]]:
+    series: Sequence[Residuals], name: str, edges: FloatArray
+) -> tuple[list[float], list[float]]:
     """Means per bin, and how far their 90 % intervals reach: neighbours in time err alike."""
     where = np.concatenate([s.coordinates[name] for s in series])
     value = np.concatenate([s.value for s in series])
@@ -255,7 +267,7 @@ def _binned(
     bins = np.where(known, bins, -1)
     blocks = blocks_of(series, block_length(series, AXES))
     means, errors, _ = bin_means(value, bins, blocks, len(edges) - 1)
-    return {when: means.tolist(), f"{when}_reach": (1.645 * errors).tolist()}
+    return means.tolist(), (1.645 * errors).tolist()
 
 
 def _placebo(
@@ -265,27 +277,27 @@ def _placebo(
     before: Shown,
     found_nats: float,
     crossed: bool,
-) -> dict[str, Any]:
+) -> Placebo | None:
     """The best wrong effect in the place of what was found, fitted and shown likewise.
 
-    {} without any.
+    None without any.
     """
     wrong = wrong_effects(found.tried, hypothesis, members)
     if not wrong:
-        return {}
+        return None
     chosen = wrong[0]
-    shown = _under(before.model, *refitted(found.base_model, chosen.fit), crossed)
+    shown = under(before.model, *refitted(found.base_model, chosen.fit), crossed)
     gain = _log_density(shown) - _log_density(before)
-    return {
-        "name": chosen.name,
-        "before": _rms(_errors(before, AHEAD_S)),
-        "after": _rms(_errors(shown, AHEAD_S)),
-        "after_interval": _rms_interval(_errors(shown, AHEAD_S)),
-        "unit": "m",
-        "gain_nats": gain,
-        "found_gain_nats": found_nats,
-        "helps": bool(gain > RULES.speaks_nats),
-    }
+    return Placebo(
+        name=chosen.name,
+        before=_rms(_errors(before, AHEAD_S)),
+        after=_rms(_errors(shown, AHEAD_S)),
+        after_interval=_rms_interval(_errors(shown, AHEAD_S)),
+        unit="m",
+        gain_nats=gain,
+        found_gain_nats=found_nats,
+        helps=bool(gain > RULES.speaks_nats),
+    )
 
 
 def wrong_effects(
@@ -311,20 +323,21 @@ def _log_density(shown: Shown) -> float:
     return float(shown.fit.per_episode.sum())
 
 
-def _spectrum(shown: Shown) -> dict[str, Any]:
+def _spectrum(shown: Shown) -> artefacts.Spectrum:
     rate_hz = 1.0 / shown.model.flights[0].spacing_s
-    return spectrum([samples(s)[0] for s in shown.fit.slopes.scores], rate_hz)
+    white = [samples(s)[0] for s in shown.fit.slopes.scores]
+    return artefacts.Spectrum(**spectrum(white, rate_hz))
 
 
-def _traces(before: Shown, after: Shown) -> dict[str, Any]:
+def _traces(before: Shown, after: Shown) -> Traces:
     """Forecasts a quarter of a second ahead along part of the first sealed flight."""
     old = before.model.forecasts(before.by_flight[0], 0, (AHEAD_S,))
     new = after.model.forecasts(after.by_flight[0], 0, (AHEAD_S,))
     chosen = old.at_s < old.at_s[0] + _TRACE_S
     chosen &= np.isfinite(old.forecast_m[0]) & np.isfinite(new.forecast_m[0])
-    return {
-        "t_s": (old.at_s[chosen] + AHEAD_S - old.at_s[0]).tolist(),
-        "measured_m": old.measured_m[0][chosen].tolist(),
-        "before_m": old.forecast_m[0][chosen].tolist(),
-        "after_m": new.forecast_m[0][chosen].tolist(),
-    }
+    return Traces(
+        t_s=(old.at_s[chosen] + AHEAD_S - old.at_s[0]).tolist(),
+        measured_m=old.measured_m[0][chosen].tolist(),
+        before_m=old.forecast_m[0][chosen].tolist(),
+        after_m=new.forecast_m[0][chosen].tolist(),
+    )

@@ -5,14 +5,14 @@ was added to it.
 """
 
 import datetime
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 from pydantic import ValidationError
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.rig import Effect, EffectParameter, Rig
+from wakedeploy.core.rig import Effect, Rig
 from wakedeploy.core.validation import first_problem
+from wakedeploy.gap.systems.gantry.findings import Expression, Sized
 from wakedeploy.gap.systems.gantry.search.expressions import to_effect
 from wakedeploy.physics.effects.chain import require_effects
 from wakedeploy.physics.effects.symbolic import SYMBOLIC
@@ -20,8 +20,8 @@ from wakedeploy.physics.effects.symbolic import SYMBOLIC
 
 def corrected_rig(
     rig: Rig,
-    effects: Sequence[Mapping[str, Any]],
-    unknown: Mapping[str, Any] | None,
+    effects: Sequence[Sized],
+    unknown: Expression | None,
     digest: str,
 ) -> tuple[Rig, list[Effect]]:
     """The rig with these effects and the expression `unknown`, and both as its entries.
@@ -40,21 +40,10 @@ def corrected_rig(
     return corrected, added
 
 
-def ranked(named: Mapping[str, Any]) -> dict[str, Mapping[str, Any]]:
-    """Every effect that `name` ranked, as its last round has it."""
-    rounds = [searched.get("ranking", ()) for searched in named.get("rounds", ())]
-    return {entry["name"]: entry for ranking in rounds for entry in ranking}
-
-
-def entry_of(told: Mapping[str, Any], digest: str, date: str) -> Effect:
+def entry_of(effect: Sized, digest: str, date: str) -> Effect:
     """An effect as a rig file lists it; UnusableInput for sizes that are none."""
-    kept = EffectParameter.model_fields.keys()
     try:
-        parameters = {
-            name: EffectParameter(**{key: p[key] for key in kept & p.keys()})
-            for name, p in told.get("parameters", {}).items()
-        }
-        return Effect(name=told["name"], parameters=parameters, data_sha256=digest, date=date)
+        return Effect(name=effect.name, parameters=effect.entries(), data_sha256=digest, date=date)
     except ValidationError as error:
         why = first_problem(error)
-        raise UnusableInput(f"effect {told['name']}: {why}; run `gap name` again.") from error
+        raise UnusableInput(f"effect {effect.name}: {why}; run `gap name` again.") from error

@@ -1,13 +1,13 @@
 """What the flights would have shown: how large each effect must be for the search to find it.
 
-In: an `Answer`. Out: a size per effect of the library that was not found; None where no size within
+In: an `Answer`. Out: a size per effect of the library that was not found; NaN where no size within
 its bounds would have been found, or where it cannot be told.
 """
 
 import math
-from typing import Any
 
 from wakedeploy.gap.evidence.separation import information
+from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer
 from wakedeploy.physics.effects import LIBRARY
 
@@ -15,7 +15,7 @@ _SURE_SD = 0.8416  # the normal quantile of four in five
 _AGREE = 2.0  # slope and size itself, in nats: farther apart, the effect is not linear
 
 
-def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
+def detectable(answer: Answer) -> dict[str, Detectable]:
     """For each effect the size of its first parameter that four data sets of five would show.
 
     A gain of I nats on the average scatters by √(2 I). What an effect would gain follows from the
@@ -24,18 +24,18 @@ def detectable(answer: Answer) -> dict[str, dict[str, Any]]:
     """
     least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
     nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
-    told = {}
+    sizes = {}
     for name in LIBRARY:
         if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:
             continue
         first = LIBRARY[name].parameters[0]
         size, known = _size(answer, name, nats)
-        told[name] = {"parameter": first.name, "size": size, "unit": first.unit, "known": known}
-    return told
+        sizes[name] = Detectable(parameter=first.name, size=size, unit=first.unit, known=known)
+    return sizes
 
 
-def _size(answer: Answer, name: str, nats: float) -> tuple[float | None, bool]:
-    """The size, or None for one out of bounds, and whether it can be told at all."""
+def _size(answer: Answer, name: str, nats: float) -> tuple[float, bool]:
+    """The size, or NaN for one out of bounds, and whether it can be told at all."""
     first = LIBRARY[name].parameters[0]
     per_square = 0.5 * float(information(answer.model, answer.fit, name)[0, 0])
     widest = first.high - first.low
@@ -43,7 +43,7 @@ def _size(answer: Answer, name: str, nats: float) -> tuple[float | None, bool]:
     there = 0.5 * size**2 * float(information(answer.model, answer.fit, name, size)[0, 0])
     by_slope = per_square * size**2
     if max(there, by_slope) < nats / _AGREE:
-        return None, True
+        return math.nan, True
     if not by_slope / _AGREE < there < by_slope * _AGREE:
-        return None, False
-    return (size, True) if size < widest else (None, True)
+        return math.nan, False
+    return (size, True) if size < widest else (math.nan, True)

@@ -49,7 +49,7 @@ def explainable(model: GantryModel, fitted: Fit, judging: GantryModel | None) ->
 
 
 def _joined(splits: Sequence[tuple[list[_Told], list[_Told]]]) -> Removed:
-    blocks = [_blocks(others, own) for others, own in splits]
+    blocks = [_blocks(others, judged) for others, judged in splits]
     return removed([b for old, _ in blocks for b in old], [b for _, new in blocks for b in new])
 
 
@@ -59,18 +59,18 @@ def _removed(known: list[_Told], other: list[_Told]) -> Removed:
 
 def _blocks(known: list[_Told], other: list[_Told]) -> tuple[list[FloatArray], list[FloatArray]]:
     """Errors of `other` per block, as they are and without what `known` tells of them."""
-    name = max(COORDINATES, key=lambda one: _explained(known, one))
+    name = max(COORDINATES, key=lambda coordinate: _explained(known, coordinate))
     edges = _edges(known, name)
-    design = [_design(one, name, edges) for one in known]
-    errors = np.concatenate([one.error_m for one in known])
-    told, *_ = np.linalg.lstsq(np.vstack(design), errors, rcond=1e-9)
+    design = [_design(flight, name, edges) for flight in known]
+    errors = np.concatenate([flight.error_m for flight in known])
+    weights, *_ = np.linalg.lstsq(np.vstack(design), errors, rcond=1e-9)
     old, new = list[FloatArray](), list[FloatArray]()
-    for one in other:
-        left = one.error_m - _design(one, name, edges) @ told
-        number = np.floor((one.at_s - one.at_s[0]) / AXES.block_s[_CHANNEL])
+    for flight in other:
+        remainder = flight.error_m - _design(flight, name, edges) @ weights
+        number = np.floor((flight.at_s - flight.at_s[0]) / AXES.block_s[_CHANNEL])
         for n in np.unique(number):
-            old.append(one.error_m[number == n])
-            new.append(left[number == n])
+            old.append(flight.error_m[number == n])
+            new.append(remainder[number == n])
     return old, new
 
 
@@ -89,14 +89,14 @@ def _told(model: GantryModel, fitted: Fit, episode: int) -> _Told:
 def _explained(known: Sequence[_Told], name: str) -> float:
     """The squared error that a map over a coordinate takes away where it was drawn."""
     edges = _edges(known, name)
-    errors = np.concatenate([one.error_m for one in known])
-    rows = np.vstack([_in_bins(one.places[name], edges) for one in known])
+    errors = np.concatenate([flight.error_m for flight in known])
+    rows = np.vstack([_in_bins(flight.places[name], edges) for flight in known])
     means = rows.T @ errors / np.maximum(rows.sum(axis=0), 1.0)
     return float(rows.sum(axis=0) @ means**2)
 
 
 def _edges(known: Sequence[_Told], name: str) -> FloatArray:
-    where = np.concatenate([one.places[name] for one in known])
+    where = np.concatenate([flight.places[name] for flight in known])
     where = where[np.isfinite(where)]
     if not len(where):
         return np.zeros(0)
@@ -110,5 +110,5 @@ def _in_bins(where: FloatArray, edges: FloatArray) -> FloatArray:
     return np.asarray(np.where(np.isfinite(where)[:, None], rows, 0.0))
 
 
-def _design(one: _Told, name: str, edges: FloatArray) -> FloatArray:
-    return np.hstack([_in_bins(one.places[name], edges), one.last])
+def _design(flight: _Told, name: str, edges: FloatArray) -> FloatArray:
+    return np.hstack([_in_bins(flight.places[name], edges), flight.last])

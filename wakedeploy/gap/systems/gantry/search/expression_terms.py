@@ -198,7 +198,7 @@ def _term(name: str) -> ExpressionForce:
         name,
         f"A force that goes up and down with {words}.",
         f"a*sin({phase}) + b*cos({phase})",
-        [_parameter(one, "N", _PRIOR_N) for one in ("a", "b")],
+        [_parameter(part, "N", _PRIOR_N) for part in ("a", "b")],
     )
 
 

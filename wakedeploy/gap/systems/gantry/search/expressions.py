@@ -1,11 +1,11 @@
 """A sparse expression for a force that no effect of the library explains.
 
-In: a model, and a fit of it that leaves something over. Out: at most a few terms of `gap.terms`,
-chosen one after another by what they gain on episodes that they were not fitted to, refitted
-together, with those dropped that are no longer needed; as text with units, and as an effect that a
-rig file can hold.
+In: a model, and a fit of it that leaves something over. Out: a few terms of `expression_terms`, as
+text with units and as an effect that a rig file can hold. Terms are chosen one after another, by
+what they gain on episodes that they were not fitted to. All are refitted together; those no longer
+needed are dropped.
 
-Only the most promising terms of each round are fitted (`gap.promises`). A term that was found
+Only the most promising terms of each round are fitted (`expected_gains`). A term that was found
 early and stood for two others gives its place to a rival, or is dropped.
 """
 
@@ -14,7 +14,6 @@ import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from wakedeploy.core import rig
 from wakedeploy.core.errors import UnusableInput, one_line
@@ -42,6 +41,7 @@ from wakedeploy.gap.evidence.inference import (
     held_out,
 )
 from wakedeploy.gap.evidence.ranking import Candidate, rank
+from wakedeploy.gap.systems.gantry import findings
 from wakedeploy.gap.systems.gantry.search.expression_terms import (
     TERMS,
     is_wave_in_time,
@@ -102,19 +102,20 @@ class Symbolic:
         """The sum over the episodes, and what the priors say."""
         return float(self.gains.sum()) + self.prior_gain
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def told(self) -> findings.Expression:
         """What `name.json` says under "unknown"."""
-        return {
-            "coordinates": list(self.coordinates),
-            "expression": self.expression,
-            "text": self.text,
-            "gain_nats": self.gain_nats,
-            "terms": list(self.terms),
-            "parameters": {
-                c.name: {"value": c.value, "low": c.low, "high": c.high, "unit": c.unit}
+        return findings.Expression(
+            coordinates=list(self.coordinates),
+            expression=self.expression,
+            text=self.text,
+            gain_nats=self.gain_nats,
+            terms=list(self.terms),
+            parameters={
+                c.name: findings.Size(value=c.value, low=c.low, high=c.high, unit=c.unit)
                 for c in self.coefficients
             },
-        }
+        )
 
 
 def search(
@@ -139,17 +140,17 @@ def search(
     """
     least = math.log(len(names)) + 3.0 if least_nats is None else least_nats
     bars = _Bars(least, least if wave_nats is None else wave_nats)
-    one = _Search(model, base, rank_function, names, terms, bars)
-    while len(one.chosen) < most_terms and one.add():
-        one.exchange()
-    one.drop_idle()
-    if not one.chosen:
+    searched = _Search(model, base, rank_function, names, terms, bars)
+    while len(searched.chosen) < most_terms and searched.add():
+        searched.exchange()
+    searched.drop_idle()
+    if not searched.chosen:
         return None
-    return told(base, one.current, tuple(one.chosen), setting, terms)
+    return told(base, searched.current, tuple(searched.chosen), setting, terms)
 
 
 def to_effect(
-    symbolic: Symbolic | Mapping[str, Any],
+    symbolic: Symbolic | findings.Expression,
     data_sha256: str | None = None,
     date: str | None = None,
     onto: rig.Effect | None = None,
@@ -159,11 +160,11 @@ def to_effect(
     `onto` is the symbolic force that the rig has already; both are summed. Raises UnusableInput for
     what is no expression in the variables and its own parameters.
     """
-    known = symbolic.as_json() if isinstance(symbolic, Symbolic) else symbolic
+    known = symbolic.told if isinstance(symbolic, Symbolic) else symbolic
     try:
-        stated = {n: rig.EffectParameter(**p) for n, p in known["parameters"].items()}
-        expression = expression_of(str(known["expression"]), stated)
-    except (KeyError, TypeError, ValueError) as error:
+        stated = known.entries()
+        expression = expression_of(known.expression, stated)
+    except ValueError as error:
         raise UnusableInput(
             f"The result's unknown force cannot be read ({one_line(error)}); name it again."
         ) from error
@@ -226,9 +227,9 @@ class _Search:
         A wave has its frequency refined. A term that promises little of what it must gain even on
         the episodes that it is fitted to is not fitted.
         """
-        left = [name for name in self._names if name not in self.chosen]
-        promised = dict(zip(left, promises(self._model, self.current, left), strict=True))
-        order = sorted(left, key=lambda name: -promised[name])
+        remaining = [name for name in self._names if name not in self.chosen]
+        promised = dict(zip(remaining, promises(self._model, self.current, remaining), strict=True))
+        order = sorted(remaining, key=lambda name: -promised[name])
         hopeful = [n for n in order if promised[n] > _WORTH_FITTING * self._bars.of(n)]
         if not hopeful:
             return False
@@ -277,8 +278,8 @@ class _Search:
 
     def _surely_needed(self, name: str) -> bool:
         """Whether one of a term's coefficients is so far from zero that no refit is needed."""
-        own = [n for n in self.current.names if n.startswith(f"{name}.")]
-        away = [self.current.value(n) / self.current.standard_error(n) for n in own]
+        parameters = [n for n in self.current.names if n.startswith(f"{name}.")]
+        away = [self.current.value(n) / self.current.standard_error(n) for n in parameters]
         return 0.5 * max(abs(z) for z in away) ** 2 > _SURELY * self._bars.of(name)
 
     def _without(self, name: str) -> Fit:
@@ -319,14 +320,14 @@ def told(
     formulas, texts = list[str](), list[str]()
     coefficients = list[Coefficient]()
     for term in chosen:
-        own = _coefficients(fitted, term, first=len(coefficients) + 1)
+        added = _coefficients(fitted, term, first=len(coefficients) + 1)
         formula = Expression(_worked_out(term.formula.replaced(setting).root))
         renamed = {
-            p.name: parse(c.name, (c.name,)) for p, c in zip(term.parameters, own, strict=True)
+            p.name: parse(c.name, (c.name,)) for p, c in zip(term.parameters, added, strict=True)
         }
         formulas.append(formula.replaced(renamed).text)
-        texts.append(_term_text(formula, own))
-        coefficients += own
+        texts.append(_term_text(formula, added))
+        coefficients += added
     return Symbolic(
         tuple(term.name for term in chosen),
         " + ".join(formulas),
@@ -341,13 +342,13 @@ def told(
 
 def _coefficients(fitted: Fit, term: ExpressionForce, first: int) -> list[Coefficient]:
     """A term's parameters under the names c1, c2, … counted from `first`."""
-    own = []
+    found = []
     for number, p in enumerate(term.parameters, first):
         name = f"{term.name}.{p.name}"
-        own.append(
+        found.append(
             Coefficient(f"c{number}", fitted.value(name), *fitted.interval(name), unit=p.unit)
         )
-    return own
+    return found
 
 
 def _coordinates(chosen: Sequence[ExpressionForce]) -> tuple[str, ...]:
@@ -361,11 +362,11 @@ def _coordinates(chosen: Sequence[ExpressionForce]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(found))
 
 
-def _term_text(formula: Expression, own: Sequence[Coefficient]) -> str:
+def _term_text(formula: Expression, coefficients: Sequence[Coefficient]) -> str:
     """A term with its sign, number and unit; sine and cosine as one wave with a phase."""
-    if len(own) == 2:
-        return _wave_text(formula, own[0], own[1])
-    value, unit = own[0].value, own[0].unit
+    if len(coefficients) == 2:
+        return _wave_text(formula, coefficients[0], coefficients[1])
+    value, unit = coefficients[0].value, coefficients[0].unit
     number = f"{'-' if value < 0 else '+'} {abs(value):.3g}{'' if unit == '1' else ' ' + unit}"
     function = formula.text.removeprefix("c").removeprefix("*")
     return f"{number} * {function}" if function else number

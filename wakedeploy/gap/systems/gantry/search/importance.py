@@ -4,24 +4,26 @@ Evidence and importance are two questions. A thousand readings make a force of 0
 forecast may not be the better for it.
 
 In: what was found, and the sealed flights (without any, each flight with what the others say). Out:
-per effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead, block by
-block against the same model without it, what it gains in likelihood there, and the same of a
-placebo: a wrong effect.
+for each effect the share of the squared forecast error that it removes 0.25 s and 1 s ahead, block
+by block against the same model without it. Also what it gains in likelihood there, and the same of
+a placebo: a wrong effect.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, fit
+from wakedeploy.gap.evidence.inference import Fit
+from wakedeploy.gap.search.artefacts import Forecast
 from wakedeploy.gap.systems.gantry.effect_force import Cost, cost_of
+from wakedeploy.gap.systems.gantry.findings import Tracking, Worth
 from wakedeploy.gap.systems.gantry.flight import Flight, FloatArray
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
-from wakedeploy.gap.systems.gantry.search.before_after import Shown, wrong_effects
+from wakedeploy.gap.systems.gantry.search.before_after import Shown, under, wrong_effects
 from wakedeploy.gap.systems.gantry.search.refitting import reduced
 from wakedeploy.gap.systems.gantry.search.saved_fits import Found
 
@@ -42,18 +44,20 @@ class Removed:
         """Whether it is a share that counts, and surely not nothing."""
         return self.share >= RULES.least_share and self.low > 0.0
 
-    def as_json(self) -> dict[str, float]:
+    @property
+    def told(self) -> Forecast:
         """As `name.json` holds it."""
-        return {"share": self.share, "low": self.low, "high": self.high}
+        return Forecast(share=self.share, low=self.low, high=self.high)
 
 
 @dataclass(frozen=True)
 class Mattering:
     """What one effect (or an expression) is worth on flights that it was not fitted to.
 
-    `removed` by horizon [s]; `gain_nats` of the sealed likelihood; `cost`, the force that it makes
-    along the flights and the tracking error of a controller that ignores it; `placebo_shares`,
-    what a wrong effect removes by horizon, and `placebo_nats`, what it gains (None without one).
+    `removed` by horizon [s]; `gain_nats` of the sealed likelihood. `cost` is the force that it
+    makes along the flights, and the tracking error of a controller that ignores it.
+    `placebo_shares` is what a wrong effect removes by horizon, `placebo_nats` what it gains; None
+    without one.
     """
 
     removed: Mapping[float, Removed]
@@ -91,23 +95,22 @@ class Mattering:
         surely = self.speaks or any(r.clearly for r in counts)
         return self.helps and not spoils and bool(counts) and surely
 
-    def as_json(self) -> dict[str, Any]:
+    @property
+    def told(self) -> Worth:
         """As `name.json` holds it."""
-        return {
-            "matters": self.matters,
-            "confirmed": self.is_confirmed,
-            "removed": {f"{h:g} s ahead": r.as_json() for h, r in self.removed.items()},
-            "sealed_gain_nats": self.gain_nats,
-            "force_n": self.cost.force_n,
-            "tracking_m": {
-                "value": self.cost.tracking_m,
-                "low": self.cost.low_m,
-                "high": self.cost.high_m,
-            },
-            "placebo_removed": self.placebo_shares
-            and {f"{h:g} s ahead": share for h, share in self.placebo_shares.items()},
-            "placebo_gain_nats": self.placebo_nats,
-        }
+        wrong = self.placebo_shares
+        return Worth(
+            matters=self.matters,
+            confirmed=self.is_confirmed,
+            removed={f"{h:g} s ahead": r.told for h, r in self.removed.items()},
+            sealed_gain_nats=self.gain_nats,
+            force_n=self.cost.force_n,
+            tracking_m=Tracking(
+                value=self.cost.tracking_m, low=self.cost.low_m, high=self.cost.high_m
+            ),
+            placebo_removed=wrong and {f"{h:g} s ahead": share for h, share in wrong.items()},
+            placebo_gain_nats=math.nan if self.placebo_nats is None else self.placebo_nats,
+        )
 
 
 def mattering(
@@ -127,7 +130,7 @@ def mattering(
     judge = _Judge(found, begin, crossed)
     whole = judge.errors(found.model, found.fit)
     wrong = judge.placebo(found, members)
-    told = []
+    worth = []
     for part in parts:
         rest = tuple(n for n in found.fit.hypothesis if n not in part)
         without = judge.without(rest)
@@ -136,8 +139,8 @@ def mattering(
         cost = cost_of(found.model, found.fit, part)
         # A wrong effect instead of all that was found is no measure of one among several.
         placebo = (None, None) if rest else judge.gained(wrong)
-        told.append(Mattering(shares, gain, cost, *placebo))
-    return told
+        worth.append(Mattering(shares, gain, cost, *placebo))
+    return worth
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,15 +184,6 @@ class _Judge:
         return self.errors(found.base_model, wrong[0].fit) if wrong else None
 
 
-def under(flights: GantryModel, fitted_in: GantryModel, fitted: Fit, crossed: bool) -> Shown:
-    """The flights under a fit, or each under what the others of them say (`crossed`)."""
-    if not crossed:
-        return Shown.of(flights, fitted)
-    others = [[j for j in range(flights.episodes) if j != i] for i in range(flights.episodes)]
-    fits = [fit(fitted_in, fitted.hypothesis, some, fitted.theta) for some in others]
-    return Shown.left_out(flights, fits)
-
-
 def _blocks(shown: Shown, horizon_s: float) -> list[FloatArray]:
     """Errors [m] of forecasts in blocks of time, all flights one after another."""
     blocks = []
@@ -206,7 +200,7 @@ def removed(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Remove
     known = np.isfinite(np.concatenate(list(before))) & np.isfinite(np.concatenate(list(after)))
     if not known.any():
         return Removed(0.0, -np.inf, np.inf)
-    old, new = (np.concatenate(list(one)) for one in (before, after))
+    old, new = (np.concatenate(list(blocks)) for blocks in (before, after))
     usual = 1.4826 * float(np.median(np.abs(old[known])))
     known &= (np.abs(np.nan_to_num(old)) < _STRAY * usual) | (
         np.abs(np.nan_to_num(new)) < _STRAY * usual

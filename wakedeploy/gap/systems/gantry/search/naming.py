@@ -263,9 +263,9 @@ def ranked_by_own_motion(
     near = [c for c in hopeful if c.gain_nats > best.gain_nats - _CONTENDING_NATS]
     near = near[:_MOST_CONTENDERS]
     near += [c for c in hopeful if c not in near and _related(c.name, best.name)]
-    own = [candidate(again, c.name, refitted(model, c.fit)[1]) for c in near]
-    others = [c for c in ranked if c.name not in {one.name for one in own}]
-    return model, again, sorted([*own, *others], key=lambda c: -c.gain_nats)
+    refined = [candidate(again, c.name, refitted(model, c.fit)[1]) for c in near]
+    others = [c for c in ranked if c.name not in {each.name for each in refined}]
+    return model, again, sorted([*refined, *others], key=lambda c: -c.gain_nats)
 
 
 class _Search:
@@ -284,16 +284,16 @@ class _Search:
     def find(self, names: Sequence[str], progress: Progress) -> bool:
         """One round; whether there should be another."""
         least = self._thresholds.effect_nats
-        left = [n for n in names if n not in self.current.hypothesis]
+        remaining = [n for n in names if n not in self.current.hypothesis]
         if self.current.hypothesis:  # the first round ranks all, for the record
-            left = worth_trying(self.model, self.current, left, _HOPE_SHARE * least)
-        if not left:
+            remaining = worth_trying(self.model, self.current, remaining, _HOPE_SHARE * least)
+        if not remaining:
             return False
-        stage = f"trying {len(left)} effects" + _on_top(self.current.hypothesis)
+        stage = f"trying {len(remaining)} effects" + _on_top(self.current.hypothesis)
         progress(stage)
         steps = functools.partial(progress, stage)
         self.model, self.current, ranked = ranked_by_own_motion(
-            self.model, self.current, left, least, steps
+            self.model, self.current, remaining, least, steps
         )
         if not self.current.hypothesis:
             self.base_model, self.base = self.model, self.current
@@ -307,16 +307,16 @@ class _Search:
 
     def _taken(self, ranked: Sequence[Candidate]) -> Candidate | None:
         """The first that may be taken and is not nothing: of that size the search goes on past."""
-        left = list(ranked)
-        while left:
-            best = self._chosen(left)
+        remaining = list(ranked)
+        while remaining:
+            best = self._chosen(remaining)
             if best is None:
                 return None
             model, fitted = settled(self.model, best.fit)
             if not may_be_nothing(fitted, best.name):
                 self.model, self.current = model, fitted
                 return best
-            left = [c for c in left if c is not best]
+            remaining = [c for c in remaining if c is not best]
         return None
 
     def expression(self, model: GantryModel, current: Fit) -> Symbolic | None:
@@ -327,9 +327,9 @@ class _Search:
 
     def _chosen(self, ranked: Sequence[Candidate]) -> Candidate | None:
         """The first that gains what it must, or as much as an expression that gains enough."""
-        for one in ranked:
-            if one.gain_nats >= _needed(one.name, self._gains, self._thresholds):
-                return one
+        for entry in ranked:
+            if entry.gain_nats >= _needed(entry.name, self._gains, self._thresholds):
+                return entry
         best = ranked[0]
         if _form_nats(best.name, self._gains) > best.gain_nats:
             return None
@@ -341,15 +341,15 @@ class _Search:
 
 def may_be_nothing(fitted: Fit, name: str, level: float = 0.9) -> bool:
     """Whether every parameter's interval reaches to where the effect changes nothing."""
-    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    ends = [(fitted.interval(f.name, level), f.neutral) for f in own]
+    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    ends = [(fitted.interval(f.name, level), f.neutral) for f in parameters]
     return all(low <= neutral <= high for (low, high), neutral in ends)
 
 
 def _still_needed(rounds: Sequence[Round], current: Fit) -> list[Round]:
     """The rounds that found what is in a fit, or searched on top of nothing else."""
-    left = set(current.hypothesis)
-    return [r for r in rounds if r.found in left or set(r.given) <= left]
+    needed = set(current.hypothesis)
+    return [r for r in rounds if r.found in needed or set(r.given) <= needed]
 
 
 def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> float:
@@ -359,7 +359,9 @@ def _needed(name: str, found: Mapping[str, float], thresholds: Thresholds) -> fl
 
 def _form_nats(name: str, found: Mapping[str, float]) -> float:
     """What a relative of found effects gains where their form is not quite the rig's [nats]."""
-    return RULES.relatives_share * sum(gain for one, gain in found.items() if _related(one, name))
+    return RULES.relatives_share * sum(
+        gain for relative, gain in found.items() if _related(relative, name)
+    )
 
 
 def _related(one: str, other: str) -> bool:
@@ -400,8 +402,9 @@ def _expression(
     )
     if found is None:
         return None
-    own = expressed_by_own_motion(model, on, found)
-    return own if own.gain_nats > min(thresholds.expression_nats, thresholds.wave_nats) else None
+    refined = expressed_by_own_motion(model, on, found)
+    least = min(thresholds.expression_nats, thresholds.wave_nats)
+    return refined if refined.gain_nats > least else None
 
 
 def _rest(
@@ -416,10 +419,10 @@ def _rest(
     if not current.hypothesis:
         return beyond, None
     explained = gain_over(base, current)
-    left = beyond.gain_nats if beyond is not None else 0.0
-    if left > explained:
+    rest_nats = beyond.gain_nats if beyond is not None else 0.0
+    if rest_nats > explained:
         return beyond, None
-    if explained > RULES.clear_nats and left < RULES.rest_share * explained:
+    if explained > RULES.clear_nats and rest_nats < RULES.rest_share * explained:
         return None, beyond
     instead = _expression(model, base, thresholds, most_terms=2)
     least = explained + thresholds.expression_nats + RULES.class_nats
@@ -435,11 +438,11 @@ def _pair_instead(
     paired = best_pair(searched.base_model, searched.base, searched.rounds[0].ranking)
     if paired is None:
         return None
-    model, own, gain_nats = paired
+    model, fitted, gain_nats = paired
     least = max(unknown.gain_nats - RULES.class_nats, 2.0 * thresholds.effect_nats)
-    if gain_nats < least or any(may_be_nothing(own, name) for name in own.hypothesis):
+    if gain_nats < least or any(may_be_nothing(fitted, name) for name in fitted.hypothesis):
         return None
-    return model, own
+    return model, fitted
 
 
 def gain_over(base: Fit, current: Fit) -> float:

@@ -29,16 +29,16 @@ def best_pair(
     found: dict[frozenset[str], tuple[float, Fit]] = {}
     for first in ranking[:_FIRST]:
         others = [n for n in names if n != first.name]
-        told = dict(zip(others, promises(model, first.fit, others), strict=True))
-        for second in sorted(others, key=lambda n: -told[n])[:_SECOND]:
+        promised = dict(zip(others, promises(model, first.fit, others), strict=True))
+        for second in sorted(others, key=lambda n: -promised[n])[:_SECOND]:
             if frozenset((first.name, second)) not in found:
                 pair = _fitted(model, first.fit, second)
                 found[frozenset((first.name, second))] = (pair.objective, pair)
     if not found:
         return None
     _, best = max(found.values(), key=lambda pair: pair[0])
-    near, own = refitted(model, best)
-    return near, own, float(held_out(base, own).sum()) + own.log_prior - base.log_prior
+    near, fitted = refitted(model, best)
+    return near, fitted, float(held_out(base, fitted).sum()) + fitted.log_prior - base.log_prior
 
 
 def _fitted(model: GantryModel, first: Fit, second: str) -> Fit:

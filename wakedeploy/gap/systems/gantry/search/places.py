@@ -4,14 +4,15 @@ In: a gantry's model and its fitted base. Out: `find.json` without its header.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.whiteness import samples, spectrum, whiteness
 from wakedeploy.gap.few_flights import cannot_tell, these
+from wakedeploy.gap.search.artefacts import Map, Place, Quantity, White
 from wakedeploy.gap.search.places import INNOVATION, Axes, disagreements, forbids_none
+from wakedeploy.gap.systems.gantry.artefacts import Find, Replay, Spectrum
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.residuals import CHANNELS, COORDINATES, residuals
 
@@ -26,7 +27,7 @@ AXES = Axes(
 
 def find_places(
     model: GantryModel, base: Fit, limit: float, least: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+) -> Find:
     """`find.json` without its header: maps, places, whiteness (`limit`), spectrum, replay, floor.
 
     A place counts from the size `least` of its channel on: so much the model's own approximations
@@ -37,34 +38,36 @@ def find_places(
         channel: [residuals(model, base, channel, i) for i in range(model.episodes)]
         for channel in CHANNELS
     }
-    maps, places = disagreements(series, AXES, limits)
+    plain_maps, plain_places = disagreements(series, AXES, limits)
     white = [samples(score)[0] for score in base.slopes.scores]
     rest = whiteness(base)
-    return {
-        "white": rest.as_json(limit),
-        "places": places,
-        "maps": maps,
-        "spectrum": spectrum(white, 1.0 / model.flights[0].spacing_s),
-        "replay": [_replay(model, base, h) for h in HORIZONS_S],
-        "noise_floor": _noise_floors(maps),
-        "least_residual": {c: {"value": v, "unit": CHANNELS[c]} for c, v in limits.items()},
-        "sentence": places_sentence(places, rest.passes(limit), model.episodes),
-    }
+    maps = [Map(**each) for each in plain_maps]
+    places = [Place(**each) for each in plain_places]
+    return Find(
+        white=White(**rest.as_json(limit)),
+        places=places,
+        maps=maps,
+        spectrum=Spectrum(**spectrum(white, 1.0 / model.flights[0].spacing_s)),
+        replay=[_replay(model, base, h) for h in HORIZONS_S],
+        noise_floor=_noise_floors(maps),
+        least_residual={c: Quantity(value=v, unit=CHANNELS[c]) for c, v in limits.items()},
+        sentence=places_sentence(places, rest.passes(limit), model.episodes),
+    )
 
 
-def _noise_floors(maps: Sequence[Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+def _noise_floors(maps: Sequence[Map]) -> dict[str, Quantity]:
     """What noise alone puts into a bin of a channel's maps: the median reach of 90 % intervals."""
     reaches: dict[str, list[float]] = {}
     for m in maps:
-        own = 0.5 * (np.array(m["high"]) - np.array(m["low"]))
-        reaches.setdefault(m["channel"], []).extend(own.tolist())
+        reach = 0.5 * (np.array(m.high) - np.array(m.low))
+        reaches.setdefault(m.channel, []).extend(reach.tolist())
     return {
-        channel: {"value": float(np.median(own)), "unit": CHANNELS[channel]}
-        for channel, own in reaches.items()
+        channel: Quantity(value=float(np.median(each)), unit=CHANNELS[channel])
+        for channel, each in reaches.items()
     }
 
 
-def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]:
+def _replay(model: GantryModel, base: Fit, horizon_s: float) -> Replay:
     errors, expected = [], []
     for episode in range(model.episodes):
         ahead = model.forecasts(base, episode, (horizon_s,))
@@ -73,23 +76,23 @@ def _replay(model: GantryModel, base: Fit, horizon_s: float) -> dict[str, float]
     error, variance = np.concatenate(errors), np.concatenate(expected)
     known = np.isfinite(error) & np.isfinite(variance)
     typical = np.abs(error[known]) < 6.0 * np.median(np.abs(error[known]))
-    return {
-        "horizon_s": horizon_s,
-        "rmse_m": float(np.sqrt((error[known][typical] ** 2).mean())),
-        "expected_m": float(np.sqrt(variance[known].mean())),
-    }
+    return Replay(
+        horizon_s=horizon_s,
+        rmse_m=float(np.sqrt((error[known][typical] ** 2).mean())),
+        expected_m=float(np.sqrt(variance[known].mean())),
+    )
 
 
-def places_sentence(places: Sequence[dict[str, Any]], is_white: bool, flights: int) -> str:
+def places_sentence(places: Sequence[Place], is_white: bool, flights: int) -> str:
     """What the places say, of so many fitted flights; no more than a verdict can stand beside."""
     if not places and is_white:
-        told = "no place stands out from noise"
+        sentence = "no place stands out from noise"
     elif not places:
-        told = "no single place stands out, but as a whole more than noise is left"
+        sentence = "no single place stands out, but as a whole more than noise is left"
     elif forbids_none(places):
-        told = f"they disagree beyond noise: {places[0]['words']}"
+        sentence = f"they disagree beyond noise: {places[0].words}"
     else:
-        told = f"no place disagrees clearly beyond noise; the clearest is {places[0]['words']}"
+        sentence = f"no place disagrees clearly beyond noise; the clearest is {places[0].words}"
     scope = f"in {these(flights)}, " if cannot_tell(flights) else ""
-    told = scope + told
-    return f"{told[0].upper()}{told[1:]}."
+    sentence = scope + sentence
+    return f"{sentence[0].upper()}{sentence[1:]}."

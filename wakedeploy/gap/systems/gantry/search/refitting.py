@@ -60,8 +60,8 @@ def without_idle(
 
 def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
     """An expression that was found on top of a fit, around the motion that it explains itself."""
-    _, own = refitted(model, found.fit)
-    return _told(model, on, own, found.terms)
+    _, fitted = refitted(model, found.fit)
+    return _told(model, on, fitted, found.terms)
 
 
 def joined(
@@ -83,20 +83,20 @@ def joined(
     near, joint = refitted(model, found.fit)
     effects = tuple(n for n in joint.hypothesis if n not in found.terms)
     near, joint = without_idle(near, joint, effects, least_nats)
-    left = tuple(n for n in effects if n in joint.hypothesis)
-    if not left:
+    remaining = tuple(n for n in effects if n in joint.hypothesis)
+    if not remaining:
         model, on = base
-    elif left != effects:
-        model, on = reduced(near, joint, left)
+    elif remaining != effects:
+        model, on = reduced(near, joint, remaining)
     here = _told(near, on, joint, found.terms)
-    again = search(model, on) if left != effects else None
+    again = search(model, on) if remaining != effects else None
     if again is None or _merit(again, least_nats) <= _merit(here, least_nats):
         return near, here
     return joined(model, on, again, base, search, least_nats)
 
 
-def _merit(one: Symbolic, least_nats: float) -> float:
-    return one.gain_nats - least_nats * len(one.terms)
+def _merit(symbolic: Symbolic, least_nats: float) -> float:
+    return symbolic.gain_nats - least_nats * len(symbolic.terms)
 
 
 def _told(model: GantryModel, on: Fit, fitted: Fit, terms: Sequence[str]) -> Symbolic:

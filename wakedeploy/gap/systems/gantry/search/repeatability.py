@@ -8,12 +8,11 @@ In: the flights, an answer. Out: what each half leads with, at which size, and w
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
 
 from wakedeploy.gap.evidence.expected_gains import promises
 from wakedeploy.gap.evidence.inference import fit
 from wakedeploy.gap.evidence.ranking import Candidate, rank_fairly
+from wakedeploy.gap.systems.gantry.findings import Half, Repeated
 from wakedeploy.gap.systems.gantry.flight import Flight
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
 from wakedeploy.gap.systems.gantry.rules import RULES
@@ -23,36 +22,6 @@ from wakedeploy.physics.effects import LIBRARY
 FEWEST = 2 * RULES.fewest_flights
 _RIVALS = 3  # of the whole search's ranking that each half looks at as well
 _PROMISING = 3
-
-
-@dataclass(frozen=True)
-class Half:
-    """One half's answer: what leads there, what it gains, and its first parameter's interval."""
-
-    flights: tuple[str, ...]
-    leading: str
-    gain_nats: float
-    near: tuple[str, ...]  # all within a class's width of the leading one
-    parameter: str
-    low: float
-    high: float
-    unit: str
-
-    def as_json(self) -> dict[str, Any]:
-        """As `name.json` holds it."""
-        return {**vars(self), "flights": list(self.flights), "near": list(self.near)}
-
-
-@dataclass(frozen=True)
-class Repeated:
-    """Both halves; `agree` where both lead with what the whole search found, at one size."""
-
-    halves: tuple[Half, Half]
-    agree: bool
-
-    def as_json(self) -> dict[str, Any]:
-        """As `name.json` holds it."""
-        return {"agree": self.agree, "halves": [half.as_json() for half in self.halves]}
 
 
 def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
@@ -68,8 +37,8 @@ def repeated(answer: Answer, sealed: Sequence[Flight]) -> Repeated | None:
     moved = with_terms(GantryModel(answer.model.rig, sealed)).around_own_motion(answer.base)
     flights = (*answer.base_model.flights, *moved.flights)
     wanted = _shortlist(answer, found)
-    halves = tuple(_half(answer, flights[start::2], found, wanted) for start in (0, 1))
-    return Repeated((halves[0], halves[1]), _agree(halves[0], halves[1], found))
+    halves = [_half(answer, flights[start::2], found, wanted) for start in (0, 1)]
+    return Repeated(agree=_agree(halves[0], halves[1], found), halves=halves)
 
 
 def _shortlist(answer: Answer, found: str) -> list[str]:
@@ -81,8 +50,8 @@ def _shortlist(answer: Answer, found: str) -> list[str]:
 def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequence[str]) -> Half:
     model = with_terms(GantryModel(answer.model.rig, flights))
     base = fit(model, (), range(model.episodes), answer.base.theta)
-    own = {entry.name for entry in answer.model.rig.effect}
-    others = [n for n in LIBRARY if n not in own and n not in wanted]
+    known = {entry.name for entry in answer.model.rig.effect}
+    others = [n for n in LIBRARY if n not in known and n not in wanted]
     promised = dict(zip(others, promises(model, base, others), strict=True))
     most = sorted(others, key=lambda n: -promised[n])[:_PROMISING]
     base, ranked = rank_fairly(model, base, [*wanted, *most])
@@ -96,18 +65,18 @@ def _told(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> H
     parameter = LIBRARY[leading.name].parameters[0]
     low, high = leading.fit.interval(f"{leading.name}.{parameter.name}")
     return Half(
-        tuple(f.name for f in flights),
-        leading.name,
-        leading.gain_nats,
-        tuple(c.name for c in near),
-        parameter.name,
-        low,
-        high,
-        parameter.unit,
+        flights=[f.name for f in flights],
+        leading=leading.name,
+        gain_nats=leading.gain_nats,
+        near=[c.name for c in near],
+        parameter=parameter.name,
+        low=low,
+        high=high,
+        unit=parameter.unit,
     )
 
 
-def _agree(one: Half, other: Half, found: str) -> bool:
+def _agree(first: Half, other: Half, found: str) -> bool:
     """Both lead with it, gain something, and their intervals meet."""
-    led = all(half.leading == found and half.gain_nats > 0.0 for half in (one, other))
-    return led and one.low <= other.high and other.low <= one.high
+    led = all(half.leading == found and half.gain_nats > 0.0 for half in (first, other))
+    return led and first.low <= other.high and other.low <= first.high

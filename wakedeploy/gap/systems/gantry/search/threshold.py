@@ -8,11 +8,10 @@ A threshold therefore belongs to a rig and cannot be chosen.
 
 import json
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -30,6 +29,7 @@ from wakedeploy.core.rig import Effect, EffectParameter, Rig
 from wakedeploy.domains.gantry import record
 from wakedeploy.gap.evidence.inference import Fit
 from wakedeploy.gap.evidence.whiteness import whiteness
+from wakedeploy.gap.search.artefacts import Place
 from wakedeploy.gap.systems.gantry.discrepancy import FormedWorld, drawn
 from wakedeploy.gap.systems.gantry.flight import flight_from_log
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
@@ -114,7 +114,7 @@ def simulate(
     """
     seeds = [first_seed + 1000 * i for i in range(sets)]
     results = _known_sets(kept) if kept is not None else {}
-    left = [seed for seed in seeds if seed not in results]
+    remaining = [seed for seed in seeds if seed not in results]
 
     def keep(job: tuple[str, int], result: NullSet) -> None:
         results[job[1]] = result
@@ -123,7 +123,7 @@ def simulate(
         if progress is not None:
             progress(len(results), sets)
 
-    jobs = [(rig.text, seed) for seed in left]
+    jobs = [(rig.text, seed) for seed in remaining]
     parallel_map(_null_set, jobs, workers=workers, on_done=keep)
     return [results[seed] for seed in seeds]
 
@@ -146,8 +146,8 @@ def quantiles(null: Sequence[NullSet]) -> Thresholds:
     """
     if len(null) < 10:
         raise UnusableInput(f"{len(null)} simulated sets say nothing about one in twenty; use 10.")
-    columns = np.array([[getattr(n, one) for one in _NAMING] for n in null])  # (S, 4)
-    least = np.array([getattr(LEAST, one) for one in _NAMING])
+    columns = np.array([[getattr(n, name) for name in _NAMING] for n in null])  # (S, 4)
+    least = np.array([getattr(LEAST, name) for name in _NAMING])
     limits = least
     for share in np.linspace(0.90, 0.999, 200):
         limits = np.maximum([_gumbel(column, share) for column in columns.T], least)
@@ -184,8 +184,8 @@ def miscalibrated(rig: Rig, rng: np.random.Generator) -> Rig:
     ]
     taken = {entry.name for entry in rig.effect}
     added = tuple(entry for entry in hidden if entry.name not in taken)
-    own = tuple(_drawn(effect, rng) for effect in truth.effect)
-    return truth.model_copy(update={"effect": (*own, *added)})
+    effects = tuple(_drawn(effect, rng) for effect in truth.effect)
+    return truth.model_copy(update={"effect": (*effects, *added)})
 
 
 def _drawn(effect: Effect, rng: np.random.Generator) -> Effect:
@@ -218,10 +218,10 @@ def _null_set(job: tuple[str, int]) -> NullSet:
     form = drawn(rig, np.random.default_rng([seed, 11]))
     world = FormedWorld(truth, form, constants_of(truth))
     chance = np.random.default_rng([seed, 13])
-    own = [of_one_flight(truth, rig, chance) for _ in range(FLIGHTS)]
+    rigs = [of_one_flight(truth, rig, chance) for _ in range(FLIGHTS)]
     logs = [
-        record(one, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
-        for i, one in enumerate(own)
+        record(flown, seconds=SECONDS, seed=seed + i, model_rig=rig, **world.hooks())
+        for i, flown in enumerate(rigs)
     ]
     flights = [
         flight_from_log(log.without_truth(), rig, f"flight {i}") for i, log in enumerate(logs)
@@ -237,7 +237,7 @@ def _null_set(job: tuple[str, int]) -> NullSet:
         expression_nats=_best_term(rig, model, base, others),
         wave_nats=_best_term(rig, model, base, waves),
         whiteness=whiteness(base).at_reference,
-        places=_largest(find_places(model, base, 0.0)["places"]),
+        places=_largest(find_places(model, base, 0.0).places),
     )
 
 
@@ -250,10 +250,10 @@ def _best_term(rig: Rig, model: GantryModel, base: Fit, names: Sequence[str]) ->
     return max(expressed_by_own_motion(model, base, found).gain_nats, 0.0)
 
 
-def _largest(places: Sequence[Mapping[str, Any]]) -> dict[str, float]:
+def _largest(places: Sequence[Place]) -> dict[str, float]:
     sizes = dict.fromkeys(LEAST.places, 0.0)
     for place in places:
-        sizes[place["channel"]] = max(sizes.get(place["channel"], 0.0), abs(place["residual"]))
+        sizes[place.channel] = max(sizes.get(place.channel, 0.0), abs(place.residual))
     return sizes
 
 

@@ -1,0 +1,446 @@
+"""One log, or one folder of logs, as recordings at an even rate.
+
+In: a path, what its columns mean, the units wanted. Out: recordings, a piece for each stretch
+without a hole.
+"""
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from wakedeploy.core.errors import UnusableInput
+from wakedeploy.core.recording import Recording
+from wakedeploy.core.units import conversion, is_angular, si_unit
+from wakedeploy.domains.tables.columns import Column, Columns
+from wakedeploy.domains.tables.log import (
+    Clock,
+    Log,
+    Values,
+    is_log,
+    open_log,
+    refused,
+    require_size,
+)
+from wakedeploy.domains.tables.pieces import (
+    Stretch,
+    common,
+    covered,
+    from_first,
+    longest_silence,
+)
+from wakedeploy.domains.tables.resampling import (
+    even_ticks,
+    evened,
+    held,
+    low_passed,
+    unevenness,
+)
+from wakedeploy.domains.tables.stamps import (
+    Timeline,
+    as_numbers,
+    between_falls,
+    in_seconds,
+    origin_s,
+    seconds_in,
+    timeline,
+    whole_start_s,
+)
+
+Vector = NDArray[np.float64]
+_ABSURD = 1e30  # in any unit, nothing has so much of anything
+
+
+class Wanted:
+    """A column and the unit that its numbers shall be in."""
+
+    def __init__(self, name: str, column: Column, unit: str | None, file: str) -> None:
+        self.name, self.column = name, column
+        try:
+            self.unit = unit or column.to or si_unit(column.unit)
+            self._factor = conversion(column.unit, self.unit)
+            if is_angular(column.unit) != is_angular(self.unit) and self._factor != 1:
+                raise ValueError(
+                    f"{column.unit!r} counts angle and {self.unit!r} does not, or the other way"
+                    " round; give both as rad/s, or both as Hz"
+                )
+        except ValueError as error:
+            raise UnusableInput(f"{file}: columns.{name}.unit: {error}.") from None
+
+    def converted(self, values: Vector) -> Vector:
+        """Numbers of the log in that unit."""
+        factor: Fraction = self._factor
+        with np.errstate(over="ignore", invalid="ignore"):  # the caller refuses what overflows
+            scaled = values * self.column.scale + self.column.offset if self._is_scaled else values
+            if factor == 1:
+                return scaled
+            return np.asarray(scaled * float(factor.numerator) / float(factor.denominator))
+
+    @property
+    def _is_scaled(self) -> bool:
+        return (self.column.scale, self.column.offset) != (1.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Place:
+    """Where a column stands: its log, its address, and its clock (None: the rate is stated)."""
+
+    log: Log
+    address: str
+    clock: Clock | None
+
+    def row(self, index: int) -> str:
+        """What a row of it is called."""
+        return self.log.place(self.address, index)
+
+    def refused(self, reason: str, advice: str) -> UnusableInput:
+        """The sentence for this column."""
+        return refused(self.log.path, self.address, reason, advice)
+
+    def clock_refused(self, reason: str, advice: str) -> UnusableInput:
+        """The sentence for this column's clock."""
+        address = self.clock.address if self.clock else self.address
+        return refused(self.log.path, address, reason, advice)
+
+
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """A column with its stamps: `values` (m,) in the unit wanted, NaN where there is none."""
+
+    wanted: Wanted
+    place: _Place
+    times: Timeline
+    values: Vector
+
+    @property
+    def is_event(self) -> bool:
+        return self.wanted.column.event
+
+
+@dataclass
+class FileReader:
+    """One log, or one folder of logs, on its way to recordings."""
+
+    path: Path
+    name: str
+    columns: Columns
+    wanted: Mapping[str, Wanted]
+    notes: list[str]
+    _logs: dict[str, Log] = field(default_factory=dict)
+
+    def recordings(self) -> Iterator[Recording]:
+        """Its pieces in their order; UnusableInput where there is none."""
+        places = {name: self._place(column) for name, column in self.wanted.items()}
+        raw = self._raw(places.values())
+        self.notes += [note for log in self._logs.values() for note in log.notes]
+        count = 0
+        for series in self._sessions(places, raw):
+            for start_s, end_s in self._stretches(series):
+                made = self._recording(series, start_s, end_s, count)
+                if made is not None:
+                    count += 1
+                    yield made
+        if not count:
+            raise UnusableInput(
+                f"{self.path}: has no stretch in which all columns have samples; look at its gaps"
+                " and missing values, or use fewer columns."
+            )
+
+    # --- what stands where
+
+    def _log(self, file: str | None) -> Log:
+        key = file or ""
+        if key not in self._logs:
+            self._logs[key] = open_log(self._member(file), self.columns.csv)
+        return self._logs[key]
+
+    def _member(self, file: str | None) -> Path:
+        if file is None and is_log(self.path):
+            return self.path
+        if file is None:
+            raise UnusableInput(
+                f"{self.path}: is a folder; say in which of its files each column stands"
+                ' (file = "state.csv" in its table), or give files.'
+            )
+        if is_log(self.path):
+            raise UnusableInput(f"{self.path}: is one file; give the folder that holds {file}.")
+        if Path(file).name != file:
+            raise UnusableInput(f"{self.path}: {file!r} is no name of a file in that folder.")
+        require_size(self.path / file)
+        return self.path / file
+
+    def _place(self, wanted: Wanted) -> _Place:
+        column, base = wanted.column, self.columns.time
+        log = self._log(column.file)
+        clock = log.clock_of(column.column)
+        if column.time is not None:
+            unit = column.time_unit or base.unit or (clock.unit if clock else "s")
+            return _Place(log, column.column, Clock(column.time, unit))
+        if base.rate_hz is not None:
+            return _Place(log, column.column, None)
+        if base.column is not None:
+            topic = clock.address.rpartition(".")[0] + "." if clock else ""
+            unit = base.unit or (clock.unit if clock else "s")
+            return _Place(log, column.column, Clock(topic + base.column, unit))
+        if clock is None:
+            raise UnusableInput(
+                f"{log.path}: has no clock of its own; give [time] column, or [time] rate_hz."
+            )
+        return _Place(log, column.column, clock)
+
+    def _raw(self, places: Iterable[_Place]) -> dict[tuple[int, str], Values]:
+        """Everything that is needed, each log read once, by log and address."""
+        addresses: dict[int, set[str]] = {}
+        stamps: dict[int, set[str]] = {}
+        logs: dict[int, Log] = {}
+        for place in places:
+            key = id(place.log)
+            logs[key] = place.log
+            addresses.setdefault(key, set()).add(place.address)
+            if place.clock is not None:
+                addresses[key].add(place.clock.address)
+                stamps.setdefault(key, set()).add(place.clock.address)
+        return {
+            (key, address): values
+            for key, log in logs.items()
+            for address, values in log.read(
+                sorted(addresses[key]), stamps.get(key, frozenset())
+            ).items()
+        }
+
+    # --- stamps
+
+    def _sessions(
+        self, places: Mapping[str, _Place], raw: Mapping[tuple[int, str], Values]
+    ) -> Iterator[list[_Series]]:
+        """The columns with their stamps; one list, or one for each piece between falls."""
+        seconds = self._stamps(places, raw)
+        numbers = {n: self._numbers(p, raw[id(p.log), p.address]) for n, p in places.items()}
+        for name, place in places.items():
+            self._require_length(place, numbers[name], seconds[_clock_key(place)])
+        cuts = self._cuts(places, seconds)
+        for cut in cuts:
+            lines = {
+                key: self._timeline(key, places, stamps[cut], cut.start or 0)
+                for key, stamps in seconds.items()
+            }
+            yield [
+                self._series(self.wanted[n], p, lines[_clock_key(p)], numbers[n][cut])
+                for n, p in places.items()
+            ]
+
+    def _stamps(
+        self, places: Mapping[str, _Place], raw: Mapping[tuple[int, str], Values]
+    ) -> dict[tuple[int, str], Vector]:
+        """Each clock's stamps [s] from one origin."""
+        found: dict[tuple[int, str], tuple[Values, Fraction]] = {}
+        lengths: dict[tuple[int, str], int] = {}
+        for place in places.values():
+            key = _clock_key(place)
+            if place.clock is None:
+                longest = max(lengths.get(key, 0), len(raw[id(place.log), place.address]))
+                lengths[key] = longest
+            elif key not in found:
+                found[key] = self._clock(place, raw[id(place.log), place.clock.address])
+        starts = [whole_start_s(values, seconds) for values, seconds in found.values()]
+        origin = origin_s([start for start in starts if start is not None])
+        stamps_s = {key: in_seconds(*clock, origin) for key, clock in found.items()}
+        rate_hz = self.columns.time.rate_hz or 1.0
+        return stamps_s | {key: np.arange(n) / rate_hz for key, n in lengths.items()}
+
+    def _clock(self, place: _Place, values: Values) -> tuple[Values, Fraction]:
+        """A clock's numbers, and the seconds in its unit."""
+        assert place.clock is not None
+        form = self.columns.time.format
+        numbers = as_numbers(values, form, place.row, place.clock_refused)
+        if numbers.dtype.kind == "M":
+            return numbers.astype("datetime64[ns]").astype(np.int64), Fraction(1, 10**9)
+        try:
+            unit = "ns" if form is not None else place.clock.unit
+            return numbers, seconds_in(unit)
+        except ValueError as error:
+            advice = "correct its unit in [time], or time_unit"
+            raise place.clock_refused(f"has no unit of time: {error}", advice) from error
+
+    def _timeline(
+        self, key: tuple[int, str], places: Mapping[str, _Place], stamps_s: Vector, first: int
+    ) -> Timeline:
+        place = next(p for p in places.values() if _clock_key(p) == key)
+        notes: list[str] = []
+
+        def row(index: int) -> str:
+            return place.row(first + index)
+
+        line = timeline(stamps_s, self.columns.time, row, place.clock_refused, notes)
+        called = f", column {place.clock.address!r}" if place.clock else ""
+        self.notes += [f"{place.log.path}{called}: {note}" for note in notes]
+        return line
+
+    def _cuts(
+        self, places: Mapping[str, _Place], seconds: Mapping[tuple[int, str], Vector]
+    ) -> list[slice]:
+        if self.columns.time.falling != "split":
+            return [slice(None)]
+        if len(seconds) > 1:
+            raise UnusableInput(
+                f'{self.path}: [time] falling = "split" is for logs of one clock, and here are'
+                f' {len(seconds)}; give "sort" or "refuse".'
+            )
+        return between_falls(next(iter(seconds.values())))
+
+    def _require_length(self, place: _Place, values: Vector, stamps_s: Vector) -> None:
+        if len(values) != len(stamps_s):
+            reason = f"has {len(values)} samples for {len(stamps_s)} stamps"
+            raise place.refused(reason, "give the clock of this column (time = …)")
+        if len(values) < 2:
+            raise place.refused("has fewer than two samples", "choose another column")
+
+    # --- numbers
+
+    def _numbers(self, place: _Place, values: Values) -> Vector:
+        if values.dtype == object:
+            raise place.refused("holds texts", "leave it out, or choose another")
+        with np.errstate(over="ignore"):
+            return values.astype(np.float64)
+
+    def _series(self, wanted: Wanted, place: _Place, times: Timeline, values: Vector) -> _Series:
+        values = wanted.converted(values[times.rows])
+        absurd = np.abs(values) > _ABSURD
+        if absurd.any():
+            row = place.row(int(times.rows[int(np.argmax(absurd))]))
+            raise place.refused(f"is too large for a measurement in {row}", "mend or delete it")
+        absent = np.isnan(values)
+        if absent.all():
+            raise place.refused("has no number in any row", "choose another column")
+        if absent.any() and wanted.column.missing == "refuse":
+            at = int(times.rows[int(np.argmax(absent))])
+            reason = f"has no number in {place.row(at)}"
+            advice = f'give missing = "hold", "split" or "nan" in [columns.{wanted.name}]'
+            raise place.refused(reason, advice)
+        if wanted.column.missing == "hold" and absent.any():
+            self._tell(place, f"{int(absent.sum())} samples have no number; the last one is held")
+        return _Series(wanted, place, times, values)
+
+    def _tell(self, place: _Place, note: str) -> None:
+        self.notes.append(f"{place.log.path}, column {place.address!r}: {note}")
+
+    # --- pieces
+
+    def _stretches(self, series: Sequence[_Series]) -> list[Stretch]:
+        """The stretches of time that all columns cover."""
+        found: list[Stretch] | None = None
+        for column in series:
+            here = self._covered(column)
+            found = here if found is None else common(found, here)
+        return [stretch for stretch in found or [] if np.isfinite(stretch).all()]
+
+    def _covered(self, column: _Series) -> list[Stretch]:
+        stamps_s, gap_s = column.times.stamps_s, self.columns.split.gap_s
+        is_good = ~np.isnan(column.values)
+        if column.is_event:
+            return from_first(stamps_s, is_good)
+        missing = column.wanted.column.missing
+        if missing == "nan":
+            is_good = np.ones(len(stamps_s), dtype=bool)
+        if missing == "hold":
+            stamps_s, is_good = stamps_s[is_good], is_good[is_good]
+        silent = longest_silence(stamps_s) if self.columns.resample and gap_s is None else None
+        if silent is not None:
+            length_s = stamps_s[silent] - stamps_s[silent - 1]
+            reason = f"is silent for {length_s:.3g} s from {stamps_s[silent - 1]:.6g} s on"
+            advice = f"give [split] gap_s, or event = true in [columns.{column.wanted.name}]"
+            raise column.place.refused(reason, advice)
+        stretches = covered(stamps_s, is_good, gap_s)
+        if missing == "hold" and stretches and gap_s is None:  # up to the last row
+            stretches[-1] = (stretches[-1][0], float(column.times.stamps_s[-1]))
+        return stretches
+
+    def _recording(
+        self, series: Sequence[_Series], start_s: float, end_s: float, number: int
+    ) -> Recording | None:
+        """A piece at its rate; None for one that is too short."""
+        name = f"{self.name}-{number + 1}" if number else self.name
+        if end_s - start_s < self.columns.split.shortest_s:
+            return None
+        sampled = (
+            self._as_recorded(series, start_s, end_s)
+            if self.columns.resample is None
+            else self._resampled(series, start_s, end_s)
+        )
+        return Recording(name, *sampled) if len(sampled[0]) > 1 else None
+
+    def _as_recorded(
+        self, series: Sequence[_Series], start_s: float, end_s: float
+    ) -> tuple[Vector, dict[str, Vector]]:
+        first = series[0]
+        for column in series:
+            if not column.times.same_as(first.times):
+                raise column.place.refused(
+                    f"has another clock than {first.place.address!r}",
+                    "give [resample] rate_hz, to which all columns are brought",
+                )
+        stamps_s = first.times.stamps_s
+        inside = (stamps_s >= start_s) & (stamps_s <= end_s)
+        kept_s = stamps_s[inside]
+        if len(kept_s) < 2:
+            return kept_s, {}
+        self._require_even(first, kept_s, int(np.argmax(inside)))
+        values = {column.wanted.name: _filled(column)[inside] for column in series}
+        return evened(kept_s), values
+
+    def _require_even(self, column: _Series, stamps_s: Vector, first: int) -> None:
+        at = unevenness(stamps_s)
+        if at is not None:
+            row = column.place.row(int(column.times.rows[first + at]))
+            step_s, usual_s = stamps_s[at] - stamps_s[at - 1], float(np.median(np.diff(stamps_s)))
+            reason = f"steps by {step_s:.4g} s at {row}, where {usual_s:.4g} s is usual"
+            advice = "give [resample] rate_hz, or [split] gap_s where samples are lost"
+            raise column.place.clock_refused(reason, advice)
+
+    def _resampled(
+        self, series: Sequence[_Series], start_s: float, end_s: float
+    ) -> tuple[Vector, dict[str, Vector]]:
+        how = self.columns.resample
+        assert how is not None
+        leading = max((s for s in series if not s.is_event), key=lambda s: len(s.times.stamps_s))
+        stamps_s = leading.times.stamps_s
+        inside_s = stamps_s[(stamps_s >= start_s) & (stamps_s <= end_s)]
+        if len(inside_s) < 2 or (end_s - start_s) * how.rate_hz > 1e8:
+            return np.empty(0), {}
+        ticks_s = even_ticks(inside_s, start_s, end_s, how.rate_hz)
+        if len(ticks_s) < 2:
+            return ticks_s, {}
+        values = {column.wanted.name: self._at_ticks(column, ticks_s) for column in series}
+        return ticks_s, values
+
+    def _at_ticks(self, column: _Series, ticks_s: Vector) -> Vector:
+        how = self.columns.resample
+        assert how is not None
+        stamps_s, values = column.times.stamps_s, _filled(column)
+        if how.method == "hold":
+            return held(stamps_s, values, ticks_s)
+        if np.isnan(values[stamps_s >= ticks_s[0]]).any():
+            advice = f'give missing = "hold" or "split" in [columns.{column.wanted.name}]'
+            raise column.place.refused(
+                "has samples without a number, which no filter takes", advice
+            )
+        try:
+            return low_passed(stamps_s, values, ticks_s, how.effective_cutoff_hz)
+        except ValueError as error:
+            raise column.place.refused(f"cannot be filtered: {error}", "cut the log") from error
+
+
+def _clock_key(place: _Place) -> tuple[int, str]:
+    return id(place.log), place.clock.address if place.clock else ""
+
+
+def _filled(column: _Series) -> Vector:
+    """The values, with the last one held where one is missing and shall be held."""
+    if column.wanted.column.missing != "hold" and not column.is_event:
+        return column.values
+    is_good = ~np.isnan(column.values)
+    newest = np.maximum.accumulate(np.where(is_good, np.arange(len(is_good)), -1))
+    return np.where(newest >= 0, column.values[np.maximum(newest, 0)], np.nan)
