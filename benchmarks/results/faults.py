@@ -130,6 +130,39 @@ def _blind(told: Mapping[str, Mapping[str, Any]]) -> str:
 _LANDINGS = ("median_lower", "p95_lower", "worst_lower", "worst_upper")
 
 
+# Why flights of these faults still end unsafely, or cannot end otherwise.
+REASONS = {
+    "range 200 ms old": "The stamps say that readings are new. A loop that is told of heights a "
+    "fifth of a second old swings more and more. Only a swing shows how old readings are, and by "
+    "the time it does, the sufferer is fast and near a stop.",
+    "range 100 ms old": "As with 200 ms, more slowly.",
+    "push -3 N": "A push shows after a tenth of a second, and a command acts after 0.03 s, with a "
+    "spool lag of 0.06 s. With full thrust, 9.0 N, from then on, a sufferer of 4.4 N meets the "
+    "stop from 10 cm at 1.0 m/s; where a wake of 1 N presses, too, from 30 cm. One that already "
+    "sinks meets it harder.",
+    "push +2 N": "It begins at rest or in the touch-down, before the loop knows what carries the "
+    "sufferer: what lifts it is learnt only while it is seen to move.",
+    "push +1 N": "As with 2 N: the touch-down gives up its height after 12 s, and descends by a "
+    "weight that does not count the push.",
+    "range strays 20 %": "By chance most of some readings in a row are strays. The sensor then "
+    "counts as one of noise, or a few strays agree.",
+    "range strays 70 %": "For two thirds of a second hardly a reading is true. The noise shows "
+    "after that time, and the height is lost meanwhile.",
+    "range noise 10 cm": "A few readings agree by chance as a push would make them.",
+    "range of a hand": "The hand is where the sufferer may be: readings do not jump.",
+    "range +0.1 m": "The jump is as small as what a push does within three readings.",
+    "range drifts -0.05 m/s": "The sensor has drifted by 0.4 m when the plan lands. The touch-down "
+    "sees a stop and no motion where the sufferer hangs in the air.",
+    "range drifts -0.2 m/s": "As with 0.05 m/s, by more.",
+    "prediction x 5": "The feedforward swings the loop, which looks like late readings.",
+    "wake x 3": "The wake swings the loop, which looks like late readings, or takes the thrust "
+    "that would brake.",
+    "thrust -30 %": "A third less thrust than the filter counts with looks like late readings.",
+    "80 % of commands lost": "One of five commands gets through; the descent is the board's own "
+    "for most of the time, with pulses that are some tenths of a second old.",
+}
+
+
 def page(records: Records) -> str:
     """Every fault of the newest record."""
     told = list(_present(records, RECORDS).values())[-1]
@@ -144,7 +177,40 @@ def page(records: Records) -> str:
             for plant in PLANTS
             if plant in told
         ),
+        _unsafe({name: told[name].get("unsafe_flights", {}) for name in PLANTS if name in told}),
     )
+
+
+def _unsafe(found: Mapping[str, Mapping[str, Sequence[str]]]) -> str:
+    """Each unsafe flight that some command could have saved, and by fault why it was not."""
+    lines = [
+        [fault, PLANTS[plant], *_parted(line)]
+        for plant, faults in found.items()
+        for fault, flights in faults.items()
+        for line in flights
+    ]
+    if not lines:
+        return ""
+    lines.sort(key=lambda line: line[0])
+    head = ["fault", "plant", "phase", "pilot", "lower [m/s]", "upper [m/s]", "ending"]
+    reasons = [
+        f"- *{name}*: {reason}"
+        for name, reason in REASONS.items()
+        if any(line[0] in (name, f"{name}, {line[0].rpartition(', ')[2]}") for line in lines)
+    ]
+    return paragraphs(
+        "## Unsafe flights",
+        "The motors obey in each of these, and what pushes is less than the thrust reserve.",
+        table(head, lines),
+        "Why they are unsafe:",
+        "\n".join(reasons),
+    )
+
+
+def _parted(line: str) -> list[str]:
+    """Phase, pilot, speeds and ending of a line of `benchmarks.injected.table.COLUMNS`."""
+    phase, pilot, lower, upper, _, _, _, ended = line.split(", ", 7)
+    return [phase, pilot, lower, upper, ended]
 
 
 def _all(rows: Sequence[Row]) -> str:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 
 from runtime.loop.copies import replace
-from runtime.loop.estimator import Estimate
+from runtime.loop.estimate import Estimate
 from runtime.loop.trim import TrimReader
 from wakedeploy.core.rig import Limits, Rig
 from wakedeploy.physics.effects.chain import believed

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from runtime.loop.estimator import Estimate
+from runtime.loop.estimate import Estimate
 from runtime.loop.stops import Bounds, Stops
 from runtime.reference import Reference
 from wakedeploy.core.rig import Rig

@@ -6,20 +6,27 @@ missed or repeated sample is predicted through.
 """
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from runtime.loop.copies import replace
+from runtime.loop.estimate import Estimate, FloatArray, Measurement
+from runtime.loop.innovations import (
+    SUDDEN_SD,
+    added_up,
+    judged,
+    set_apart,
+    sudden_m,
+    surprised,
+    tells_of_a_push,
+    with_another,
+)
 from runtime.loop.kalman import predict as kalman_predict
 from runtime.loop.kalman import update as kalman_update
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.motor import held_pulse
 from wakedeploy.physics.rail import GRAVITY_MPS2, smooth_friction
-
-FloatArray = npt.NDArray[np.float64]
 
 _FORCE_TIME_S = 1.0  # the disturbance is expected to change within a second …
 _FORCE_SD_N = 1.0  # … by about the size of a wake's force
@@ -36,125 +43,13 @@ _PAUSE_S = 0.1  # without a step: what the commands did meanwhile is not known
 _PAUSE_SD_MPS = 1.0  # and so is the speed, by about this much
 # For as long as the board waits for commands it holds the last pulse: forces change by a wake only.
 _HELD_S, _HELD_SD_MPS2 = 0.14, 3.0
-# Differences of neighbouring innovations are squared over their variance and averaged: what a wrong
-# model adds to both falls out, and noise remains (von Neumann 1941). A sensor noisier than the rig
-# file says is believed the less, down to a 200th.
-_SURPRISE_TICKS, _MOST_SURPRISE = 16.0, 9.0
-_SURPRISED, _CALM = 3.0, 1.2
-_NOISE_UP, _NOISE_DOWN, _MOST_NOISE = 1.5, 1.05, 200.0
 _GATED_NOISE = 25.0  # of it in the gate: more would let strays in
-# A sensor with so much noise, or so many strays, is none. One stray in five is not many.
-_STRAY_TICKS, _TOO_MANY_STRAYS = 12.0, 0.6
-_TOO_NOISY, _MANY_STRAYS = 60.0, 0.45  # together: some 8 times the rig file's noise
+_STRAY_TICKS = 12.0  # over which a share of strays is averaged
 _SWING = 2.0  # a stray is off by half as much from the sample before as from the filter, at least
-_FEW_STRAYS = 0.1
 _CARRIED_SHARE = 0.3  # of the weight: with less a reading off the stop is the sensor's own error
 _STARTLED = 9.0  # an innovation's square over its variance, after which a forecast is not believed
-# Innovations that add up to one side are a push that began a tenth of a second ago (Page 1954;
-# Willsky and Jones 1976): force, speed and height change together. A single stray is not enough.
-# Wakes as in the rig file do this once in three hundred ticks, and the filter is less sure then.
-_PUSH_SUM_SD, _PUSH_DRIFT_SD, _PUSH_MOST_SD = 3.5, 1.0, 3.5
-_FAR_SD, _PUSH_GROWTH, _WARY_TICKS, _PUSH_SIDE = 8.0, (1.3, 3.0), 8, 3
-_PUSH_SD_N, _PUSH_AGO_S = 3.0, 0.1
-
-
-@dataclass(frozen=True, slots=True)
-class Measurement:
-    """What one tick read: newest range sample (NaN: none), its age, its repeats; step count.
-
-    The steps are as old as the newest answer; `steps_repeats` counts ticks without a new one.
-    `same` counts samples in a row that say what the one before said, off the stop; `alike` counts
-    them there, too. `acts_known`: the board has told of the last commands in time.
-    """
-
-    t_s: float
-    range_m: float
-    range_age_s: float
-    range_repeats: int
-    steps: int
-    steps_repeats: int = 0
-    same: int = 0
-    alike: int = 0
-    acts_known: bool = True
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
-    """Filter state after one tick; `height` is (z [m], vz [m/s], disturbance [N])."""
-
-    t_s: float
-    height: FloatArray  # (3,)
-    height_cov: FloatArray  # (3, 3)
-    lateral: FloatArray  # (2,)
-    lateral_cov: FloatArray  # (2, 2)
-    rotor_speed: float = 0.0  # of the sufferer, √N
-    rejected: int = 0
-    innovation_m: float = math.nan
-    innovation_var_m2: float = math.nan
-    off_m: float = math.inf  # the least that any sample was off, of those rejected in a row
-    rejects: tuple[float, float, float] = (0.0, 0.0, 0.0)  # of those: first, last, path [m]
-    jumped_m: float = 0.0  # the least, when the next is taken in because so many were rejected
-    surprise: float = 1.0  # mean of innovations' differences, squared, over what noise gives
-    last_innovation_m: float = math.nan
-    stale_s: float = 0.0  # since a new sample says the same again and again
-    noise_scale: float = 1.0  # of the sensor's variance over the rig file's
-    stray_share: float = 0.0  # of the latest samples, those that the rig file's noise cannot give
-    rejected_s: float = 0.0  # since the last sample that was taken in, of those that were rejected
-    pushed: tuple[float, float] = (0.0, 0.0)  # innovations that add up downwards and upwards, in sd
-    side: int = 0  # innovations in a row to one side, with its sign
-    wary_ticks: int = 0  # since a stray; with a second one nothing adds up for as long
-
-    @property
-    def is_noisy(self) -> bool:
-        """Whether too little is left of what the sensor says to fly by it."""
-        most = _MANY_STRAYS if self.noise_scale > _TOO_NOISY else _TOO_MANY_STRAYS
-        return self.stray_share > most
-
-    @property
-    def is_calm(self) -> bool:
-        """Whether the sensor says what the filter expects, as nearly always."""
-        return self.noise_scale == 1.0 and not self.has_strays
-
-    @property
-    def has_strays(self) -> bool:
-        """Whether more of the latest samples were strays than a sensor of this rig has."""
-        return self.stray_share >= _FEW_STRAYS
-
-    @property
-    def z_m(self) -> float:
-        """Height [m]."""
-        return float(self.height[0])
-
-    @property
-    def vz_mps(self) -> float:
-        """Vertical speed [m/s]."""
-        return float(self.height[1])
-
-    @property
-    def disturbance_n(self) -> float:
-        """The force [N] that known thrust, weight, friction and forecast leave over."""
-        return float(self.height[2])
-
-    @property
-    def x_m(self) -> float:
-        """Lateral position [m]."""
-        return float(self.lateral[0])
-
-    @property
-    def vx_mps(self) -> float:
-        """Lateral speed [m/s]."""
-        return float(self.lateral[1])
-
-
-def initial_estimate(t_s: float) -> Estimate:
-    """At rest on the stop, carriage homed."""
-    return Estimate(
-        t_s,
-        np.zeros(3),
-        np.diag([0.02**2, 0.01**2, 0.05**2]),
-        np.zeros(2),
-        np.diag([0.001**2, 0.01**2]),
-    )
+_PUSH_SD_N, _PUSH_AGO_S, _PUSH_ABOVE_M = 3.0, 0.1, 0.03  # of which nothing else is known
+_UNSURE_MPS = 0.5  # with so little known of the speed, one goes on without the first reading, too
 
 
 class Estimator:
@@ -189,6 +84,20 @@ class Estimator:
         one acts from the command delay on. `wake_n`: the wake's force [N] as it was forecast for
         this time, if it was; the disturbance is what that leaves over.
         """
+        after = self._stepped(before, measured, pulses_us, wake_n)
+        if before.unpushed is None or after.unpushed is not before.unpushed:
+            return after
+        unaware = replace(measured, acts_known=False)  # where no push is told
+        without = self._stepped(before.unpushed, unaware, pulses_us, wake_n)
+        return judged(after, replace(without, unpushed=None))
+
+    def _stepped(
+        self,
+        before: Estimate,
+        measured: Measurement,
+        pulses_us: tuple[float, float],
+        wake_n: float | None,
+    ) -> Estimate:
         predicted = self._predict(before, measured.t_s, pulses_us, wake_n)
         if measured.steps_repeats == 0:
             predicted = self._update_lateral(predicted, measured.steps)
@@ -295,38 +204,21 @@ class Estimator:
         if measured.same > SAME_TICKS:
             return replace(unseen, stale_s=unseen.stale_s + 1.0 / LOOP_RATE_HZ)
         # What it moved while the sensor stood still is not known.
-        now = unseen = replace(_after_a_pause(unseen, unseen.stale_s), stale_s=0.0)
-        age = measured.range_age_s + self._range_delay_s
+        now = replace(_after_a_pause(unseen, unseen.stale_s), stale_s=0.0)
+        age_s = measured.range_age_s + self._range_delay_s
         range_m = (measured.range_m - self._range_bias_m) / self._range_scale
-        row = np.array([[1.0, -age, 0.5 * age * age / self._rig.sufferer.mass_kg]])
-        innovation = range_m - float((row @ now.height)[0])
-        noise_var = self._range_var * now.noise_scale
-        variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
-        seen = replace(unseen, innovation_m=innovation, innovation_var_m2=variance)
-        seen = _surprised(_added_up(seen, acts_known=measured.acts_known))
-        if max(seen.pushed) > _PUSH_SUM_SD and abs(seen.side) >= _PUSH_SIDE:
-            now = seen = self._after_a_push(seen)
-            variance = float((row @ now.height_cov @ row.T)[0, 0]) + noise_var
-        excess_var = self._range_var * max(now.noise_scale - _GATED_NOISE, 0.0)
-        is_far = innovation**2 > _GATE_SD**2 * (variance - excess_var)
-        off_m = min(now.off_m, abs(innovation))
-        first_m, last_m, path_m = now.rejects if now.rejected else (range_m, range_m, 0.0)
-        rejects = (first_m, range_m, path_m + abs(range_m - last_m))
-        is_scattered = rejects[2] - abs(range_m - first_m) > _SCATTER_M
-        is_same = now.rejected > 0 and measured.alike > 0  # the same again is no news
-        is_stray = is_same or (is_far and (now.rejected < _PERSISTENT or is_scattered))
-        out_var = _GATE_SD**2 * (variance - noise_var + self._range_var)
-        # To and fro: a model that is wrong about the motion is off, too, but by nearly the same.
-        swing_m = innovation - before_m if math.isfinite(before_m := now.last_innovation_m) else 0.0
-        is_out = min(innovation**2, (_SWING * swing_m) ** 2) > out_var
-        share = now.stray_share + (float(is_out) - now.stray_share) / _STRAY_TICKS
-        seen = replace(seen, stray_share=share)
-        if is_stray:
-            if now.rejected >= _PERSISTENT:
-                return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
-            return replace(seen, rejected=now.rejected + 1, off_m=off_m, rejects=rejects)
+        row = np.array([[1.0, -age_s, 0.5 * age_s * age_s / self._rig.sufferer.mass_kg]])
+        seen, noise_var = self._noted(now, measured, measured.t_s - age_s, range_m, row)
+        state_var = _along(row, seen.height_cov)
+        is_told = seen.height_cov is not now.height_cov  # of a push, which is no swing
+        before_m = seen.innovation_m if is_told else now.last_innovation_m
+        seen = self._strays_counted(seen, state_var, before_m)
+        gate_var = state_var + min(noise_var, _GATED_NOISE * self._range_var)
+        is_far = seen.innovation_m**2 > _GATE_SD**2 * gate_var
+        if self._is_stray(seen, range_m, is_far=is_far, is_alike=measured.alike > 0):
+            return _rejected(seen, range_m)
         height, cov = kalman_update(
-            now.height, now.height_cov, np.array([range_m]), np.array([[noise_var]]), row
+            seen.height, seen.height_cov, np.array([range_m]), np.array([[noise_var]]), row
         )
         return replace(
             seen,
@@ -334,43 +226,78 @@ class Estimator:
             height_cov=cov,
             rejected=0,
             off_m=math.inf,
-            jumped_m=off_m if now.rejected >= _PERSISTENT else 0.0,
+            jumped_m=_least_off_m(seen) if seen.rejected >= _PERSISTENT else 0.0,
             rejected_s=0.0,
         )
 
+    def _noted(
+        self, now: Estimate, measured: Measurement, taken_s: float, range_m: float, row: FloatArray
+    ) -> tuple[Estimate, float]:
+        """The state with what the innovation tells of noise and pushes; the reading's variance."""
+        innovation_m = range_m - float((row @ now.height)[0])
+        noise_var = self._range_var * now.noise_scale
+        variance = _along(row, now.height_cov) + noise_var
+        before = now
+        if now.height_cov[1, 1] > _UNSURE_MPS**2 and now.unpushed is None:
+            # After a pause a single reading would tell the speed, and it may be a stray.
+            before = set_apart(now, now)
+        lately = with_another(now.lately, (taken_s, range_m, innovation_m))
+        sudden_var = sudden_m(lately) ** 2
+        is_sudden = sudden_var > SUDDEN_SD**2 * self._range_var
+        seen = replace(
+            before,
+            innovation_m=innovation_m,
+            innovation_var_m2=variance,
+            lately=lately,
+            sudden_ticks=now.sudden_ticks + 1 if is_sudden else 0,
+        )
+        seen = surprised(added_up(seen, acts_known=measured.acts_known))
+        if is_sudden:
+            return replace(seen, pushed=(0.0, 0.0)), max(sudden_var, noise_var)
+        # Nearer, the stop itself pushes; and the same reading again is no news.
+        is_clear = now.z_m > _PUSH_ABOVE_M and measured.alike == 0
+        if tells_of_a_push(seen) and is_clear:
+            seen = self._after_a_push(set_apart(seen, before))
+        return seen, noise_var
 
-def _added_up(now: Estimate, *, acts_known: bool) -> Estimate:
-    """What innovations add up to downwards and upwards with this one, over what noise gives."""
-    off_sd = now.innovation_m / math.sqrt(now.innovation_var_m2)
-    sign = 1 if off_sd > 0.0 else -1
-    now = replace(now, side=now.side + sign if now.side * sign > 0 else sign)
-    # Motion grows, with the square of time. What is far off at once is a stray, a jump or noise.
-    growth = now.innovation_m / now.last_innovation_m if now.last_innovation_m else math.inf
-    if abs(off_sd) > _FAR_SD and not _PUSH_GROWTH[0] < growth < _PUSH_GROWTH[1]:
-        again = _WARY_TICKS if now.wary_ticks else 0
-        return replace(now, wary_ticks=_WARY_TICKS + again)
-    now = replace(now, wary_ticks=max(now.wary_ticks - 1, 0))
-    if now.wary_ticks > _WARY_TICKS or now.noise_scale > 1.0 or not acts_known:
-        return replace(now, pushed=(0.0, 0.0))
-    off_sd = min(max(off_sd, -_PUSH_MOST_SD), _PUSH_MOST_SD)
-    down, up = now.pushed
-    sums = (max(down - off_sd - _PUSH_DRIFT_SD, 0.0), max(up + off_sd - _PUSH_DRIFT_SD, 0.0))
-    return replace(now, pushed=sums)
+    def _strays_counted(self, seen: Estimate, state_var: float, before_m: float) -> Estimate:
+        """The share of strays with this reading, `before_m` the innovation before it."""
+        out_var = _GATE_SD**2 * (state_var + self._range_var)
+        # To and fro: a model that is wrong about the motion is off, too, but by nearly the same.
+        swing_m = seen.innovation_m - before_m if math.isfinite(before_m) else 0.0
+        is_out = min(seen.innovation_m**2, (_SWING * swing_m) ** 2) > out_var
+        share = seen.stray_share + (float(is_out) - seen.stray_share) / _STRAY_TICKS
+        return replace(seen, stray_share=share)
+
+    def _is_stray(self, seen: Estimate, range_m: float, *, is_far: bool, is_alike: bool) -> bool:
+        if seen.rejected > 0 and is_alike:  # the same again is no news
+            return True
+        first_m, _, path_m = _rejects(seen, range_m)
+        is_scattered = path_m - abs(range_m - first_m) > _SCATTER_M
+        return is_far and (seen.rejected < _PERSISTENT or is_scattered)
 
 
-def _surprised(now: Estimate) -> Estimate:
-    """The filter after an innovation: how noisy the sensor is."""
-    difference_m = now.innovation_m - now.last_innovation_m
-    if not math.isfinite(difference_m):
-        return replace(now, last_innovation_m=now.innovation_m)
-    square = min(0.5 * difference_m**2 / now.innovation_var_m2, _MOST_SURPRISE)
-    surprise = now.surprise + (square - now.surprise) / _SURPRISE_TICKS
-    scale = now.noise_scale
-    if surprise > _SURPRISED:
-        scale = min(scale * _NOISE_UP, _MOST_NOISE)
-    elif surprise < _CALM:
-        scale = max(scale / _NOISE_DOWN, 1.0)
-    return replace(now, surprise=surprise, noise_scale=scale, last_innovation_m=now.innovation_m)
+def _along(row: FloatArray, cov: FloatArray) -> float:
+    return float((row @ cov @ row.T)[0, 0])
+
+
+def _least_off_m(seen: Estimate) -> float:
+    return min(seen.off_m, abs(seen.innovation_m))
+
+
+def _rejects(seen: Estimate, range_m: float) -> tuple[float, float, float]:
+    """Of the rejected readings with this one: first, last, path [m]."""
+    first_m, last_m, path_m = seen.rejects if seen.rejected else (range_m, range_m, 0.0)
+    return first_m, range_m, path_m + abs(range_m - last_m)
+
+
+def _rejected(seen: Estimate, range_m: float) -> Estimate:
+    """The state without this reading; after too many that are scattered the count begins anew."""
+    off_m = _least_off_m(seen)
+    if seen.rejected >= _PERSISTENT:
+        return replace(seen, rejected=1, off_m=off_m, rejects=(range_m, range_m, 0.0))
+    rejects = _rejects(seen, range_m)
+    return replace(seen, rejected=seen.rejected + 1, off_m=off_m, rejects=rejects)
 
 
 def _after_a_pause(now: Estimate, passed_s: float) -> Estimate:

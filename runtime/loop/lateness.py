@@ -13,13 +13,17 @@ from collections import deque
 import numpy as np
 
 from runtime.loop.copies import replace
-from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
+from runtime.loop.estimate import Estimate, Measurement, initial_estimate
+from runtime.loop.estimator import Estimator
+from runtime.loop.innovations import log_likelihood
 from runtime.loop.pilot import PilotState
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 
 LATE_TICKS = (3, 6)  # a tenth and a fifth of a second
-_MOST_SD, _MOST_A_TICK = 6.0, 1.5  # a stray counts as this much, whatever it is
+_MOST_A_TICK = 1.5  # a stray counts as this much, whatever it is
+_FORESEEN = 9.0  # an innovation's square over its variance, up to which a reading was foreseen
 _AIRBORNE_M = 0.05  # nearer, the stop moves the sufferer, too
+_REFUTED = 6.0  # log likelihood of the loop's own filter over an adopted one, to go back to it
 
 Acted = tuple[tuple[float, float], float | None]  # pulses [µs] of a tick, and its wake [N]
 
@@ -33,6 +37,9 @@ class Lateness:
         self._rivals = {ticks: initial_estimate(0.0) for ticks in LATE_TICKS}
         self._evidence = dict.fromkeys(LATE_TICKS, 0.0)
         self._adopted: int | None = None
+        self._own: Estimate | None = None  # of the loop's own filter, while another is believed
+        self._against = 0.0  # evidence against that one
+        self._is_refuted = False
         self._waiting: tuple[PilotState, PilotState, Measurement] | None = None
 
     @property
@@ -49,6 +56,10 @@ class Lateness:
         if self._adopted is None:
             return now
         self._follow(before, now, measured)
+        own = self._followed_own(before, now, measured)
+        if self._is_refuted:
+            self._adopted = None
+            return replace(now, estimate=own)
         return replace(now, estimate=self._present(now.estimate))
 
     def catch_up(self) -> None:
@@ -66,9 +77,26 @@ class Lateness:
                 more = _for_the_rival(now.estimate, after)
                 self._evidence[ticks] = max(self._evidence[ticks] + more, 0.0)
 
+    def _followed_own(self, before: PilotState, now: PilotState, measured: Measurement) -> Estimate:
+        """The loop's own filter goes on beside the adopted one, and may prove to be the better."""
+        pulses = (before.before_last_us, before.last_us)
+        last = self._own
+        own = (
+            now.estimate
+            if last is None
+            else self._estimator.step(last, measured, pulses, now.wake_n)
+        )
+        rival, more = self._rivals[self._adopted or LATE_TICKS[0]], 0.0
+        if math.isfinite(own.innovation_m + rival.innovation_m):
+            more = log_likelihood(own) - log_likelihood(rival)
+            more = min(max(more, -_MOST_A_TICK), _MOST_A_TICK)
+        self._own, self._against = own, max(self._against + more, 0.0)
+        self._is_refuted = self._against > _REFUTED
+        return own
+
     def adopt(self) -> None:
-        """From now on the likeliest of the filters is believed."""
-        if self._adopted is None:
+        """From now on the likeliest is believed, unless the loop's own filter proves better."""
+        if self._adopted is None and not self._is_refuted:
             self._adopted = max(self._evidence, key=self._evidence.__getitem__)
 
     def _present(self, now: Estimate) -> Estimate:
@@ -85,12 +113,14 @@ class Lateness:
 
 
 def _for_the_rival(own: Estimate, rival: Estimate) -> float:
-    """One reading's log likelihood of the rival over the loop's own filter; 0 where none came."""
-    if not (own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)):
+    """One reading's log likelihood of the rival over the loop's own filter; 0 where none came.
+
+    What surprises both, as a push does, is nothing for the rival. Noise favours neither: the larger
+    it is, the farther do two sums of it stray apart.
+    """
+    is_judged = own.z_m > _AIRBORNE_M and math.isfinite(own.innovation_m + rival.innovation_m)
+    if not is_judged or own.sudden_ticks or own.noise_scale > 1.0:
         return 0.0
-    return min(max(_log_likelihood(rival) - _log_likelihood(own), -_MOST_A_TICK), _MOST_A_TICK)
-
-
-def _log_likelihood(now: Estimate) -> float:
-    square = min(now.innovation_m**2 / now.innovation_var_m2, _MOST_SD**2)
-    return -0.5 * (square + math.log(now.innovation_var_m2))
+    foresees = rival.innovation_m**2 < _FORESEEN * rival.innovation_var_m2
+    more = log_likelihood(rival) - log_likelihood(own)
+    return min(max(more, -_MOST_A_TICK), _MOST_A_TICK if foresees else 0.0)

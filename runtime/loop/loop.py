@@ -20,7 +20,8 @@ from runtime.loop.arming import arm_limits, require_battery, require_home
 from runtime.loop.blind import ladder_s
 from runtime.loop.controller import Command, Terms
 from runtime.loop.copies import replace
-from runtime.loop.estimator import SAME_TICKS, Measurement
+from runtime.loop.estimate import Measurement
+from runtime.loop.estimator import SAME_TICKS
 from runtime.loop.forecasting import Forecasting, Prediction
 from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import LogValue, Pilot, resting_reference, tick_row
@@ -319,6 +320,7 @@ class Loop:
         self.tally.stood_still(stalled_s, measured.t_s)
         asked_s, at_rest = self._link.unanswered_since_s, self._safety.mode is Mode.ARMED
         silent_s = 0.0 if asked_s is None else now_s - behind_s - asked_s
+        self._way_down.late_s = heard.answer.round_trip_s - self._rig.latency.round_trip_s
         status, estimate = heard.answer.status, self._state.estimate
         self._signs = signs = self._sign_reader.step(
             self._signs,

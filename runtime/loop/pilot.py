@@ -13,7 +13,8 @@ import numpy.typing as npt
 
 from runtime.loop.controller import Command, Controller, ControlState, Terms
 from runtime.loop.copies import replace
-from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
+from runtime.loop.estimate import Estimate, Measurement, initial_estimate
+from runtime.loop.estimator import Estimator
 from runtime.reference import Reference
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import default_lead_s

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 
 from runtime.loop.copies import replace
-from runtime.loop.estimator import Estimate
+from runtime.loop.estimate import Estimate
 
 TEST_SHARE = 0.88  # of the weight: from rest a fall of 14 cm in the time of a test, at 0.6 m/s
 TEST_S = 0.5

@@ -9,7 +9,7 @@ idles: its wake is the one load that the loop can take away.
 import math
 from dataclasses import dataclass
 
-from runtime.loop.estimator import Estimate
+from runtime.loop.estimate import Estimate
 from wakedeploy.core.rig import Rig
 from wakedeploy.physics.effects.chain import believed, unplaced_constants
 from wakedeploy.physics.rail import GRAVITY_MPS2

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from runtime.loop.copies import replace
-from runtime.loop.estimator import Estimate
+from runtime.loop.estimate import Estimate
 from wakedeploy.core.rig import LOOP_RATE_HZ, Rig
 from wakedeploy.physics.effects.chain import believed
 from wakedeploy.physics.jet import VerticalJet, drag_force

@@ -30,7 +30,7 @@ from runtime.loop.descent import (
     is_down,
     limit_s,
 )
-from runtime.loop.estimator import Measurement
+from runtime.loop.estimate import Measurement
 from runtime.loop.pilot import Pilot, PilotState
 from runtime.loop.safety import UNEXPLAINED_SD_N
 from runtime.loop.settling import TEST_SHARE, Settling, Stage, begun, is_off, settled
@@ -48,6 +48,10 @@ FREE_M, LIFTING_S = 0.1, 0.3  # above, a force that lifts is averaged for the to
 FROZEN_TICKS, FROZEN_MOVED_M = 8, 0.05
 # What comes with a sensor's noise. The forces alone say for so long where the sufferer is.
 NOISE, LONG_UNCALM_S = frozenset({"sensor_noisy", "sensor_jump"}), 1.5
+# Commands that act so much later than they should control nothing: the forces alone say where it is
+# by then, and no height is waited for.
+BLIND_LATE_S = 0.12
+UNSEEN_SHARE = 0.99  # of the weight: between two tests of a touch-down, if no motion is seen
 DEADMAN_S = 4.0 / LOOP_RATE_HZ  # without commands, after which the board begins its own descent
 
 
@@ -65,6 +69,7 @@ class WayDown:
         self._may_repeat, self._ladder = may_repeat(rig), self._planner.idle
         self._is_settling, self._lifting_n = False, 0.0
         self._hover_n = math.inf
+        self.late_s = 0.0  # by which commands act late
         self.unexplained_s = 0.0  # since the force that nothing explains swings
         self._froze_m = 0.0  # where the sufferer was when the sensor began to say the same
         self._moves_unseen = False
@@ -193,9 +198,10 @@ class WayDown:
             return ladder_pulse(self._ladder, measured.t_s - now.stage_s, limits)
         if self._settling.stage is Stage.TEST:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
-        # On the stop, what carries the sufferer would count as a force that lifts.
-        seen_n = state.unexplained_n if is_off(state.estimate) else -math.inf
-        return self._planner.sinking(state.estimate, max(self._lifting_n, seen_n))
+        if not is_off(state.estimate):
+            # Nothing is seen of its speed: where a sensor drifted to the stop it may fall already.
+            return self._planner.carried(UNSEEN_SHARE, self._lifting_n, self._hover_n)
+        return self._planner.sinking(state.estimate, max(self._lifting_n, state.unexplained_n))
 
     def sink(self, t_s: float) -> Command | None:
         """The command of a blind descent that asks no estimator; None once it is over."""
@@ -215,6 +221,7 @@ class WayDown:
         """The way down, begun anew when the height gets lost on it, or after a pause."""
         now, descent = state.estimate, self._descent
         is_known = BLINDING.isdisjoint(faults) and math.isfinite(now.z_m)
+        is_known &= not self._is_too_late(faults)
         if descent is not None and descent.blind is not None:
             return descent
         if not is_known:
@@ -223,6 +230,9 @@ class WayDown:
             ends_s = limit_s(t_s, now.z_m) if descent is None else descent.limit_s
             self._descent = descent = Descent(t_s, now.z_m, now.x_m, ends_s)
         return descent
+
+    def _is_too_late(self, faults: tuple[str, ...]) -> bool:
+        return "commands_late" in faults and self.late_s > BLIND_LATE_S
 
     def _blind_descent(self, state: PilotState, t_s: float, faults: tuple[str, ...]) -> Descent:
         last = self._reckoned
@@ -238,7 +248,7 @@ class WayDown:
             last,
             self._trim,
             state.last_us,
-            0.0,
+            self.late_s if self._is_too_late(faults) else 0.0,
             height_known=has_risen or self._moves_unseen or HEIGHTLESS.isdisjoint(faults),
         )
         return Descent(t_s, last.z_m, last.x_m, t_s + ladder_s(self._rig.limits), blind)

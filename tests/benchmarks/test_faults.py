@@ -227,7 +227,7 @@ def test_the_section_sets_before_and_now_side_by_side(tmp_path):
     hard = replace(RESULT, lower_mps=2.0)
     lost = replace(RESULT, case=Case("battery pulled", MOMENT), lower_mps=3.0)
     for name, flights in (("faults-before", [hard, hard, lost]), ("faults", [hard, RESULT, lost])):
-        told = {"faults": table.by_fault(flights)}
+        told = {"faults": table.by_fault(flights), "unsafe_flights": table.unsafe_rows(flights)}
         record_of = {"seconds": 14.0, "phases": ["in the air"], "exact": told}
         (tmp_path / f"{name}.json").write_text(json.dumps(record_of))
     before_only = faults.faults(Records(tmp_path)).body
@@ -236,5 +236,21 @@ def test_the_section_sets_before_and_now_side_by_side(tmp_path):
     assert "| link cut | 1 of 2 | 2.00 | 0.00 | 0.10 | 0.10 | whole (2) |" in faults.page(
         Records(tmp_path)
     )
+    unsafe = faults.page(Records(tmp_path)).partition("## Unsafe flights")[2]
+    assert "| link cut | exact plant | in the air | PID | 2.00 | 0.00 | whole |" in unsafe
+    assert "battery pulled" not in unsafe  # no command could have saved it
     (tmp_path / "faults.json").unlink()
     assert "| link | 1 | 2 of 2 | 2 |\n" in faults.faults(Records(tmp_path)).body
+
+
+def test_the_page_says_why_flights_are_unsafe(tmp_path):
+    cases = [Case(name, MOMENT) for name in ("push -3 N, 0.5 s", "range 200 ms old")]
+    flights = [replace(RESULT, case=case, lower_mps=2.0) for case in cases]
+    told = {"faults": table.by_fault(flights), "unsafe_flights": table.unsafe_rows(flights)}
+    record_of = {"seconds": 14.0, "phases": ["in the air"], "exact": told}
+    (tmp_path / "faults.json").write_text(json.dumps(record_of))
+    page = faults.page(Records(tmp_path))
+    assert "- *push -3 N*: " in page
+    assert "- *range 200 ms old*: " in page
+    assert "- *wake x 3*: " not in page
+    assert set(faults.REASONS) <= {name.partition(",")[0] for name in FAULTS}

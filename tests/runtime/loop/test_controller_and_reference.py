@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from runtime.loop.controller import Controller, ControlState
-from runtime.loop.estimator import Estimate, initial_estimate
+from runtime.loop.estimate import Estimate, initial_estimate
 from runtime.reference import Reference, hold_plan, random_plan
 from wakedeploy.rig.file import default_rig
 

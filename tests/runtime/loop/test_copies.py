@@ -7,7 +7,7 @@ import pytest
 
 from runtime.loop import copies
 from runtime.loop.controller import Command
-from runtime.loop.estimator import initial_estimate
+from runtime.loop.estimate import initial_estimate
 from runtime.loop.forecasting import Prediction
 from runtime.loop.safety import Event, SafetyState, happened
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from runtime.loop.estimator import Estimator, Measurement, initial_estimate
+from runtime.loop.estimate import Measurement, initial_estimate
+from runtime.loop.estimator import Estimator
 from runtime.loop.safety import HELD_UP_MPS
 from runtime.loop.settling import Settling, Stage, settled
 from runtime.loop.silent_faults import SignReader, Signs

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from runtime.loop.estimator import Estimate, Estimator, Measurement, initial_estimate
+from runtime.loop.estimate import Estimate, Measurement, initial_estimate
+from runtime.loop.estimator import Estimator
 from wakedeploy.rig.file import default_rig
 
 RIG = default_rig()

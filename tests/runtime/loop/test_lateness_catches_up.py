@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from runtime.loop.estimator import Measurement
+from runtime.loop.estimate import Measurement
 from runtime.loop.lateness import Lateness
 from runtime.loop.pilot import Pilot
 from wakedeploy.rig.file import default_rig

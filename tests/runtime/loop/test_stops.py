@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from runtime.loop.estimator import Estimate, initial_estimate
+from runtime.loop.estimate import Estimate, initial_estimate
 from runtime.loop.settling import Stage, begun
 from runtime.loop.stops import LOWER_MPS, Stops
 from wakedeploy.physics.rail import GRAVITY_MPS2
