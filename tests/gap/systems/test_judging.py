@@ -10,7 +10,7 @@ from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
 from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
-from wakedeploy.gap.search.weighing import _weight, without
+from wakedeploy.gap.search.weighing import weight_of, without
 from wakedeploy.gap.systems.logs import LogModel
 from wakedeploy.gap.systems.words import sentences
 from wakedeploy.physics.kalman import bumped
@@ -64,10 +64,10 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
 def test_a_stretch_that_runs_away_does_not_decide():
     was, now = np.full((20, 1), 1.0), np.full((20, 1), 0.5)
     now[3] = 1e9
-    weight = _weight(was, now)
+    weight = weight_of(was, now)
     assert weight.share == pytest.approx(1.0 - (19 * 0.5 + 20.0) / 20.0)
     now[3] = 0.5
-    assert _weight(was, now).share == pytest.approx(0.5)
+    assert weight_of(was, now).share == pytest.approx(0.5)
 
 
 def test_without_a_block_a_mean_is_the_mean_of_the_others():

@@ -8,7 +8,7 @@ of innovation and variance give gradient and Fisher information (Gauss–Newton)
 out is then one more Newton step from the common optimum.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -147,7 +147,8 @@ class Fit:
     """A hypothesis at its maximum a posteriori; everything per episode (E, …).
 
     `summits` are fits of the same hypothesis elsewhere that these episodes do not tell from it.
-    `converged` says that its climb ended where no step promised anything.
+    `converged` says that its climb ended where no step promised anything. `profiled` are ends
+    beyond which no interval reaches, by parameter, where the likelihood is no parabola.
     """
 
     hypothesis: Hypothesis
@@ -158,6 +159,7 @@ class Fit:
     per_episode: FloatArray  # (E,) log likelihood in nats
     summits: tuple["Fit", ...] = field(default=(), repr=False)
     converged: bool = True
+    profiled: Mapping[str, tuple[float, float]] = field(default_factory=dict, repr=False)
 
     @property
     def log_likelihood(self) -> float:
@@ -208,7 +210,9 @@ class Fit:
         """
         free = self.free[self._index(name)]
         ends = [summit._ends(name, level) for summit in (self, *self.summits)]
-        return max(min(low for low, _ in ends), free.low), min(max(h for _, h in ends), free.high)
+        lowest, highest = self.profiled.get(name, (-np.inf, np.inf))
+        low = max(min(low for low, _ in ends), free.low, lowest)
+        return low, min(max(high for _, high in ends), free.high, highest)
 
     def _ends(self, name: str, level: float) -> tuple[float, float]:
         """The interval around this summit alone, not clipped."""

@@ -289,6 +289,7 @@ class Answer(Artefact):
     """name.json: which effects the system lacks. `found_theta` is the fit with them.
 
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
+    With `is_outdone` the system's forecasts are no better than the last reading or the mean.
     """
 
     verdict: Verdict
@@ -303,6 +304,7 @@ class Answer(Artefact):
     unexplained: list[Leftover] = []
     sealed_gain_nats: Number
     placebo: Placebo | None = None
+    is_outdone: bool = False
     found_theta: dict[str, Number] = {}
 
 

@@ -15,7 +15,6 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from wakedeploy.core.errors import UnusableInput
 from wakedeploy.gap.evidence.inference import (
@@ -29,13 +28,15 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
+from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors
+from wakedeploy.gap.search.extent import profiled
+from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
-from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed
+from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, is_outdone, weight_of
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
-_SURE = 0.95
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
 CHANCE = "no more than chance"
 NO_SIZE = "its size's interval holds no effect"
@@ -50,7 +51,8 @@ class Named:
     """What was named: fits without and with it, rounds as JSON has them, and rivals of a class.
 
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
-    cross-fitted; `leftover` is what still acts and is not explained.
+    cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
+    are no better than those that ask no model (`is_outdone`) nothing is named.
     """
 
     base: Fit
@@ -61,15 +63,7 @@ class Named:
     unsettled: tuple[str, ...] = ()
     leftover: tuple[dict[str, Any], ...] = ()
     alone: tuple[Candidate, ...] = ()  # every effect without any other
-
-
-@dataclass(frozen=True, eq=False)
-class _Verdict:
-    """A candidate of a round, why it is not named (or "accepted"), and what forecasts say."""
-
-    one: Candidate
-    why: str
-    weight: Weight | None = None
+    is_outdone: bool = False
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -84,7 +78,7 @@ def fitted_base(model: Comparison) -> Fit:
         )
     sealed = model.sealed()
     used = [e for e in range(model.episodes) if e not in sealed]
-    return settled(model, fit(model, (), used))[0]
+    return settled(model, fit(model, (), used, beginning(model, used)))[0]
 
 
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
@@ -95,7 +89,9 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
         if further is None:
             break
         told = further
-    told = _still_needed(model, told)
+    told = _with_sizes(model, _still_needed(model, told))
+    if is_outdone(model, told.found):
+        told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return told if acting is None else replace(told, leftover=acting(told.found))
 
@@ -106,16 +102,16 @@ def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:
     verdicts = _judged_round(model, told, found, progress)
     if not told.alone:
         told = replace(told, alone=tuple(v.one for v in verdicts))
-    accepted = _accepted(model, found, verdicts)
-    if accepted:
-        return _with(model, told, accepted)
+    best = _best(model, found, verdicts)
+    if best:
+        return _with(model, told, best)
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
     if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
         return None
-    return _pair(model, told, evident[0], progress)
+    return _pair(model, told, evident[0], verdicts, progress)
 
 
-def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress) -> list[_Verdict]:
+def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress) -> list[Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
     left = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
@@ -124,7 +120,7 @@ def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress
     ranking, chance = ranked(model, found, left, functools.partial(progress, stage))
     before = crossed(model, found)
     verdicts = [_judged(model, before, one, chance) for one in ranking[:_TRIED]]
-    verdicts += [_Verdict(one, "") for one in ranking[_TRIED:]]
+    verdicts += [Verdict(one, "") for one in ranking[_TRIED:]]
     entries = [_entry(c, found) for c in ranking]
     for entry, verdict in zip(entries, verdicts, strict=True):
         if verdict.why:
@@ -137,16 +133,21 @@ def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress
     return verdicts
 
 
-def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float) -> _Verdict:
+def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float) -> Verdict:
     """Why a candidate is not named, or "accepted"."""
     if one.gain_nats <= chance:
-        return _Verdict(one, CHANCE)
-    weight = cross_weighed(model, before, one.fit)
+        return Verdict(one, CHANCE)
+    if is_absent(one.fit, one.name):  # what it gains is what the fit before it had left to rise
+        return Verdict(one, NO_SIZE)
+    squares = crossed(model, one.fit)
+    weight = weight_of(before, squares)
     if not is_shared(one, chance):
-        return _Verdict(one, NO_SIZE if is_nothing(one.fit, one.name) else ONE_BLOCK, weight)
-    if weight.matters:
-        return _Verdict(one, ACCEPTED, weight)
-    return _Verdict(one, WORSE if weight.high < 0.0 else HARDLY, weight)
+        why = NO_SIZE if is_nothing(one.fit, one.name) else ONE_BLOCK
+    elif weight.matters:
+        why = ACCEPTED
+    else:
+        why = WORSE if weight.high < 0.0 else HARDLY
+    return Verdict(one, why, weight, squares)
 
 
 def is_shared(one: Candidate, chance: float) -> bool:
@@ -159,48 +160,84 @@ def is_shared(one: Candidate, chance: float) -> bool:
     return bool(one.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
-def _accepted(model: Comparison, found: Fit, verdicts: Sequence[_Verdict]) -> list[_Verdict]:
-    """The best one that is accepted, or what is simpler and as good, and those that rival it."""
-    accepted: list[_Verdict] = []
-    for verdict in verdicts:
-        if verdict.why == ACCEPTED and (not accepted or _rivals_with(accepted[0].one, verdict.one)):
-            accepted.append(verdict)
-    if not accepted:
+def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """The best one that is accepted, or what is simpler and as good, and all that rival it.
+
+    Those that are accepted come first; () where none is.
+    """
+    leader = next((v for v in verdicts if v.why == ACCEPTED), None)
+    if leader is None:
         return []
-    plainer = simpler(model, found, accepted[0].one)
-    if plainer is not accepted[0].one:
-        weight = cross_weighed(model, crossed(model, found), plainer.fit)
-        if weight.matters:
-            others = [v for v in accepted[1:] if v.one.name != plainer.name]
-            accepted = [_Verdict(plainer, ACCEPTED, weight), *others]
-    return accepted
+    leader = _plainer(model, found, leader)
+    alike = undecided(model, [leader, *_rivals(leader, verdicts)])
+    if not any(v.why == ACCEPTED for v in alike):  # none of the better forecasts is evident
+        return [leader]
+    return sorted(alike, key=lambda v: v.why != ACCEPTED)
 
 
-def _with(model: Comparison, told: Named, accepted: Sequence[_Verdict]) -> Named | None:
-    """One more effect: the first whose size is still something once all else has followed."""
+def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
+    """What is simpler than a candidate and gains as much, where forecasts get better by it."""
+    plainer = simpler(model, found, leader.one)
+    if plainer is leader.one:
+        return leader
+    squares = crossed(model, plainer.fit)
+    weight = weight_of(crossed(model, found), squares)
+    return Verdict(plainer, ACCEPTED, weight, squares) if weight.matters else leader
+
+
+def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
+    """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
+    own = leader.one.name
+    return [
+        v
+        for v in verdicts[:_TRIED]
+        if v.one.name != own and not elaborates(v.one.name, own) and rivals_with(leader.one, v.one)
+    ]
+
+
+def _with(model: Comparison, told: Named, best: Sequence[Verdict]) -> Named | None:
+    """One more effect: the first that is accepted and still something once all else has followed.
+
+    Its class are those after it. Beside an open class only an effect without rivals is named.
+    """
     searched = told.rounds[-1]
-    for k, verdict in enumerate(accepted):
+    for k, verdict in enumerate(best):
         one, weight = verdict.one, verdict.weight
-        assert weight is not None
+        if verdict.why != ACCEPTED or weight is None:
+            break
+        members = tuple(v.one.name for v in best[k:])
+        if told.rivals and len(members) > 1:
+            return None
         better, still = settled(model, one.fit)
         follows = candidate(told.found, one.name, better)
-        if not is_shared(follows, searched["threshold_nats"]):
+        if not _is_something(follows, searched["threshold_nats"]):
             _mark(searched, one.name, NO_SIZE if is_nothing(better, one.name) else ONE_BLOCK)
             continue
-        rivals = told.rivals
         searched["chosen"] = one.name
-        searched["class"] = [v.one.name for v in accepted[k:]]
+        searched["class"] = list(members)
         searched["accepted"] = parameters(better, (one.name,), least_squares(model, better))
         searched["sealed_error"] = errors(model, better, model.sealed())
-        if len(searched["class"]) > 1 and not rivals:
-            rivals = tuple(searched["class"])
+        rivals = members if len(members) > 1 else told.rivals
         unsettled = told.unsettled if still else (*told.unsettled, one.name)
         weights = {**told.weights, one.name: weight}
         return replace(told, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
     return None
 
 
-def _pair(model: Comparison, told: Named, first: _Verdict, progress: Progress) -> Named | None:
+def _is_something(one: Candidate, chance: float) -> bool:
+    """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
+    return is_shared(one, chance) and (
+        not is_nothing(one.fit, one.name) or one.gain_interval()[0] > 0.0
+    )
+
+
+def _pair(
+    model: Comparison,
+    told: Named,
+    first: Verdict,
+    beside_it: Sequence[Verdict],
+    progress: Progress,
+) -> Named | None:
     """An evident effect that changes no forecast alone, and one that does beside it."""
     beside, still = settled(model, first.one.fit)
     verdicts = _judged_round(model, told, beside, progress)
@@ -210,8 +247,14 @@ def _pair(model: Comparison, told: Named, first: _Verdict, progress: Progress) -
         both = cross_weighed(model, crossed(model, told.found), verdict.one.fit)
         if not both.matters:
             continue
-        company = replace(told, found=beside)
-        further = _with(model, company, [replace(verdict, weight=both)])
+        alike = undecided(model, [first, *_rivals(first, beside_it)])
+        own = (first.one.name, *(v.one.name for v in alike if v is not first))
+        if told.rivals and len(own) > 1:
+            return None
+        company = replace(told, found=beside, rivals=own if len(own) > 1 else told.rivals)
+        second = replace(verdict, why=ACCEPTED, weight=both)
+        alike = undecided(model, [second, *_rivals(second, verdicts)])
+        further = _with(model, company, [second, *(v for v in alike if v is not second)])
         if further is None:
             continue
         weights = {**further.weights, first.one.name: both}
@@ -224,23 +267,6 @@ def _mark(searched: dict[str, Any], name: str, why: str) -> None:
     for entry in searched["ranking"]:
         if entry["name"] == name:
             entry["judged"] = why
-
-
-def is_nothing(fitted: Fit, name: str) -> bool:
-    """Whether the intervals of all parameters of an effect hold the value without effect."""
-    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    ends = [fitted.interval(f.name) for f in own]
-    return all(low <= f.neutral <= high for f, (low, high) in zip(own, ends, strict=True))
-
-
-def _rivals_with(best: Candidate, other: Candidate) -> bool:
-    """Whether blocks do not agree that the best gains more than another."""
-    apart = best.gains - other.gains
-    count = len(apart)
-    if count < 2:
-        return float(apart.sum()) < RULES.class_nats
-    reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
-    return bool(float(apart.sum()) - reach < RULES.class_nats)
 
 
 def _entry(one: Candidate, base: Fit) -> dict[str, Any]:
@@ -271,11 +297,35 @@ def _still_needed(model: Comparison, told: Named) -> Named:
     for name in found.hypothesis[:-1]:
         if _evident_by_size(found, name) > _PLAINLY * chance:
             continue
-        rest = tuple(n for n in found.hypothesis if n != name)
-        without, _ = settled(model, fit(model, rest, found.episodes, _shared(model, found, rest)))
+        without = _without(model, found, name)
         again = candidate(without, name, found)
         if held_out(without, found).sum() <= chance or not is_shared(again, chance):
             found = without
+    return _left_of(told, found)
+
+
+def _with_sizes(model: Comparison, told: Named) -> Named:
+    """Without effects whose size may still be nothing, however closely it is looked at."""
+    found = told.found
+    for name in told.found.hypothesis:
+        if is_nothing(found, name):
+            found = profiled(model, found, name)
+            if is_nothing(found, name):
+                for searched in told.rounds:
+                    _mark(searched, name, NO_SIZE)
+                found = _without(model, found, name)
+    return _left_of(told, found)
+
+
+def _without(model: Comparison, found: Fit, name: str) -> Fit:
+    """A fit of the others."""
+    rest = tuple(n for n in found.hypothesis if n != name)
+    start = _shared(model, found, rest)
+    return settled(model, fit(model, rest, found.episodes, start))[0]
+
+
+def _left_of(told: Named, found: Fit) -> Named:
+    """What was named, as far as a fit still has it."""
     kept = {n: w for n, w in told.weights.items() if n in found.hypothesis}
     return replace(told, found=found, rivals=_still_open(found, told.rivals), weights=kept)
 
@@ -318,4 +368,4 @@ def verdict_of(told: Named) -> str:
         or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )
-    return "unknown" if doubtful or told.leftover else "none"
+    return "unknown" if doubtful or told.leftover or told.is_outdone else "none"

@@ -8,7 +8,7 @@ An effect's amplitude is a parameter whose neutral value is 0: there the effect 
 its shapes are, and the base's scores hold.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -111,7 +111,7 @@ class _Plan:
         own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
         amplitudes = [i for i in own if free[i].neutral == 0.0] or own
         origin = extended(base, free)
-        starts = _starts(origin, free, own)
+        starts = starts_of(origin, free, own)
         seeds = _seeds(starts, origin, amplitudes)
         moved = [(i, *_aside(seed, free, i)) for seed in seeds for i in amplitudes]
         return cls(name, free, amplitudes, seeds, moved, starts)
@@ -126,19 +126,14 @@ def looks(
     model: Comparison, ground: Ground, names: Sequence[str], steps: Steps = uncounted
 ) -> list[Look]:
     """Every candidate; on short logs several at once, as each run costs about the same."""
-    base = ground.base
-    plans = {name: _Plan.of(model, base, name) for name in names}
-    apart = getattr(model, "groups", None)  # of those that one run can tell of
-    groups: list[list[str]] = [[n] for n in names] if apart is None else apart(names)
-    found = {}
-    for group in groups:
-        scores = _together(model, base, [plans[n] for n in group])
-        for name in group:
-            own = scores[: len(plans[name].thetas)]
-            scores = scores[len(own) :]
-            found[name] = _look(model, ground, plans[name], own)
-            steps(len(found), len(names))
-    return [found[name] for name in names]
+    plans = {name: _Plan.of(model, ground.base, name) for name in names}
+    scored = together(model, ground.base, ground.base, {n: p.thetas for n, p in plans.items()})
+    found = []
+    for name, scores in scored:
+        found.append(_look(model, ground, plans[name], scores))
+        steps(len(found), len(names))
+    known = {one.name: one for one in found}
+    return [known[name] for name in names]
 
 
 def look(model: Comparison, ground: Ground, name: str) -> Look:
@@ -146,17 +141,30 @@ def look(model: Comparison, ground: Ground, name: str) -> Look:
     return looks(model, ground, [name])[0]
 
 
-def _together(model: Comparison, base: Fit, plans: Sequence[_Plan]) -> list[tuple[Score, ...]]:
-    """Scores at the points of several candidates: all act, but one of them at a time is there."""
-    hypothesis = (*base.hypothesis, *(p.name for p in plans))
-    free = model.free(hypothesis)
-    origin = dict(zip([f.name for f in free], extended(base, free), strict=True))
-    thetas = []
-    for plan in plans:
-        for theta in plan.thetas:
-            own = dict(zip([f.name for f in plan.free], theta, strict=True))
-            thetas.append([{**origin, **own}[f.name] for f in free])
-    return scores_of(model, hypothesis, np.array(thetas), base.episodes)
+def together(
+    model: Comparison, base: Fit, like: Fit, points: Mapping[str, Sequence[FloatArray]]
+) -> Iterator[tuple[str, list[tuple[Score, ...]]]]:
+    """Scores of several candidates, each at points of its own hypothesis on top of `base`.
+
+    On short logs several are scored in one run: all act, but one of them at a time is there. What
+    a candidate's points do not say is as in `like`.
+    """
+    apart = getattr(model, "groups", None)  # of those that one run can tell of
+    groups: list[list[str]] = [[n] for n in points] if apart is None else apart(list(points))
+    for group in groups:
+        hypothesis = (*base.hypothesis, *group)
+        free = model.free(hypothesis)
+        origin = dict(zip([f.name for f in free], extended(like, free), strict=True))
+        thetas = []
+        for name in group:
+            names = [f.name for f in model.free((*base.hypothesis, name))]
+            for theta in points[name]:
+                own = {**origin, **dict(zip(names, theta, strict=True))}
+                thetas.append([own[f.name] for f in free])
+        scores = scores_of(model, hypothesis, np.array(thetas), base.episodes)
+        for name in group:
+            yield name, scores[: len(points[name])]
+            scores = scores[len(points[name]) :]
 
 
 def _look(
@@ -242,8 +250,8 @@ def _seeds(
     return list(seeds.values())
 
 
-def _starts(origin: FloatArray, free: Sequence[Free], own: Sequence[int]) -> list[FloatArray]:
-    """The effect at each of its starts."""
+def starts_of(origin: FloatArray, free: Sequence[Free], own: Sequence[int]) -> list[FloatArray]:
+    """An effect, its parameters at `own`, at each of its starts; all else as in `origin`."""
     count = max(len(free[i].starts) for i in own)
     starts = []
     for k in range(count):

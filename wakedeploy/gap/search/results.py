@@ -71,6 +71,7 @@ def answer_of(model: Comparison, told: Named, key: str = "") -> Answer:
         unexplained=[Leftover.model_validate(one) for one in told.leftover],
         sealed_gain_nats=_sealed_gain(model, told.base, told.found),
         placebo=_placebo(model, told),
+        is_outdone=told.is_outdone,
         found_theta=theta_of(told.found),
     )
 

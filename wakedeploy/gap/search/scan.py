@@ -14,6 +14,7 @@ from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.climbing import begun, climbed, raced
 from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 
 CLIMBED = 6  # candidates that are fitted to the end
@@ -42,8 +43,10 @@ def ranked(
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
     fits = raced(model, base, [seen.fit for seen in chosen])
     steps(total, total)
-    fitted = {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
-    found = [candidate(base, seen.name, fitted.get(seen.name, seen.fit)) for seen in order]
+    fitted = {seen.name: seen.fit for seen in order}
+    fitted |= {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
+    fitted = imitated(model, base, fitted)
+    found = [candidate(base, seen.name, fitted[seen.name]) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
     return best_first, chance_nats(ground, seen_all, leader)

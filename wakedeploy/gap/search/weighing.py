@@ -5,7 +5,7 @@ of the fit each stretch is forecast with parameters that other blocks prefer (cr
 that these can decide; sealed blocks take no part in that, and report.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -40,12 +40,12 @@ class Weight:
 def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> Weight:
     """On blocks that neither fit has seen."""
     was, now = (_stretches(model, model.disagreements(f, episodes)) for f in (before, after))
-    return _weight(was, now)
+    return weight_of(was, now)
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
     """On the blocks of a fit; `before` is what `crossed` says of the fit without the effect."""
-    return _weight(before, crossed(model, after))
+    return weight_of(before, crossed(model, after))
 
 
 def crossed(model: Comparison, fitted: Fit) -> FloatArray:
@@ -87,6 +87,20 @@ def without(fitted: Fit, places: Sequence[int]) -> FloatArray:
     return np.asarray(np.clip(fitted.theta + step, low, high))
 
 
+def is_outdone(model: Comparison, fitted: Fit) -> bool:
+    """Whether forecasts of a fit's blocks are no better than those that ask no model.
+
+    What acts on a model that explains so little is no effect on the system.
+    """
+    asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
+    if asked is None:
+        return False
+    own = crossed(model, fitted).sum(0)
+    simple = [_stretches(model, each).sum(0) for each in asked(fitted.episodes)]
+    least = np.min(simple, axis=0)
+    return bool(np.mean(own / np.where(least > 0.0, least, np.inf)) >= 1.0)
+
+
 def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
     """Sums of squares over stretches of a few horizons, (stretches, channels)."""
     sums = []
@@ -96,8 +110,11 @@ def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:
     return np.array(sums)
 
 
-def _weight(was: FloatArray, now: FloatArray) -> Weight:
-    """Of stretches without and with an effect, those that run away counted no more than some."""
+def weight_of(was: FloatArray, now: FloatArray) -> Weight:
+    """Of squared errors of stretches, (stretches, channels), without and with an effect.
+
+    Those that run away count no more than some.
+    """
     if not np.all(np.isfinite(now)):
         return Weight(-1.0, -1.0, -1.0)
     usual = was.sum(0)

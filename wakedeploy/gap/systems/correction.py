@@ -43,7 +43,7 @@ class Document(_Table):
     span_s: Annotated[float, pydantic.Field(gt=0)]
     constants: dict[str, _Finite] = {}
     form: dict[str, _Finite] = {}
-    sizes: dict[str, Annotated[float, pydantic.Field(gt=0, allow_inf_nan=False)]]
+    sizes: dict[str, Annotated[float, pydantic.Field(ge=0, allow_inf_nan=False)]]
     effect: tuple[Named, ...] = ()
 
 

@@ -27,6 +27,7 @@ from wakedeploy.gap.systems.system import Point, System
 
 SEALED_SHARE = 0.25
 _TOGETHER = 15000  # samples times effects that are looked at in one run
+_TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
 _FORECAST, _LONGEST_FORECAST = 10, 100  # samples, at least and at most
@@ -160,6 +161,17 @@ class LogModel:
         with np.errstate(all="ignore"):
             return self.filter.forecasts(acting, sets, fitted.episodes, self.horizon, chosen)
 
+    def held(self, episodes: Sequence[int]) -> list[list[FloatArray]]:
+        """The same (m, n) of two forecasts that ask no model: the last reading, the log's mean."""
+        last, mean = [], []
+        for block in (self.blocks[e] for e in episodes):
+            whole = self.logs[block.log].outputs
+            read = whole[:, block.start : block.stop]
+            before = np.arange(read.shape[1]) // self.horizon * self.horizon
+            last.append(read - read[:, before])
+            mean.append(read - np.nanmean(whole, axis=1, keepdims=True))
+        return [last, mean]
+
     def _forecast(
         self, hypothesis: Hypothesis, values: Mapping[str, float], episodes: Sequence[int]
     ) -> list[FloatArray]:
@@ -289,12 +301,16 @@ class LogModel:
     def _sizes(self, guessed: Sequence[FloatArray]) -> dict[str, float]:
         """Usual sizes of inputs, states and rates (`d …`), and how outputs vary and reach.
 
+        `least …` is how near to 0 an input or a known state comes, `turns …` whether it changes
+        its sign (1 or 0).
         `y …` is about an output's mean, `top …` the largest reading.
         """
         states = np.concatenate(guessed, axis=1)
         inputs = np.concatenate([log.inputs for log in self.logs], axis=1)
         outputs = np.concatenate([log.outputs for log in self.logs], axis=1)
         sizes = {i.name: _usual(row) for i, row in zip(self.system.inputs, inputs, strict=True)}
+        for stated, row in zip(self.system.inputs, inputs, strict=True):
+            sizes |= _signs(stated.name, row, sizes[stated.name])
         sizes |= {
             f"y {o.name}": _usual(row - np.nanmean(row))
             for o, row in zip(self.system.outputs, outputs, strict=True)
@@ -306,7 +322,10 @@ class LogModel:
         first = max(sizes[f"y {o.name}"] for o in self.system.outputs)
         for name, row in zip(self.system.states, states, strict=True):
             unknown = self.system.start_spread.get(name, first)
-            sizes[name] = _usual(row) if np.ptp(row) > 0.0 else float(unknown)
+            sizes[name] = float(unknown)
+            if np.ptp(row) > 0.0:
+                sizes[name] = _usual(row)
+                sizes |= _signs(name, row, sizes[name])
         rates = self._rates(states, inputs)
         for i, name in enumerate(self.system.states):
             moved = np.concatenate([np.gradient(g[i], self.dt_s) for g in guessed])
@@ -352,6 +371,13 @@ def _smoothed(values: FloatArray) -> FloatArray:
     if len(values) < _SMOOTHED:
         return values
     return np.asarray(savgol_filter(values, _SMOOTHED, 2))
+
+
+def _signs(name: str, values: FloatArray, size: float) -> dict[str, float]:
+    """How near to 0 values come, and whether their sign changes by more than a trifle."""
+    low, high = float(values.min()), float(values.max())
+    turns = low < -_TRIFLE * size and high > _TRIFLE * size
+    return {f"least {name}": float(np.abs(values).min()), f"turns {name}": float(turns)}
 
 
 def _usual(values: FloatArray) -> float:

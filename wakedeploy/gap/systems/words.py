@@ -36,6 +36,13 @@ def _verdict(told: Answer) -> str:
         return f"The system lacks {listed([e.name for e in told.effects])}."
     if told.verdict == "none":
         return "Nothing that matters is missing from the system."
+    if told.is_outdone:
+        return (
+            "The system forecasts no better than its outputs' last readings or their means: its "
+            "equations are wrong by more than an effect."
+        )
+    if told.rivals:
+        return f"Something is missing; these explain it about as well: {listed(told.rivals)}."
     return "Something acts on the system that no known effect explains."
 
 

@@ -83,6 +83,7 @@ class Coulomb(ForceKind):
     name = "coulomb-friction"
     equation = "−F tanh(v/turning)"
     source = _ARMSTRONG
+    needs = ("still",)
     parameters = (
         Parameter("force", _FORCE, low=0.0),
         Parameter("turning", {"speed": 1}, neutral=_STILL, low=0.002, high=0.1,
@@ -100,6 +101,7 @@ class Stribeck(ForceKind):
     name = "stribeck-friction"
     equation = "−F exp(−(v/speed)²) sign(v)"
     source = _ARMSTRONG
+    needs = ("still",)
     parameters = (
         Parameter("force", _FORCE, low=0.0),
         Parameter("speed", {"speed": 1}, neutral=0.3, low=0.05, high=2.0, starts=(0.3,), prior=0.5),
@@ -117,6 +119,7 @@ class Presliding(ForceKind):
     equation = "−F z, length z' = v − |v| z"
     source = "Dahl, AIAA Journal 14, 1976"
     own_states = 1
+    needs = ("still",)
     parameters = (
         Parameter("force", _FORCE, low=0.0),
         Parameter("length", {"position": 1}, neutral=0.03, low=0.002, high=2.0, starts=(0.03,),
@@ -231,6 +234,7 @@ class Hysteresis(ForceKind):
     equation = "−F z, length z' = v − |v| z − shape v |z|"
     source = "Wen, Journal of the Engineering Mechanics Division 102, 1976"
     own_states = 1
+    needs = ("turning",)
     parameters = (
         Parameter("force", _FORCE, low=0.0, starts=(0.1, 1.0, 1.0)),
         Parameter("length", {"position": 1}, neutral=0.3, low=0.02, high=5.0,

@@ -128,6 +128,7 @@ class DeadBand(InputKind):
     name = "dead-band"
     equation = "sign(u) max(|u| − half_width, 0)"
     source = "Khalil, Nonlinear Systems, 2002"
+    needs = ("still",)
     parameters = (
         Parameter("half_width", _OF_INPUT, low=0.0, high=2.0, starts=(0.05, 0.3), prior=0.5),
     )
@@ -211,6 +212,7 @@ class Asymmetry(InputKind):
     name = "asymmetry"
     equation = "u + error |u|"
     source = "Nordin and Gutman, Automatica 38, 2002"
+    needs = ("turning",)
     parameters = (Parameter("error", {}, low=-1.0, high=1.0, starts=(0.1, -0.1), prior=0.3),)
 
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:

@@ -79,7 +79,9 @@ class Kind:
     source: ClassVar[str]
     parameters: ClassVar[tuple[Parameter, ...]]
     own_states: ClassVar[int] = 0
-    needs: ClassVar[tuple[str, ...]] = ()  # of a port: "position", "height", "inertia", "angle"
+    # Of a port: "position", "height", "inertia", "angle"; of the logs: "turning" is a sign that
+    # changes, "still" one that does or that comes near 0. Without, the kind is another's double.
+    needs: ClassVar[tuple[str, ...]] = ()
 
 
 def _power(unit: str, exponent: int) -> str:

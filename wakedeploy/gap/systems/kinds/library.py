@@ -14,6 +14,7 @@ from wakedeploy.gap.systems.kinds.kind import Kind, Parameter, Scales
 from wakedeploy.gap.systems.system import Port, System
 
 _ANGLES = ("rad",)
+_STILL = 0.1  # of the usual size: nearer to 0 a sign may be about to turn
 KINDS_BY_ROLE: dict[str, tuple[Kind, ...]] = {
     "input": inputs.KINDS,
     "force": forces.KINDS,
@@ -70,12 +71,14 @@ def offered(
 ) -> dict[str, Effect]:
     """Every effect by name. `sizes` are usual sizes of inputs, states, rates (`d x`) and outputs.
 
+    They may say of an input or a state how near to 0 it comes (`least x`), and whether its sign
+    changes (`turns x`, 1 or 0); what they do not say is taken to happen.
     `times` are the time between samples and the length of a log [s].
     """
     found: dict[str, Effect] = {}
     for port in system.ports:
         scales = _scales(system, port, sizes, times)
-        for kind in _kinds(system, port):
+        for kind in _kinds(system, port, sizes):
             for other in _others(system, port, kind):
                 suffix = f"-from-{other}" if other else ""
                 name = f"{kind.name}{suffix}@{port.name}"
@@ -85,7 +88,7 @@ def offered(
     return found
 
 
-def _kinds(system: System, port: Port) -> tuple[Kind, ...]:
+def _kinds(system: System, port: Port, sizes: Mapping[str, float]) -> tuple[Kind, ...]:
     if port.role == "custom":
         return (custom_kind(port),)
     for name in port.kinds:
@@ -93,14 +96,18 @@ def _kinds(system: System, port: Port) -> tuple[Kind, ...]:
     return tuple(
         kind
         for kind in KINDS_BY_ROLE[port.role]
-        if (not port.kinds or kind.name in port.kinds) and _makes_sense(system, port, kind)
+        if (not port.kinds or kind.name in port.kinds) and _makes_sense(system, port, kind, sizes)
     )
 
 
-def _makes_sense(system: System, port: Port, kind: Kind) -> bool:
+def _makes_sense(system: System, port: Port, kind: Kind, sizes: Mapping[str, float]) -> bool:
+    """Whether the port has what a kind needs, and the logs what makes it differ from another."""
+    turns = sizes.get(f"turns {port.name}", 1.0) > 0.0
+    near = sizes.get(f"least {port.name}", 0.0) <= _STILL * sizes.get(port.name, 1.0)
     angle = bool(port.position) and system.states[port.position] in _ANGLES
     there = {"position": bool(port.position), "height": bool(port.height), "angle": angle}
     there |= {"inertia": bool(port.inertia), "other": True}
+    there |= {"turning": turns, "still": turns or near}
     if port.role == "constant" and kind.name == "scale":  # one that is free already has any size
         return system.constant(port.name).spread != float("inf")
     return all(there[need] for need in kind.needs)

@@ -1,0 +1,56 @@
+"""Where the fit of a system begins if nobody has measured some of its constants.
+
+In: a `Comparison` and episodes. Out: a start. A constant of unlimited spread says nothing about its
+size, and a climb from far away ends on the nearest summit; so the decade to both sides of the
+stated values is tried first, all points in one run, and the best of them race.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.stats import qmc
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free, Slopes, neutral, scores_of
+from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.comparison import Comparison
+
+_TRIED, _RACED = 32, 3  # points, and how many of them are climbed
+_DECADES = 1.0
+_EVERY = 3  # of the episodes, one is enough to choose points by
+
+
+def beginning(model: Comparison, episodes: Sequence[int]) -> FloatArray:
+    """Parameters (p,) of the system without effects to climb from."""
+    free = model.free(())
+    start = neutral(free)
+    unknown = [i for i, f in enumerate(free) if _is_unmeasured(f)]
+    if not unknown:
+        return start
+    points = _around(start, free, unknown)
+    some = tuple(episodes)[:: _EVERY if len(episodes) > _EVERY else 1]
+    scores = scores_of(model, (), points, some)
+    fits = [
+        Fit(
+            (), free, some, theta, Slopes((), (), ()), np.array([s.log_density.sum() for s in each])
+        )
+        for theta, each in zip(points, scores, strict=True)
+    ]
+    order = sorted(fits, key=lambda f: -np.nan_to_num(f.objective, nan=-np.inf))
+    better = [f for f in order[:_RACED] if f.objective > fits[0].objective]
+    if not better:
+        return start
+    return max(raced(model, fits[0], [fits[0], *better]), key=lambda f: f.objective).theta
+
+
+def _is_unmeasured(free: Free) -> bool:
+    return free.name.startswith("constant.") and np.isinf(free.prior_sd) and free.neutral != 0.0
+
+
+def _around(start: FloatArray, free: Sequence[Free], unknown: Sequence[int]) -> FloatArray:
+    """The start and points within a decade of it, evenly spread, (K, p)."""
+    spread = qmc.Halton(len(unknown), seed=0).random(_TRIED)
+    points = np.tile(start, (_TRIED + 1, 1))
+    for column, i in enumerate(unknown):
+        told = start[i] * 10.0 ** (_DECADES * (2.0 * spread[:, column] - 1.0))
+        points[1:, i] = np.clip(told, free[i].low, free[i].high)
+    return points

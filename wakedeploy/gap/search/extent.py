@@ -1,0 +1,47 @@
+"""How small an effect may be where the likelihood is no parabola around it.
+
+In: a fit whose curvature says that the size of an effect may be nothing, although the effect gains
+on every block. Out: the same fit, with the end of the interval that is nearest to nothing found by
+fitting everything else at smaller sizes (a profile likelihood: Murphy and van der Vaart, J. Am.
+Stat. Assoc. 95, 2000).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import Fit, Slopes
+from wakedeploy.gap.search.climbing import climbed
+from wakedeploy.gap.search.comparison import Comparison
+
+_SHARES = (0.5, 0.25, 0.1, 0.03)  # of the estimate, at which all else is fitted again
+_SURE = 0.95
+
+
+def profiled(model: Comparison, found: Fit, name: str) -> Fit:
+    """A fit with intervals of an effect's sizes that hold nothing only if the blocks allow it."""
+    ends = dict(found.profiled)
+    for i, free in enumerate(found.free):
+        is_size = free.name.startswith(f"{name}.") and free.neutral == 0.0
+        low, high = found.interval(free.name)
+        if is_size and found.theta[i] != 0.0 and low <= 0.0 <= high:
+            share = next((s for s in _SHARES if _is_excluded(model, found, i, s)), 0.0)
+            nearest = share * float(found.theta[i])
+            if nearest:
+                ends[free.name] = (nearest, np.inf) if nearest > 0.0 else (-np.inf, nearest)
+    return replace(found, profiled=ends)
+
+
+def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
+    """Whether the blocks, as a whole and by their spread, speak against a share of a size."""
+    value = share * float(found.theta[i])
+    free, theta = list(found.free), found.theta.copy()
+    free[i], theta[i] = replace(free[i], low=value, high=value), value
+    nothing = Slopes((), (), ())
+    held = climbed(model, replace(found, free=tuple(free), theta=theta, slopes=nothing))
+    lost, count = found.per_episode - held.per_episode, len(found.episodes)
+    quantile = float(student_t.ppf(_SURE, max(count - 1, 1)))
+    reach = quantile * float(np.std(lost, ddof=1)) * count**0.5 if count > 1 else np.inf
+    total = float(lost.sum()) + found.log_prior - held.log_prior
+    return total > max(0.5 * quantile**2, reach)

@@ -1,0 +1,98 @@
+"""Candidates fitted from where the best one ended: what explains as much only from there.
+
+In: a base and a fit of each candidate on top of it. Out: better fits of those that come near the
+best one once noise and constants stand as beside it. Where constants have bent to an effect that
+the base lacks, the way from the base leads through worse fits than either.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from wakedeploy.gap.evidence.inference import (
+    Fit,
+    FloatArray,
+    Free,
+    Slopes,
+    extended,
+    log_prior,
+)
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.climbing import raced
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.looking import starts_of, together
+
+_NEAR = 0.3  # share of the best one's gain that another must have from there to be fitted
+_MOST = 4  # that are fitted from there
+_LEADERS = 3  # from whose places others are tried
+_DELAYS = (0.5, 1.0)  # of the best one's: two lags in series are each half as long
+
+
+def imitated(model: Comparison, base: Fit, fitted: Mapping[str, Fit]) -> dict[str, Fit]:
+    """The fits, those replaced that are better from where the best one ended, by effect.
+
+    Where another is then the best, the rest are tried from there, too.
+    """
+    known, tried = dict(fitted), set[str]()
+    for _ in range(_LEADERS):
+        best = max(known, key=lambda n: known[n].objective, default=None)
+        if best is None or best in tried:
+            break
+        tried.add(best)
+        known |= _imitating(model, base, known, best)
+    return known
+
+
+def _imitating(
+    model: Comparison, base: Fit, fitted: Mapping[str, Fit], best: str
+) -> dict[str, Fit]:
+    """Better fits of others from where the best one ended."""
+    gained = fitted[best].objective - base.objective
+    if gained < RULES.least_nats:
+        return {}
+    begun = _begun(model, base, fitted[best], [n for n in fitted if n != best])
+    near = {
+        n: f
+        for n, f in begun.items()
+        if f.objective > max(fitted[n].objective, base.objective + _NEAR * gained)
+    }
+    chosen = sorted(near, key=lambda n: -near[n].objective)[:_MOST]
+    return dict(zip(chosen, raced(model, base, [near[n] for n in chosen]), strict=True))
+
+
+def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dict[str, Fit]:
+    """The best start of each candidate beside the noise and the constants of the best fit."""
+    points, frees = {}, {}
+    for name in names:
+        frees[name] = model.free((*base.hypothesis, name))
+        points[name] = _points(best, frees[name], name)
+    begun = {}
+    for name, scores in together(model, base, best, points):
+        density = [np.array([s.log_density.sum() for s in each]) for each in scores]
+        told = [float(d.sum()) + log_prior(frees[name], theta)
+                for d, theta in zip(density, points[name], strict=True)]  # fmt: skip
+        k = int(np.argmax(np.nan_to_num(told, nan=-np.inf)))
+        hypothesis, nothing = (*base.hypothesis, name), Slopes((), (), ())
+        begun[name] = Fit(
+            hypothesis, frees[name], base.episodes, points[name][k], nothing, density[k]
+        )
+    return begun
+
+
+def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
+    """A candidate at its starts, and as late as the best one is, where both are delays."""
+    origin = extended(best, free)
+    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    points = starts_of(origin, free, own)
+    late = [v for f, v in zip(best.free, best.theta, strict=True) if _is_delay(f, best)]
+    for i in own:
+        if late and free[i].unit == "s":
+            for share in _DELAYS:
+                point = origin.copy()
+                point[i] = np.clip(share * late[0], free[i].low, free[i].high)
+                points.append(point)
+    return points
+
+
+def _is_delay(free: Free, best: Fit) -> bool:
+    return free.unit == "s" and free.name.startswith(f"{best.hypothesis[-1]}.")

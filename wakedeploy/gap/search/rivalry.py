@@ -1,0 +1,85 @@
+"""Which effects explain what a named one explains: rivals, told apart by evidence or by forecasts.
+
+In: candidates with what each gains on every block, and the squared errors of their forecasts. Out:
+the class that an answer has to name. A rival need not improve forecasts by so much that it would
+be named itself, nor gain more than chance: what counts is whether the recordings tell it from the
+one that would be.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.stats import t as student_t
+
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free
+from wakedeploy.gap.evidence.ranking import Candidate
+from wakedeploy.gap.rules import RULES
+from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.weighing import Weight, crossed, weight_of
+
+_SURE = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Verdict:
+    """A candidate of a round, why it is not named (or "accepted"), and what forecasts say.
+
+    `squares` are the squared errors of its forecasts of each stretch (stretches, channels).
+    """
+
+    one: Candidate
+    why: str
+    weight: Weight | None = None
+    squares: FloatArray | None = None
+
+
+def rivals_with(best: Candidate, other: Candidate) -> bool:
+    """Whether blocks do not agree that the best gains more than another."""
+    apart = best.gains - other.gains
+    count = len(apart)
+    if count < 2:
+        return float(apart.sum()) < RULES.class_nats
+    reach = float(student_t.ppf(_SURE, count - 1)) * float(apart.std(ddof=1)) * count**0.5
+    return bool(float(apart.sum()) - reach < RULES.class_nats)
+
+
+def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
+    """Of candidates that blocks do not tell apart, those that forecasts do not either.
+
+    Stretches are compared in pairs with those of the one that forecasts best.
+    """
+    squares = [_squares(model, v) for v in members]
+    usual = np.where(squares[0].sum(0) > 0.0, squares[0].sum(0), 1.0)
+    best = min(squares, key=lambda each: float((each.sum(0) / usual).sum()))
+    return [
+        v
+        for v, own in zip(members, squares, strict=True)
+        if own is best or not weight_of(own, best).low > 0.0
+    ]
+
+
+def is_absent(fitted: Fit, name: str) -> bool:
+    """Whether every size of an effect is the value without effect, to the last digit."""
+    return all(fitted.value(f.name) == f.neutral for f in _sizes(fitted, name))
+
+
+def is_nothing(fitted: Fit, name: str) -> bool:
+    """Whether the intervals of all sizes of an effect hold the value without effect.
+
+    A shape, whose neutral value is not 0, does not count: it has no meaning where the size is 0.
+    """
+    sizes = _sizes(fitted, name)
+    ends = [fitted.interval(f.name) for f in sizes]
+    return all(low <= f.neutral <= high for f, (low, high) in zip(sizes, ends, strict=True))
+
+
+def _sizes(fitted: Fit, name: str) -> list[Free]:
+    """The parameters that are 0 without the effect; all of one that has none."""
+    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    return [f for f in own if f.neutral == 0.0] or own
+
+
+def _squares(model: Comparison, verdict: Verdict) -> FloatArray:
+    known = verdict.squares
+    return np.asarray(crossed(model, verdict.one.fit) if known is None else known)
