@@ -18,6 +18,8 @@ _NEEDS = {
     "inertia": "`inertia`",
     "angle": "a `position` that is an angle",
     "other": "a second input or axis",
+    "still": "logs in which it comes near 0, or turns",
+    "turning": "logs in which it turns",
 }
 
 
