@@ -30,7 +30,7 @@ def markdown() -> str:
 
 def _sections() -> Iterator[str]:
     for role, kinds in KINDS_BY_ROLE.items():
-        yield f"### {_HEADS[role]}"
+        yield f"## {_HEADS[role]}"
         head = ["Effect", "What it is", "Equation", "Parameters", "Needs", "Source"]
         yield table(head, (_row(kind) for kind in kinds))
 
