@@ -97,7 +97,7 @@ def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:
     out = tmp_path / "out"
-    asked = ("--epochs", 6, "--pruner", "none", *SLOW)
+    asked = ("--epochs", 12, "--pruner", "none", *SLOW)
     process = started(out, "--trials", 10, "--workers", 2, *asked)
     until(lambda: len(in_training(out)) == 2)
     assert len({trial.user_attrs["worker"]["pid"] for trial in in_training(out)}) == 2
@@ -130,7 +130,7 @@ def test_a_tune_killed_whole_is_gone_on_with_by_the_next(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:
     out = tmp_path / "out"
-    asked = ("--epochs", 4, "--pruner", "none", *SLOW)
+    asked = ("--epochs", 6, "--pruner", "none", *SLOW)
     process = started(out, "--trials", 50, *asked)
     victim = killed_in_training(out)
     process.communicate()

@@ -85,7 +85,7 @@ def test_each_disturbance_can_be_switched_off() -> None:
         range_sensor={"noise_m": 0.0, "resolution_m": 0.0},
     )
     log = record(clean, seconds=8.0, seed=1)
-    assert len(log) == 8 * 32 + 54 + 1  # the touch-down, and the tick that switches the motors off
+    assert len(log) == 8 * 32 + 56 + 1  # the touch-down, and the tick that switches the motors off
     assert np.allclose(np.diff(log["t_s"]), 1 / 32, atol=1e-12)
     # In flight: a touch-down carries less than the weight, which the filter takes for a fall.
     assert np.nanmax(np.abs(log["innovation_m"][: 8 * 32])) < 0.03
