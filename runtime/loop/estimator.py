@@ -254,8 +254,8 @@ class Estimator:
         seen = surprised(added_up(seen, acts_known=measured.acts_known))
         if is_sudden:
             return replace(seen, pushed=(0.0, 0.0)), max(sudden_var, noise_var)
-        # Nearer, the stop itself pushes; and the same reading again is no news.
-        is_clear = now.z_m > _PUSH_ABOVE_M and measured.alike == 0
+        # The stop itself pushes what sinks onto it; and the same reading again is no news.
+        is_clear = (now.z_m > _PUSH_ABOVE_M or now.vz_mps > 0.0) and measured.alike == 0
         if tells_of_a_push(seen) and is_clear:
             seen = self._after_a_push(set_apart(seen, before))
         return seen, noise_var

@@ -107,7 +107,7 @@ def with_pulses_too_long(sketch: str) -> str:
     ("spoil", "ends"),
     [
         (with_the_motors_swapped, "failsafe: thrust_lost"),
-        (with_pulses_too_long, "failsafe: z_limit"),
+        (with_pulses_too_long, "failsafe: height_impossible"),
     ],
 )
 def test_a_bug_in_the_sketch_is_seen_in_the_flight(
