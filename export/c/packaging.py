@@ -239,8 +239,16 @@ def _stepped(
     worst = compare(_rolled(predictor, inputs), expected).max_rel
     if reference.record is None or reference.rounded is not None:
         return worst
-    recorded = reference.record
-    return max(worst, compare(_rolled(predictor, recorded.observation), recorded.force).max_rel)
+    recorded = compare(
+        _rolled(predictor, reference.record.observation), reference.record.force
+    ).max_rel
+    if worst <= reference.limit and not recorded <= reference.limit:
+        raise CheckFailed(
+            "The C gives what the package's graph gives, but not the forces recorded in the "
+            f"package: relative {recorded:.1e}, limit {reference.limit:.1e}; nothing was written. "
+            "Record and graph do not belong together; export the run anew."
+        )
+    return max(worst, recorded)
 
 
 def _rolled(predictor: CompiledPredictor, observations: FloatArray) -> FloatArray:
