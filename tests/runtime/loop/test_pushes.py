@@ -36,6 +36,19 @@ def test_a_push_is_known_soon(push_n, within_s):
         assert known_s < within_s
 
 
+def test_a_push_off_the_stop_is_known_as_soon():
+    """As with pulses that are too long at lift-off: the stop itself pushes only what sinks."""
+    for seed in SEEDS:
+        rng, estimator = np.random.default_rng(seed), Estimator(RIG)
+        now, known_s = hovering(0.0), None
+        for t_s, z_m, vz_mps in moved(0.0, lambda _: 3.0, 0.5):
+            one = reading(t_s, z_m, vz_mps, rng)
+            now = estimator.step(now, one, (HOVER_US, HOVER_US))
+            if known_s is None and abs(now.vz_mps - vz_mps) < 0.3 and now.disturbance_n > 2.1:
+                known_s = t_s
+        assert known_s < 0.25
+
+
 def test_a_stray_as_the_push_begins_delays_it_by_little():
     def strayed(since_s, one):
         return replace(one, range_m=one.range_m - 0.15) if 0.0 < since_s < DT_S else one
