@@ -29,8 +29,8 @@ def test_a_predictor_trained_on_measured_forces_improves_the_flight(
     logs = [f"f{seed}.mcap" for seed in range(FLIGHTS)]
     told = run("log", "smooth", *logs, "--rig", "rig.toml", "--out", "sets/measured")
     assert "Label noise leaves an R²" in told
-    run("train", "--data", "sets/measured", "--arch", "gru", "--epochs", 15)
-    run("export", "--arch", "gru", "--data", "sets/measured")
+    run("train", "--data", "sets/measured", "--arch", "history-mlp", "--epochs", 15)
+    run("export", "--arch", "history-mlp", "--data", "sets/measured")
     rmse_mm = {
         package: np.mean(
             [
@@ -39,6 +39,6 @@ def test_a_predictor_trained_on_measured_forces_improves_the_flight(
                 for flight in [record(None, seconds=20.0, seed=s, package=package)]
             ]
         )
-        for package in (None, "gru.onnx")
+        for package in (None, "history-mlp.onnx")
     }
-    assert rmse_mm["gru.onnx"] < 0.5 * rmse_mm[None]
+    assert rmse_mm["history-mlp.onnx"] < 0.5 * rmse_mm[None]

@@ -28,9 +28,9 @@ def rubs(scene: Scene, *, factor: float) -> None:
     scene.world.plant.scale_friction(factor)
 
 
-def loses_thrust(scene: Scene, *, share: float) -> None:
-    """The sufferer's motor gives less."""
-    scene.world.plant.sufferer_share = lambda t_s: 1.0 - share
+def thrusts(scene: Scene, *, factor: float) -> None:
+    """The sufferer's motor gives less, or more."""
+    scene.world.plant.sufferer_share = lambda t_s: factor
 
 
 def sags(scene: Scene, *, per_s: float) -> None:
@@ -77,9 +77,9 @@ FAULTS = (
     *(push(force_n).for_a_time(0.5) for force_n in PUSHES_N),
     _fault("friction x 10", "The rail's friction grows tenfold.", partial(rubs, factor=10.0)),
     *(
-        _fault(f"thrust -{percent} %", f"The sufferer's motor gives {percent} % less thrust.",
-               partial(loses_thrust, share=0.01 * percent))
-        for percent in (5, 10, 20, 30)
+        _fault(f"thrust {percent:+d} %", f"The sufferer's thrust changes by {percent:+d} %.",
+               partial(thrusts, factor=1.0 + 0.01 * percent))
+        for percent in (-5, -10, -20, -30, 10, 20, 40)
     ),
     _fault("battery sags", "Both motors lose 2 % of their thrust a second, down to half.",
            partial(sags, per_s=SAG_PER_S)),

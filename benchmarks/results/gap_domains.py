@@ -65,10 +65,6 @@ def _domain(result: Row) -> str:
 
 def _found(result: Row) -> str:
     """The verdict, what each effect gains alone and beside those found, sizes, residuals."""
-    doubted: Sequence[str] = result.get("doubted") or ()
-    doubt = f" Doubt {', '.join(doubted)}: with it the error on sealed episodes grew." * bool(
-        doubted
-    )
     placebo = result.get("placebo")
     channels = list(result["gap"])
     residuals = [
@@ -82,7 +78,7 @@ def _found(result: Row) -> str:
     instead = f"with {placebo['name']} instead" if placebo else "with another instead"
     return paragraphs(
         f"Verdict: {result['verdict']}, {', '.join(one['name'] for one in result['effects'])}. The "
-        f"threshold is {result['threshold_nats']:.1f} nats.{doubt}",
+        f"threshold is {result['threshold_nats']:.1f} nats.",
         _rankings(result["rounds"]),
         table(["parameter", "value", "unit"], [_parameter(*one) for one in _sizes(result)]),
         table(["residual", "before", "after", instead], residuals),

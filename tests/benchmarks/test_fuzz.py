@@ -1,4 +1,4 @@
-"""Thousands of damaged files of every cheap kind: read, or refused in a sentence, and at once.
+"""A thousand damaged files and more of every cheap kind: read, or refused in a sentence, at once.
 
 `python -m benchmarks.fuzz` reads a million more; what it judges by is tested here, too.
 """
@@ -19,13 +19,13 @@ from benchmarks.fuzz.smallest import smallest
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 
 FILES = {
-    "rig": 200, "rig-update": 60, "log-csv": 200, "log-mcap": 120, "flight": 12, "reference": 400,
-    "expression": 900, "episodes": 150, "run": 150, "run-interrupted": 12, "preset": 200,
-    "study": 120, "sweep-plan": 150, "sweep-results": 25, "gap-steps": 100, "gap-add": 60,
-    "gap-fits": 40, "gap-benchmark": 30, "fish": 40, "quadrotor": 40, "crazyflie": 60, "motor": 60,
-    "table-csv": 100, "table-npz": 100, "table-mat": 20, "table-parquet": 60, "table-hdf5": 8,
-    "table-mcap": 40, "table-rosbag": 20, "table-ros-mcap": 20, "table-ulog": 40,
-    "table-columns": 100,
+    "rig": 100, "rig-update": 30, "log-csv": 100, "log-mcap": 60, "flight": 8, "reference": 200,
+    "expression": 450, "episodes": 75, "run": 75, "run-interrupted": 8, "preset": 100,
+    "study": 60, "sweep-plan": 75, "sweep-results": 12, "gap-steps": 50, "gap-add": 30,
+    "gap-fits": 20, "gap-benchmark": 15, "fish": 20, "quadrotor": 20, "crazyflie": 30, "motor": 30,
+    "table-csv": 50, "table-npz": 50, "table-mat": 10, "table-parquet": 30, "table-hdf5": 6,
+    "table-mcap": 20, "table-rosbag": 10, "table-ros-mcap": 10, "table-ulog": 20,
+    "table-columns": 50,
 }  # fmt: skip
 SEED = 1
 

@@ -8,7 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
-from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import weight_of, without
 from wakedeploy.gap.systems.logs import LogModel
@@ -59,6 +59,24 @@ def test_what_nothing_explains_is_said_with_its_size_and_what_it_follows(rubbing
     lines = sentences(answer_of(rubbing, told))
     assert lines[0] == "Something acts on the system that no known effect explains."
     assert "on speed_mps" in lines[1]
+
+
+def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
+    """The input comes late until the last quarter begins, which alone is sealed."""
+    rng = np.random.default_rng(5)
+    force = np.repeat(rng.uniform(-4.0, 4.0, 100), 8)
+    late = np.concatenate([np.zeros(5), force[:-5]])
+    sealed = 3 * len(force) // 4
+    acting = np.where(np.arange(len(force)) < sealed, late, force)
+    pushed = acting + 0.1 * rng.standard_normal(len(force))
+    speed = np.concatenate([[0.0], np.cumsum(pushed[:-1]) / 2.0 / RATE])
+    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
+    model = LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    told = named(model, fitted_base(model))
+    assert (verdict_of(told), told.found.hypothesis) == ("unknown", ())
+    (judged,) = [e["judged"] for e in told.rounds[0]["ranking"] if e["name"] == "dead-time@force_n"]
+    assert judged == UNSEEN_WORSE
+    assert any(UNSEEN_WORSE in line for line in sentences(answer_of(model, told)))
 
 
 def test_a_stretch_that_runs_away_does_not_decide():

@@ -65,6 +65,16 @@ def recorded(seed, delay_s=0.0, friction_n=0.0, seconds=40.0):
     return Recording(f"made {seed}", np.arange(n) / RATE, {"force_n": held, "position_m": shown})
 
 
+def test_a_constant_is_moved_by_little_of_itself_where_its_spread_is_wide():
+    """Slopes over a step as large as the constant send the climb nowhere."""
+
+    class Loose(Mass):
+        constants = [Constant("mass_kg", 2.0, spread=5.0), *Mass.constants[1:]]
+
+    (mass,) = [f for f in LogModel(Loose(), [recorded(0)]).free(()) if f.quantity == "mass_kg"]
+    assert (mass.prior_sd, mass.step) == (5.0, pytest.approx(0.02))
+
+
 def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
     recording = recorded(0, seconds=3.0)
     model = LogModel(Mass(), [recording])

@@ -92,6 +92,10 @@ def test_a_sound_system_passes():
         ({"outputs": [Output("force_v", "V")]}, "nothing for the output 'force_v'"),
         ({"ports": [Port.force("speed")]}, "the state 'speed', which is not there"),
         ({"constants": [Constant("mass_kg", 2.0, spread=-1.0)]}, "spread"),
+        (
+            {"constants": [Constant("mass_kg", 2e-4, spread=0.1)]},
+            r"spread of 0\.1, 500 times its value.*10 % of it are 2e-05",
+        ),
         ({"rate_hz": 0.0}, "rate_hz"),
         ({"step": lambda s, state, u, c: {}}, "both of `derivative` and `step`"),
         ({"inputs": [Input("speed_mps", "m/s")]}, "an input and a state"),

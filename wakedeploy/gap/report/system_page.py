@@ -92,7 +92,6 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
         "places": _places(result),
         "alone": _alone(result.rounds),
         "placebo": _placebo(result),
-        "doubt": _doubt(result.doubted),
         "white": [
             whiteness(result.white.before, "the baseline"),
             whiteness(result.white.after, "the baseline with what was found"),
@@ -102,13 +101,6 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
             for name, drawing in drawings.items()
         },
     }
-
-
-def _doubt(doubted: Sequence[str]) -> str:
-    """Which of the effects found the sealed episodes speak against; "" for none."""
-    if not doubted:
-        return ""
-    return f"Doubt {listed(doubted)}: with it, the error on the sealed episodes grew."
 
 
 def _verdict(result: Result) -> str:

@@ -309,14 +309,10 @@ class Answer(Artefact):
 
 
 class BeforeAfter(Artefact):
-    """The gap on sealed episodes before and after, as domain.json has it beside the answer.
-
-    `doubted` are effects with which the error there grew.
-    """
+    """The gap on sealed episodes before and after, as domain.json has it beside the answer."""
 
     gap: dict[str, Error]
     removed: Forecast
-    doubted: list[str] = []
     white: WhitePair
     shown: Shown
     forecast_s: Number | None = None

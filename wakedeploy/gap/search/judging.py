@@ -34,7 +34,14 @@ from wakedeploy.gap.search.extent import profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
-from wakedeploy.gap.search.weighing import Weight, cross_weighed, crossed, is_outdone, weight_of
+from wakedeploy.gap.search.weighing import (
+    Weight,
+    cross_weighed,
+    crossed,
+    helps,
+    is_outdone,
+    weight_of,
+)
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
@@ -42,6 +49,7 @@ CHANCE = "no more than chance"
 NO_SIZE = "its size's interval holds no effect"
 ONE_BLOCK = "its gain rests on one block"
 WORSE = "forecasts get worse"
+UNSEEN_WORSE = "forecasts of sealed episodes get no better"
 HARDLY = "evident, but forecasts hardly change"
 ACCEPTED = "accepted"
 
@@ -89,7 +97,7 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
         if further is None:
             break
         told = further
-    told = _with_sizes(model, _still_needed(model, told))
+    told = _borne_out(model, _with_sizes(model, _still_needed(model, told)))
     if is_outdone(model, told.found):
         told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
@@ -317,6 +325,19 @@ def _with_sizes(model: Comparison, told: Named) -> Named:
     return _left_of(told, found)
 
 
+def _borne_out(model: Comparison, told: Named) -> Named:
+    """Without effects that make forecasts of sealed episodes no better, the last named first."""
+    found = told.found
+    for name in reversed(told.found.hypothesis):
+        without = _without(model, found, name) if len(found.hypothesis) > 1 else told.base
+        if helps(model, without, found, model.sealed()):
+            continue
+        for searched in told.rounds:
+            _mark(searched, name, UNSEEN_WORSE)
+        found = without
+    return _left_of(told, found)
+
+
 def _without(model: Comparison, found: Fit, name: str) -> Fit:
     """A fit of the others."""
     rest = tuple(n for n in found.hypothesis if n != name)
@@ -364,7 +385,7 @@ def verdict_of(told: Named) -> str:
         return "named"
     rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
     doubtful = any(
-        e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE)
+        e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE, UNSEEN_WORSE)
         or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )

@@ -94,7 +94,6 @@ def before_after(
             for c, (name, unit) in enumerate(model.channels)
         },
         removed=Forecast(**asdict(removed)),
-        doubted=list(found.hypothesis) if removed.high < 0.0 else [],
         white=WhitePair(before=_white(base), after=_white(found)),
         shown=Shown(**profiles(model, base, found, sealed)),
         forecast_s=forecast_s,

@@ -13,7 +13,7 @@ from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, prior_precision
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.comparison import Comparison
+from wakedeploy.gap.search.comparison import Comparison, errors
 
 _FOLDS = 4
 _CAP = 20.0  # typical stretches that one may count for: from an unstable state all models run away
@@ -41,6 +41,13 @@ def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int])
     """On blocks that neither fit has seen."""
     was, now = (_stretches(model, model.disagreements(f, episodes)) for f in (before, after))
     return weight_of(was, now)
+
+
+def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> bool:
+    """Whether forecasts get better on average, and where none of them is cut short as well."""
+    worse = np.divide(errors(model, after, episodes), errors(model, before, episodes))
+    share = weighed(model, before, after, episodes).share
+    return share > 0.0 and float(np.mean(worse**2)) < 1.0
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:

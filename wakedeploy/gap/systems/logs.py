@@ -257,6 +257,8 @@ class LogModel:
                 step = 1e-3 * (abs(c.value) or 1.0)
                 if np.isfinite(c.spread):
                     step = 0.02 * c.spread
+                    if c.keeps_sign:
+                        step = min(step, 0.01 * abs(c.value))
                 name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
                 told.append(Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name))
         return told

@@ -30,6 +30,7 @@ Increments = Callable[[FloatArray, "Point", "Point", "Point"], Mapping[str, Any]
 _HOLDS = ("step", "linear")
 _TOOK_ARRAYS = re.compile(r"truth value of an array|scalar arrays|0-dimensional arrays")
 _FARTHEST = 1e3  # how many times its value a constant without bounds may become
+_WIDEST = 3.0  # times its value: the largest spread of a constant that keeps its sign
 
 
 @dataclass(frozen=True)
@@ -65,7 +66,7 @@ class Output:
 
 @dataclass(frozen=True)
 class Constant:
-    """A number of the model: `value`, known to a standard deviation of `spread`.
+    """A number of the model: `value`, known to a standard deviation of `spread`, in the same unit.
 
     A spread of 0 is a constant that is known; it is not fitted. An infinite one is a constant that
     nobody has measured. Without `low` and `high` a constant keeps its sign. All are in `unit`, and
@@ -79,6 +80,11 @@ class Constant:
     unit: str = ""
     low: float | None = None
     high: float | None = None
+
+    @property
+    def keeps_sign(self) -> bool:
+        """Whether a fit may not turn it round: it is not 0, and states no bounds."""
+        return self.value != 0.0 and self.low is None and self.high is None
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -392,6 +398,13 @@ def _check_names(system: System) -> None:
             raise UnusableInput(
                 f"{system.name}: constant {c.name!r} is {c.value} with spread {c.spread} in "
                 f"[{low}, {high}]; give a finite value within its bounds, and a spread from 0."
+            )
+        if c.keeps_sign and _WIDEST * abs(c.value) < c.spread < math.inf:
+            raise UnusableInput(
+                f"{system.name}: constant {c.name!r} is {c.value:g} with a spread of {c.spread:g}, "
+                f"{c.spread / abs(c.value):.0f} times its value. A spread is in the constant's "
+                f"unit: 10 % of it are {0.1 * abs(c.value):.2g}. Nobody has measured it: "
+                'float("inf").'
             )
     for name in (*system.process_noise, *system.start_spread):
         if name not in system.states:

@@ -15,7 +15,7 @@ class CLASS(System):
     states = {"position_m": "m", "speed_mps": "m/s"}
     outputs = [Output("position_m", "m", noise=1e-4)]  # logged; a sensor's sd, roughly
     constants = [
-        Constant("mass_kg", 2.0, spread=0.1),  # as measured, and how well; 0 is exact
+        Constant("mass_kg", 2.0, spread=0.1),  # as measured, ± 0.1 kg; 0 is exact
         Constant("gain_n_per_v", 1.5, spread=0.1),  # float("inf"): nobody has measured it
     ]
     ports = [  # where effects may act

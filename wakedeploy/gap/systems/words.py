@@ -1,7 +1,7 @@
 """What a step found in a user's system, as sentences for a terminal."""
 
 from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Result, Size
-from wakedeploy.gap.search.judging import ACCEPTED, CHANCE
+from wakedeploy.gap.search.judging import ACCEPTED, CHANCE, UNSEEN_WORSE
 from wakedeploy.gap.wording import listed
 
 _MOST_PLACES, _MOST_RANKED = 6, 5
@@ -91,14 +91,17 @@ def _percent(share: float) -> str:
 
 
 def _rejected(told: Answer) -> list[str]:
-    """Of the last round, what was evident and yet not named, and why."""
+    """Of the last round, what was evident and yet not named, and why; and what was withdrawn."""
     if not told.rounds:
         return []
-    return [
-        f"  Not named: {one.name}: {one.judged}."
+    judged = {
+        one.name: one.judged
         for one in told.rounds[-1].ranking[:_MOST_RANKED]
         if one.judged not in ("", ACCEPTED, CHANCE)
-    ]
+    }
+    ranked = (one for searched in told.rounds for one in searched.ranking)
+    judged |= {one.name: UNSEEN_WORSE for one in ranked if one.judged == UNSEEN_WORSE}
+    return [f"  Not named: {name}: {why}." for name, why in judged.items()]
 
 
 def _gap(told: Result) -> list[str]:

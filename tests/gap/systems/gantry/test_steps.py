@@ -37,7 +37,6 @@ ADDED = "transport-speed"
 # longer.
 SEARCHED = (
     "command-latency", "spool-lag-sufferer", "spool-lag-source", ADDED, "coulomb-friction",
-    "range-delay",
 )  # fmt: skip
 GAP_KEYS = {
     "before", "after", "noise_floor", "unit", "closed", "before_interval", "after_interval",
