@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 _SEED = 7  # of the first flight; training episodes count from a million
 _EPOCHS = 40
-_LATENCY_TICKS = 192  # 6 s: enough to see a busy computer, too few for a verdict
+_LATENCY_TICKS = 128  # 4 s: enough to see a busy computer, too few for a verdict
 
 
 @click.command()
@@ -30,7 +30,7 @@ _LATENCY_TICKS = 192  # 6 s: enough to see a busy computer, too few for a verdic
     show_default=True,
     help="Everything the demo makes lies here.",
 )
-@click.option("--minutes", type=click.FloatRange(2, 600), default=15.0, show_default=True,
+@click.option("--minutes", type=click.FloatRange(2, 600), default=12.0, show_default=True,
               help="Of simulated flight to train on.")  # fmt: skip
 @click.option("--flights", type=click.IntRange(2, 1000), default=6, show_default=True,
               help="To compare on, in simulated time.")  # fmt: skip
