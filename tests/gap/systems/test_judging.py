@@ -8,6 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
+from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
 from wakedeploy.gap.search.weighing import weight_of, without
@@ -77,6 +78,17 @@ def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
     (judged,) = [e["judged"] for e in told.rounds[0]["ranking"] if e["name"] == "dead-time@force_n"]
     assert judged == UNSEEN_WORSE
     assert any(UNSEEN_WORSE in line for line in sentences(answer_of(model, told)))
+
+
+def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
+    few_gain_most = np.array([0.4, 60.0, 1.1, 0.3, 30.0, 2.0])
+    assert is_steady(few_gain_most)
+    assert not is_steady(few_gain_most[:4])  # four blocks are too few to agree
+    assert not is_steady(np.array([0.4, 60.0, -1.1, 0.3, -30.0, 2.0]))
+    assert not is_steady(np.zeros(6))
+    rng = np.random.default_rng(0)
+    alarms = sum(is_steady(rng.standard_normal(8) ** 3) for _ in range(400))
+    assert alarms <= 32  # 20 expected of 400
 
 
 def test_a_stretch_that_runs_away_does_not_decide():

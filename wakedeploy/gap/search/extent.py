@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 from scipy.stats import t as student_t
+from scipy.stats import wilcoxon
 
-from wakedeploy.gap.evidence.inference import Fit, Slopes
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Slopes
 from wakedeploy.gap.search.climbing import climbed
 from wakedeploy.gap.search.comparison import Comparison
 
@@ -44,4 +45,15 @@ def _is_excluded(model: Comparison, found: Fit, i: int, share: float) -> bool:
     quantile = float(student_t.ppf(_SURE, max(count - 1, 1)))
     reach = quantile * float(np.std(lost, ddof=1)) * count**0.5 if count > 1 else np.inf
     total = float(lost.sum()) + found.log_prior - held.log_prior
-    return total > max(0.5 * quantile**2, reach)
+    return total > 0.5 * quantile**2 and (total > reach or is_steady(lost))
+
+
+def is_steady(gains: FloatArray) -> bool:
+    """Whether the blocks agree that something is gained, some of them much more than others (E,).
+
+    Where an effect acts in a few blocks above all, as drag does where it is fast, their mean is
+    uncertain and their sign is not (signed ranks: Wilcoxon, Biometrics Bulletin 1, 1945).
+    """
+    if not np.any(gains):
+        return False
+    return float(wilcoxon(gains, alternative="greater").pvalue) < 1.0 - _SURE

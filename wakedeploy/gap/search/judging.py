@@ -30,7 +30,7 @@ from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.beginnings import beginning
 from wakedeploy.gap.search.comparison import Comparison, errors
-from wakedeploy.gap.search.extent import profiled
+from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
 from wakedeploy.gap.search.sizes import least_squares, parameters
@@ -235,7 +235,9 @@ def _with(model: Comparison, told: Named, best: Sequence[Verdict]) -> Named | No
 def _is_something(one: Candidate, chance: float) -> bool:
     """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
     return is_shared(one, chance) and (
-        not is_nothing(one.fit, one.name) or one.gain_interval()[0] > 0.0
+        not is_nothing(one.fit, one.name)
+        or one.gain_interval()[0] > 0.0
+        or is_steady(np.asarray(one.gains))
     )
 
 
