@@ -359,7 +359,7 @@ class Loop:
             not_lifting_s=signs.not_lifting_s,
             rises_unseen=self._way_down.rises_unseen,
             unexplained_s=self._way_down.unexplained_s,
-            range_late=self._lateness.evidence if self._flies else 0.0,
+            range_late=self._range_late(),
             thrust_share=signs.thrust_share,
             battery_gone_s=signs.battery_gone_s,
             z_m=estimate.z_m,
@@ -368,6 +368,13 @@ class Loop:
         self._safety = safety.watch(self._safety, found, self._rig.limits)
         if safety.doubts_the_range(self._safety, found):
             self._lateness.adopt()
+
+    def _range_late(self) -> float:
+        """Evidence that readings are late; less of it counts where the loop does not swing."""
+        evidence = self._lateness.evidence if self._flies else 0.0
+        if self._way_down.unexplained_sd_n > safety.SWINGING_SD_N:
+            return evidence
+        return min(evidence, max(safety.RANGE_LATE, safety.CALM_SHARE * evidence))
 
     def _control(
         self,

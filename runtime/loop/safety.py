@@ -48,6 +48,8 @@ UNEXPLAINED_SD_N, UNEXPLAINED_S = 2.0, 0.5
 # none by PID alone comes to 9, and one with a package comes to 10.5: its feedforward can look like
 # a late reading. So the feedforward goes first, and the flight only if that does not help.
 RANGE_DOUBTED, RANGE_LATE = 9.0, 12.0
+# Late readings make the loop swing: without that, a thrust or a wake off its model looks like them.
+SWINGING_SD_N, CALM_SHARE = 0.8, 0.75
 RANGE_SUSPECTED = 6.0  # enough where the loop swings already
 # With a thrust of less than two fifths of its weight a sufferer in the air is by so much faster, a
 # quarter of a second later. One that is hardly moving then stands on something: on the stop, most

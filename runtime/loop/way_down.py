@@ -68,12 +68,18 @@ class WayDown:
         self._range_bias_m = unplaced_constants(rig)["range.bias_m"]
         self._may_repeat, self._ladder = may_repeat(rig), self._planner.idle
         self._is_settling, self._lifting_n = False, 0.0
+        self._seen_n = 0.0  # what lifted it when it was last seen off the stop in a touch-down
         self._hover_n = math.inf
         self.late_s = 0.0  # by which commands act late
         self.unexplained_s = 0.0  # since the force that nothing explains swings
         self._froze_m = 0.0  # where the sufferer was when the sensor began to say the same
         self._moves_unseen = False
         self.pulses = self._planner.idle  # the board's, should the last command be the last one
+
+    @property
+    def unexplained_sd_n(self) -> float:
+        """How much a force [N] swings that nothing explains."""
+        return self._trim.unexplained_sd_n
 
     @property
     def rises_unseen(self) -> bool:
@@ -200,7 +206,10 @@ class WayDown:
             return self._planner.carried(TEST_SHARE, self._lifting_n, self._hover_n)
         if not is_off(state.estimate):
             # Nothing is seen of its speed: where a sensor drifted to the stop it may fall already.
-            return self._planner.carried(UNSEEN_SHARE, self._lifting_n, self._hover_n)
+            other_n = max(self._lifting_n, self._seen_n)
+            return self._planner.carried(UNSEEN_SHARE, other_n, self._hover_n)
+        share = -math.expm1(-1.0 / (LIFTING_S * LOOP_RATE_HZ))
+        self._seen_n += share * (state.unexplained_n - self._seen_n)
         return self._planner.sinking(state.estimate, max(self._lifting_n, state.unexplained_n))
 
     def sink(self, t_s: float) -> Command | None:

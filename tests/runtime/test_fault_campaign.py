@@ -76,6 +76,23 @@ def test_pid_alone_lands_softly_in_a_wake():
     assert flown.lower_mps <= LOWER_MPS
 
 
+def test_a_thrust_off_its_model_is_not_taken_for_late_readings():
+    """Nothing breaks and nothing swings; late readings make the loop swing."""
+    factor = 1.445833462465699
+    flown = fly(
+        Case("none", Moment("", 960_837_723, 0.0), None, is_mismatched=True, wake_factor=factor)
+    )
+    assert flown.ended == "whole"  # range_late where the swing does not count
+
+
+def test_a_push_that_stays_does_not_lift_what_has_touched_down():
+    """It pushed before the landing began; a sum of pulses that forgot it lifts off again."""
+    moment = Moment("10 cm above the stop", 940_000_011, 14.125, 14.0)
+    flown = fly(Case("push +1 N", moment, is_mismatched=True))
+    assert flown.ended == "whole"
+    assert flown.lower_mps <= LOWER_MPS  # 3.9 m/s where the touch-down forgets it
+
+
 def test_the_chosen_faults_are_of_every_group_that_a_command_can_save():
     groups = {FAULTS[name].group for name in CHOSEN}
     assert groups == set(GROUPS) - {"not survivable"}
