@@ -12,7 +12,7 @@ from wakedeploy.core.errors import UnusableInput
 from wakedeploy.core.rig import Effect, EffectParameter
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.domains.gantry import record
-from wakedeploy.domains.gantry_measured import measured_set, measured_stretches
+from wakedeploy.domains.gantry_measured import MeasuredSet, measured_set, measured_stretches
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.physics.gantry import GantryPlant
 from wakedeploy.rig.file import default_rig
@@ -23,6 +23,18 @@ RIG = default_rig()
 @pytest.fixture(scope="module")
 def logs() -> dict[str, RunLog]:
     return {f"flight{seed}": record(RIG, seconds=20, seed=seed) for seed in range(4)}
+
+
+@pytest.fixture(scope="module")
+def made(logs: dict[str, RunLog]) -> MeasuredSet:
+    """The set of all four."""
+    return measured_set(logs, RIG, {"flight0": "abc"})
+
+
+@pytest.fixture(scope="module")
+def made_of_one(logs: dict[str, RunLog]) -> MeasuredSet:
+    """The set of the first."""
+    return measured_set({"flight0": logs["flight0"]}, RIG)
 
 
 def test_errors_are_small_and_the_stated_sd_is_honest(logs: dict[str, RunLog]) -> None:
@@ -75,8 +87,7 @@ def test_the_thrust_is_the_plants_after_spool() -> None:
     assert GantryPlant.dt_s == pytest.approx(t_s[1] - t_s[0])
 
 
-def test_the_set_is_what_training_takes(logs: dict[str, RunLog]) -> None:
-    made = measured_set(logs, RIG, {"flight0": "abc"})
+def test_the_set_is_what_training_takes(made: MeasuredSet) -> None:
     episodes = made.episodes
     assert episodes.domain == "gantry"
     assert [c.name for c in episodes.observation] == [
@@ -118,7 +129,9 @@ def test_acceleration_and_thrust_are_kept_and_are_the_plants() -> None:
         assert np.sqrt(np.mean(thrust_error**2)) < 0.05
 
 
-def test_stretches_are_whole_where_a_set_would_cut_them(logs: dict[str, RunLog]) -> None:
+def test_stretches_are_whole_where_a_set_would_cut_them(
+    logs: dict[str, RunLog], made_of_one: MeasuredSet
+) -> None:
     log = logs["flight0"]
     short = RunLog(
         {n: v[(log["t_s"] < 9.0) | (log["t_s"] > 10.5)] for n, v in log.columns.items()},
@@ -127,15 +140,17 @@ def test_stretches_are_whole_where_a_set_would_cut_them(logs: dict[str, RunLog])
     told = measured_stretches({"one": log, "two": short}, RIG)
     (whole,) = told["one"]
     assert len(told["two"]) == 2
-    parts = measured_set({"one": log}, RIG).episodes.episodes
+    parts = made_of_one.episodes.episodes
     assert len(parts) == 4
     assert len(whole) == sum(map(len, parts))
     np.testing.assert_array_equal(whole.force, np.concatenate([e.force for e in parts]))
 
 
-def test_observations_are_those_of_the_loop(logs: dict[str, RunLog]) -> None:
+def test_observations_are_those_of_the_loop(
+    logs: dict[str, RunLog], made_of_one: MeasuredSet
+) -> None:
     log = logs["flight0"]
-    episode = measured_set({"flight0": log}, RIG).episodes.episodes[0]
+    episode = made_of_one.episodes.episodes[0]
     at = np.searchsorted(log["t_s"], episode.extras["t_s"] - 1e-4)
     np.testing.assert_allclose(episode.observation[:, 0], -log["x_m"][at], atol=1e-6)
     dz_m = RIG.source.height_m - log["z_est_m"][at]
@@ -143,17 +158,16 @@ def test_observations_are_those_of_the_loop(logs: dict[str, RunLog]) -> None:
     np.testing.assert_allclose(episode.observation[:, 3], log["vz_est_mps"][at], atol=1e-6)
 
 
-def test_a_single_flight_is_split_by_time(logs: dict[str, RunLog]) -> None:
-    episodes = measured_set({"flight0": logs["flight0"]}, RIG).episodes
+def test_a_single_flight_is_split_by_time(made_of_one: MeasuredSet) -> None:
+    episodes = made_of_one.episodes
     assert sorted(episodes.split.values()) == ["test", "train", "train", "validation"]
     ends = [(e.extras["t_s"][0], e.extras["t_s"][-1]) for e in episodes.episodes]
     assert all(before[1] < after[0] for before, after in itertools.pairwise(ends))
 
 
-def test_the_truth_changes_nothing(logs: dict[str, RunLog]) -> None:
-    log = logs["flight0"]
-    blind = measured_set({"flight0": log.without_truth()}, RIG)
-    assert blind.episodes.sha256 == measured_set({"flight0": log}, RIG).episodes.sha256
+def test_the_truth_changes_nothing(logs: dict[str, RunLog], made_of_one: MeasuredSet) -> None:
+    blind = measured_set({"flight0": logs["flight0"].without_truth()}, RIG)
+    assert blind.episodes.sha256 == made_of_one.episodes.sha256
 
 
 def test_a_log_with_the_required_columns_alone_can_be_smoothed(logs: dict[str, RunLog]) -> None:
@@ -204,13 +218,13 @@ def test_logs_of_another_rate_are_refused(logs: dict[str, RunLog]) -> None:
         measured_set({"a": log, "b": other}, RIG)
 
 
-def test_training_takes_a_measured_set(logs: dict[str, RunLog], tmp_path: Path) -> None:
+def test_training_takes_a_measured_set(made: MeasuredSet, tmp_path: Path) -> None:
     pytest.importorskip("torch")
     from click.testing import CliRunner
 
     from wakedeploy.cli import main
 
-    measured_set(logs, RIG).episodes.write(tmp_path / "set")
+    made.episodes.write(tmp_path / "set")
     arguments = [
         "train",
         "--data",

@@ -54,7 +54,7 @@ def test_intervals_of_correlated_errors_hold_the_truth_as_often_as_they_say() ->
     held = {}
     for length in (1, 100):
         block = blocks(np.zeros(n, np.int64), length)
-        some = slice(runs if length > 1 else 30)  # two thousand units take their time
+        some = slice(runs if length > 1 else 12)  # two thousand units take their time
         told = [
             r2_with_interval(t, e, block) for t, e in zip(truths[some], errors[some], strict=True)
         ]
