@@ -27,12 +27,17 @@ class _Copy:
 
 @contextlib.contextmanager
 def each_drawn_once() -> Iterator[None]:
-    """Later ones by the same code and of the same name are copies, written as `save` writes."""
+    """Later ones by the same code and of the same name are copies, written as `save` writes.
+
+    Where a picture has its flight's name, the code alone decides.
+    """
     save = figures.save
     drawn: dict[tuple[CodeType, str], bytes] = {}
 
     def once(figure: object, path: Path) -> None:
-        picture = sys._getframe(1).f_code, path.name
+        caller = sys._getframe(1)
+        named_by_flight = caller.f_globals["__name__"] == "wakedeploy.cli.log"
+        picture = caller.f_code, path.suffix if named_by_flight else path.name
         if picture in drawn:
             save(_Copy(drawn[picture]), path)
         else:

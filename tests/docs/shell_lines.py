@@ -32,8 +32,8 @@ SMALLER = (
     (r"--arch all", "--arch agile-mlp,gru"),
     (r"--trials \d+", "--trials 2 --epochs 1"),
     (r"--flights \d+ --seconds \d+", "--flights 4 --seconds 8"),
-    (r"--virtual --flights \d+", "--virtual --flights 2 --seconds 8"),
-    (r"--virtual --seconds \d+", "--virtual --seconds 12"),  # `log smooth` wants 7 s in the air
+    (r"--virtual --flights \d+", "--virtual --flights 2 --seconds 6"),
+    (r"--virtual --seconds \d+", "--virtual --seconds 10"),  # `log smooth` wants 7 s in the air
     (r"--epochs \d+", "--epochs 1"),
     (r"^wakedeploy train ", "wakedeploy train --epochs 1 "),
     (r"^wakedeploy demo", "wakedeploy demo --minutes 4 --seconds 10"),
@@ -41,6 +41,7 @@ SMALLER = (
     (r"(wakedeploy calibrate .*)--port \S+", r"\1--virtual --out desk.toml"),
     (r"--port \S+", "--virtual"),
     (r" --realtime", ""),
+    (r"^(wakedeploy run-gantry (?!.*--seconds).*--virtual.*)$", r"\1 --seconds 10"),
 )
 
 # Commands of ours that are read, and not run here: a pattern of page and command, and why.

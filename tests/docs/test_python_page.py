@@ -14,8 +14,8 @@ BLOCK = re.compile(
 SMALLER = (
     (r"minutes=\d+", "minutes=2"),
     (r"epochs=\d+", "epochs=1"),
-    (r"seconds=\d+", "seconds=8"),
-    (r"flights=24", "flights=2, seconds=8"),
+    (r"seconds=\d+", "seconds=6"),
+    (r"flights=24", "flights=2, seconds=6"),
 )
 
 

@@ -12,7 +12,7 @@ from simulated_site import SimulatedSite
 
 from runtime.calibration import heights, latency, noise, spool, steps, thrust, zero
 from runtime.calibration.session import resting
-from runtime.reference import FlightPlan, hold_plan
+from runtime.reference import hold_plan
 from wakedeploy.core.errors import CheckFailed, UnusableInput
 from wakedeploy.core.runlog import RunLog
 from wakedeploy.physics.constants import constants_of, spreads_of, with_constants
@@ -119,21 +119,26 @@ def test_range_needs_two_heights_apart_and_within_the_travel(heights_m):
         heights.require_heights(heights_m, RIG)
 
 
+BIASED = RIG.changed(range_sensor={"bias_m": 0.02})
+
+
+def hovered(noise_m):
+    truth = RIG.changed(range_sensor={"noise_m": noise_m, "bias_m": 0.02})
+    return noise.record(SimulatedSite(truth, seed=3), BIASED)
+
+
 @pytest.mark.parametrize("noise_m", [0.002, 0.0065])
 def test_noise_is_found_in_hover(noise_m):
-    truth = RIG.changed(range_sensor={"noise_m": noise_m, "bias_m": 0.02})
-    rig = RIG.changed(range_sensor={"bias_m": 0.02})
-    log = noise.record(SimulatedSite(truth, seed=3), rig)
-    agrees(noise.estimate(log, rig), "range_sensor.noise_m", noise_m, 0.2 * noise_m)
+    agrees(noise.estimate(hovered(noise_m), BIASED), "range_sensor.noise_m", noise_m, 0.2 * noise_m)
 
 
 def test_noise_refuses_a_sensor_that_repeats_itself_and_a_log_without_a_hover():
-    log = noise.record(SimulatedSite(RIG, seed=3), RIG)
+    log = hovered(0.002)
     with pytest.raises(CheckFailed, match="Only 0 valid"):
         noise.estimate(rested(noisy()), RIG)
     held = RunLog({**log.columns, "range_m": np.repeat(log["range_m"][::2], 2)[: len(log)]})
     with pytest.raises(CheckFailed, match="repeat the one before"):
-        noise.estimate(held, RIG)
+        noise.estimate(held, BIASED)
 
 
 def test_latency_is_sensing_and_round_trip_together():
@@ -242,13 +247,13 @@ def test_thrust_refuses_an_exponent_that_masses_so_close_cannot_tell():
 
 
 def test_thrust_refuses_a_flight_that_held_still_or_had_the_source_on():
-    still = hold_plan(RIG, 32.0, 0.5, RIG.limits.pulse_us[0])
+    still = hold_plan(RIG, 28.0, 0.5, RIG.limits.pulse_us[0])
     held = SimulatedSite(RIG).flown("still", RIG, still)
     with pytest.raises(CheckFailed, match="free the rail"):
         thrust.estimate([held] * 4, CLIPS_KG, RIG)
-    plan = thrust.swinging(RIG)
-    blowing = FlightPlan(plan.z_m, plan.x_m, np.where(plan.z_m > 0.3, 1500.0, 1000.0))
-    blown = SimulatedSite(RIG).flown("blown", RIG, blowing)
+    flown = thrust.record(SimulatedSite(curve(0.93, 1.08), seed=5), RIG, CLIPS_KG[0], 0)
+    source_us = np.where(flown["z_est_m"] > 0.3, 1500.0, flown["source_cmd_us"])
+    blown = RunLog({**flown.columns, "source_cmd_us": source_us})
     with pytest.raises(CheckFailed, match="source ran"):
         thrust.estimate([blown] * 4, CLIPS_KG, RIG)
 
@@ -295,22 +300,26 @@ def test_a_drive_is_long_enough_and_within_the_limits(distance_m):
         steps.require_distance(distance_m, RIG)
 
 
+def stepped(up_s, down_s):
+    truth = RIG.changed(spool={"sufferer": {"up_s": up_s, "down_s": down_s}})
+    return spool.record(SimulatedSite(truth, seed=5), RIG)
+
+
 @pytest.mark.parametrize(("up_s", "down_s"), [(0.04, 0.07), (0.09, 0.14)])
 def test_spool_finds_both_lags(up_s, down_s):
-    truth = RIG.changed(spool={"sufferer": {"up_s": up_s, "down_s": down_s}})
-    found = spool.estimate(spool.record(SimulatedSite(truth, seed=5), RIG), RIG)
+    found = spool.estimate(stepped(up_s, down_s), RIG)
     agrees(found, "spool.sufferer.up_s", up_s, 0.012)
     agrees(found, "spool.sufferer.down_s", down_s, 0.012)
 
 
 def test_spool_refuses_a_flight_without_steps_too_short_or_half_seen():
-    still = SimulatedSite(RIG).flown("still", RIG, hold_plan(RIG, 25.0, 0.6, 1000.0))
+    still = SimulatedSite(RIG).flown("still", RIG, hold_plan(RIG, 18.0, 0.6, 1000.0))
     with pytest.raises(CheckFailed, match="has to step"):
         spool.estimate(still, RIG)
     short = SimulatedSite(RIG).flown("short", RIG, hold_plan(RIG, 10.0, 0.6, 1000.0))
     with pytest.raises(CheckFailed, match="windows of 2 s"):
         spool.estimate(short, RIG)
-    log = spool.record(SimulatedSite(RIG), RIG)
+    log = stepped(0.04, 0.07)
     seen = np.where((log["t_s"] > 15.0) & (log["t_s"] < 19.0), np.nan, log["range_m"])
     with pytest.raises(CheckFailed, match="missed too much"):
         spool.estimate(RunLog({**log.columns, "range_m": seen}), RIG)

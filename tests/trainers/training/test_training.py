@@ -284,7 +284,7 @@ def test_memory_beats_the_memoryless_where_the_force_is_an_echo(
     data = make_echo(steps=900, episodes=8)
     r2 = {}
     for arch in ("agile-mlp", "history-mlp", "delay-embedding", "gru", "esn"):
-        settings = dataclasses.replace(settings_for(arch, epochs=25), lanes=8, chunk_steps=32)
+        settings = dataclasses.replace(settings_for(arch, epochs=14), lanes=8, chunk_steps=32)
         hyper = {"gru": {"hidden": 32}, "esn": {"neurons": 300}}.get(arch)
         run = trained(data, tmp_path, arch, settings=settings, hyper=hyper)
         r2[arch] = run.metrics.test.r2["f_n"]
