@@ -1,7 +1,7 @@
 """Range readings of a sufferer that does not move: their mean and scatter.
 
-A reading is rounded and cannot be negative, so that on a stop at zero half of the noise may be cut
-off, and one in a hundred may have nothing to do with the reflector. Mean and scatter are those
+A reading is rounded and cannot be negative: on a stop at zero half of the noise may be cut off. One
+in a hundred may have nothing to do with the reflector. Mean and scatter are those
 under which readings like these are likeliest, rounded and cut off as they are.
 """
 

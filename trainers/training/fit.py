@@ -1,9 +1,9 @@
 """Descent with early stopping: the state of one fit, an epoch at a time, saved and restored.
 
-The learning rate follows a cosine over the epochs asked for, after a short linear rise. A cosine is
-a function of how far the fit has come and of nothing else, so it needs no memory when a fit resumes
-(a plateau schedule would), and annealing to near zero is worth more to small models than stopping
-at the first plateau. Everything random in an epoch is drawn from (seed, epoch).
+The learning rate follows a cosine over the epochs asked for, after a short linear rise. A cosine
+depends on how far the fit has come and on nothing else. So it needs no memory when a fit resumes; a
+plateau schedule would. Annealing to near zero is worth more to small models than stopping at the
+first plateau. Everything random in an epoch is drawn from (seed, epoch).
 """
 
 import math

@@ -1,7 +1,7 @@
 """Run folders: `<root>/<domain>/<arch>/s<seed>/`, safetensors and JSON only.
 
-`config.json` says what is trained on what, `last.safetensors` is where an interrupted fit goes on,
-`best.safetensors` holds the weights that did best on validation, `metrics.json` closes a finished
+`config.json` says what is trained on what. `last.safetensors` is where an interrupted fit goes on,
+`best.safetensors` holds the weights that did best on validation. `metrics.json` closes a finished
 run and carries the hash of the weights it speaks of. Pictures are drawn by who asks for them
 (`trainers.inspection.pictures`).
 """

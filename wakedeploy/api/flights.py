@@ -40,8 +40,8 @@ class Place(TypedDict, total=False):
     where range samples come from then, `realtime` whether the loop takes real-time priority.
     `wall_clock`, `firmware`, `plant_rig`, `hooks` and `plant_seed` belong to the virtual gantry: in
     real time, with the sketch on a simulated UNO, what it is in truth, what disturbs it.
-    `reference` is a CSV to fly instead of a random plan, `arm_file` a file to wait for, `wake_off`
-    leaves the source idle, `watch_gap` warns when the rig file explains the flight no more,
+    `reference` is a CSV to fly instead of a random plan, `arm_file` a file to wait for. `wake_off`
+    leaves the source idle. `watch_gap` warns when the rig file explains the flight no more.
     `allow_lead_mismatch` flies a package made for another lead. `backend` "onnx" computes a package
     by onnxruntime, "c" as C, which is written and proved once and kept; without it a file flies by
     onnxruntime and a folder as the C that it is.

@@ -144,11 +144,11 @@ def fly(
 ) -> Flights:
     """Fly one episode per seed in lockstep; an episode does not depend on its companions.
 
-    `expect` is what the sufferer compensates: "nothing", "truth" (the oracle, which knows the force
-    of this very step), "roughly" (the truth times a factor and with an error, as a predictor's that
-    is not trained yet), or a function from observations (E, 8) to forces (E, 2) that is called
-    once a step, from the first step of the flight on. Nothing is recorded for `settling_s`, by
-    default until the slowest wake has arrived.
+    `expect` is what the sufferer compensates. It is "nothing", or "truth": the oracle knows the
+    force of this very step. With "roughly" it is the truth times a factor and with an error, as of
+    a predictor that is not trained yet. Or it is a function from observations (E, 8) to forces
+    (E, 2), called once a step from the first step of the flight on. Nothing is recorded for
+    `settling_s`, by default until the slowest wake has arrived.
     """
     world = world if world is not None else World()
     settling = round((world.settling_s if settling_s is None else settling_s) * RATE_HZ)

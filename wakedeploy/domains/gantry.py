@@ -159,9 +159,9 @@ def make_set(
 ) -> EpisodeSet:
     """Simulate `minutes` of flight in episodes of 25 s, split by episode.
 
-    Half fly PID alone; the other half with feedforward, from `packages` in turn where given, else
-    from the true force at lead 0 and at the rig's lead, so that a predictor meets the motion that
-    its own feedforward will cause. `progress(done, total)` is called as flights finish.
+    Half fly PID alone, the other half with feedforward: from `packages` in turn where given, else
+    from the true force at lead 0 and at the rig's lead. So a predictor meets the motion that its
+    own feedforward will cause. `progress(done, total)` is called as flights finish.
     """
     truth = rig if rig is not None else default_rig()
     count = max(3, round(minutes * 60.0 / EPISODE_S))

@@ -218,8 +218,8 @@ def _advect_sideways(
 def _advect_near(velocity: FloatArray, moved: FloatArray, at: int, cells_per_mps: float) -> None:
     """A column whose air has gone less than a cell: the same cubic, without a choice of cells.
 
-    For g cells gone, with q = 1 − g², Lagrange's weights of the cubic through two cells upstream,
-    the own and one downstream are sums of a part even in g and a part odd in it.
+    The cubic goes through two cells upstream, the cell itself and one downstream. For g cells gone,
+    with q = 1 − g², Lagrange's weights are sums of a part even in g and a part odd in it.
     """
     along = velocity[0, at]
     for c in range(2):

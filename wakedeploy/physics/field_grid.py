@@ -26,9 +26,9 @@ KERNEL_REACH = 4.0  # standard deviations of the blur at which its weights are c
 class FieldGrid:
     """Where the field is resolved: cell sizes, extents, world axes (x right, z up), metres.
 
-    The defaults are 6.0 m × 4.8 m around a source near the origin: 1.2 m above it, where the wake
-    that diffuses against its own descent has died out, and 3.6 m below it for the paper's
-    separation of 2.3 m with more than half as much again. Laterally 3 m are five widths of the
+    The defaults are 6.0 m × 4.8 m around a source near the origin. At 1.2 m above it the wake that
+    diffuses against its own descent has died out. The 3.6 m below it are the paper's separation of
+    2.3 m and more than half as much again. Laterally 3 m are five widths of the
     oldest puff in the paper's fluid; at a quarter of its speed, the paper's −75 %, the wake spreads
     twice as far, and needs twice the columns and 110 rows. Cells of 0.06 m are what the paper's
     wake sinks in 0.01 s.

@@ -1,8 +1,8 @@
 """Jobs on an existing dask.distributed cluster.
 
 Sets travel with the jobs: workers need no folder in common with this machine, and each checks the
-sha256 of what arrived. A set is handed to the scheduler once, as a task that returns it, so that it
-can be made again for any worker when the one that held it is lost (scattered data could not).
+sha256 of what arrived. A set is handed to the scheduler once, as a task that returns it. So it
+can be made again for any worker when the one that held it is lost; scattered data could not.
 
 Jobs and sets go to admitted workers only: those that were looked at and fit. What they are admitted
 by is a resource in dask's sense, which they are given for as long as they run.

@@ -1,8 +1,8 @@
 """How well flights tell effects apart, before any of them is fitted to anything.
 
-In: a `Model` and its base fit. Out: one information matrix per episode over nuisances and effects,
-from which follow the nats by which each rival of an effect loses, how often an effect will be
-detected and named, and how these grow with more flights.
+In: a `Model` and its base fit. Out: one information matrix per episode over nuisances and effects.
+From it follow the nats by which each rival of an effect loses, how often an effect will be detected
+and named, and how these grow with more flights.
 
 An effect changes the whitened innovations along its signature; nuisances with their priors explain
 part of every signature (marginalised, as in a Kalman filter); what is left is Gaussian with unit

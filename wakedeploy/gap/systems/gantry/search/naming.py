@@ -54,9 +54,9 @@ _MOST_CONTENDERS = 4
 class Thresholds:
     """What data without any missing effect hardly ever exceed, on this rig; see `threshold`.
 
-    Gains of the best effect, of the best term of an expression in the state and of the best wave in
-    time [nats], the whiteness statistic of the innovations, and the largest residual at any one
-    place by channel.
+    Gains [nats] of the best effect, of the best term of an expression in the state and of the best
+    wave in time. Then the whiteness statistic of the innovations, and by channel the largest
+    residual at any one place.
     """
 
     effect_nats: float
