@@ -8,6 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
+from wakedeploy.gap.search import scan
 from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
@@ -89,6 +90,22 @@ def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
     rng = np.random.default_rng(0)
     alarms = sum(is_steady(rng.standard_normal(8) ** 3) for _ in range(400))
     assert alarms <= 32  # 20 expected of 400
+
+
+def test_one_blow_does_not_decide_what_chance_brings():
+    rng = np.random.default_rng(3)
+    slow = np.sin(np.arange(800) / 40.0)  # what a candidate's slope may look like
+    brought = []
+    for blow in (0.0, 40.0):
+        e = rng.standard_normal(800)
+        e[400] += blow
+        score = Score(-0.5 * e**2, e, np.ones(800), np.ones(800))
+        leader = Fit((), (), (0,), np.zeros(0), Slopes((score,), (), ()), np.zeros(1))
+        turned = scan._turned(leader, np.random.default_rng(0))
+        along = np.concatenate([slow, slow])
+        along /= np.sqrt(along @ along)
+        brought.append(float(np.quantile(0.5 * (along @ turned) ** 2, 0.95)))
+    assert brought[1] < 3.0 * brought[0]  # 140 times as much where it counts in full
 
 
 def test_a_stretch_that_runs_away_does_not_decide():

@@ -21,6 +21,7 @@ CLIMBED = 6  # candidates that are fitted to the end
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
+_LOUDEST = 6.0  # sd of an innovation that counts in full
 _TURNED = 50  # samples of a block whose sign chance turns, at least
 _SIMPLER_KINDS = {
     "pre-sliding-friction": ("coulomb-friction",),
@@ -84,11 +85,17 @@ def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
 
 
 def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
-    """A fit's own whitened innovations, blocks of them with signs turned, (2n, draws)."""
+    """A fit's own whitened innovations, blocks of them with signs turned, (2n, draws).
+
+    One event in a log, such as a blow, must not decide what chance brings to all of it: what an
+    effect gains by it alone counts for nothing anyway, as no other block bears it out.
+    """
     parts = []
     for score in leader.slopes.scores:
         rest = white_rest(score)
         n = len(rest) // 2
+        rest[:n] = np.clip(rest[:n], -_LOUDEST, _LOUDEST)
+        rest[n:] = np.minimum(rest[n:], 0.5**0.5 * (_LOUDEST**2 - 1.0))
         count = max(n // _TURNED, 4)
         signs = rng.choice((-1.0, 1.0), (count, _AT_ONCE))
         of = np.minimum(np.arange(n) * count // n, count - 1)
