@@ -122,7 +122,7 @@ class Slow:
                 return json.loads(content)
 
 
-async def rows_until(socket, tick, limit_s=10.0):
+async def rows_until(socket, tick, limit_s=60.0):
     """The frames of a page up to the row of a tick."""
     frames = []
     async with asyncio.timeout(limit_s):
