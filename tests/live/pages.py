@@ -37,10 +37,13 @@ def begin(feed):
 
 
 def fed(feed, ticks, pause_s=0.0005):
-    """Put rows, slowly enough for the queue; the ticks."""
+    """Put rows, each again until the queue takes it: a busy computer may not serve it for a while."""
     for tick in ticks:
-        feed.put(row(tick))
-        time.sleep(pause_s)
+        dropped = -1
+        while dropped != feed.dropped:
+            dropped = feed.dropped
+            feed.put(row(tick))
+            time.sleep(pause_s)
 
 
 class Client:
