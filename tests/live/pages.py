@@ -37,7 +37,7 @@ def begin(feed):
 
 
 def fed(feed, ticks, pause_s=0.0005):
-    """Put rows, each again until the queue takes it: a busy computer may not serve it for a while."""
+    """Put rows, each again until the queue takes it: a busy computer may not empty it at once."""
     for tick in ticks:
         dropped = -1
         while dropped != feed.dropped:

@@ -81,7 +81,8 @@ def _inputs(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--out", type=click.Path(path_type=Path, file_okay=False), required=True,
                      help="Folder for artefacts, figures and report."),
         click.option("--measured", type=_FILE, multiple=True, required=True,
-                     help="Run logs, four or more; the last is only shown (from six on, two)."),
+                     help="Run logs of a rig, four or more, the last of which is sealed (from six "
+                          "on, two); of a system one or more, a quarter of which is sealed."),
         click.option("--columns", type=_FILE,
                      help="With --system: what the logs' columns mean."),
         click.option("--system", "system_path", type=click.Path(path_type=Path),

@@ -185,6 +185,7 @@ def run_steps(
     from wakedeploy.gap.workflow import run
 
     page: Path | None = None
+    after: list[str] = []
     out.mkdir(parents=True, exist_ok=True)
     with at_work(out), stages() as progress:
         progress("reading the logs")
@@ -209,16 +210,23 @@ def run_steps(
             click.echo(line)
     if page is not None:
         click.echo(f"Report: {page}")
+    for command in after:
+        click.echo(f"Next: {command}")
     if json_path:
         told.write(json_path)
 
 
 def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
-    """Replay with what was found; where nothing was, see what the logs could have shown."""
+    """Replay with what was found; first plan what tells a class apart; else see what logs show."""
     from wakedeploy.gap.systems.own_folder import CORRECTION
 
     system = shlex.quote(str(system_path))
     if not told.effects:
         return [f"wakedeploy gap check {system} {logs}"]
     correction = shlex.quote(str(out / CORRECTION))
-    return [f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"]
+    replay = f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"
+    if told.verdict != "class":
+        return [replay]
+    folder = shlex.quote(str(out))
+    plan = f"wakedeploy gap plan --system {system} {logs} --out {folder} --write-input next.csv"
+    return [plan, replay]

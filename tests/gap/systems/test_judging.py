@@ -92,6 +92,19 @@ def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
     assert alarms <= 32  # 20 expected of 400
 
 
+def test_a_constant_far_from_what_was_stated_is_doubted_first():
+    """The mass is four kilograms and not two, as where a log's unit is another one."""
+    rng = np.random.default_rng(6)
+    force = np.repeat(rng.uniform(-4.0, 4.0, 60), 8)
+    pushed = force + 0.1 * rng.standard_normal(len(force))
+    speed = np.concatenate([[0.0], np.cumsum(pushed[:-1]) / 4.0 / RATE])
+    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
+    model = LogModel(Slider(), [Recording("made", np.arange(len(force)) / RATE, columns)])
+    answer = answer_of(model, named(model, fitted_base(model)))
+    assert answer.moved["mass_kg"] > 5.0  # the prior holds it back
+    assert "Check its unit" in sentences(answer)[1]
+
+
 def test_one_blow_does_not_decide_what_chance_brings():
     rng = np.random.default_rng(3)
     slow = np.sin(np.arange(800) / 40.0)  # what a candidate's slope may look like

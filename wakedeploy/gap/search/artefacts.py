@@ -289,7 +289,8 @@ class Answer(Artefact):
     """name.json: which effects the system lacks. `found_theta` is the fit with them.
 
     `rivals` are the effects that cannot be told apart, `parameters` those of all that was named.
-    With `is_outdone` the system's forecasts are no better than the last reading or the mean.
+    `moved` are constants that the fit has moved by more than three of their spreads, and by how
+    many. With `is_outdone` the system's forecasts are no better than the last reading or the mean.
     """
 
     verdict: Verdict
@@ -298,6 +299,7 @@ class Answer(Artefact):
     effects: list[Effect]
     parameters: Sizes
     constants: Sizes
+    moved: dict[str, Number] = {}
     noise: dict[str, Quantity]
     rounds: list[Round]
     unsettled: list[str]

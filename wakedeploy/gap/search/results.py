@@ -36,6 +36,8 @@ from wakedeploy.gap.search.residual_profiles import profiles
 from wakedeploy.gap.search.sizes import least_squares, over_rounds, parameters
 from wakedeploy.gap.search.weighing import weighed
 
+_FAR_SPREADS = 3.0  # from there on a constant is doubted, and what was found beside it
+
 
 def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
     """Where system and recordings disagree."""
@@ -65,6 +67,7 @@ def answer_of(model: Comparison, told: Named, key: str = "") -> Answer:
         effects=[_effect(told, name, own) for name in told.found.hypothesis],
         parameters=own,
         constants=_constants(told.found),
+        moved=_moved(told.found),
         noise=_noise(told.found),
         rounds=rounds,
         unsettled=list(told.unsettled),
@@ -151,6 +154,13 @@ def _constants(fitted: Fit) -> Sizes:
             size = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
             sizes[free.name.removeprefix("constant.")] = size
     return sizes
+
+
+def _moved(fitted: Fit) -> dict[str, float]:
+    """Constants far from where they were stated, in spreads; as by a unit that is another one."""
+    far = {f.quantity: (v - f.neutral) / f.prior_sd
+           for f, v in zip(fitted.free, fitted.theta, strict=True) if f.quantity}  # fmt: skip
+    return {name: float(spreads) for name, spreads in far.items() if abs(spreads) > _FAR_SPREADS}
 
 
 def _noise(fitted: Fit) -> dict[str, Quantity]:

@@ -12,7 +12,7 @@ def sentences(told: Artefact) -> list[str]:
     if isinstance(told, Disagreements) and not isinstance(told, Result):
         return _found(told)
     assert isinstance(told, Answer)
-    lines = [_verdict(told), *_effects(told), *_unexplained(told), *_rejected(told)]
+    lines = [_verdict(told), *_moved(told), *_effects(told), *_unexplained(told), *_rejected(told)]
     return lines + _gap(told) if isinstance(told, Result) else lines
 
 
@@ -44,6 +44,14 @@ def _verdict(told: Answer) -> str:
     if told.rivals:
         return f"Something is missing; these explain it about as well: {listed(told.rivals)}."
     return "Something acts on the system that no known effect explains."
+
+
+def _moved(told: Answer) -> list[str]:
+    return [
+        f"  Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
+        "the system states. Check its unit, and those of the log's columns."
+        for name, spreads in told.moved.items()
+    ]
 
 
 def _effects(told: Answer) -> list[str]:
