@@ -40,6 +40,23 @@ def column(name: str, address: str, unit: str = "1", **more: str) -> str:
     return f"[columns.{name}]\n{told}{extra}"
 
 
+@pytest.mark.parametrize(
+    ("name", "values", "said"),
+    [
+        ("boot_us", 123_456.0 + 2e4 * np.arange(50), ('column = "boot_us"', 'unit = "us"')),
+        ("minutes", np.arange(50) / 3000.0, ('column = "minutes"', 'unit = "min"')),
+        ("odometer", np.cumsum(np.random.default_rng(0).random(50)), ("rate_hz = 0",)),
+        ("n", np.arange(50.0), ("rate_hz = 0",)),  # counts samples
+    ],
+)
+def test_a_clock_is_known_by_its_even_rise(name, values, said, tmp_path: Path) -> None:
+    path = tmp_path / "log.csv"
+    rows = np.column_stack([np.sin(values), values])
+    np.savetxt(path, rows, "%.7f", ",", header=f"u,{name}", comments="")
+    guessed = guess_columns(path)
+    assert all(each in guessed for each in said)
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_what_its_library_wrote_is_read_to_the_digit(kind: str, tmp_path: Path) -> None:
     pytest.importorskip(KINDS[kind])

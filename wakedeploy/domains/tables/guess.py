@@ -7,7 +7,7 @@ reading refuses it by name.
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +36,7 @@ _TIME_NAMES = (
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
 )
+_FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"gyro.*rad(\[\d\])?$|_rad_?p?e?r?_?s$|rad/s", "rad/s"),
@@ -216,7 +217,26 @@ def _stated_rate(log: Log, fields: Sequence[Field]) -> _Timing:
         if first is not None and first > 0:
             rate = first if name in _RATE_NAMES else 1.0 / first
             return _Timing((f"rate_hz = {rate:g}  # ? from {_toml(field.name)}",))
-    return _Timing(("rate_hz = 0  # not in the log: give the samples a second",))
+    by_unit = sorted(fields[:_MOST_COLUMNS], key=lambda field: not _unit_in(field.name))
+    for field in by_unit:
+        if _rises_evenly(log, field) and (found := _clock(log, field)) is not None:
+            column, *more = found.lines
+            return replace(found, lines=(f"{column}  # ? it rises evenly", *more))
+    return _Timing(("rate_hz = 0  # not found in the log: give the samples a second",))
+
+
+def _rises_evenly(log: Log, field: Field) -> bool:
+    """Whether a column is a clock by what it does: hardly anything else rises by even steps."""
+    try:
+        values = log.read([field.name], [field.name])[field.name]
+    except UnusableInput:
+        return False
+    if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
+        return False
+    steps = np.diff(values.astype(np.float64))
+    low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
+    is_count = bool((steps == 1.0).all())  # of samples, as a table's index
+    return not is_count and bool((steps > 0).all() and usual > 0 and high - low < _EVEN * usual)
 
 
 def _first_number(log: Log, field: Field) -> float | None:
@@ -227,10 +247,17 @@ def _first_number(log: Log, field: Field) -> float | None:
     return float(values[0]) if len(values) and np.isfinite(values[0]) else None
 
 
+def _unit_in(name: str) -> str | None:
+    """The unit of time that a name ends with."""
+    ends = re.search(r"_(s|ms|us|ns|min)$", name)
+    if ends:
+        return ends[1]
+    return "min" if re.search(r"(^|_)minutes?$", name.lower()) else None
+
+
 def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
     """The unit that the log states, or the one in which the steps are likely."""
-    ends = re.search(r"_(s|ms|us|ns)$", field.name)
-    stated = field.unit or (ends[1] if ends else None)
+    stated = field.unit or _unit_in(field.name)
     if stated is not None:
         try:
             seconds_in(stated)
