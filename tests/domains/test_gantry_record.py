@@ -26,10 +26,10 @@ def pid_flight() -> RunLog:
 
 def test_a_flight_repeats_by_seed(pid_flight: RunLog) -> None:
     again = record(default_rig(), seconds=15.0, seed=3)
-    other = record(None, seconds=15.0, seed=4)
+    other = record(None, seconds=1.0, seed=4)
     for name, values in pid_flight.columns.items():
         assert np.array_equal(values, again[name], equal_nan=values.dtype != object), name
-    assert not np.array_equal(pid_flight["z_est_m"], other["z_est_m"])
+    assert not np.array_equal(pid_flight["z_est_m"][:128], other["z_est_m"][:128])
 
 
 def test_three_seconds_of_rest_stand_before_and_after(pid_flight: RunLog) -> None:
@@ -65,7 +65,7 @@ def test_commands_wait_for_the_servo_frame(pid_flight: RunLog) -> None:
 def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
     flown = {
         lead_s: np.mean(
-            [tracking_mm(record(None, seconds=15.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
+            [tracking_mm(record(None, seconds=10.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
         )
         for lead_s in (None, 0.0, default_lead_s(RIG))
     }
