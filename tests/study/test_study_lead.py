@@ -221,7 +221,7 @@ def told(tmp_path_factory, short_episodes):
     from wakedeploy.study import sets
 
     tiny = {
-        "gantry": sets.Domain("gantry", "force_z_n", 1.2, 1.2, make=sets.DOMAINS["gantry"].make),
+        "gantry": sets.Domain("gantry", "force_z_n", 1.7, 1.7, make=sets.DOMAINS["gantry"].make),
         "downwash": sets.Domain(
             "downwash", "force_z_n", 1.0, 1.0, make=sets.DOMAINS["downwash"].make
         ),
