@@ -26,10 +26,10 @@ def pid_flight() -> RunLog:
 
 def test_a_flight_repeats_by_seed(pid_flight: RunLog) -> None:
     again = record(default_rig(), seconds=15.0, seed=3)
-    other = record(None, seconds=15.0, seed=4)
+    other = record(None, seconds=1.0, seed=4)
     for name, values in pid_flight.columns.items():
         assert np.array_equal(values, again[name], equal_nan=values.dtype != object), name
-    assert not np.array_equal(pid_flight["z_est_m"], other["z_est_m"])
+    assert not np.array_equal(pid_flight["z_est_m"][:128], other["z_est_m"][:128])
 
 
 def test_three_seconds_of_rest_stand_before_and_after(pid_flight: RunLog) -> None:
@@ -65,7 +65,7 @@ def test_commands_wait_for_the_servo_frame(pid_flight: RunLog) -> None:
 def test_the_truth_fed_forward_helps_and_its_future_helps_more() -> None:
     flown = {
         lead_s: np.mean(
-            [tracking_mm(record(None, seconds=15.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
+            [tracking_mm(record(None, seconds=10.0, seed=s, lead_oracle_s=lead_s)) for s in (1, 2)]
         )
         for lead_s in (None, 0.0, default_lead_s(RIG))
     }
@@ -143,12 +143,14 @@ def test_the_loop_knows_its_own_rig_and_not_the_truth() -> None:
     assert not np.allclose(*heights_m, atol=1e-4)
 
 
-def test_a_set_splits_by_episode_and_repeats() -> None:
-    data = make_set(None, minutes=1.2, seed=5)
+def test_a_set_splits_by_episode_and_repeats(monkeypatch) -> None:
+    """Of episodes of 10 s, flown in this process: those of 25 s are flown alike."""
+    monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 10.0)
+    data = make_set(None, minutes=0.5, seed=5, workers=1)
     assert len(data.episodes) == 3
     assert [data.split[e.name] for e in data.episodes][-2:] == ["validation", "test"]
     assert data.provenance["default_lead_s"] == default_lead_s(RIG)
-    again = make_set(None, minutes=1.2, seed=5)
+    again = make_set(None, minutes=0.5, seed=5, workers=1)
     assert again.sha256 == data.sha256
 
 

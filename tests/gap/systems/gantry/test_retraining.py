@@ -78,10 +78,10 @@ def test_an_unknown_architecture_is_refused(tmp_path):
 
 
 def test_both_pilots_fly_the_hidden_effect_with_their_own_rig():
-    flown = fly_both(TRUTH, Pilot(OLD), Pilot(TRUTH), [4, 5], seconds=8.0, workers=2)
+    flown = fly_both(TRUTH, Pilot(OLD), Pilot(TRUTH), [4, 5], seconds=4.0, workers=2)
     for name, rig in (("before", OLD), ("after", TRUTH)):
         alone = [
-            1e3 * record(TRUTH, seconds=8.0, seed=s, model_rig=rig).tracking_rmse_m("true_z_m")
+            1e3 * record(TRUTH, seconds=4.0, seed=s, model_rig=rig).tracking_rmse_m("true_z_m")
             for s in (4, 5)
         ]
         row = flown["pid"][name]

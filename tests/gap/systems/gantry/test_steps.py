@@ -52,7 +52,7 @@ def world(tmp_path_factory):
     rig.write(folder / "rig.toml")
     logs = [folder / f"flight{i}.mcap" for i in range(4)]
     for i, log in enumerate(logs):
-        record(truth, seconds=12, seed=40 + i, model_rig=rig).write_mcap(log)
+        record(truth, seconds=8, seed=40 + i, model_rig=rig).write_mcap(log)
     return folder / "rig.toml", logs
 
 

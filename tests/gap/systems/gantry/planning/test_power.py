@@ -67,6 +67,11 @@ def flown():
     return [flight_from_log(record(RIG, seconds=12, seed=s), RIG, f"{s}") for s in range(4)]
 
 
+@pytest.fixture(scope="module")
+def fitted(flown):
+    return fitted_base(GantryModel(RIG, flown))
+
+
 def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> None:
     known = {e.name: e for e in told.effects}
     assert known["battery-sag"].verdict == "named"
@@ -128,10 +133,10 @@ def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -
     assert "never" in {text.get_text() for text in draw_cost(changed).axes[1].texts}
 
 
-def test_outcomes_follow_the_size(flown) -> None:
+def test_outcomes_follow_the_size(flown, fitted) -> None:
     names = ("coulomb-friction", "viscous-friction", "lost-steps")
     sizes = {n: plausible_size(RIG, n) for n in names} | {"lost-steps": (0.02,)}
-    evidence = gather(*fitted_base(GantryModel(RIG, flown)), names, sizes)
+    evidence = gather(*fitted, names, sizes)
     draws = Draws.of(evidence, share=fitted_share(len(flown)))
     told = draws.outcomes("lost-steps", np.array([0.025, 1.0]), 4.0)
     assert told.detected[0] < 0.3
@@ -139,9 +144,9 @@ def test_outcomes_follow_the_size(flown) -> None:
     assert np.all((told.named <= told.in_class) & (told.in_class <= told.detected))
 
 
-def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(flown) -> None:
+def test_each_sensor_adds_what_it_sees_and_takes_nothing_away(fitted) -> None:
     names = ("spool-lag-source", "transport-speed", "battery-sag", "range-drift")
-    model, base = fitted_base(GantryModel(RIG, flown))
+    model, base = fitted
     evidence = gather(model, base, names, {n: plausible_size(RIG, n) for n in names})
     before = loss_nats(evidence)
     after = {s.name: loss_nats(with_sensor(evidence, model, base, s)) for s in SENSORS}
