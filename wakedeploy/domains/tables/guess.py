@@ -36,6 +36,7 @@ _TIME_NAMES = (
     r"(control|state|log|sensor)?_?(time|timestamp|stamp|t)(_?(s|ms|us|ns|sec|usec))?",
     r".*time.*|.*stamp.*",
 )
+_LARGEST = 1e30  # of a stamp; no damaged file overflows
 _FEW_STAMPS, _EVEN = 10, 0.5  # fewer say nothing; spread of most steps over the usual one
 _FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H:%M:%S")
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
@@ -233,7 +234,10 @@ def _rises_evenly(log: Log, field: Field) -> bool:
         return False
     if values.dtype.kind not in "fiu" or len(values) < _FEW_STAMPS:
         return False
-    steps = np.diff(values.astype(np.float64))
+    numbers = values.astype(np.float64)
+    if not (np.abs(numbers) < _LARGEST).all():
+        return False
+    steps = np.diff(numbers)
     low, usual, high = np.quantile(steps, (0.1, 0.5, 0.9))
     is_count = bool((steps == 1.0).all())  # of samples, as a table's index
     return not is_count and bool((steps > 0).all() and usual > 0 and high - low < _EVEN * usual)
@@ -267,7 +271,7 @@ def _time_unit(values: Values, field: Field) -> tuple[str | None, bool]:
     if values.dtype.kind == "M":
         return "ns", False
     numbers = values.astype(np.float64)
-    if len(numbers) < 2 or not (np.abs(numbers) < 1e30).all():
+    if len(numbers) < 2 or not (np.abs(numbers) < _LARGEST).all():
         return None, False
     steps = np.diff(numbers)
     rising = steps[steps > 0]
