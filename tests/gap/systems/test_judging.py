@@ -8,7 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
-from wakedeploy.gap.search import scan
+from wakedeploy.gap.search import scan, weighing
 from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
@@ -90,6 +90,16 @@ def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():
     rng = np.random.default_rng(0)
     alarms = sum(is_steady(rng.standard_normal(8) ** 3) for _ in range(400))
     assert alarms <= 32  # 20 expected of 400
+
+
+def test_a_channel_without_an_error_decides_nothing(monkeypatch):
+    """One that is forecast exactly, and one of which nothing is forecast."""
+    rms = {"before": [0.0, np.nan, 2.0], "after": [0.0, np.nan, 1.0]}
+    monkeypatch.setattr(weighing, "errors", lambda model, fitted, episodes: rms[fitted])
+    monkeypatch.setattr(weighing, "weighed", lambda *_: weighing.Weight(0.5, 0.1, 0.9))
+    assert weighing.helps(None, "before", "after", ())
+    rms["after"][2] = 2.1  # although its cut share says that it helps
+    assert not weighing.helps(None, "before", "after", ())
 
 
 def test_a_constant_far_from_what_was_stated_is_doubted_first():

@@ -45,9 +45,11 @@ def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int])
 
 def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> bool:
     """Whether forecasts get better on average, and where none of them is cut short as well."""
-    worse = np.divide(errors(model, after, episodes), errors(model, before, episodes))
-    share = weighed(model, before, after, episodes).share
-    return share > 0.0 and float(np.mean(worse**2)) < 1.0
+    if weighed(model, before, after, episodes).share <= 0.0:
+        return False
+    was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
+    told = was > 0.0  # not of a channel that nothing forecasts, or that is always right
+    return not told.any() or float(np.mean(now[told] / was[told])) < 1.0
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
