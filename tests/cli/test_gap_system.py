@@ -194,5 +194,5 @@ def test_a_share_that_is_not_the_whole_never_reads_as_the_whole():
             sealed_gain_nats=9.0,
         )
     )
-    assert "removes over 99% of" in told[1]
-    assert "100%" not in told[1]
+    assert "removes over 99 % of" in told[1]
+    assert "100 %" not in told[1]

@@ -1,13 +1,14 @@
 """Units in rig files: others of the same dimension are converted exactly, the rest is refused."""
 
 import math
+import re
 import tomllib
 from pathlib import Path
 
 import pytest
 
 from wakedeploy.core.errors import UnusableInput
-from wakedeploy.core.units import conversion, converted, same_unit, unit_of
+from wakedeploy.core.units import conversion, converted, same_unit, si_unit, unit_of
 from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_rig
 
 
@@ -32,7 +33,10 @@ from wakedeploy.rig.file import default_rig, default_rig_text, parse_rig, read_r
         ("N/mm", "N/m", 1e3), ("N/(m s)", "N/(m s)", 1), ("N/m/s", "N/(m s)", 1),
         ("Ns/m", "N s/m", 1), ("N*s/m", "N s/m", 1), ("N·s/m", "N s/m", 1), ("N/(m/s)", "N s/m", 1),
         ("V", "V", 1), ("mV", "V", 1e-3), ("deg", "rad", math.pi / 180), ("mrad", "rad", 1e-3),
-        ("1", "1", 1), ("", "1", 1), ("%", "1", 1e-2),
+        ("1", "1", 1), ("", "1", 1), ("%", "1", 1e-2), ("pct", "%", 1), ("minutes", "s", 60),
+        ("dps", "rad/s", math.pi / 180), ("rev/min", "rpm", 1), ("rps", "rad/s", 2 * math.pi),
+        ("mNm", "N m", 1e-3), ("Nmm", "N m", 1e-3), ("psi", "Pa", 6894.757293168361),
+        ("knots", "km/h", 1.852), ("l/min", "m^3/s", 1e-3 / 60), ("Volts", "V", 1),
     ],
 )  # fmt: skip
 def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, factor: float) -> None:
@@ -49,6 +53,8 @@ def test_a_unit_of_the_same_dimension_has_a_factor(given: str, wanted: str, fact
         ("N/(ms)", "N/(m s)", "another dimension"),  # per millisecond
         ("kilos", "kg", "'kilos' is not known; give kg, g"),
         ("furlong", "m", "not known"), ("m/", "m", "not known"), ("(m", "m", "not known"),
+        ("G", "kg", "not known"), ("mG", "g", "not known"),  # gauss, or of gravity
+        ("H", "s", "not known"), ("M", "m", "not known"),
         ("10", "1", "not known"), ("m^x", "m", "not known"), ("?", "m", "not known"),
     ],
 )  # fmt: skip
@@ -56,6 +62,16 @@ def test_another_dimension_or_an_unknown_unit_is_refused(given: str, wanted: str
     with pytest.raises(ValueError, match="give ") as told:
         conversion(given, wanted)
     assert why in str(told.value)
+
+
+def test_every_unit_that_the_manual_lists_is_known() -> None:
+    manual = Path(__file__).parents[2] / "docs" / "how-to" / "own-logs.md"
+    section = manual.read_text(encoding="utf-8").split("### Units")[1].split("## Time")[0]
+    rows = [line for line in section.splitlines() if line.startswith("| ") and "`" in line]
+    listed = [unit for row in rows for unit in re.findall("`([^`]+)`", row)]
+    assert len(listed) > 30
+    for unit in listed:
+        assert si_unit(unit)
 
 
 def test_conversion_rounds_once() -> None:

@@ -35,7 +35,7 @@ _UNIT_OF_NAME = {  # of the last parts of a name
 _UNDERSTOOD = {  # what a sentence offers; the other prefixes and products are understood, too
     "m": "m, cm, mm, um, in or ft",
     "kg": "kg, g, mg, lb or oz",
-    "s": "s, ms, us or min",
+    "s": "s, ms, us, ns, min or h",
     "us": "us, ms or s",
     "N": "N, mN, kN, gf, kgf or lbf",
     "m/s": "m/s, cm/s, mm/s, km/h or mps",
@@ -49,7 +49,7 @@ _UNDERSTOOD = {  # what a sentence offers; the other prefixes and products are u
     "W": "W, mW or kW",
     "K": "K or mK",
     "N m": "N m, mN m or kgf m",
-    "rad/s": "rad/s, deg/s or rpm",
+    "rad/s": "rad/s, deg/s, dps, rpm or rps",
 }
 _SI = (  # the units that a number is put into where nobody asks for one; every factor is 1
     "1", "m", "kg", "s", "m/s", "m/s^2", "N", "N m", "N/m", "N s/m", "V", "A", "W", "K", "Pa", "T",
@@ -123,6 +123,38 @@ _ALONE = {
     "steps": _one(1, step=1),
     "mps2": _one(1, m=1, s=-2),
     "m2ps": _one(1, m=2, s=-1),
+    "kmh": _one(Fraction(1000, 3600), m=1, s=-1),
+    "knots": _one(Fraction(1852, 3600), m=1, s=-1),
+    "dps": _one(Fraction(math.pi / 180.0), s=-1),
+    "rev": _one(2 * Fraction(math.pi)),
+    "rps": _one(2 * Fraction(math.pi), s=-1),
+    "Nmm": _one(Fraction(1, 1000), m=2, kg=1, s=-2),
+    "l": _one(Fraction(1, 1000), m=3),
+    "L": _one(Fraction(1, 1000), m=3),
+    "ml": _one(Fraction(1, 10**6), m=3),
+    "mL": _one(Fraction(1, 10**6), m=3),
+    "mbar": _one(100, m=-1, kg=1, s=-2),
+    "psi": _one(_POUND * _G / Fraction("0.0254") ** 2, m=-1, kg=1, s=-2),
+    "counts": _one(1),
+}
+_SPOKEN = {  # as people write them out
+    "%": "pct percent",
+    "s": "sec secs second seconds",
+    "ms": "msec millisecond milliseconds",
+    "us": "usec microsecond microseconds",
+    "min": "minute minutes",
+    "h": "hr hour hours",
+    "m": "meter meters metre metres",
+    "rad": "radian radians",
+    "deg": "degree degrees",
+    "rev": "revolution revolutions",
+    "N": "newton newtons",
+    "V": "volt volts",
+    "A": "amp amps ampere amperes",
+    "W": "watt watts",
+    "Pa": "pascal pascals",
+    "K": "kelvin",
+    "counts": "count tick ticks lsb",
 }
 _PREFIXES = {
     "M": Fraction(10**6),
@@ -139,7 +171,12 @@ _SYMBOLS = {
     for name, quantity in _PREFIXED.items()
 }
 _SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
+_SYMBOLS |= {word: _SYMBOLS[unit] for unit, words in _SPOKEN.items() for word in words.split()}
 _IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
+_OTHERS = ("G", "mG", "H", "M", "S")  # gauss, henry, mega, siemens are none of ours
+_ANGULAR = re.compile(
+    r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
+)
 _SUPERSCRIPTS = str.maketrans("⁻¹²³⁴", "-1234")
 _PART = re.compile(
     r"\s*(?P<sign>[/*·⋅]?)\s*"
@@ -194,7 +231,7 @@ def si_unit(text: str) -> str:
 
 def is_angular(text: str) -> bool:
     """Whether a unit counts angle: rad/s is another thing than Hz, though both are 1/s."""
-    return re.search(r"(?<![A-Za-z])(m?rad|deg|rpm)(?![A-Za-z])|°", text) is not None
+    return _ANGULAR.search(text) is not None
 
 
 def _composed(quantity: Quantity) -> str:
@@ -233,5 +270,7 @@ def _part(part: "re.Match[str]") -> Quantity | None:
     read = _SYMBOLS.get(name + (part["power"] or ""))  # mps2 is no square of mps
     if read is not None:
         return read
-    read = _SYMBOLS.get(name) or _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
+    read = _SYMBOLS.get(name)
+    if read is None and name not in _OTHERS:
+        read = _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
     return read.raised(int(part["power"] or 1)) if read is not None else None

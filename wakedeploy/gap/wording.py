@@ -15,9 +15,11 @@ import numpy.typing as npt
 FloatArray = npt.NDArray[np.float64]
 
 UNKNOWN = "–"
+DETAILS = "In detail:"  # what comes before it needs no statistics
 _LARGEST = 1e15
 _SMALL = 0.2  # below this, seconds and metres read better in thousandths
 _THOUSANDTHS = {"s": "ms", "m": "mm"}
+_MOST_DECIMALS = 7  # smaller numbers are written with an exponent
 _DIMENSIONLESS = ("", "1", "-", "–")
 _SIGNS = {r"\bus\b": "µs", r"\^2": "²", r"\^3": "³"}
 _UNIT_SUFFIX = re.compile(r"_(n_per_mps|n_per_m|s_per_m|per_s|per_m|m2ps|mps|us|s|m|n|kg|hz)$")
@@ -127,9 +129,11 @@ def spoken(parameter: str) -> str:
 def _digits(value: float, spread: float, signed: bool = False) -> str:
     """A number to the digit in which its spread counts between 3 and 30."""
     if spread > 0.0 and math.isfinite(spread):
-        decimals = min(max(0, -math.floor(math.log10(spread / 3.0))), 9)
+        decimals = max(0, -math.floor(math.log10(spread / 3.0)))
     else:
         decimals = 0
+    if decimals > _MOST_DECIMALS:
+        return _minus(f"{value:{'+' if signed else ''}.3g}")
     text = f"{value:{'+' if signed else ''},.{decimals}f}"
     return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else _minus(text)
 

@@ -36,8 +36,8 @@ class TimeBase(_Table):
     """Of the stamps; seconds where nothing is said, and what the log's own clock counts in."""
     format: str | None = None
     """How stamps that are texts are written, as `strptime` takes it, or "iso"."""
-    rate_hz: float | None = Field(default=None, gt=0, le=_MOST_HZ)
-    """Samples a second of a log without stamps."""
+    rate_hz: float | None = Field(default=None, ge=0, le=_MOST_HZ)
+    """Samples a second of a log without stamps; a first file has 0 where the log does not say."""
     repeated: Literal["last", "first", "refuse"] = "last"
     """Which of several samples with one stamp is kept."""
     falling: Literal["refuse", "sort", "split"] = "refuse"
@@ -47,6 +47,8 @@ class TimeBase(_Table):
     def _one_source(self) -> "TimeBase":
         if self.rate_hz is not None and self.column is not None:
             raise ValueError("give either a column of stamps or a rate_hz, not both")
+        if self.rate_hz == 0.0:
+            raise ValueError("rate_hz is still 0: give the samples a second, or a column of stamps")
         return self
 
 

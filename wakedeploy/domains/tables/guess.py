@@ -42,10 +42,12 @@ _FORMS = ("iso", "%Y-%m-%d %H:%M:%S:%f", "%d.%m.%Y %H:%M:%S", "%H:%M:%S.%f", "%H
 _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"gyro.*rad(\[\d\])?$|_rad_?p?e?r?_?s$|rad/s", "rad/s"),
     (r"_m_s2?(\[\d\])?$", "m/s^2"), (r"_mps2$", "m/s^2"), (r"_mps$", "m/s"),
+    (r"_dps$|_deg_?p?e?r?_?s$|deg/s", "deg/s"), (r"_mnm$", "mN m"), (r"_pct$|_percent$", "%"),
     (r"_nm$", "N m"), (r"_rad$", "rad"), (r"_deg$", "deg"), (r"_rpm$|^rpm$", "rpm"),
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
+    (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"), (r"_bar$", "bar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")

@@ -31,7 +31,7 @@ def advice(steps: Steps, out: Path) -> Advice | None:
     if steps.missing == "plan":
         return _split(steps, out)
     if steps.missing is None:
-        return None
+        return _use(steps, out)
     command = f"wakedeploy gap {steps.missing}{steps.option}"
     return Advice(why=_STEPS[steps.missing], commands=[command])
 
@@ -40,6 +40,24 @@ def _wants_confirmation(steps: Steps) -> bool:
     """Something was found, no flight was kept apart, and no step is under way."""
     found = steps.name is not None and steps.name.verdict != "none"
     return found and unconfirmed(steps.flights) and steps.missing != "show"
+
+
+def _use(steps: Steps, out: Path) -> Advice | None:
+    """Episodes of the corrected rig, and predictors trained on them; None where it lacks nothing.
+
+    The workflow trains one of each by itself where it was asked to.
+    """
+    result, rig = steps.result, out / "rig.toml"
+    if result is None or not result.to_add or not rig.is_file():
+        return None
+    episodes = shlex.quote(str(out / "corrected-set"))
+    return Advice(
+        why="simulate and train with the corrected rig file",
+        commands=[
+            f"wakedeploy data make gantry --rig {shlex.quote(str(rig))} --out {episodes}",
+            f"wakedeploy train --data {episodes} --arch gru --out {shlex.quote(str(out / 'runs'))}",
+        ],
+    )
 
 
 def _fly_more(find: Find) -> Advice:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from wakedeploy.gap.few_flights import cannot_tell, unconfirmed
 from wakedeploy.gap.report.mattering import force_words, share_of
 from wakedeploy.gap.report.shrinkage import flight_count, gap_channel, gap_values
+from wakedeploy.gap.rules import sealed_count
 from wakedeploy.gap.systems.gantry.artefacts import Summary
 from wakedeploy.gap.systems.gantry.findings import Effect, Worth
 from wakedeploy.gap.wording import confidence, listed, percent
@@ -97,7 +98,9 @@ def _names_sure(summary: Summary) -> list[str]:
     sure = [f"{effect.name} {confidence(effect.confidence)}" for effect in known]
     sentences = [f"{listed(sure)}."] if sure else []
     if all(effect.worth is not None and effect.worth.confirmed for effect in summary.effects):
-        sentences.append("Flights that took no part in finding it bear it out.")
+        apart = sealed_count(flight_count(summary))
+        subject, verb = ("Flights", "bear") if apart != 1 else ("A flight", "bears")
+        sentences.append(f"{subject} that took no part in finding it {verb} it out.")
     return sentences
 
 

@@ -90,8 +90,19 @@ def worth_sentences(worth: Worth | None, subject: str = "It") -> list[str]:
         if shares_told[1:]
         else ""
     )
-    verdict = "it matters" if worth.matters else "too small to matter here, and not added"
+    verdict = _matters(worth) if worth.matters else "too small to matter here, and not added"
     return [f"{shares_told[0]}{shares}: {verdict}."]
+
+
+def _matters(worth: Worth) -> str:
+    """That it matters; and by what, where the forecasts' intervals leave it open."""
+    known = [r for r in worth.removed.values() if not math.isnan(r.low)]
+    if not known or any(r.low > 0.0 for r in known):
+        return "it matters"
+    return (
+        "it matters, as all readings of the flights kept apart say together; their forecasts alone "
+        "scatter too much"
+    )
 
 
 def withdrawn_sentences(answer: Answer) -> list[str]:

@@ -6,15 +6,10 @@ In: the summary of a folder. Out: sentences.
 from wakedeploy.gap.few_flights import cannot_tell, headline, in_words, unconfirmed
 from wakedeploy.gap.report.evidence import evidence
 from wakedeploy.gap.report.first_screen import first_screen
-from wakedeploy.gap.report.mattering import (
-    NOTHING,
-    small_clause,
-)
+from wakedeploy.gap.report.mattering import NOTHING, small_clause
 from wakedeploy.gap.report.shrinkage import flight_count
 from wakedeploy.gap.systems.gantry.artefacts import Summary
-from wakedeploy.gap.wording import (
-    listed,
-)
+from wakedeploy.gap.wording import DETAILS, listed
 
 _NOTHING_AT_ALL = "Nothing is missing from the model beyond noise."
 
@@ -25,7 +20,7 @@ def account(summary: Summary) -> str:
     Only `verdict` is needed; whatever else is missing is left out or shown as a dash.
     """
     asked = [f"{question} {answer}" for question, answer in first_screen(summary)]
-    apart = ["", "In detail:"] if asked else []
+    apart = ["", DETAILS] if asked else []
     return "\n".join([verdict_sentence(summary), *asked, *apart, *evidence(summary)])
 
 

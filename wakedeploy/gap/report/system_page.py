@@ -19,7 +19,7 @@ from wakedeploy.gap.search.artefacts import LabelAudit, Ranked, Result, Round, S
 from wakedeploy.gap.systems.gantry import findings as drawn
 from wakedeploy.gap.systems.gantry.artefacts import Profile
 from wakedeploy.gap.systems.gantry.findings import Gap
-from wakedeploy.gap.wording import counted, listed, measured, number, probability, quantity
+from wakedeploy.gap.wording import DETAILS, counted, listed, measured, number, probability, quantity
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,18 +27,18 @@ if TYPE_CHECKING:
 _MOST_PLACES = 12
 _CAPTIONS = {
     "places": (
-        "The mean residual on the sealed episodes over every coordinate, before and after; the six "
+        "The mean residual on the sealed blocks over every coordinate, before and after; the six "
         "that change most."
     ),
     "ranking": (
-        "What each effect gains on episodes that it was not fitted to, with 90 % intervals over "
-        "the episodes. Left of the threshold is what simulations of the baseline gain by chance. "
+        "What each effect gains on blocks that it was not fitted to, with 90 % intervals over "
+        "the blocks. Left of the threshold is what simulations of the baseline gain by chance. "
         "Orange: accepted; blue: above the threshold and not chosen."
     ),
     "gap": "Error per channel, noise not removed.",
-    "trace": "The sealed episode whose error fell by the median share.",
+    "trace": "The sealed block whose error fell by the median share.",
     "autocorrelation": (
-        "Whitened innovations of the fitted episodes: noise alone stays within the band 19 times "
+        "Whitened innovations of the fitted blocks: noise alone stays within the band 19 times "
         "in 20."
     ),
 }
@@ -55,8 +55,8 @@ def write_page(
 ) -> Path:
     """Draw the figures and write `report.html` into `out`; returns the page's path.
 
-    `said` is the answer in sentences, where there is more to say than the verdict; `next_commands`
-    stand on the page, to copy.
+    `said` is the answer in sentences, where there is more to say than the verdict; those after
+    `DETAILS` stand below. `next_commands` stand on the page, to copy.
 
     Raises UnusableInput when the page or a figure cannot be written.
     """
@@ -65,7 +65,8 @@ def write_page(
     if result.far is not None:
         accounts.append(_account("The same, where no wake is", result.far, out, "far_"))
     told = {"title": title, "accounts": accounts, "further": _further(result, out)}
-    told |= {"next": next_commands, "said": said}
+    details = list(said).index(DETAILS) if DETAILS in said else len(said)
+    told |= {"next": next_commands, "said": said[:details], "details": said[details + 1 :]}
     path = out / "report.html"
     write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
     return path
@@ -83,10 +84,13 @@ def _account(title: str, result: Result, out: Path, prefix: str) -> dict[str, An
         ),
     }
     found = [effect.name for effect in result.effects]
-    folder, episodes = out / "figures", counted(len(result.episodes), "episode")
+    folder, blocks = out / "figures", counted(len(result.episodes), "block")
     return {
         "title": title,
-        "counts": f"{episodes}, {len(result.sealed)} of them sealed",
+        "counts": (
+            f"{blocks} of recordings, {len(result.sealed)} of them sealed: kept apart while the "
+            "search ran, to show the answer on."
+        ),
         "verdict": _verdict(result),
         "sizes": _sizes(result),
         "places": _places(result),
@@ -184,7 +188,7 @@ def _placebo(result: Result) -> str:
     ]
     return (
         f"The best other effect instead, {placebo.name}: {'; '.join(errors)}. On the sealed "
-        f"episodes it gains {placebo.sealed_gain_nats:.1f} nats, what was found "
+        f"blocks it gains {placebo.sealed_gain_nats:.1f} nats, what was found "
         f"{result.sealed_gain_nats:.1f}."
     )
 

@@ -22,7 +22,7 @@ from wakedeploy.gap.evidence.inference import (
 from wakedeploy.gap.search.comparison import Comparison
 
 _DAMPED = ((1e-3, 0.1, 1.0, 10.0), (100.0, 1e3, 1e4))  # the latter where the former only fall
-_NEARLY_LINEAR = ("form.", "clock.")
+_NEARLY_LINEAR = ("form.",)
 _MOST = 10  # steps of a climb
 _ENOUGH_NATS = 0.3  # a step that gains less ends a climb
 _RACED = 2  # steps after which those that fall behind stop

@@ -94,8 +94,9 @@ class Acting:
         """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system."""
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
-        driven = Point("input", inputs)
         own: dict[str, Any] = {}
+        inputs = self._arriving(inputs, named, values, own)
+        driven = Point("input", inputs)
         if self.system.takes_forces and self._of["force"]:
             told = self._loaded(named, state, driven, c, values, own)
         else:
@@ -120,6 +121,7 @@ class Acting:
         """What the sensors show (m, …)."""
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
+        inputs = self._arriving(inputs, named, values, {})
         told = self.system.readings(state, Point("input", inputs), c)
         for effect in self._of["output"]:
             kind, name = effect.kind, effect.port.name
@@ -130,6 +132,21 @@ class Acting:
         for i, value in enumerate(told.values()):
             result[i] = value
         return result
+
+    def _arriving(
+        self, inputs: Arrays, named: Arrays, values: Arrays, own: dict[str, Any]
+    ) -> Arrays:
+        """Inputs with what reaches the system from before the log; also the rates of that."""
+        arriving = dict(inputs)
+        for effect in self._of["input"]:
+            if effect.own_states:
+                kind, mine = effect.kind, tuple(named[n] for n in effect.own_states)
+                assert isinstance(kind, InputKind)
+                rates = kind.own_rates(mine, effect.parameters(values), 1.0 / self.system.rate_hz)
+                for name, rate in zip(effect.own_states, rates, strict=True):
+                    own[name] = self._advanced(named[name], rate)
+                arriving[effect.port.name] = arriving[effect.port.name] + mine[-1]
+        return arriving
 
     @property
     def _dt_s(self) -> float:

@@ -20,7 +20,7 @@ from wakedeploy.gap.systems.system import System
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-BLOCKS, _SHORTEST = 16, 40  # blocks in all, samples of one
+BLOCKS, SHORTEST = 16, 40  # blocks in all, samples of one
 _PIECE, _WARM = 600, 60  # samples scored in a piece, and before
 _MOST_MISSING = 0.05
 _RATE_TOLERANCE = 0.01
@@ -122,7 +122,7 @@ def blocks_of(logs: Sequence[Log]) -> list[Block]:
     if len(logs) >= BLOCKS // 2:
         wanted = [1] * len(logs)
     else:
-        count = min(BLOCKS, max(total // _SHORTEST, 1))
+        count = min(BLOCKS, max(total // SHORTEST, 1))
         wanted = [max(round(count * n / total), 1) for n in lengths]
     blocks = []
     for k, (log, n, parts) in enumerate(zip(logs, lengths, wanted, strict=True)):

@@ -16,6 +16,7 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import LOST_NATS, FloatArray
 from wakedeploy.gap.systems.augmented import Acting
 from wakedeploy.gap.systems.blocks import Block, Log, Pieces, pieces_of
+from wakedeploy.gap.systems.kinds.inputs import InputKind
 from wakedeploy.gap.systems.system import System
 from wakedeploy.physics.kalman import corrected, stepped
 from wakedeploy.physics.series import IntArray
@@ -117,6 +118,9 @@ class Filter:
         dt_s = 1.0 / acting.system.rate_hz
         noise = Noise.of(acting.system, self.driven, spread, dt_s)
         x, p = self._begin(acting, at[0], count, noise)
+        for name, sd in self._unsettled(acting, values, pieces).items():
+            place = acting.states.index(name)
+            p[place, place] = sd**2
         k, m = len(acting.states), len(logged)
         driven = self._places(acting)
         aside = self._aside(acting, lanes)
@@ -252,6 +256,28 @@ class Filter:
             result.append(np.array(rows))
         return result
 
+    def _unsettled(
+        self, acting: Acting, values: Mapping[str, FloatArray], pieces: Pieces
+    ) -> dict[str, FloatArray]:
+        """Sd (L,) of what reaches the system from before its log, where each lane begins."""
+        dt_s, count = 1.0 / acting.system.rate_hz, len(next(iter(values.values())))
+        since_s = pieces.sample[0] * dt_s
+        found: dict[str, FloatArray] = {}
+        for effect in acting.effects:
+            kind = effect.kind
+            if not isinstance(kind, InputKind) or not effect.own_states:
+                continue
+            row = [i.name for i in acting.system.inputs].index(effect.port.name)
+            columns = np.split(self._inputs[row], self._offset[1:-1])
+            sd = np.empty((count, len(since_s)))
+            for k in range(count):
+                own = effect.parameters({n: v[k] for n, v in values.items()})
+                at_start = np.array([kind.unsettled(c, own, dt_s) for c in columns])
+                fading_s = max(kind.settling_s(own), dt_s)
+                sd[k] = at_start[pieces.log] * np.exp(-since_s / fading_s)
+            found |= dict.fromkeys(effect.own_states, sd.reshape(-1))
+        return found
+
     def _begin(
         self, acting: Acting, at: FloatArray, count: int, noise: "Noise | None"
     ) -> tuple[FloatArray, FloatArray]:
@@ -260,7 +286,8 @@ class Filter:
         sd = np.tile(self.starts[0].spread[:, None], (1, own.shape[1]))
         for effect in acting.effects:
             for _ in effect.own_states:
-                value, width = np.zeros(own.shape[1]), 0.5
+                value = np.zeros(own.shape[1])
+                width = 0.0 if effect.port.role == "input" else 0.5
                 if effect.port.role == "output":
                     value = self._outputs[
                         [o.name for o in acting.system.outputs].index(effect.port.name)

@@ -13,8 +13,11 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, FloatArray, fit, neutral, prior_precision
 from wakedeploy.gap.evidence.separation import whitened
 from wakedeploy.gap.progress import Steps, uncounted
+from wakedeploy.gap.rules import FEWEST_IN_ALL
 from wakedeploy.gap.search.looking import Ground, look
+from wakedeploy.gap.systems.blocks import SHORTEST
 from wakedeploy.gap.systems.logs import LogModel
+from wakedeploy.gap.wording import counted
 
 LIKE = 0.95  # correlation of what two leave, from which logs hardly tell them apart
 _STUCK = 0.01  # share of samples at a column's end, from which it is called saturated
@@ -65,6 +68,11 @@ def column_notes(model: LogModel) -> list[str]:
     """What the columns themselves show: ends at which they stay, inputs that never change."""
     told = []
     logs = model.logs
+    if model.episodes < FEWEST_IN_ALL:
+        told.append(
+            f"too short for a search: these logs make {counted(model.episodes, 'block')} of at "
+            f"least {SHORTEST} samples, and {FEWEST_IN_ALL} are needed; record more."
+        )
     for i, stated in enumerate(model.system.inputs):
         told += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
     for i, shown in enumerate(model.system.outputs):

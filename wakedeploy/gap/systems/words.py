@@ -1,8 +1,20 @@
-"""What a step found in a user's system, as sentences for a terminal."""
+"""What a step found in a user's system, as sentences for a terminal.
 
-from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Result, Size
+The verdict and three answers come first, for which nobody needs statistics: does it matter, how
+sure is that, what next. The numbers stand below them.
+"""
+
+from wakedeploy.gap.search.artefacts import Answer, Artefact, Disagreements, Forecast, Result, Size
 from wakedeploy.gap.search.judging import ACCEPTED, CHANCE, UNSEEN_WORSE
-from wakedeploy.gap.wording import listed
+from wakedeploy.gap.wording import (
+    DETAILS,
+    UNKNOWN,
+    counted,
+    listed,
+    measured,
+    percent,
+    quantity,
+)
 
 _MOST_PLACES, _MOST_RANKED = 6, 5
 
@@ -12,8 +24,16 @@ def sentences(told: Artefact) -> list[str]:
     if isinstance(told, Disagreements) and not isinstance(told, Result):
         return _found(told)
     assert isinstance(told, Answer)
-    lines = [_verdict(told), *_moved(told), *_effects(told), *_unexplained(told), *_rejected(told)]
-    return lines + _gap(told) if isinstance(told, Result) else lines
+    detail = [*_effects(told), *_unexplained(told), *_rejected(told)]
+    if not isinstance(told, Result):
+        return [_verdict(told), *_moved(told), *detail]
+    detail += _gap(told)
+    answers = [
+        f"Does it matter? {_importance(told)}",
+        f"How sure is that? {_certainty(told)}",
+        f"What next? {_next(told)}",
+    ]
+    return [_verdict(told), *_moved(told), *answers, *([DETAILS] if detail else []), *detail]
 
 
 def _found(told: Disagreements) -> list[str]:
@@ -46,6 +66,55 @@ def _verdict(told: Answer) -> str:
     return "Something acts on the system that no known effect explains."
 
 
+def _importance(told: Result) -> str:
+    """How far off forecasts are, and how far with what was found."""
+    shown = [(name, error) for name, error in told.gap.items()]
+    ahead = f"Forecasts {quantity(told.forecast_s, 's')} ahead"
+    if told.effects:
+        errors = [
+            f"{name} by {quantity(error.before, error.unit)}, with it by "
+            f"{quantity(error.after, error.unit)}"
+            for name, error in shown
+        ]
+        return f"Yes. {ahead} of blocks kept apart were off: {listed(errors)}."
+    errors = [f"{name} by {quantity(error.before, error.unit)}" for name, error in shown]
+    off = f"{ahead} of blocks kept apart are off: {listed(errors)}"
+    if told.verdict == "none":
+        return f"No. {off}, and no effect makes that clearly smaller."
+    return f"{off}. Whether that is much, you know best."
+
+
+def _certainty(told: Result) -> str:
+    """What the answer rests on."""
+    fitted, sealed = len(told.episodes) - len(told.sealed), len(told.sealed)
+    if told.verdict == "none":
+        return "Where nothing is missing, one search in twenty finds something; this one did not."
+    beyond = "Chance alone brings as much in less than one search of twenty."
+    if told.verdict == "unknown":
+        return f"{beyond} What it is, is open."
+    if told.verdict == "class":
+        return f"{beyond} Which of them it is, is open."
+    found, apart = counted(fitted, "block"), f"of {counted(sealed, 'block')} kept apart"
+    if told.sealed_gain_nats > 0.0:
+        return f"{beyond} Found in {found} of the logs; forecasts {apart} bear it out."
+    return f"{beyond} Forecasts {apart} do not confirm it: record more."
+
+
+def _next(told: Result) -> str:
+    """What to do; the commands stand below."""
+    if told.moved:
+        return "Check those constants and units before anything else."
+    if told.verdict == "class":
+        return "Record the input that tells them apart, and ask again with that log, too."
+    if told.effects:
+        return "Replay a log that took no part with the correction, then use the corrected system."
+    if told.is_outdone:
+        return "Check equations, units and signs: replay a log, and compare it with what you know."
+    if told.verdict == "unknown":
+        return "See what these logs show and what looks alike; record one that excites it more."
+    return "Use the system as it is. How small an effect these logs would show, `gap power` says."
+
+
 def _moved(told: Answer) -> list[str]:
     return [
         f"  Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
@@ -58,11 +127,7 @@ def _effects(told: Answer) -> list[str]:
     lines = []
     for effect in told.effects:
         sizes = ", ".join(_size(*one) for one in effect.parameters.items())
-        share = effect.forecast
-        lines.append(
-            f"  {effect.name}: {sizes}; removes {_percent(share.share)} of the squared forecast "
-            f"error where it was not fitted [{_percent(share.low)}, {_percent(share.high)}]"
-        )
+        lines.append(f"  {effect.name}: {sizes}; removes {_share(effect.forecast)}.")
     for name in told.unsettled:
         lines.append(
             f"  The fit with {name} was stopped before it came to rest: its size is less sure than "
@@ -90,12 +155,19 @@ def _unexplained(told: Answer) -> list[str]:
 
 
 def _size(name: str, size: Size) -> str:
-    return f"{name} {size.value:.4g} [{size.low:.4g}, {size.high:.4g}] {size.unit}"
+    return f"{name} {measured(size.value, size.low, size.high, size.unit)}"
+
+
+def _share(removed: Forecast) -> str:
+    """`62 % (58 to 66) of …`; an interval that rounds to the share itself is left out."""
+    low, middle, high = (_percent(share) for share in (removed.low, removed.share, removed.high))
+    interval = f" ({low} to {high})" if {low, high} - {middle, UNKNOWN} else ""
+    return f"{middle}{interval} of the squared forecast error where it was not fitted"
 
 
 def _percent(share: float) -> str:
     """A share in whole percent; what is not all of it never reads as all of it."""
-    return "over 99%" if 0.99 < share < 1.0 else f"{share:.0%}"
+    return "over 99 %" if 0.99 < share < 1.0 else percent(share)
 
 
 def _rejected(told: Answer) -> list[str]:
@@ -114,7 +186,7 @@ def _rejected(told: Answer) -> list[str]:
 
 def _gap(told: Result) -> list[str]:
     return [
-        f"  {name}: forecasts over {told.forecast_s:.3g} s were off by {error.before:.4g}, now "
-        f"by {error.after:.4g} {error.unit} (rms, sealed blocks)"
+        f"  {name}: rms forecast error {quantity(error.before, error.unit)} before, "
+        f"{quantity(error.after, error.unit)} after"
         for name, error in told.gap.items()
     ]

@@ -1,7 +1,8 @@
 """Kinds that act on a logged input before it reaches the system.
 
-Each maps a whole column (n,) to another; the log's sample time is `dt_s`. They need no state in
-the filter, because what they act on was measured.
+Each maps a whole column (n,) to another; the log's sample time is `dt_s`. What they act on was
+measured, so they need no state in the filter, but for what came before the log: an input that was
+moving then reaches the system from where no column says. A lag adds states for that, which decay.
 """
 
 import numpy as np
@@ -20,6 +21,20 @@ class InputKind(Kind):
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """What reaches the system, (n,), of what was logged, (n,)."""
         raise NotImplementedError
+
+    def own_rates(
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+    ) -> tuple[FloatArray, ...]:
+        """Derivatives of the kind's own states; the last is added to the column."""
+        return ()
+
+    def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
+        """How far the kind's own states may be from 0 where a logged column (n,) begins, as sd."""
+        return 0.0
+
+    def settling_s(self, p: Parameters) -> float:
+        """With which time constant that is forgotten."""
+        return 0.0
 
 
 class DeadTime(InputKind):
@@ -44,6 +59,7 @@ class Lag(InputKind):
     name = "lag"
     equation = "tau u' + u = command"
     source = _LJUNG
+    own_states = 1
     parameters = (
         Parameter("tau_s", {"time": 1}, low=0.0, high=1000.0, starts=(1.0, 3.0, 10.0, 40.0),
                   step=0.02, prior=50.0),
@@ -53,6 +69,21 @@ class Lag(InputKind):
         """Means over each sample of a first-order response to a held input."""
         return lagged(column, p["tau_s"] / dt_s)
 
+    def own_rates(
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+    ) -> tuple[FloatArray, ...]:
+        """Towards 0."""
+        tau_s = np.maximum(p["tau_s"], dt_s)  # shorter than a sample: gone after it
+        return (-own[0] / tau_s,)
+
+    def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
+        """As far as the command goes in the two time constants that follow."""
+        return _moved(column, 2.0 * float(p["tau_s"]) / dt_s)
+
+    def settling_s(self, p: Parameters) -> float:
+        """The time constant."""
+        return float(p["tau_s"])
+
 
 class SecondOrderLag(InputKind):
     """The input follows its command with two equal time constants."""
@@ -60,6 +91,7 @@ class SecondOrderLag(InputKind):
     name = "second-order-lag"
     equation = "tau² u'' + 2 tau u' + u = command"
     source = _LJUNG
+    own_states = 2
     parameters = (
         Parameter("tau_s", {"time": 1}, low=0.0, high=500.0, starts=(0.5, 2.0, 6.0, 20.0),
                   step=0.02, prior=30.0),
@@ -68,6 +100,21 @@ class SecondOrderLag(InputKind):
     def filtered(self, column: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """Two lags in series."""
         return lagged(lagged(column, p["tau_s"] / dt_s), p["tau_s"] / dt_s)
+
+    def own_rates(
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+    ) -> tuple[FloatArray, ...]:
+        """Towards 0, one after the other."""
+        tau_s = np.maximum(p["tau_s"], dt_s)  # shorter than a sample: gone after it
+        return -own[0] / tau_s, (own[0] - own[1]) / tau_s
+
+    def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
+        """As far as the command goes in the two time constants that follow."""
+        return _moved(column, 2.0 * 2.0 * float(p["tau_s"]) / dt_s)
+
+    def settling_s(self, p: Parameters) -> float:
+        """The time constant."""
+        return float(p["tau_s"])
 
 
 class RateLimit(InputKind):
@@ -238,6 +285,12 @@ def lagged(column: FloatArray, samples: float) -> FloatArray:
     ends, _ = lfilter([1.0 - keep], [1.0, -keep], column, zi=[keep * column[0]])
     begins = np.concatenate([column[:1], ends[:-1]])
     return np.asarray(column + share * (begins - column))
+
+
+def _moved(column: FloatArray, samples: float) -> float:
+    """How far the first samples of a column (n,) lie from where it begins, as an RMS."""
+    first = column[: int(np.ceil(samples)) + 1]
+    return float(np.sqrt(np.mean((first - column[0]) ** 2)))
 
 
 KINDS = (

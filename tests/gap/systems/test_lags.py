@@ -1,0 +1,74 @@
+"""An input that was moving before its log began: what was on its way then is nobody's effect."""
+
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+from wakedeploy import Constant, Input, Output, Port, System
+from wakedeploy.core.recording import Recording
+from wakedeploy.gap.evidence.inference import applied, extended, fit
+from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.systems.logs import LogModel
+
+RATE = 4.0
+GAIN, LEAK, TAU_S = 0.004, 0.02, 6.0
+
+
+class Tank(System):
+    """A pump fills it, and it leaks by Torricelli's law."""
+
+    rate_hz = RATE
+    inputs: ClassVar = [Input("pump_v", "V")]
+    states: ClassVar = {"level_m": "m"}
+    outputs: ClassVar = [Output("level_m", "m", noise=5e-4)]
+    constants: ClassVar = [Constant("gain", GAIN, spread=4e-4), Constant("leak", LEAK, spread=2e-3)]
+    ports: ClassVar = [
+        Port.input("pump_v", kinds=["lag", "second-order-lag", "dead-time"]),
+        Port.output("level_m", kinds=["sensor-lag", "sensor-dead-time"]),
+    ]
+
+    def derivative(self, state, inputs, c):
+        out = c.leak * np.sqrt(np.maximum(state.level_m, 1e-6))
+        return {"level_m": c.gain * np.asarray(inputs.pump_v) - out}
+
+
+def _log(seed: int, lags: int, cut_s: float, minutes: float = 6.0) -> Recording:
+    """The tank, its pump behind so many lags, by small Euler steps; the log begins at `cut_s`."""
+    rng = np.random.default_rng(seed)
+    n, fine = int((60.0 * minutes + cut_s) * RATE), 20
+    command = np.repeat(rng.uniform(0.5, 5.0, n // 24 + 1), 24)[:n]
+    pump, level, shown = np.full(lags, command[0]), 0.4, np.empty(n)
+    dt = 1.0 / RATE / fine
+    for k in range(n):
+        shown[k] = level
+        for _ in range(fine):
+            before = np.concatenate([[command[k]], pump[:-1]])
+            pump += dt / TAU_S * (before - pump)
+            level += dt * (GAIN * pump[-1] - LEAK * np.sqrt(max(level, 0.0)))
+    shown += 5e-4 * rng.standard_normal(n)
+    cut = int(cut_s * RATE)
+    columns = {"pump_v": command[cut:], "level_m": shown[cut:]}
+    return Recording("tank", np.arange(n - cut) / RATE, columns)
+
+
+@pytest.mark.parametrize(("lags", "effect"), [(1, "lag@pump_v"), (2, "second-order-lag@pump_v")])
+def test_a_log_that_begins_in_motion_is_no_less_likely_than_later_parts(lags, effect):
+    model = LogModel(Tank(), [_log(3, lags, cut_s=120.0)])
+    base = fitted_base(model)
+    start = extended(base, model.free((effect,)))
+    start[-1] = TAU_S
+    fitted = fit(model, (effect,), base.episodes, start)
+    low, high = fitted.interval(f"{effect}.tau_s")
+    assert low < TAU_S < high
+    assert high - low < 0.5 * TAU_S
+    first, *others = applied(model, fitted, base.episodes).slopes.scores
+    loudest = max(float(np.sqrt(np.mean(s.white**2))) for s in others)
+    assert float(np.sqrt(np.mean(first.white**2))) < 1.3 * loudest
+
+
+def test_a_slow_pump_is_not_blamed_on_the_sensor():
+    model = LogModel(Tank(), [_log(0, 1, cut_s=120.0)])
+    told = named(model, fitted_base(model))
+    assert verdict_of(told) in ("named", "class")
+    assert "lag@pump_v" in (*told.found.hypothesis, *told.rivals)
