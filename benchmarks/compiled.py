@@ -73,13 +73,18 @@ def main() -> None:
 
 
 def _keep(part: str, arch: str, told: dict[str, Any]) -> None:
-    """One result into the record, whose day and commit are then today's."""
-    known: dict[str, Any] = {"parts": {}}
+    """One result into the record, which states the days and commits of all its parts."""
+    known: dict[str, Any] = {"parts": {}, "stamps": {}}
     if RECORD.exists():
         known = json.loads(RECORD.read_text(encoding="utf-8"))
     known["parts"].setdefault(part, {})[arch] = told
-    known = {"compiler": version_of(host_compiler()), "clock_hz": CLOCK_HZ, "parts": known["parts"]}
-    records.write(RECORD, known)
+    known["stamps"][part] = {"measured": records.today(), "commit": records.COMMIT}
+    stamps = known["stamps"].values()
+    joined = {
+        key: ", ".join(sorted({one[key] for one in stamps})) for key in ("measured", "commit")
+    }
+    tools = {"compiler": version_of(host_compiler()), "clock_hz": CLOCK_HZ}
+    records.write(RECORD, joined | tools | {"parts": known["parts"], "stamps": known["stamps"]})
 
 
 def reference_package(work: Path, arch: str) -> Path:

@@ -24,6 +24,10 @@ COMMIT = frozen_at(WRITTEN)  # of the process's beginning: a later edit is not i
 
 def write(path: Path, result: Mapping[str, Any]) -> None:
     """Write a record whole; its day and commit are those that it states, else the present ones."""
-    today = f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}"
-    stamped = {"measured": today, "commit": COMMIT} | dict(result)
+    stamped = {"measured": today(), "commit": COMMIT} | dict(result)
     write_text_whole(path, json.dumps(stamped, indent=1) + "\n")
+
+
+def today() -> str:
+    """The present day, as records state it."""
+    return f"{datetime.datetime.now(datetime.UTC):%Y-%m-%d}"
