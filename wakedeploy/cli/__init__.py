@@ -91,6 +91,8 @@ class _Commands(Group):
 
     def invoke(self, ctx: click.Context) -> Any:
         """Run a command; what it raises becomes one line and an exit status."""
+        # Matrices are small here: a second thread costs more than it gains, on a busy machine most.
+        os.environ.setdefault("OMP_NUM_THREADS", "1")
         try:
             return super().invoke(ctx)
         except click.UsageError as error:

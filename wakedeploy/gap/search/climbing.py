@@ -14,10 +14,12 @@ from wakedeploy.gap.evidence.inference import (
     FloatArray,
     Score,
     Slopes,
+    fit,
     log_prior,
     neutral,
     prior_precision,
     scores_of,
+    settled,
 )
 from wakedeploy.gap.search.comparison import Comparison
 
@@ -42,6 +44,30 @@ def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
                 fits[i], rise = advanced(model, fitted)
                 rising[i] = rise > _ENOUGH_NATS
     return fits
+
+
+def finished(model: Comparison, base: Fit, fits: Sequence[Fit]) -> list[Fit]:
+    """Those that may be the best one, to the end; the others as they are.
+
+    A race ends where steps get short, and along a curved valley that is far below the summit: what
+    leads there need not lead at the end. A second climb begins where the effect has its size from
+    the race and everything else is as in the base, and goes round most of such valleys.
+    """
+    best = max((f.objective for f in fits), default=0.0) - base.objective
+    return [
+        _to_the_end(model, base, fitted)
+        if fitted.objective - base.objective > min(_BEHIND * best, best - _NEAR_NATS)
+        else fitted
+        for fitted in fits
+    ]
+
+
+def _to_the_end(model: Comparison, base: Fit, fitted: Fit) -> Fit:
+    known = dict(zip(base.names, base.theta, strict=True))
+    start = [known.get(f.name, own) for f, own in zip(fitted.free, fitted.theta, strict=True)]
+    again = fit(model, fitted.hypothesis, fitted.episodes, np.array(start))
+    higher = max(again, fitted, key=lambda f: f.objective)
+    return settled(model, higher)[0]
 
 
 def climbed(model: Comparison, start: Fit) -> Fit:

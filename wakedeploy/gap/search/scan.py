@@ -12,7 +12,7 @@ from wakedeploy.gap.evidence.inference import Fit, FloatArray
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import begun, climbed, raced
+from wakedeploy.gap.search.climbing import begun, climbed, finished, raced
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
@@ -42,7 +42,7 @@ def ranked(
     most = order[0].prospect(base) if order else 0.0
     least = max(RULES.least_nats, WORTH * most)
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
-    fits = raced(model, base, [seen.fit for seen in chosen])
+    fits = finished(model, base, raced(model, base, [seen.fit for seen in chosen]))
     steps(total, total)
     fitted = {seen.name: seen.fit for seen in order}
     fitted |= {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
