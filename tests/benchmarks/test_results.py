@@ -12,6 +12,7 @@ from benchmarks.results.pages import SECTIONS, Pages
 from benchmarks.results.section import Records
 
 KINDS = {".json", ".csv", ".jsonl"}
+DAY, COMMIT = r"20\d\d-\d\d-\d\d", "`[0-9a-f]{7,12}`"
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +40,7 @@ def test_every_section_states_when_and_at_which_commit_its_record_was_made(pages
     for section in sections:
         (line,) = re.findall(r"^Records (measured .*)$", section, re.MULTILINE)
         for told in line.split("; "):
-            assert re.match(r"measured 20\d\d-\d\d-\d\d at `[0-9a-f]{7,12}`", told), told
+            assert re.match(rf"measured {DAY}(, {DAY})* at {COMMIT}(, {COMMIT})*: ", told), told
         assert "```\n" in section
 
 

@@ -16,6 +16,7 @@ _TAYLOR = 8
 _FINE_ENOUGH = 1e-8  # of the last term of the series, by norm
 _COARSEST = 0.5  # norm of a matrix whose exponential is summed; larger ones are halved first
 _LEAST_VARIANCE = 1e-300
+_WIDE = 8  # lanes that are computed side by side, as a processor's registers hold them
 
 
 @compiled
@@ -107,87 +108,111 @@ def stepped(
     n, lanes = rates.shape[0], rates.shape[2]
     pushes = x.shape[0] - n
     every = n + pushes
-    a, f, phi, half = np.empty((n, n)), np.empty((n, n)), np.empty((n, n)), np.empty((n, n))
-    work, power = np.empty((n, n)), np.empty((n, n))
-    whole, cov = np.zeros((every, every)), np.empty((every, every))
-    before = np.empty((every, every))
-    carried, moved, slope = np.empty((every, every)), np.empty(n), np.empty(n)
-    for lane in range(lanes):
+    a, f, phi = np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE))
+    half, work, power = np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE))
+    whole, cov = np.zeros((n, every, _WIDE)), np.empty((every, every, _WIDE))
+    carried, kept = np.empty((every, every, _WIDE)), np.empty((pushes, _WIDE))
+    moved, slope, density = np.empty((n, _WIDE)), np.empty((n, _WIDE)), np.empty(_WIDE)
+    total, of = np.empty(_WIDE), np.empty(_WIDE, np.int64)
+    for first in range(0, lanes, _WIDE):
+        for w in range(_WIDE):
+            of[w] = min(first + w, lanes - 1)  # the last lane fills up what is left
         for i in range(n):
-            slope[i] = rates[i, 0, lane]
+            for w in range(_WIDE):
+                slope[i, w] = rates[i, 0, of[w]]
             for j in range(n):
-                a[i, j] = (rates[i, j + 1, lane] - rates[i, 0, lane]) / aside[j, lane]
+                for w in range(_WIDE):
+                    a[i, j, w] = (rates[i, j + 1, of[w]] - rates[i, 0, of[w]]) / aside[j, of[w]]
         for d in range(pushes):
-            slope[driven[d]] += x[n + d, lane] * (dt_s if discrete else 1.0)
-        if discrete:
-            for i in range(n):
-                moved[i] = slope[i]
-                for j in range(n):
-                    f[i, j] = a[i, j]
-                for d in range(pushes):
-                    whole[i, n + d] = dt_s if driven[d] == i else 0.0
-        else:
-            _exponential(a, dt_s, f, phi, half, work, power)
-            for i in range(n):
-                moved[i] = x[i, lane]
-                for j in range(n):
-                    moved[i] += phi[i, j] * slope[j] * dt_s
-                for d in range(pushes):
-                    whole[i, n + d] = phi[i, driven[d]] * dt_s
-        for i in range(n):
-            for j in range(n):
-                whole[i, j] = f[i, j]
-        for d in range(pushes):
-            whole[n + d, n + d] = keep[d, lane]
+            for w in range(_WIDE):
+                kept[d, w] = keep[d, of[w]]
+                slope[driven[d], w] += x[n + d, of[w]] * (dt_s if discrete else 1.0)
         for i in range(every):
             for j in range(every):
-                before[i, j] = p[i, j, lane]
-        _sandwich(whole, before, carried, cov, n)
+                for w in range(_WIDE):
+                    cov[i, j, w] = p[i, j, of[w]]
         if discrete:
-            for d in range(len(driven)):
-                cov[driven[d], driven[d]] += (sd[d, lane] * dt_s) ** 2
+            for i in range(n):
+                for w in range(_WIDE):
+                    moved[i, w] = slope[i, w]
+                for d in range(pushes):
+                    for w in range(_WIDE):
+                        whole[i, n + d, w] = dt_s if driven[d] == i else 0.0
         else:
-            for d in range(len(driven)):
-                c = driven[d]
-                density = (sd[d, lane] * dt_s) ** 2 / 6.0
-                for i in range(n):
-                    for j in range(i, n):
-                        cov[i, j] += density * (4.0 * half[i, c] * half[j, c] + f[i, c] * f[j, c])
-                cov[c, c] += density
-        for d in range(pushes):
-            cov[n + d, n + d] += fresh[d, lane] ** 2
-            x[n + d, lane] *= keep[d, lane]
+            _exponential(a, dt_s, f, phi, half, work, power, total)
+            for i in range(n):
+                for w in range(_WIDE):
+                    moved[i, w] = x[i, of[w]]
+                for j in range(n):
+                    for w in range(_WIDE):
+                        moved[i, w] += phi[i, j, w] * slope[j, w] * dt_s
+                for d in range(pushes):
+                    for w in range(_WIDE):
+                        whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
         for i in range(n):
-            x[i, lane] = moved[i]
-        for i in range(every):
-            for j in range(i, every):
-                p[i, j, lane] = p[j, i, lane] = cov[i, j]
+            for j in range(n):
+                for w in range(_WIDE):
+                    whole[i, j, w] = a[i, j, w] if discrete else f[i, j, w]
+        _sandwich(whole, kept, cov, carried, total)
+        for d in range(len(driven)):
+            c = driven[d]
+            for w in range(_WIDE):
+                density[w] = (sd[d, of[w]] * dt_s) ** 2 / (1.0 if discrete else 6.0)
+                cov[c, c, w] += density[w]
+            if discrete:
+                continue
+            for i in range(n):
+                for j in range(i, n):
+                    for w in range(_WIDE):
+                        ends = 4.0 * half[i, c, w] * half[j, c, w] + f[i, c, w] * f[j, c, w]
+                        cov[i, j, w] += density[w] * ends
+        for w in range(min(_WIDE, lanes - first)):
+            lane = first + w
+            for d in range(pushes):
+                cov[n + d, n + d, w] += fresh[d, lane] ** 2
+                x[n + d, lane] *= keep[d, lane]
+            for i in range(n):
+                x[i, lane] = moved[i, w]
+            for i in range(every):
+                for j in range(i, every):
+                    p[i, j, lane] = p[j, i, lane] = cov[i, j, w]
 
 
 @compiled
-def _sandwich(f: FloatArray, p: FloatArray, work: FloatArray, cov: FloatArray, n: int) -> None:
-    """The upper half of `cov` becomes f p fᵀ; f is diagonal from row `n` on."""
-    every = f.shape[0]
-    for i in range(every):
-        for j in range(every):
-            work[i, j] = 0.0
+def _sandwich(
+    f: FloatArray, kept: FloatArray, cov: FloatArray, work: FloatArray, total: FloatArray
+) -> None:
+    """The upper half of `cov` (n + s, n + s, W) becomes g cov gᵀ.
+
+    The first n rows of g are `f` (n, n + s, W); the others are diagonal, `kept` (s, W).
+    """
+    n, every = f.shape[0], f.shape[1]
     for i in range(n):
-        for m in range(every):
-            if f[i, m] != 0.0:
-                for j in range(every):
-                    work[i, j] += f[i, m] * p[m, j]
+        for j in range(every):
+            for w in range(_WIDE):
+                total[w] = f[i, 0, w] * cov[0, j, w]
+            for m in range(1, every):
+                for w in range(_WIDE):
+                    total[w] += f[i, m, w] * cov[m, j, w]
+            for w in range(_WIDE):
+                work[i, j, w] = total[w]
     for i in range(n, every):
         for j in range(every):
-            work[i, j] = f[i, i] * p[i, j]
+            for w in range(_WIDE):
+                work[i, j, w] = kept[i - n, w] * cov[i, j, w]
     for i in range(every):
         for j in range(i, every):
             if j >= n:
-                cov[i, j] = work[i, j] * f[j, j]
+                for w in range(_WIDE):
+                    cov[i, j, w] = work[i, j, w] * kept[j - n, w]
                 continue
-            total = 0.0
-            for m in range(every):
-                total += work[i, m] * f[j, m]
-            cov[i, j] = total
+            for w in range(_WIDE):
+                total[w] = work[i, 0, w] * f[j, 0, w]
+            for m in range(1, every):
+                for w in range(_WIDE):
+                    total[w] += work[i, m, w] * f[j, m, w]
+            for w in range(_WIDE):
+                cov[i, j, w] = total[w]
 
 
 @compiled
@@ -199,60 +224,74 @@ def _exponential(
     half: FloatArray,
     work: FloatArray,
     power: FloatArray,
+    total: FloatArray,
 ) -> None:
-    """`f` = exp(a dt), `half` = exp(a dt/2), `phi` = (a dt)⁻¹ (f − 1), by halving and doubling."""
+    """`f` = exp(a dt), `half` = exp(a dt/2), `phi` = (a dt)⁻¹ (f − 1), by halving and doubling.
+
+    Matrices are (n, n, W), one in each lane; the largest norm decides for all.
+    """
     n = a.shape[0]
     norm = 0.0
     for i in range(n):
-        row = 0.0
+        for w in range(_WIDE):
+            total[w] = 0.0
         for j in range(n):
-            row += abs(a[i, j])
-        norm = max(norm, row * dt_s)
+            for w in range(_WIDE):
+                total[w] += abs(a[i, j, w])
+        for w in range(_WIDE):
+            norm = max(norm, total[w] * dt_s)
     halvings = 1
     while norm * 0.5**halvings > _COARSEST and halvings < 60:
         halvings += 1
     scale = dt_s * 0.5**halvings
     for i in range(n):
         for j in range(n):
-            phi[i, j] = power[i, j] = 1.0 if i == j else 0.0
+            for w in range(_WIDE):
+                phi[i, j, w] = power[i, j, w] = 1.0 if i == j else 0.0
     factor, left = 1.0, 1.0
     for order in range(1, _TAYLOR + 1):
-        _times(power, a, work)
-        for i in range(n):
-            for j in range(n):
-                power[i, j] = work[i, j] * scale
+        _times(power, a, work, total)
         factor /= order + 1
         for i in range(n):
             for j in range(n):
-                phi[i, j] += factor * power[i, j]
+                for w in range(_WIDE):
+                    power[i, j, w] = work[i, j, w] * scale
+                    phi[i, j, w] += factor * power[i, j, w]
         left *= norm * 0.5**halvings
         if left * factor < _FINE_ENOUGH:
             break
-    _times(phi, a, work)
+    _times(phi, a, work, total)
     for i in range(n):
         for j in range(n):
-            f[i, j] = work[i, j] * scale + (1.0 if i == j else 0.0)
+            for w in range(_WIDE):
+                f[i, j, w] = work[i, j, w] * scale + (1.0 if i == j else 0.0)
     for _ in range(halvings):
         for i in range(n):
             for j in range(n):
-                half[i, j] = f[i, j]
-                power[i, j] = 0.5 * (f[i, j] + (1.0 if i == j else 0.0))
-        _times(power, phi, work)
+                for w in range(_WIDE):
+                    half[i, j, w] = f[i, j, w]
+                    power[i, j, w] = 0.5 * (f[i, j, w] + (1.0 if i == j else 0.0))
+        _times(power, phi, work, total)
         for i in range(n):
             for j in range(n):
-                phi[i, j] = work[i, j]
-        _times(half, half, f)
+                for w in range(_WIDE):
+                    phi[i, j, w] = work[i, j, w]
+        _times(half, half, f, total)
 
 
 @compiled
-def _times(first: FloatArray, other: FloatArray, product: FloatArray) -> None:
+def _times(first: FloatArray, other: FloatArray, product: FloatArray, total: FloatArray) -> None:
+    """Products of matrices (n, n, W), lane by lane."""
     n = first.shape[0]
     for i in range(n):
         for j in range(n):
-            total = 0.0
-            for m in range(n):
-                total += first[i, m] * other[m, j]
-            product[i, j] = total
+            for w in range(_WIDE):
+                total[w] = first[i, 0, w] * other[0, j, w]
+            for m in range(1, n):
+                for w in range(_WIDE):
+                    total[w] += first[i, m, w] * other[m, j, w]
+            for w in range(_WIDE):
+                product[i, j, w] = total[w]
 
 
 @compiled

@@ -46,28 +46,32 @@ def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
     return fits
 
 
-def finished(model: Comparison, base: Fit, fits: Sequence[Fit]) -> list[Fit]:
-    """Those that may be the best one, to the end; the others as they are.
+def finished(
+    model: Comparison, base: Fit, starts: Sequence[Fit], fits: Sequence[Fit]
+) -> dict[int, Fit]:
+    """Those that may be the best one, to the end, in place of what the race came to.
 
     A race ends where steps get short, and along a curved valley that is far below the summit: what
-    leads there need not lead at the end. A second climb begins where the effect has its size from
-    the race and everything else is as in the base, and goes round most of such valleys.
+    leads there need not lead at the end. Two more climbs begin where the effect has its size from
+    the race or from before it, and everything else is as in the base; most of such valleys can be
+    gone round.
     """
     best = max((f.objective for f in fits), default=0.0) - base.objective
-    return [
-        _to_the_end(model, base, fitted)
+    return {
+        i: to_the_end(model, base, [start.theta, fitted.theta], fitted)
+        for i, (start, fitted) in enumerate(zip(starts, fits, strict=True))
         if fitted.objective - base.objective > min(_BEHIND * best, best - _NEAR_NATS)
-        else fitted
-        for fitted in fits
-    ]
+    }
 
 
-def _to_the_end(model: Comparison, base: Fit, fitted: Fit) -> Fit:
+def to_the_end(model: Comparison, base: Fit, points: Sequence[FloatArray], fitted: Fit) -> Fit:
+    """The best of a candidate's fit and of climbs from its sizes at points (p,), else the base."""
     known = dict(zip(base.names, base.theta, strict=True))
-    start = [known.get(f.name, own) for f, own in zip(fitted.free, fitted.theta, strict=True)]
-    again = fit(model, fitted.hypothesis, fitted.episodes, np.array(start))
-    higher = max(again, fitted, key=lambda f: f.objective)
-    return settled(model, higher)[0]
+    reached = [fitted]
+    for theta in points:
+        sized = [known.get(f.name, own) for f, own in zip(fitted.free, theta, strict=True)]
+        reached.append(fit(model, fitted.hypothesis, fitted.episodes, np.array(sized)))
+    return settled(model, max(reached, key=lambda f: f.objective))[0]
 
 
 def climbed(model: Comparison, start: Fit) -> Fit:

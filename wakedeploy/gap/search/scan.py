@@ -4,20 +4,21 @@ In: a `Comparison` and a fit of what is known. Out: candidates ranked by what th
 that they were not fitted to, and the gain that chance alone would bring.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, Free
 from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Steps, uncounted
 from wakedeploy.gap.rules import RULES
-from wakedeploy.gap.search.climbing import begun, climbed, finished, raced
+from wakedeploy.gap.search.climbing import begun, climbed, finished, raced, to_the_end
 from wakedeploy.gap.search.comparison import Comparison
 from wakedeploy.gap.search.imitation import imitated
 from wakedeploy.gap.search.looking import Ground, Look, looks, white_rest
 
-CLIMBED = 6  # candidates that are fitted to the end
+CLIMBED = 6  # candidates that are raced
+_ALIKE, _MOST_ALIKE = 0.6, 4  # cosine of look-alikes, and how many are climbed to the end
 DRAWS = 200  # of what chance would bring
 _AT_ONCE = 25
 WORTH = 0.1  # of the best prospect that a candidate needs to be fitted
@@ -42,15 +43,73 @@ def ranked(
     most = order[0].prospect(base) if order else 0.0
     least = max(RULES.least_nats, WORTH * most)
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
-    fits = finished(model, base, raced(model, base, [seen.fit for seen in chosen]))
-    steps(total, total)
+    starts = [seen.fit for seen in chosen]
+    fits = raced(model, base, starts)
     fitted = {seen.name: seen.fit for seen in order}
     fitted |= {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
+    ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
+    ends |= _lookalikes(model, ground, order, fitted, ends)
+    fitted |= ends
+    steps(total, total)
     fitted = imitated(model, base, fitted)
     found = [candidate(base, seen.name, fitted[seen.name]) for seen in order]
     best_first = sorted(found, key=lambda c: -c.gain_nats)
     leader = best_first[0].fit if best_first else base
     return best_first, chance_nats(ground, seen_all, leader)
+
+
+def _lookalikes(
+    model: Comparison,
+    ground: Ground,
+    order: Sequence[Look],
+    fitted: Mapping[str, Fit],
+    ends: Mapping[str, Fit],
+) -> dict[str, Fit]:
+    """Those that change the outputs as the leader does, to the end, too: each may be the truth.
+
+    What one promises at nothing, and where a race leaves it, says little of its summit where
+    constants have bent to what is missing. One that is late as the leader is begins as late.
+    """
+    if not ends:
+        return {}
+    best = max(ends, key=lambda n: ends[n].objective)
+    lead = next(seen for seen in order if seen.name == best)
+    late = next((v for f, v in _own(ends[best]) if f.unit == "s"), None)
+    found: dict[str, Fit] = {}
+    for seen in order:
+        known = seen.name in ends
+        is_late = late is not None and any(f.unit == "s" for f, _ in _own(seen.fit))
+        if seen is lead or len(found) == _MOST_ALIKE or (known and not is_late):
+            continue
+        if seen.promised > 0.0 and _likeness(ground, lead, seen) > _ALIKE:
+            points = [] if known else [seen.fit.theta]
+            points += [_at(seen.fit, late)] if is_late and late is not None else []
+            begun = ends.get(seen.name, fitted[seen.name])
+            found[seen.name] = to_the_end(model, ground.base, points, begun)
+    return found
+
+
+def _own(fitted: Fit) -> list[tuple[Free, float]]:
+    """The parameters of the effect that a fit added last, with their values."""
+    prefix = f"{fitted.hypothesis[-1]}."
+    named = zip(fitted.free, fitted.theta, strict=True)
+    return [(f, float(v)) for f, v in named if f.name.startswith(prefix)]
+
+
+def _at(fitted: Fit, late_s: float) -> FloatArray:
+    """A candidate's point with its times at `late_s` [s]."""
+    times = {f.name: np.clip(late_s, f.low, f.high) for f, _ in _own(fitted) if f.unit == "s"}
+    return np.array([times.get(f.name, v) for f, v in zip(fitted.free, fitted.theta, strict=True)])
+
+
+def _likeness(ground: Ground, one: Look, other: Look) -> float:
+    """The largest cosine between what two candidates change, beyond what known directions do."""
+    mine, theirs = ([_basis(own, ground) for own in seen.columns] for seen in (one, other))
+    return max(
+        float(np.linalg.norm(a.T @ b, 2)) if a.size and b.size else 0.0
+        for a in mine
+        for b in theirs
+    )
 
 
 def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: int = 0) -> float:
