@@ -10,7 +10,7 @@ from scipy.stats import t as student_t
 
 from wakedeploy.gap.evidence.inference import Free, Score, fit
 from wakedeploy.gap.evidence.ranking import rank, rank_fairly
-from wakedeploy.gap.evidence.separation import information
+from wakedeploy.gap.evidence.separation import explained, information
 
 EVERY = range(EPISODES)
 
@@ -107,7 +107,7 @@ def test_information_is_what_is_left_after_the_calibration() -> None:
     base, inverse = fit(model, (), EVERY), whitening(model)
     for name in EFFECTS:
         column = model.columns[name].ravel()
-        known = information(model, base, name)
+        known = information(model, base, explained(base), name)
         assert known == pytest.approx(np.array([[column @ inverse @ column]]), rel=1e-6)
 
 

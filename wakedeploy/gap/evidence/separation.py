@@ -339,33 +339,52 @@ def lost_to_form(evidence: Evidence, free: Sequence[Free]) -> FloatArray:
     return np.asarray(np.clip(1.0 - gain_nats(evidence) / np.maximum(alone, _TINY), 0.0, 1.0))
 
 
-def information(model: Model, base: Fit, name: str, size: float | None = None) -> FloatArray:
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """What a fit's free parameters imitate, the same for whatever effect is held against it.
+
+    `known` (N, p) are its whitened slopes; `directions` (N + p, p) span them and the priors.
+    """
+
+    known: FloatArray
+    directions: FloatArray
+
+
+def explained(base: Fit) -> Explained:
+    """What everything that is free in a fit can imitate."""
+    known = np.concatenate(whitened(base.slopes))
+    prior = np.sqrt(prior_precision(base.free))
+    directions, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
+    return Explained(known, directions)
+
+
+def information(
+    model: Model, base: Fit, beside: Explained, name: str, size: float | None = None
+) -> FloatArray:
     """Fisher information of an effect's own parameters (k, k), everything free readjusted.
 
     At the point where the effect is not there: half of it times a size squared is what an effect of
     that size gains [nats]; with `size`, from the change that this size of its parameters makes. An
-    effect that moves a calibrated constant is seen against its prior.
+    effect that moves a calibrated constant is seen against its prior. `beside` is what the base
+    explains.
     """
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
     theta = extended(base, free)
-    known = np.concatenate(whitened(base.slopes))
     calibrated = {f.quantity: i for i, f in enumerate(base.free) if f.quantity}
     columns = []
     for i, f in enumerate(free):
         if not f.name.startswith(f"{name}."):
             continue
         if f.quantity in calibrated:
-            columns.append(known[:, calibrated[f.quantity]])
+            columns.append(beside.known[:, calibrated[f.quantity]])
             continue
         moved = theta.copy()
         step = f.step if size is None else size
         moved[i] += step
         columns.append(np.concatenate(changes(model, base, hypothesis, moved)) / step)
-    span = np.stack(columns, axis=1)
-    prior = np.sqrt(prior_precision(base.free))
-    q, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
-    padded = np.vstack([span, np.zeros((len(prior), span.shape[1]))])
+    span, q = np.stack(columns, axis=1), beside.directions
+    padded = np.vstack([span, np.zeros((len(q) - len(span), span.shape[1]))])
     rest = padded - q @ (q.T @ padded)
     return np.asarray(rest.T @ rest)
 

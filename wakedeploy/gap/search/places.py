@@ -131,14 +131,15 @@ def _map(
         return None
     bins = np.where(known, np.clip(np.digitize(coordinate, edges[1:-1]), 0, len(edges) - 2), -1)
     inside = np.equal.outer(bins, np.arange(len(edges) - 1)).astype(float)  # (n, bins)
+    number = np.maximum(inside.sum(0), 1.0)
     if any(_varies(s.coordinates[name]) for s in series):
         centred = _centred(value, known, [len(s.value) for s in series])
         # A row at a time: of an hour of flights, all shuffles together would fill a gigabyte.
-        shuffled = np.concatenate([_strength(centred[None, order], inside) for order in orders])
+        shuffled = np.array([_strength(centred[order], inside, number) for order in orders])
     else:
         centred = _centred(value, known, [len(value)])
         shuffled = _between_episodes(centred, bins, series)
-    strength = float(_strength(centred[None, :], inside)[0])
+    strength = _strength(centred, inside, number)
     p_value, clarity = _judged(strength, shuffled)
     blocks = blocks_of(series, length)
     means, errors, counts = bin_means(value, bins, blocks, len(edges) - 1)
@@ -262,9 +263,12 @@ def _centred(value: FloatArray, known: BoolArray, counts: Sequence[int]) -> Floa
     return result
 
 
-def _strength(values: FloatArray, inside: FloatArray) -> FloatArray:
-    """Sum of squares between bins of each row (r,); `inside` (n, bins) is 1 in a sample's bin."""
-    return np.asarray(((values @ inside) ** 2 / np.maximum(inside.sum(0), 1.0)).sum(1))
+def _strength(values: FloatArray, inside: FloatArray, number: FloatArray) -> float:
+    """Sum of squares between bins; `inside` (n, bins) is 1 in the bin of each of the values (n,).
+
+    `number` are the samples of each bin, at least one.
+    """
+    return float(((values @ inside) ** 2 / number).sum())
 
 
 def bin_means(

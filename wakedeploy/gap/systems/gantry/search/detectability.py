@@ -6,7 +6,7 @@ its bounds would have been found, or where it cannot be told.
 
 import math
 
-from wakedeploy.gap.evidence.separation import information
+from wakedeploy.gap.evidence.separation import Explained, explained, information
 from wakedeploy.gap.systems.gantry.findings import Detectable
 from wakedeploy.gap.systems.gantry.search.naming import Answer
 from wakedeploy.physics.effects import LIBRARY
@@ -24,23 +24,24 @@ def detectable(answer: Answer) -> dict[str, Detectable]:
     """
     least = answer.thresholds.effect_nats + 1.0  # leaving out costs a parameter one nat
     nats = (_SURE_SD / 2.0**0.5 + math.sqrt(0.5 * _SURE_SD**2 + least)) ** 2
-    sizes = {}
+    sizes, beside = {}, explained(answer.fit)
     for name in LIBRARY:
         if name in answer.fit.hypothesis or name in {e.name for e in answer.model.rig.effect}:
             continue
         first = LIBRARY[name].parameters[0]
-        size, known = _size(answer, name, nats)
+        size, known = _size(answer, beside, name, nats)
         sizes[name] = Detectable(parameter=first.name, size=size, unit=first.unit, known=known)
     return sizes
 
 
-def _size(answer: Answer, name: str, nats: float) -> tuple[float, bool]:
+def _size(answer: Answer, beside: Explained, name: str, nats: float) -> tuple[float, bool]:
     """The size, or NaN for one out of bounds, and whether it can be told at all."""
     first = LIBRARY[name].parameters[0]
-    per_square = 0.5 * float(information(answer.model, answer.fit, name)[0, 0])
+    model, base = answer.model, answer.fit
+    per_square = 0.5 * float(information(model, base, beside, name)[0, 0])
     widest = first.high - first.low
     size = min(math.sqrt(nats / max(per_square, 1e-12)), widest)
-    there = 0.5 * size**2 * float(information(answer.model, answer.fit, name, size)[0, 0])
+    there = 0.5 * size**2 * float(information(model, base, beside, name, size)[0, 0])
     by_slope = per_square * size**2
     if max(there, by_slope) < nats / _AGREE:
         return math.nan, True
