@@ -241,7 +241,7 @@ def test_an_unknown_effect_is_a_key_error() -> None:
 @pytest.mark.slow
 def test_a_jagged_likelihood_is_looked_at_everywhere_before_a_climb() -> None:
     truth = with_effects(pwm_quantisation={"step_us": (25.3, "us")})
-    model = GantryModel(RIG, [flown(seed, truth) for seed in SEEDS[:2]])
+    model = GantryModel(RIG, [flown(seed, truth, seconds=12.0) for seed in SEEDS[:2]])
     base = fit(model, (), range(2), model.start(()))
     (found,) = rank(model, base, ("pwm-quantisation",))
     assert found.gain_nats > 8.0

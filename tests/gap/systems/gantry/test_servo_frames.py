@@ -1,5 +1,7 @@
 """Servo frames that are not the rig file's: what a log tells of them, and that they are named."""
 
+import functools
+
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
@@ -24,6 +26,13 @@ SEEDS = (40, 41, 42)
 def with_frame(frame_s: float):
     """The default rig with another servo frame."""
     return RIG.changed(disturbance={"esc_frame_s": frame_s})
+
+
+@functools.cache
+def logged(frame_s: float | None = None) -> RunLog:
+    """A flight by the default rig file, flown once; of frames that are this long, or the file's."""
+    truth = RIG if frame_s is None else with_frame(frame_s)
+    return record(truth, seconds=12.0, seed=SEEDS[0], model_rig=RIG)
 
 
 def seen(frame_s: float, jitter_s: float, seed: int, step_s: float = 0.0):
@@ -83,7 +92,7 @@ def test_times_on_no_grid_tell_no_period() -> None:
 # Of 40 ms each second frame of the rig file's would be one, and the times lie on its grid, too.
 @pytest.mark.parametrize("frame_s", [0.013, 0.038, 0.040])
 def test_a_flight_keeps_the_frames_of_its_log_beside_the_rig_files(frame_s) -> None:
-    log = record(with_frame(frame_s), seconds=12.0, seed=SEEDS[0], model_rig=RIG)
+    log = logged(frame_s)
     flight = flight_from_log(log.without_truth(), RIG, "x")
     assert np.diff(flight.frame_s) == pytest.approx(0.020)
     assert period_s(flight.reported_frame_s) == pytest.approx(frame_s, rel=1e-4)
@@ -96,7 +105,7 @@ def test_a_flight_keeps_the_frames_of_its_log_beside_the_rig_files(frame_s) -> N
 
 
 def test_a_rig_file_that_has_the_frame_is_not_contradicted() -> None:
-    log = record(with_frame(0.038), seconds=12.0, seed=SEEDS[0], model_rig=RIG).without_truth()
+    log = logged(0.038).without_truth()
     as_effect = with_effects(esc_frame={"frame_s": (0.0379, "s")})
     for rig in (with_frame(0.038), as_effect):
         assert flight_from_log(log, rig, "x").notes == ()
@@ -114,7 +123,7 @@ def test_a_board_whose_clock_is_off_keeps_its_phase() -> None:
 
 
 def test_a_column_that_does_not_tell_leaves_the_rig_files_frames() -> None:
-    log = record(with_frame(0.038), seconds=12.0, seed=SEEDS[0], model_rig=RIG).without_truth()
+    log = logged(0.038).without_truth()
     for column in (np.full(len(log), np.nan), np.full(len(log), 0.3)):
         flight = flight_from_log(changed(log, applied_time_s=column), RIG, "x")
         assert flight.reported_frame_s is None
@@ -155,7 +164,7 @@ def test_logs_of_other_loops_tell_their_frames(loop_s) -> None:
 
 
 def test_times_of_another_clock_tell_no_phase() -> None:
-    log = record(RIG, seconds=12.0, seed=SEEDS[0]).without_truth()
+    log = logged().without_truth()
     of_its_own = changed(log, applied_time_s=log["applied_time_s"] + 1000.0)
     assert "does not tell when" in " ".join(flight_from_log(of_its_own, RIG, "x").notes)
     both = changed(of_its_own, t_s=log["t_s"] + 1000.0)
@@ -171,7 +180,7 @@ def test_times_with_too_few_digits_tell_no_period(step_s, said) -> None:
         ticks_s, frames_s = seen(frame_s, 1e-4, 0)
         rounded_s = step_s * np.floor(frames_s / step_s)
         assert reported_period_s(ticks_s, rounded_s) is None
-    log = record(RIG, seconds=12.0, seed=SEEDS[0]).without_truth()
+    log = logged().without_truth()
     coarse = changed(log, applied_time_s=step_s * np.floor(log["applied_time_s"] / step_s))
     assert said in " ".join(flight_from_log(coarse, RIG, "x").notes)
 
@@ -184,7 +193,7 @@ def test_a_clock_of_coarse_ticks_tells_no_period() -> None:
 
 def test_with_the_logs_period_thrusts_are_those_of_the_rig_that_has_it() -> None:
     truth = with_frame(0.038)
-    log = record(truth, seconds=12.0, seed=SEEDS[0], model_rig=RIG).without_truth()
+    log = logged(0.038).without_truth()
     constants = constants_of(RIG) | {"disturbance.esc_frame_s": 0.038}
     found = Physics(RIG, flight_from_log(log, RIG, "x")).forces(constants, Chain({}))
     true = Physics(truth, flight_from_log(log, truth, "x")).forces(constants, Chain({}))
@@ -204,7 +213,7 @@ def test_with_the_logs_period_thrusts_are_those_of_the_rig_that_has_it() -> None
 )
 def test_another_frame_than_the_rig_files_is_named(frame_s) -> None:
     """A base bends latency for it, from where the frames that the log tells would look absurd."""
-    flights = [flown(seed, with_frame(frame_s)) for seed in SEEDS]
+    flights = [flown(seed, with_frame(frame_s), seconds=12.0) for seed in SEEDS]
     model, base = fitted_base(GantryModel(RIG, flights))
     best, *others = rank(model, base, ["command-latency", "esc-frame", "spool-lag-sufferer"])
     assert best.name == "esc-frame"

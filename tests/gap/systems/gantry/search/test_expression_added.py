@@ -34,13 +34,13 @@ def cable(t_s, state) -> float:
 
 
 def answered(truth: Rig, *candidates: str) -> Answer:
-    model = GantryModel(RIG, [flown(seed, truth, cable) for seed in SEEDS])
+    model = GantryModel(RIG, [flown(seed, truth, cable, 12.0) for seed in SEEDS])
     return name_effects(RIG, model, LIMITS, candidates=candidates)
 
 
 def told_of(answer: Answer, out: Path, *sealed: int, truth: Rig = RIG) -> Case:
     """The case, and in a folder what was found, its expression added to the rig file."""
-    flights = [flown(seed, truth, cable) for seed in (*SEEDS, *sealed)]
+    flights = [flown(seed, truth, cable, 12.0) for seed in (*SEEDS, *sealed)]
     case = Case(RIG, tuple(flights[: len(SEEDS)]), tuple(flights[len(SEEDS) :]), LIMITS)
     logs = [{"path": "", "sha256": sha256} for sha256 in case.recordings]
     leave(out, "find", {"rig_sha256": RIG.sha256, "logs": logs})

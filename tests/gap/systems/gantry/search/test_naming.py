@@ -270,7 +270,9 @@ def test_an_expression_is_told_around_the_motion_that_it_explains() -> None:
     size = EffectParameter(value=-2.0, unit="N s^2/m^2")
     drag = Effect(name=SYMBOLIC, expression="c1*vz_mps*abs(vz_mps)", parameters={"c1": size})
     truth = RIG.model_copy(update={"effect": (drag,)})
-    model, base = fitted_base(with_terms(GantryModel(RIG, [flown(s, truth) for s in (3, 5, 7)])))
+    model, base = fitted_base(
+        with_terms(GantryModel(RIG, [flown(s, truth, seconds=12.0) for s in (3, 5, 7)]))
+    )
     setting = vars(setting_of(RIG))
     found = search(model, base, setting=setting, names=["speed-squared"], least_nats=1.0)
     assert found is not None

@@ -35,7 +35,7 @@ def base():
 
 @pytest.fixture(scope="module")
 def pushed():
-    return fitted_base(GantryModel(RIG, [flown(seed, hook=push) for seed in SEEDS]))
+    return fitted_base(GantryModel(RIG, [flown(seed, hook=push, seconds=12.0) for seed in SEEDS]))
 
 
 def place(channel: str, q_value: float) -> Place:
