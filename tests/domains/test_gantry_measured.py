@@ -22,7 +22,7 @@ RIG = default_rig()
 
 @pytest.fixture(scope="module")
 def logs() -> dict[str, RunLog]:
-    return {f"flight{seed}": record(RIG, seconds=20, seed=seed) for seed in range(4)}
+    return {f"flight{seed}": record(RIG, seconds=15, seed=seed) for seed in range(4)}
 
 
 @pytest.fixture(scope="module")

@@ -144,13 +144,13 @@ def test_the_loop_knows_its_own_rig_and_not_the_truth() -> None:
 
 
 def test_a_set_splits_by_episode_and_repeats(monkeypatch) -> None:
-    """Of episodes of 10 s, flown in this process: those of 25 s are flown alike."""
-    monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 10.0)
-    data = make_set(None, minutes=0.5, seed=5, workers=1)
+    """Of episodes of 5 s, flown in this process: those of 25 s are flown alike."""
+    monkeypatch.setattr("wakedeploy.domains.gantry.EPISODE_S", 5.0)
+    data = make_set(None, minutes=0.25, seed=5, workers=1)
     assert len(data.episodes) == 3
     assert [data.split[e.name] for e in data.episodes][-2:] == ["validation", "test"]
     assert data.provenance["default_lead_s"] == default_lead_s(RIG)
-    again = make_set(None, minutes=0.5, seed=5, workers=1)
+    again = make_set(None, minutes=0.25, seed=5, workers=1)
     assert again.sha256 == data.sha256
 
 
