@@ -10,7 +10,7 @@ import itertools
 import json
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import drawing
@@ -103,16 +103,17 @@ def closed(flights, tmp_path_factory) -> dict[str, tuple[Path, str]]:
 
 
 @pytest.fixture(scope="module")
-def several(flights, tmp_path_factory) -> dict[int, tuple[Path, dict]]:
-    """Two and three flights with the effect: folder and result."""
-    told = {}
-    for count in (2, 3):
+def several(flights, tmp_path_factory) -> Callable[[int], tuple[Path, dict]]:
+    """A function of so many flights with the effect: folder and result."""
+
+    def closed_with(count: int) -> tuple[Path, dict]:
         out = tmp_path_factory.mktemp(f"{count}")
         logs = flights[HIDDEN][:count]
         with searching(*SEARCHED[:2]):
             result = close(flights["rig"][0], logs, out, report=False, thresholds=LIMITS)
-        told[count] = out, result.as_json()
-    return told
+        return out, result.as_json()
+
+    return closed_with
 
 
 def text_of(page: Path) -> str:
@@ -237,8 +238,9 @@ def test_an_effect_that_a_person_asks_for_is_added_with_a_caution(
     assert caution in text_of(tmp_path / "report.html")
 
 
+@pytest.mark.slow
 def test_two_flights_conclude_no_more_than_one(several) -> None:
-    out, told = several[2]
+    out, told = several(2)
     assert told["headline"] == "Cannot tell from two flights: fly at least 4."
     assert told["verdict"] == "inconclusive"
     assert told["leading"]["names"] == [HIDDEN]
@@ -251,7 +253,7 @@ def test_two_flights_conclude_no_more_than_one(several) -> None:
 
 
 def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> None:
-    out, told = several[3]
+    out, told = several(3)
     assert (told["verdict"], [e["name"] for e in told["effects"]]) == ("named", [HIDDEN])
     confirm = "Three flights say so; one more has to confirm it."
     assert told["headline"] == f"Effect missing from the model: {HIDDEN}. {confirm}"
