@@ -10,12 +10,12 @@ from wakedeploy.cli import main
 from wakedeploy.physics.effects.chain import default_lead_s
 from wakedeploy.rig.file import default_rig
 
-SWEEP = ("bench", "lead", "--flights", "1", "--seconds", "10", "--step", "0.03")
+SWEEP = ("bench", "lead", "--flights", "1", "--seconds", "10", "--step")
 
 
 def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> None:
     path = tmp_path / "lead.json"
-    result = CliRunner().invoke(main, [*SWEEP, "--json", str(path)])
+    result = CliRunner().invoke(main, [*SWEEP, "0.03", "--json", str(path)])
     assert result.exit_code == 0, result.output
     told = json.loads(path.read_text())
     errors = {row["lead_s"]: row["rmse_mm"] for row in told["rows"]}
@@ -26,6 +26,6 @@ def test_the_best_lead_lies_near_the_default_and_beats_none(tmp_path: Path) -> N
 def test_motors_that_follow_at_once_need_little_lead(tmp_path: Path) -> None:
     rig, path = tmp_path / "rig.toml", tmp_path / "lead.json"
     default_rig().without("spool").write(rig)
-    asked = [*SWEEP, "--rig", str(rig), "--json", str(path)]
+    asked = [*SWEEP, "0.06", "--rig", str(rig), "--json", str(path)]
     CliRunner().invoke(main, asked, catch_exceptions=False)
     assert json.loads(path.read_text())["best_s"] <= 0.06

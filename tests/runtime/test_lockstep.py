@@ -56,7 +56,7 @@ def contents(log: Path):
 
 def test_two_processes_fly_the_same_to_the_last_byte_whatever_else_runs(here):
     command = [sys.executable, "-m", "wakedeploy", "run-gantry", "--baseline", "--virtual"]
-    command += ["--rig", "rig.toml", "--seconds", "8", "--seed", "5"]
+    command += ["--rig", "rig.toml", "--seconds", "6", "--seed", "5"]
     busy = subprocess.Popen([sys.executable, "-c", "while True: pass"])
     try:
         for name, priority in (("a.mcap", "0"), ("b.mcap", "5")):
