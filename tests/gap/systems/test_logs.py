@@ -9,6 +9,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import extended, fit, neutral
 from wakedeploy.gap.search.judging import fitted_base, is_nothing, named, verdict_of
+from wakedeploy.gap.systems import logs
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 100.0
@@ -143,3 +144,23 @@ def test_a_size_that_may_be_zero_is_no_effect(friction_n, nothing):
     base = fitted_base(model)
     start = extended(base, model.free((name,)))
     assert is_nothing(fit(model, (name,), base.episodes, start), name) == nothing
+
+
+def test_a_long_log_is_searched_in_part_and_told_from_all_of_it(monkeypatch):
+    recording = recorded(3, delay_s=0.03)
+    whole = LogModel(Mass(), [recording])
+    assert whole.thinned() is whole
+    monkeypatch.setattr(logs, "_SEARCHED", 3000)
+    part = whole.thinned()
+    theta = neutral(whole.free(()))
+    for episode in (0, 5):
+        every, some = (model.score((), theta, episode) for model in (whole, part))
+        looked_at = some.log_density != 0.0
+        assert 0 < np.count_nonzero(looked_at) < 0.5 * np.count_nonzero(every.log_density)
+        assert np.allclose(some.innovation[looked_at], every.innovation[looked_at], rtol=1e-9)
+    told = named(whole, fitted_base(whole))
+    assert told.found.hypothesis == ("dead-time@force_n",)
+    low, high = told.found.interval("dead-time@force_n.delay_s")
+    assert low < 0.03 < high
+    looked = [np.count_nonzero(s.log_density) for s in told.found.slopes.scores]
+    assert min(looked[1:]) == len(recording.time_s) // 16

@@ -16,6 +16,13 @@ from wakedeploy.gap.search.places import Axes, Residuals
 _CORRELATIONS = 5.0  # times the noise's time constant: how long a block of residuals is
 
 
+def searched_on(model: "Comparison") -> "Comparison":
+    """The part of the recordings that a search looks at; the model itself, if it knows none."""
+    thinned = getattr(model, "thinned", None)
+    part: Comparison = model if thinned is None else thinned()
+    return part
+
+
 @dataclass(frozen=True, eq=False)
 class Record:
     """What was measured in one episode: times (n,) [s] and channels (c, n)."""

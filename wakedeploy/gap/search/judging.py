@@ -29,7 +29,7 @@ from wakedeploy.gap.evidence.ranking import Candidate, candidate
 from wakedeploy.gap.progress import Progress, quiet
 from wakedeploy.gap.rules import FEWEST_IN_ALL, RULES
 from wakedeploy.gap.search.beginnings import beginning
-from wakedeploy.gap.search.comparison import Comparison, errors
+from wakedeploy.gap.search.comparison import Comparison, errors, searched_on
 from wakedeploy.gap.search.extent import is_steady, profiled
 from wakedeploy.gap.search.rivalry import Verdict, is_absent, is_nothing, rivals_with, undecided
 from wakedeploy.gap.search.scan import elaborates, ranked, simpler
@@ -86,22 +86,42 @@ def fitted_base(model: Comparison) -> Fit:
         )
     sealed = model.sealed()
     used = [e for e in range(model.episodes) if e not in sealed]
-    return settled(model, fit(model, (), used, beginning(model, used)))[0]
+    part = searched_on(model)
+    base = settled(part, fit(part, (), used, beginning(part, used)))[0]
+    return base if part is model else settled(model, fit(model, (), used, base.theta))[0]
 
 
 def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
-    """Effects one after another, as long as one is evident and matters."""
-    told = Named(base, base, [])
+    """Effects one after another, as long as one is evident and matters.
+
+    Long recordings are searched in part; sizes and sealed episodes are those of all.
+    """
+    part = searched_on(model)
+    begun = base
+    if part is not model:
+        begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
+    told = Named(begun, begun, [])
     while len(told.found.hypothesis) < RULES.most_effects:
-        further = _round(model, told, progress)
+        further = _round(part, told, progress)
         if further is None:
             break
         told = further
-    told = _borne_out(model, _with_sizes(model, _still_needed(model, told)))
+    told = _with_sizes(part, _still_needed(part, told))
+    if part is not model:
+        progress("fitting what was found to all samples")
+        told = replace(told, base=base, found=_on_all(model, base, told.found))
+    told = _borne_out(model, told)
     if is_outdone(model, told.found):
         told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return told if acting is None else replace(told, leftover=acting(told.found))
+
+
+def _on_all(model: Comparison, base: Fit, found: Fit) -> Fit:
+    """A fit to a part of the recordings, fitted to all of them."""
+    if not found.hypothesis:
+        return base
+    return settled(model, fit(model, found.hypothesis, base.episodes, found.theta))[0]
 
 
 def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:

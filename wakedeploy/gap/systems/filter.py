@@ -81,7 +81,12 @@ class Noise:
 
 
 class Filter:
-    """The logs of a system, and how a filter runs over them."""
+    """The logs of a system, and how a filter runs over them.
+
+    `scored` is how many samples of each block are looked at; None for all of them.
+    """
+
+    scored: int | None = None
 
     def __init__(
         self,
@@ -107,7 +112,8 @@ class Filter:
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
-        pieces = pieces_of(blocks, 2 * len(acting.system.states) + _OWN_STATES)
+        unsettled = 2 * len(acting.system.states) + _OWN_STATES
+        pieces = pieces_of(blocks, unsettled, self.scored)
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]

@@ -6,7 +6,9 @@ clocks within a sample, constants within their spreads, and a small smooth error
 (Kennedy and O'Hagan, J. R. Stat. Soc. B 63, 2001).
 """
 
+import copy
 import functools
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
@@ -27,6 +29,7 @@ from wakedeploy.gap.systems.system import Point, System
 
 SEALED_SHARE = 0.25
 _TOGETHER = 15000  # samples times effects that are looked at in one run
+_SEARCHED = 24000  # samples times states that a search looks at
 _TRIFLE = 0.02  # of a usual size
 _USUAL = 0.98  # quantile of what is usual
 _SMOOTHED = 11  # samples, for a first guess of speeds
@@ -69,6 +72,19 @@ class LogModel:
     def episodes(self) -> int:
         """How many blocks there are."""
         return len(self.blocks)
+
+    def thinned(self) -> "LogModel":
+        """The same of long logs, with the first samples of each block alone; else itself.
+
+        Which effect is missing shows in some thousand samples; how large it is, all of them say.
+        """
+        enough = max(_SEARCHED // len(self.system.states) // self.episodes, 2 * self.horizon)
+        if max(b.stop - b.start for b in self.blocks) <= enough:
+            return self
+        part = copy.copy(self)
+        part.filter = copy.copy(self.filter)
+        part.filter.scored = enough
+        return part
 
     @property
     def horizon(self) -> int:
@@ -144,7 +160,8 @@ class LogModel:
         Those with states of their own stay alone.
         """
         simple = [n for n in names if not self.library[n].own_states]
-        size = max(_TOGETHER // sum(log.outputs.shape[1] for log in self.logs), 1)
+        most = self.filter.scored or sys.maxsize
+        size = max(_TOGETHER // sum(min(b.stop - b.start, most) for b in self.blocks), 1)
         groups = [simple[i : i + size] for i in range(0, len(simple), size)]
         return groups + [[n] for n in names if self.library[n].own_states]
 
