@@ -48,7 +48,7 @@ def _tracking(records: Records) -> list[list[str]]:
         [
             f"the same, {ahead} by a GRU",
             error["gru", ahead_s],
-            f"oracle {error['true force', ahead_s]}",
+            f"{error['true force', ahead_s]} with the true force",
         ],
     ]
 
@@ -56,7 +56,7 @@ def _tracking(records: Records) -> list[list[str]]:
 def _latency(records: Records) -> list[str]:
     told = records.json("latency.json")["busy, --realtime"]
     p999 = [row["p999_ms"] for row in told["rows"]]
-    what = "from measurement to command, p99.9 of the eight, two busy cores"
+    what = "from measurement to command, 999 ticks of 1,000, two busy cores"
     return [what, f"{span(p999, 1)} ms", f"{told['budget_ms']:.2f} ms"]
 
 
@@ -80,7 +80,7 @@ def _learning(records: Records) -> list[list[str]]:
 def _gap(records: Records) -> list[list[str]]:
     told = summary(records.lines("gap-benchmark.jsonl"))
     names = {
-        "right_from_50_nats": ("hidden effects of 50 nats and more, answered rightly", "≥ 95 %"),
+        "right_from_50_nats": ("hidden effects with strong evidence, answered rightly", "≥ 95 %"),
         "false_alarms": ("effects named or suspected where none is hidden", "≤ 5 %"),
     }
     return [
