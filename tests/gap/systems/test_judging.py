@@ -8,7 +8,7 @@ import pytest
 from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import Fit, Free, Score, Slopes
-from wakedeploy.gap.search import judging, scan, weighing
+from wakedeploy.gap.search import scan, weighing
 from wakedeploy.gap.search.extent import is_steady
 from wakedeploy.gap.search.judging import UNSEEN_WORSE, fitted_base, named, verdict_of
 from wakedeploy.gap.search.results import answer_of
@@ -79,25 +79,6 @@ def test_what_makes_forecasts_of_sealed_episodes_worse_is_withdrawn():
     (judged,) = [e["judged"] for e in told.rounds[0]["ranking"] if e["name"] == "dead-time@force_n"]
     assert judged == UNSEEN_WORSE
     assert any(UNSEEN_WORSE in line for line in sentences(answer_of(model, told)))
-
-
-def test_without_what_is_withdrawn_the_search_goes_on(monkeypatch):
-    """Sealed episodes deny the dead time, whatever they say; a lag is the next best."""
-
-    class Follower(Slider):
-        ports: ClassVar = [Port.input("force_n", kinds=["dead-time", "lag"])]
-
-    rng = np.random.default_rng(5)
-    force = np.repeat(rng.uniform(-4.0, 4.0, 60), 8)
-    late = np.concatenate([np.zeros(4), force[:-4]]) + 0.1 * rng.standard_normal(len(force))
-    speed = np.concatenate([[0.0], np.cumsum(late[:-1]) / 2.0 / RATE])
-    columns = {"force_n": force, "speed_mps": speed + 2e-3 * rng.standard_normal(len(force))}
-    model = LogModel(Follower(), [Recording("made", np.arange(len(force)) / RATE, columns)])
-    monkeypatch.setattr(judging, "helps", lambda *fits: "lag@force_n" in fits[2].hypothesis)
-    told = named(model, fitted_base(model))
-    assert told.withdrawn == ("dead-time@force_n",)
-    assert told.found.hypothesis == ("lag@force_n",)
-    assert [entry["name"] for entry in told.rounds[-1]["ranking"]] == []
 
 
 def test_blocks_that_all_gain_are_steady_however_much_their_gains_differ():

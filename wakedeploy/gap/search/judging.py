@@ -44,7 +44,6 @@ from wakedeploy.gap.search.weighing import (
 )
 
 _TRIED = 6  # candidates of a round whose forecasts are looked at
-_MOST_WITHDRAWN = 2  # more show that the search finds what these episodes alone have
 _PLAINLY = 5.0  # times what chance brings: an effect that is needed by any account
 CHANCE = "no more than chance"
 NO_SIZE = "its size's interval holds no effect"
@@ -61,8 +60,7 @@ class Named:
 
     `weights` say how much each effect improves forecasts of the blocks that it was found on,
     cross-fitted; `leftover` is what still acts and is not explained. Of a system whose forecasts
-    are no better than those that ask no model (`is_outdone`) nothing is named. What sealed episodes
-    do not bear out is `withdrawn`, and the search goes on without it.
+    are no better than those that ask no model (`is_outdone`) nothing is named.
     """
 
     base: Fit
@@ -74,7 +72,6 @@ class Named:
     leftover: tuple[dict[str, Any], ...] = ()
     alone: tuple[Candidate, ...] = ()  # every effect without any other
     is_outdone: bool = False
-    withdrawn: tuple[str, ...] = ()
 
 
 def fitted_base(model: Comparison) -> Fit:
@@ -104,36 +101,24 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     if part is not model:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
     told = Named(begun, begun, [])
-    while True:
-        told = _with_sizes(part, _still_needed(part, _searched(part, told, progress)))
-        if part is not model:
-            progress("fitting what was found to all samples")
-            told = replace(told, base=base, found=_on_all(model, base, told.found))
-        left = _borne_out(model, told)
-        gone = [n for n in told.found.hypothesis if n not in left.found.hypothesis]
-        told = replace(left, withdrawn=(*left.withdrawn, *gone))
-        if not gone or len(told.withdrawn) >= _MOST_WITHDRAWN:
+    while len(told.found.hypothesis) < RULES.most_effects:
+        further = _round(part, told, progress)
+        if further is None:
             break
-        if part is not model:
-            told = replace(told, base=begun, found=_on_all(part, begun, told.found))
+        told = further
+    told = _with_sizes(part, _still_needed(part, told))
+    if part is not model:
+        progress("fitting what was found to all samples")
+        told = replace(told, base=base, found=_on_all(model, base, told.found))
+    told = _borne_out(model, told)
     if is_outdone(model, told.found):
         told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return told if acting is None else replace(told, leftover=acting(told.found))
 
 
-def _searched(model: Comparison, told: Named, progress: Progress) -> Named:
-    """With effects, one or a pair at a time, until none is evident and matters."""
-    while len(told.found.hypothesis) < RULES.most_effects:
-        further = _round(model, told, progress)
-        if further is None:
-            break
-        told = further
-    return told
-
-
 def _on_all(model: Comparison, base: Fit, found: Fit) -> Fit:
-    """A fit to other samples of the same episodes, begun where it ended."""
+    """A fit to a part of the recordings, fitted to all of them."""
     if not found.hypothesis:
         return base
     return settled(model, fit(model, found.hypothesis, base.episodes, found.theta))[0]
@@ -156,7 +141,7 @@ def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:
 
 def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress) -> list[Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
-    left = [n for n in model.effects if n not in (*found.hypothesis, *told.withdrawn)]
+    left = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
     stage = f"ranking effects{beside}"
     progress(stage)
