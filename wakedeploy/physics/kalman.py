@@ -112,17 +112,12 @@ def stepped(
     half, work, power = np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE)), np.empty((n, n, _WIDE))
     whole, cov = np.zeros((n, every, _WIDE)), np.empty((every, every, _WIDE))
     carried, kept = np.empty((every, every, _WIDE)), np.empty((pushes, _WIDE))
-    moved, slope, density = np.empty((n, _WIDE)), np.empty((n, _WIDE)), np.empty(_WIDE)
+    moved, slope = np.empty((n, _WIDE)), np.empty((n, _WIDE))
     total, of = np.empty(_WIDE), np.empty(_WIDE, np.int64)
     for first in range(0, lanes, _WIDE):
         for w in range(_WIDE):
             of[w] = min(first + w, lanes - 1)  # the last lane fills up what is left
-        for i in range(n):
-            for w in range(_WIDE):
-                slope[i, w] = rates[i, 0, of[w]]
-            for j in range(n):
-                for w in range(_WIDE):
-                    a[i, j, w] = (rates[i, j + 1, of[w]] - rates[i, 0, of[w]]) / aside[j, of[w]]
+        _linearised(rates, aside, of, slope, a)
         for d in range(pushes):
             for w in range(_WIDE):
                 kept[d, w] = keep[d, of[w]]
@@ -135,9 +130,10 @@ def stepped(
             for i in range(n):
                 for w in range(_WIDE):
                     moved[i, w] = slope[i, w]
-                for d in range(pushes):
+                for j in range(n):
                     for w in range(_WIDE):
-                        whole[i, n + d, w] = dt_s if driven[d] == i else 0.0
+                        f[i, j, w] = a[i, j, w]
+                        phi[i, j, w] = 1.0 if i == j else 0.0
         else:
             _exponential(a, dt_s, f, phi, half, work, power, total)
             for i in range(n):
@@ -146,26 +142,15 @@ def stepped(
                 for j in range(n):
                     for w in range(_WIDE):
                         moved[i, w] += phi[i, j, w] * slope[j, w] * dt_s
-                for d in range(pushes):
-                    for w in range(_WIDE):
-                        whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
         for i in range(n):
             for j in range(n):
                 for w in range(_WIDE):
-                    whole[i, j, w] = a[i, j, w] if discrete else f[i, j, w]
+                    whole[i, j, w] = f[i, j, w]
+            for d in range(pushes):
+                for w in range(_WIDE):
+                    whole[i, n + d, w] = phi[i, driven[d], w] * dt_s
         _sandwich(whole, kept, cov, carried, total)
-        for d in range(len(driven)):
-            c = driven[d]
-            for w in range(_WIDE):
-                density[w] = (sd[d, of[w]] * dt_s) ** 2 / (1.0 if discrete else 6.0)
-                cov[c, c, w] += density[w]
-            if discrete:
-                continue
-            for i in range(n):
-                for j in range(i, n):
-                    for w in range(_WIDE):
-                        ends = 4.0 * half[i, c, w] * half[j, c, w] + f[i, c, w] * f[j, c, w]
-                        cov[i, j, w] += density[w] * ends
+        _disturbed(cov, f, half, driven, sd, of, dt_s, discrete, total)
         for w in range(min(_WIDE, lanes - first)):
             lane = first + w
             for d in range(pushes):
@@ -176,6 +161,51 @@ def stepped(
             for i in range(every):
                 for j in range(i, every):
                     p[i, j, lane] = p[j, i, lane] = cov[i, j, w]
+
+
+@compiled
+def _linearised(
+    rates: FloatArray, aside: FloatArray, of: IntArray, slope: FloatArray, a: FloatArray
+) -> None:
+    """Rates (n, W) and their Jacobians (n, n, W) in the lanes `of`."""
+    n = rates.shape[0]
+    for i in range(n):
+        for w in range(_WIDE):
+            slope[i, w] = rates[i, 0, of[w]]
+        for j in range(n):
+            for w in range(_WIDE):
+                a[i, j, w] = (rates[i, j + 1, of[w]] - rates[i, 0, of[w]]) / aside[j, of[w]]
+
+
+@compiled
+def _disturbed(
+    cov: FloatArray,
+    f: FloatArray,
+    half: FloatArray,
+    driven: IntArray,
+    sd: FloatArray,
+    of: IntArray,
+    dt_s: float,
+    discrete: bool,
+    density: FloatArray,
+) -> None:
+    """Add to the upper half of `cov` what white noise on the driven derivatives brings.
+
+    Of continuous noise that is an integral over the sample, by Simpson's rule.
+    """
+    n = f.shape[0]
+    for d in range(len(driven)):
+        c = driven[d]
+        for w in range(_WIDE):
+            density[w] = (sd[d, of[w]] * dt_s) ** 2 / (1.0 if discrete else 6.0)
+        if not discrete:
+            for i in range(n):
+                for j in range(i, n):
+                    for w in range(_WIDE):
+                        ends = 4.0 * half[i, c, w] * half[j, c, w] + f[i, c, w] * f[j, c, w]
+                        cov[i, j, w] += density[w] * ends
+        for w in range(_WIDE):
+            cov[c, c, w] += density[w]
 
 
 @compiled
