@@ -47,8 +47,8 @@ def _use(steps: Steps, out: Path) -> Advice | None:
 
     The workflow trains one of each by itself where it was asked to.
     """
-    result, rig = steps.result, out / "rig.toml"
-    if result is None or not result.to_add or not rig.is_file():
+    rig = out / "rig.toml"
+    if steps.add is None or not steps.add.effects or not rig.is_file():
         return None
     episodes = shlex.quote(str(out / "corrected-set"))
     return Advice(
