@@ -14,6 +14,8 @@ from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.artefacts import Answer, Disagreements, read
 from wakedeploy.gap.search.comparison import Record
 from wakedeploy.gap.systems.response import ResponseModel, covariance, scored
+from wakedeploy.gap.systems.words import sentences
+from wakedeploy.gap.wording import quantity
 from wakedeploy.gap.workflow import concluded, run
 
 
@@ -113,6 +115,26 @@ def test_what_is_shown_are_the_sealed_episodes(bent):
 def test_nothing_is_named_where_nothing_is():
     result = concluded(Line(bend=0.0))
     assert (result.verdict, result.effects) == ("none", [])
+
+
+def test_an_answer_begins_with_whether_it_matters_how_sure_it_is_and_what_next(bent):
+    _, result = bent
+    questions = ["Does it matter?", "How sure is that?", "What next?"]
+    (error,) = result.gap.values()
+    first = sentences(result)
+    for line, question in zip(first[1:4], questions, strict=True):
+        assert line.startswith(question)
+    assert all(quantity(value, "m") in first[1] for value in (error.before, error.after))
+    assert "bear it out" in first[2]
+    doubted = sentences(result.model_copy(update={"sealed_gain_nats": -1.0}))
+    assert "do not confirm it" in doubted[2]
+    open_ended = {"verdict": "unknown", "effects": [], "rounds": []}
+    assert "Chance" not in sentences(result.model_copy(update=open_ended))[2]
+    outdone = {"verdict": "unknown", "effects": [], "is_outdone": True}
+    assert "not on a search" in sentences(result.model_copy(update=outdone))[2]
+    nothing = sentences(concluded(Line(bend=0.0)))
+    assert nothing[1].startswith("Does it matter? No.")
+    assert "this one did not" in nothing[2]
 
 
 def test_three_episodes_are_too_few():

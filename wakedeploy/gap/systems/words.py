@@ -69,7 +69,9 @@ def _verdict(told: Answer) -> str:
 def _importance(told: Result) -> str:
     """How far off forecasts are, and how far with what was found."""
     shown = [(name, error) for name, error in told.gap.items()]
-    ahead = f"Forecasts {quantity(told.forecast_s, 's')} ahead"
+    ahead = "Forecasts"
+    if told.forecast_s is not None:
+        ahead += f" {quantity(told.forecast_s, 's')} ahead"
     if told.effects:
         errors = [
             f"{name} by {quantity(error.before, error.unit)}, with it by "
@@ -90,8 +92,12 @@ def _certainty(told: Result) -> str:
     if told.verdict == "none":
         return "Where nothing is missing, one search in twenty finds something; this one did not."
     beyond = "Chance alone brings as much in less than one search of twenty."
+    if told.is_outdone:
+        return "It rests on forecasts of all blocks that were fitted, not on a search."
     if told.verdict == "unknown":
-        return f"{beyond} What it is, is open."
+        evident = any(c.gain_nats > r.threshold_nats for r in told.rounds for c in r.ranking)
+        noise = "What is left is more than the sensors' noise, and lasts."
+        return f"{beyond if evident else noise} What it is, is open."
     if told.verdict == "class":
         return f"{beyond} Which of them it is, is open."
     found, apart = counted(fitted, "block"), f"of {counted(sealed, 'block')} kept apart"
