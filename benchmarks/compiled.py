@@ -78,7 +78,7 @@ def _keep(part: str, arch: str, told: dict[str, Any]) -> None:
     if RECORD.exists():
         known = json.loads(RECORD.read_text(encoding="utf-8"))
     known["parts"].setdefault(part, {})[arch] = told
-    known["stamps"][part] = {"measured": records.today(), "commit": records.COMMIT}
+    known.setdefault("stamps", {})[part] = {"measured": records.today(), "commit": records.COMMIT}
     stamps = known["stamps"].values()
     joined = {
         key: ", ".join(sorted({one[key] for one in stamps})) for key in ("measured", "commit")

@@ -217,11 +217,13 @@ def run_steps(
 
 
 def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
-    """Replay with what was found; first plan what tells a class apart; else see what logs show."""
+    """Replay what was named; plan what tells a class apart; else see what these logs show."""
     from wakedeploy.gap.systems.own_folder import CORRECTION
 
     system = shlex.quote(str(system_path))
-    if not told.effects:
+    if told.verdict == "none":
+        return [f"wakedeploy gap power --system {system} {logs}"]
+    if told.verdict == "unknown" or told.moved or not told.effects:
         return [f"wakedeploy gap check {system} {logs}"]
     correction = shlex.quote(str(out / CORRECTION))
     replay = f"wakedeploy gap simulate --system {system} {logs} --correction {correction}"

@@ -173,7 +173,8 @@ _SYMBOLS = {
 _SYMBOLS |= _PREFIXED | _ALONE  # "min" is no milli-inch, and "ft" no femto-anything
 _SYMBOLS |= {word: _SYMBOLS[unit] for unit, words in _SPOKEN.items() for word in words.split()}
 _IN_ANY_CASE = {name.lower(): name for name in reversed(_SYMBOLS) if not name.startswith("M")}
-_OTHERS = ("G", "mG", "H", "M", "S")  # gauss, henry, mega, siemens are none of ours
+# Alone, these are other units than the same in other cases: gauss, henry, siemens, knots.
+_OTHERS = {"G", "mG", "uG", "H", "mH", "uH", "M", "mM", "uM", "S", "mS", "uS", "MHZ", "NM", "kn"}
 _ANGULAR = re.compile(
     r"(?<![A-Za-z])(m?rad(ian)?s?|deg(ree)?s?|rev(olution)?s?|rpm|rps|dps)(?![A-Za-z])|°", re.I
 )
@@ -253,6 +254,8 @@ def _read(text: str) -> Quantity | None:
     """A unit's text as a quantity; None where it is not understood."""
     plain = re.sub("[⁻¹²³⁴]+", lambda power: f"^{power[0].translate(_SUPERSCRIPTS)}", text)
     plain = plain.replace("**", "^").replace(" per ", "/").strip()
+    if plain.replace("µ", "u") in _OTHERS:
+        return None
     whole, at = _ALONE.get(plain, _one(1)), 0
     while plain not in _ALONE and at < len(plain):
         part = _PART.match(plain, at)
@@ -270,7 +273,5 @@ def _part(part: "re.Match[str]") -> Quantity | None:
     read = _SYMBOLS.get(name + (part["power"] or ""))  # mps2 is no square of mps
     if read is not None:
         return read
-    read = _SYMBOLS.get(name)
-    if read is None and name not in _OTHERS:
-        read = _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
+    read = _SYMBOLS.get(name) or _SYMBOLS.get(_IN_ANY_CASE.get(name.lower(), "?"))
     return read.raised(int(part["power"] or 1)) if read is not None else None

@@ -132,8 +132,9 @@ def _digits(value: float, spread: float, signed: bool = False) -> str:
         decimals = max(0, -math.floor(math.log10(spread / 3.0)))
     else:
         decimals = 0
-    if decimals > _MOST_DECIMALS:
+    if decimals > _MOST_DECIMALS and abs(value) < 10.0**-_MOST_DECIMALS:
         return _minus(f"{value:{'+' if signed else ''}.3g}")
+    decimals = min(decimals, _MOST_DECIMALS + 2)
     text = f"{value:{'+' if signed else ''},.{decimals}f}"
     return text.lstrip("-") if float(text.replace(",", "")) == 0.0 else _minus(text)
 

@@ -16,6 +16,7 @@ _TAYLOR = 8
 _FINE_ENOUGH = 1e-8  # of the last term of the series, by norm
 _COARSEST = 0.5  # norm of a matrix whose exponential is summed; larger ones are halved first
 _LEAST_VARIANCE = 1e-300
+_LOST_NORM = 1e9  # of a matrix times a sample: such a lane has left its model
 _WIDE = 8  # lanes that are computed side by side, as a processor's registers hold them
 
 
@@ -258,7 +259,8 @@ def _exponential(
 ) -> None:
     """`f` = exp(a dt), `half` = exp(a dt/2), `phi` = (a dt)⁻¹ (f − 1), by halving and doubling.
 
-    Matrices are (n, n, W), one in each lane; the largest norm decides for all.
+    Matrices are (n, n, W), one in each lane; the largest norm decides for all. A lane far beyond
+    is lost, and must not take its neighbours along.
     """
     n = a.shape[0]
     norm = 0.0
@@ -269,7 +271,8 @@ def _exponential(
             for w in range(_WIDE):
                 total[w] += abs(a[i, j, w])
         for w in range(_WIDE):
-            norm = max(norm, total[w] * dt_s)
+            if total[w] * dt_s < _LOST_NORM:
+                norm = max(norm, total[w] * dt_s)
     halvings = 1
     while norm * 0.5**halvings > _COARSEST and halvings < 60:
         halvings += 1

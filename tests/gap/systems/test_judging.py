@@ -1,5 +1,6 @@
 """What is named and what is not: forecasts that run away, parameters of other blocks, leftovers."""
 
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -97,9 +98,17 @@ def test_a_channel_without_an_error_decides_nothing(monkeypatch):
     rms = {"before": [0.0, np.nan, 2.0], "after": [0.0, np.nan, 1.0]}
     monkeypatch.setattr(weighing, "errors", lambda model, fitted, episodes: rms[fitted])
     monkeypatch.setattr(weighing, "weighed", lambda *_: weighing.Weight(0.5, 0.1, 0.9))
+    likely = {"before": 0.0, "after": 0.0}
+    monkeypatch.setattr(
+        weighing, "applied", lambda _, fitted, __: SimpleNamespace(log_likelihood=likely[fitted])
+    )
     assert weighing.helps(None, "before", "after", ())
     rms["after"][2] = 2.1  # although its cut share says that it helps
     assert not weighing.helps(None, "before", "after", ())
+    likely["after"] = 4.0  # the samples say more than so few forecasts do
+    assert weighing.helps(None, "before", "after", ())
+    monkeypatch.setattr(weighing, "weighed", lambda *_: weighing.Weight(-0.5, -0.9, -0.1))
+    assert not weighing.helps(None, "before", "after", ())  # forecasts are clearly worse
 
 
 def test_a_constant_far_from_what_was_stated_is_doubted_first():

@@ -9,6 +9,7 @@ from wakedeploy import Constant, Input, Output, Port, System
 from wakedeploy.core.recording import Recording
 from wakedeploy.gap.evidence.inference import applied, extended, fit
 from wakedeploy.gap.search.judging import fitted_base, named, verdict_of
+from wakedeploy.gap.systems.kinds.inputs import Lag, SecondOrderLag
 from wakedeploy.gap.systems.logs import LogModel
 
 RATE = 4.0
@@ -72,3 +73,31 @@ def test_a_slow_pump_is_not_blamed_on_the_sensor():
     told = named(model, fitted_base(model))
     assert verdict_of(told) in ("named", "class")
     assert "lag@pump_v" in (*told.found.hypothesis, *told.rivals)
+
+
+@pytest.mark.parametrize("kind", [Lag(), SecondOrderLag()], ids=lambda kind: kind.name)
+def test_how_far_a_lag_may_have_been_is_smooth_and_sees_beyond_a_plateau(kind):
+    column = np.repeat([1.0, 4.0, 2.0], 24)  # it stands still for six seconds first
+    taus = np.linspace(0.0, 10.0, 400)
+    told = np.array([kind.unsettled(column, {"tau_s": tau}, 1.0 / RATE) for tau in taus])
+    assert told[0] == 0.0
+    assert np.abs(np.diff(told)).max() < 0.1
+    assert kind.unsettled(column, {"tau_s": 2.5}, 1.0 / RATE) > 0.5
+
+
+@pytest.mark.parametrize("discrete", [False, True])
+@pytest.mark.parametrize(("kind", "count"), [(Lag(), 1), (SecondOrderLag(), 2)])
+def test_what_was_on_its_way_fades_as_the_column_itself_does(kind, count, discrete):
+    """Its states against the column of a command that has just stepped to 0."""
+    dt_s, tau = 0.02, {"tau_s": 0.3}
+    after = kind.filtered(np.concatenate([[1.0], np.zeros(80)]), tau, dt_s)[1:]
+    own, fine = [np.ones(1)] * count, 1 if discrete else 500
+    shown = []
+    for _ in range(80):
+        shown.append(float(own[-1][0]))
+        for _ in range(fine):
+            rates = kind.own_rates(tuple(own), tau, dt_s, discrete)
+            own = [x + dt_s / fine * rate for x, rate in zip(own, rates, strict=True)]
+    np.testing.assert_allclose(shown, after, atol=0.06)  # starts and means of samples
+    left = kind.left(dt_s * np.arange(80), tau, dt_s)
+    np.testing.assert_allclose(left, shown, atol=0.03)

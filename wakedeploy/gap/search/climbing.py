@@ -123,7 +123,7 @@ def _stepped(fitted: Fit, damping: float) -> FloatArray:
 def _fresh(model: Comparison, fitted: Fit, theta: FloatArray) -> Fit:
     """The fit at another point, its scores and slopes from one run.
 
-    Slopes of what is nearly linear, form and clocks, are kept where they are known.
+    Slopes of what is nearly linear, the form, are kept where they are known.
     """
     known = fitted.slopes.innovation
     renewed = [

@@ -106,22 +106,25 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
         if further is None:
             break
         told = further
-    told = _with_sizes(part, _still_needed(part, told))
+    told = _still_needed(part, told)
     if part is not model:
         progress("fitting what was found to all samples")
-        told = replace(told, base=base, found=_on_all(model, base, told.found))
-    told = _borne_out(model, told)
+        told = _on_all(model, base, told)
+    told = _borne_out(model, _with_sizes(model, told))
     if is_outdone(model, told.found):
         told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
     return told if acting is None else replace(told, leftover=acting(told.found))
 
 
-def _on_all(model: Comparison, base: Fit, found: Fit) -> Fit:
-    """A fit to a part of the recordings, fitted to all of them."""
-    if not found.hypothesis:
-        return base
-    return settled(model, fit(model, found.hypothesis, base.episodes, found.theta))[0]
+def _on_all(model: Comparison, base: Fit, told: Named) -> Named:
+    """What was found in a part of the recordings, fitted to all of them."""
+    found, still = base, True
+    if told.found.hypothesis:
+        start = fit(model, told.found.hypothesis, base.episodes, told.found.theta)
+        found, still = settled(model, start)
+    unsettled = () if still else found.hypothesis[-1:]
+    return replace(told, base=base, found=found, unsettled=unsettled)
 
 
 def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:

@@ -8,7 +8,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from wakedeploy.gap.evidence.inference import Fit, applied
+from wakedeploy.gap.evidence.inference import Fit, applied, fit
 from wakedeploy.gap.evidence.whiteness import whiteness
 from wakedeploy.gap.search.artefacts import (
     Answer,
@@ -29,7 +29,7 @@ from wakedeploy.gap.search.artefacts import (
     White,
     WhitePair,
 )
-from wakedeploy.gap.search.comparison import Comparison, errors, residual_series
+from wakedeploy.gap.search.comparison import Comparison, errors, residual_series, searched_on
 from wakedeploy.gap.search.judging import Named, verdict_of
 from wakedeploy.gap.search.places import disagreements
 from wakedeploy.gap.search.residual_profiles import profiles
@@ -126,8 +126,11 @@ def _placebo(model: Comparison, told: Named) -> Placebo | None:
     wrong = next((c for c in told.alone if c.name not in claimed), None)
     if not told.found.hypothesis or wrong is None:
         return None
-    before, after = (errors(model, f, model.sealed()) for f in (told.base, wrong.fit))
-    gain = _sealed_gain(model, told.base, wrong.fit)
+    instead = wrong.fit
+    if searched_on(model) is not model:  # it was fitted to a part
+        instead = fit(model, instead.hypothesis, instead.episodes, instead.theta)
+    before, after = (errors(model, f, model.sealed()) for f in (told.base, instead))
+    gain = _sealed_gain(model, told.base, instead)
     return Placebo(name=wrong.name, before=before, after=after, sealed_gain_nats=gain)
 
 

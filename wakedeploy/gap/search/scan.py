@@ -84,8 +84,8 @@ def _lookalikes(
         if seen.promised > 0.0 and _likeness(ground, lead, seen) > _ALIKE:
             points = [] if known else [seen.fit.theta]
             points += [_at(seen.fit, late)] if is_late and late is not None else []
-            begun = ends.get(seen.name, fitted[seen.name])
-            found[seen.name] = to_the_end(model, ground.base, points, begun)
+            so_far = ends.get(seen.name, fitted[seen.name])
+            found[seen.name] = to_the_end(model, ground.base, points, so_far)
     return found
 
 

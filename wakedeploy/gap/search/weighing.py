@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.stats import t as student_t
 
-from wakedeploy.gap.evidence.inference import Fit, FloatArray, prior_precision
+from wakedeploy.gap.evidence.inference import Fit, FloatArray, applied, prior_precision
 from wakedeploy.gap.rules import RULES
 from wakedeploy.gap.search.comparison import Comparison, errors
 
@@ -44,8 +44,23 @@ def weighed(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int])
 
 
 def helps(model: Comparison, before: Fit, after: Fit, episodes: Sequence[int]) -> bool:
-    """Whether forecasts get better on average, and where none of them is cut short as well."""
-    if weighed(model, before, after, episodes).share <= 0.0:
+    """Whether blocks that neither fit has seen bear an effect out.
+
+    They do where forecasts get better on average, also where none of them is cut short. Where the
+    forecasts of so few blocks differ by no more than their scatter, the likelihood of all their
+    samples decides.
+    """
+    weight = weighed(model, before, after, episodes)
+    if _forecasts_better(model, before, after, episodes, weight):
+        return True
+    gained = [applied(model, fitted, episodes).log_likelihood for fitted in (before, after)]
+    return weight.high > 0.0 and gained[1] - gained[0] > RULES.speaks_nats
+
+
+def _forecasts_better(
+    model: Comparison, before: Fit, after: Fit, episodes: Sequence[int], weight: Weight
+) -> bool:
+    if weight.share <= 0.0:
         return False
     was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
     told = was > 0.0  # not of a channel that nothing forecasts, or that is always right

@@ -142,7 +142,12 @@ class Acting:
             if effect.own_states:
                 kind, mine = effect.kind, tuple(named[n] for n in effect.own_states)
                 assert isinstance(kind, InputKind)
-                rates = kind.own_rates(mine, effect.parameters(values), 1.0 / self.system.rate_hz)
+                rates = kind.own_rates(
+                    mine,
+                    effect.parameters(values),
+                    1.0 / self.system.rate_hz,
+                    self.system.has_step,
+                )
                 for name, rate in zip(effect.own_states, rates, strict=True):
                     own[name] = self._advanced(named[name], rate)
                 arriving[effect.port.name] = arriving[effect.port.name] + mine[-1]

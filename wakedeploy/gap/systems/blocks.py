@@ -133,16 +133,14 @@ def blocks_of(logs: Sequence[Log]) -> list[Block]:
     return blocks
 
 
-def pieces_of(blocks: Sequence[Block], unsettled: int, scored: int | None = None) -> Pieces:
-    """The pieces of some blocks; `unsettled` samples at a log's beginning are not scored.
-
-    Of each block `scored` samples are, at its beginning; all of them where nothing is said.
-    """
+def pieces_of(blocks: Sequence[Block], unsettled: int) -> Pieces:
+    """The pieces of some blocks; `unsettled` samples at a log's beginning are not scored."""
     starts, stops, firsts, owners = [], [], [], []
-    counts = [min(b.stop - b.start, scored or b.stop - b.start) for b in blocks]
-    most = max(_PIECE, math.ceil(max(counts) / 8))
-    for k, (block, n) in enumerate(zip(blocks, counts, strict=True)):
-        ends = np.linspace(block.start, block.start + n, math.ceil(n / most) + 1).astype(int)
+    longest = max(b.stop - b.start for b in blocks)
+    most = max(_PIECE, math.ceil(longest / 8))
+    for k, block in enumerate(blocks):
+        n = block.stop - block.start
+        ends = np.linspace(block.start, block.stop, math.ceil(n / most) + 1).astype(int)
         for low, high in itertools.pairwise(ends):
             starts.append(max(int(low) - _WARM, 0))
             firsts.append(max(int(low), unsettled))
@@ -151,7 +149,7 @@ def pieces_of(blocks: Sequence[Block], unsettled: int, scored: int | None = None
     length = max(b - a for a, b in zip(starts, stops, strict=True))
     at = np.arange(length)[:, None] + np.array(starts)[None, :]
     valid = at < np.array(stops)[None, :]
-    counted = valid & (at >= np.array(firsts)[None, :])
+    scored = valid & (at >= np.array(firsts)[None, :])
     sample = np.minimum(at, np.array(stops)[None, :] - 1)
     log = np.array([blocks[k].log for k in owners])
-    return Pieces(sample, counted, valid, log, np.array(owners))
+    return Pieces(sample, scored, valid, log, np.array(owners))

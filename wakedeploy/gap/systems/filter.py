@@ -81,12 +81,7 @@ class Noise:
 
 
 class Filter:
-    """The logs of a system, and how a filter runs over them.
-
-    `scored` is how many samples of each block are looked at; None for all of them.
-    """
-
-    scored: int | None = None
+    """The logs of a system, and how a filter runs over them."""
 
     def __init__(
         self,
@@ -112,8 +107,7 @@ class Filter:
     ) -> Run:
         """Over some blocks, for parameter sets `values` of arrays (K,)."""
         blocks = [self.blocks[e] for e in episodes]
-        unsettled = 2 * len(acting.system.states) + _OWN_STATES
-        pieces = pieces_of(blocks, unsettled, self.scored)
+        pieces = pieces_of(blocks, 2 * len(acting.system.states) + _OWN_STATES)
         count, parts = len(next(iter(values.values()))), pieces.sample.shape[1]
         lanes = count * parts
         at = pieces.sample + self._offset[pieces.log][None, :]
@@ -279,8 +273,7 @@ class Filter:
             for k in range(count):
                 own = effect.parameters({n: v[k] for n, v in values.items()})
                 at_start = np.array([kind.unsettled(c, own, dt_s) for c in columns])
-                fading_s = max(kind.settling_s(own), dt_s)
-                sd[k] = at_start[pieces.log] * np.exp(-since_s / fading_s)
+                sd[k] = at_start[pieces.log] * kind.left(since_s, own, dt_s)
             found |= dict.fromkeys(effect.own_states, sd.reshape(-1))
         return found
 
@@ -315,7 +308,12 @@ class Filter:
         return np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
 
     def _aside(self, acting: Acting, lanes: int) -> FloatArray:
-        sizes = [acting.sizes.get(n, 1.0) for n in acting.states]
+        own = {
+            name: effect.scales.sizes.get(effect.port.role, 1.0)  # of an input or an output
+            for effect in acting.effects
+            for name in effect.own_states
+        }
+        sizes = [own.get(n) or acting.sizes.get(n, 1.0) for n in acting.states]
         return np.tile(_ASIDE * np.array(sizes)[:, None], (1, lanes))
 
 

@@ -8,9 +8,8 @@ clocks within a sample, constants within their spreads, and a small smooth error
 
 import copy
 import functools
-import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -67,6 +66,7 @@ class LogModel:
         share = system.outlier_share if outliers is None else outliers
         self.filter = Filter(self.logs, self.blocks, self._starts, self.driven, share)
         self.records = [self._record(b) for b in self.blocks]
+        self.horizon = self._horizon()  # samples over which a forecast goes
 
     @property
     def episodes(self) -> int:
@@ -82,13 +82,13 @@ class LogModel:
         if max(b.stop - b.start for b in self.blocks) <= enough:
             return self
         part = copy.copy(self)
+        part.blocks = [replace(b, stop=min(b.stop, b.start + enough)) for b in self.blocks]
         part.filter = copy.copy(self.filter)
-        part.filter.scored = enough
+        part.filter.blocks = part.blocks
+        part.records = [part._record(b) for b in part.blocks]
         return part
 
-    @property
-    def horizon(self) -> int:
-        """Samples over which a forecast goes."""
+    def _horizon(self) -> int:
         if self.system.forecast_s is not None:
             return max(round(self.system.forecast_s / self.dt_s), 1)
         shortest = min(b.stop - b.start for b in self.blocks)
@@ -160,8 +160,7 @@ class LogModel:
         Those with states of their own stay alone.
         """
         simple = [n for n in names if not self.library[n].own_states]
-        most = self.filter.scored or sys.maxsize
-        size = max(_TOGETHER // sum(min(b.stop - b.start, most) for b in self.blocks), 1)
+        size = max(_TOGETHER // sum(b.stop - b.start for b in self.blocks), 1)
         groups = [simple[i : i + size] for i in range(0, len(simple), size)]
         return groups + [[n] for n in names if self.library[n].own_states]
 

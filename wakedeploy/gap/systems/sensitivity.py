@@ -73,11 +73,12 @@ def column_notes(model: LogModel) -> list[str]:
             f"too short for a search: these logs make {counted(model.episodes, 'block')} of at "
             f"least {SHORTEST} samples, and {FEWEST_IN_ALL} are needed; record more."
         )
-    scored = model.thinned().filter.scored
-    if scored is not None:
+    part = model.thinned()
+    if part is not model:
+        searched = max(b.stop - b.start for b in part.blocks)
         told.append(
-            f"long logs: a search looks at the first {scored} samples of each block; sizes are "
-            "told from all."
+            f"long logs: a search looks at the first {searched} samples of each block; sizes, and "
+            "what sealed blocks say, come from all."
         )
     for i, stated in enumerate(model.system.inputs):
         told += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))

@@ -73,12 +73,15 @@ def _importance(told: Result) -> str:
     if told.forecast_s is not None:
         ahead += f" {quantity(told.forecast_s, 's')} ahead"
     if told.effects:
+        names = [e.name for e in told.effects]
+        beside = "it" if told.verdict == "named" and len(names) == 1 else listed(names)
         errors = [
-            f"{name} by {quantity(error.before, error.unit)}, with it by "
+            f"{name} by {quantity(error.before, error.unit)}, with {beside} by "
             f"{quantity(error.after, error.unit)}"
             for name, error in shown
         ]
-        return f"Yes. {ahead} of blocks kept apart were off: {listed(errors)}."
+        yes = "Yes. " if any(error.after < error.before for _, error in shown) else ""
+        return f"{yes}{ahead} of blocks kept apart were off: {listed(errors)}."
     errors = [f"{name} by {quantity(error.before, error.unit)}" for name, error in shown]
     off = f"{ahead} of blocks kept apart are off: {listed(errors)}"
     if told.verdict == "none":
@@ -90,7 +93,7 @@ def _certainty(told: Result) -> str:
     """What the answer rests on."""
     fitted, sealed = len(told.episodes) - len(told.sealed), len(told.sealed)
     if told.verdict == "none":
-        return "Where nothing is missing, one search in twenty finds something; this one did not."
+        return "Where nothing is missing, one search in twenty names something; this one did not."
     beyond = "Chance alone brings as much in less than one search of twenty."
     if told.is_outdone:
         return "It rests on forecasts of all blocks that were fitted, not on a search."
@@ -100,10 +103,11 @@ def _certainty(told: Result) -> str:
         return f"{beyond if evident else noise} What it is, is open."
     if told.verdict == "class":
         return f"{beyond} Which of them it is, is open."
-    found, apart = counted(fitted, "block"), f"of {counted(sealed, 'block')} kept apart"
+    found = f"Found on {counted(fitted, 'block')} of the logs"
+    apart = f"readings of {counted(sealed, 'block')} kept apart"
     if told.sealed_gain_nats > 0.0:
-        return f"{beyond} Found in {found} of the logs; forecasts {apart} bear it out."
-    return f"{beyond} Forecasts {apart} do not confirm it: record more."
+        return f"{beyond} {found}; the {apart} bear it out."
+    return f"{beyond} {found}; the {apart} do not confirm it: record more."
 
 
 def _next(told: Result) -> str:
@@ -112,10 +116,10 @@ def _next(told: Result) -> str:
         return "Check those constants and units before anything else."
     if told.verdict == "class":
         return "Record the input that tells them apart, and ask again with that log, too."
-    if told.effects:
+    if told.effects and told.verdict == "named":
         return "Replay a log that took no part with the correction, then use the corrected system."
     if told.is_outdone:
-        return "Check equations, units and signs: replay a log, and compare it with what you know."
+        return "Check equations, units and signs: see what each constant moves."
     if told.verdict == "unknown":
         return "See what these logs show and what looks alike; record one that excites it more."
     return "Use the system as it is. How small an effect these logs would show, `gap power` says."
@@ -165,7 +169,7 @@ def _size(name: str, size: Size) -> str:
 
 
 def _share(removed: Forecast) -> str:
-    """`62 % (58 to 66) of …`; an interval that rounds to the share itself is left out."""
+    """`62 % (58 % to 66 %) of …`; an interval that rounds to the share itself is left out."""
     low, middle, high = (_percent(share) for share in (removed.low, removed.share, removed.high))
     interval = f" ({low} to {high})" if {low, high} - {middle, UNKNOWN} else ""
     return f"{middle}{interval} of the squared forecast error where it was not fitted"

@@ -13,6 +13,7 @@ from wakedeploy.physics.kalman import limited_rate, slack
 
 _LJUNG = "Ljung, System Identification, 1999"
 _OF_INPUT = {"input": 1}
+_AHEAD = 3.0  # time constants
 
 
 class InputKind(Kind):
@@ -23,18 +24,21 @@ class InputKind(Kind):
         raise NotImplementedError
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
-        """Derivatives of the kind's own states; the last is added to the column."""
+        """Derivatives of the kind's own states; the last is added to the column.
+
+        Of a `discrete` system, means over a sample of `dt_s`.
+        """
         return ()
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """How far the kind's own states may be from 0 where a logged column (n,) begins, as sd."""
         return 0.0
 
-    def settling_s(self, p: Parameters) -> float:
-        """With which time constant that is forgotten."""
-        return 0.0
+    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """Which share of that is left so long after the log began."""
+        return np.zeros_like(since_s)
 
 
 class DeadTime(InputKind):
@@ -70,19 +74,18 @@ class Lag(InputKind):
         return lagged(column, p["tau_s"] / dt_s)
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Towards 0."""
-        tau_s = np.maximum(p["tau_s"], dt_s)  # shorter than a sample: gone after it
-        return (-own[0] / tau_s,)
+        return (-own[0] * _pace(p["tau_s"], dt_s, discrete),)
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
-        """As far as the command goes in the two time constants that follow."""
-        return _moved(column, 2.0 * float(p["tau_s"]) / dt_s)
+        """As far as the command goes in the time that follows, as it may have gone before."""
+        return _moved(column, float(p["tau_s"]) / dt_s)
 
-    def settling_s(self, p: Parameters) -> float:
-        """The time constant."""
-        return float(p["tau_s"])
+    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """An exponential."""
+        return np.exp(-since_s / max(float(p["tau_s"]), dt_s))
 
 
 class SecondOrderLag(InputKind):
@@ -102,19 +105,20 @@ class SecondOrderLag(InputKind):
         return lagged(lagged(column, p["tau_s"] / dt_s), p["tau_s"] / dt_s)
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float
+        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Towards 0, one after the other."""
-        tau_s = np.maximum(p["tau_s"], dt_s)  # shorter than a sample: gone after it
-        return -own[0] / tau_s, (own[0] - own[1]) / tau_s
+        pace = _pace(p["tau_s"], dt_s, discrete)
+        return -own[0] * pace, (own[0] - own[1]) * pace
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
-        """As far as the command goes in the two time constants that follow."""
-        return _moved(column, 2.0 * 2.0 * float(p["tau_s"]) / dt_s)
+        """As of one lag that takes as long."""
+        return _moved(column, 2.0 * float(p["tau_s"]) / dt_s)
 
-    def settling_s(self, p: Parameters) -> float:
-        """The time constant."""
-        return float(p["tau_s"])
+    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+        """What two equal lags in series leave."""
+        along = since_s / max(float(p["tau_s"]), dt_s)
+        return np.asarray((1.0 + along) * np.exp(-along))
 
 
 class RateLimit(InputKind):
@@ -287,10 +291,22 @@ def lagged(column: FloatArray, samples: float) -> FloatArray:
     return np.asarray(column + share * (begins - column))
 
 
+def _pace(tau_s: FloatArray, dt_s: float, discrete: bool) -> FloatArray:
+    """Share of a state that a second takes away; of a time below a sample it is gone after one."""
+    tau_s = np.maximum(tau_s, dt_s)
+    return np.asarray(-np.expm1(-dt_s / tau_s) / dt_s if discrete else 1.0 / tau_s)
+
+
 def _moved(column: FloatArray, samples: float) -> float:
-    """How far the first samples of a column (n,) lie from where it begins, as an RMS."""
-    first = column[: int(np.ceil(samples)) + 1]
-    return float(np.sqrt(np.mean((first - column[0]) ** 2)))
+    """How far a column (n,) goes from where it begins, as an RMS that looks so far ahead.
+
+    Of what is three time constants away a third counts still: the command may have turned just
+    before the log began, and stood still for some time after.
+    """
+    if samples < 1e-3:
+        return 0.0
+    weight = np.exp(-np.arange(len(column)) / (_AHEAD * samples))
+    return float(np.sqrt(np.average((column - column[0]) ** 2, weights=weight)))
 
 
 KINDS = (
