@@ -221,7 +221,7 @@ def _next(told: "Result", system_path: Path, logs: str, out: Path) -> list[str]:
     from wakedeploy.gap.systems.own_folder import CORRECTION
 
     system = shlex.quote(str(system_path))
-    if told.verdict == "none":
+    if told.verdict == "none" and not told.moved:
         return [f"wakedeploy gap power --system {system} {logs}"]
     if told.verdict == "unknown" or told.moved or not told.effects:
         return [f"wakedeploy gap check {system} {logs}"]

@@ -218,15 +218,7 @@ def _sandwich(
     The first n rows of g are `f` (n, n + s, W); the others are diagonal, `kept` (s, W).
     """
     n, every = f.shape[0], f.shape[1]
-    for i in range(n):
-        for j in range(every):
-            for w in range(_WIDE):
-                total[w] = f[i, 0, w] * cov[0, j, w]
-            for m in range(1, every):
-                for w in range(_WIDE):
-                    total[w] += f[i, m, w] * cov[m, j, w]
-            for w in range(_WIDE):
-                work[i, j, w] = total[w]
+    _times(f, cov, work, total)
     for i in range(n, every):
         for j in range(every):
             for w in range(_WIDE):
@@ -314,13 +306,12 @@ def _exponential(
 
 @compiled
 def _times(first: FloatArray, other: FloatArray, product: FloatArray, total: FloatArray) -> None:
-    """Products of matrices (n, n, W), lane by lane."""
-    n = first.shape[0]
-    for i in range(n):
-        for j in range(n):
+    """Products of matrices (n, m, W) and (m, k, W), lane by lane."""
+    for i in range(first.shape[0]):
+        for j in range(other.shape[1]):
             for w in range(_WIDE):
                 total[w] = first[i, 0, w] * other[0, j, w]
-            for m in range(1, n):
+            for m in range(1, other.shape[0]):
                 for w in range(_WIDE):
                     total[w] += first[i, m, w] * other[m, j, w]
             for w in range(_WIDE):

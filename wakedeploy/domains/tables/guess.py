@@ -47,7 +47,7 @@ _UNITS_BY_NAME = (  # the end of a name, or a word in it
     (r"(^|_)(volt|voltage|volts|vbat)", "V"), (r"(^|_)(amps|ampere|current)(_a)?$", "A"),
     (r"_mv$", "mV"), (r"_ma$", "mA"), (r"_cm$", "cm"), (r"_m$", "m"), (r"_mm$", "mm"),
     (r"_us$", "us"), (r"_ms$", "ms"), (r"_s$", "s"),
-    (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"), (r"_bar$", "bar"),
+    (r"_kpa$", "kPa"), (r"_pa$", "Pa"), (r"_mbar$", "mbar"),
     (r"_n$", "N"), (r"_v$", "V"), (r"_a$", "A"), (r"_hz$", "Hz"), (r"_kg$", "kg"), (r"_w$", "W"),
 )  # fmt: skip
 _RATE_NAMES, _STEP_NAMES = ("fs", "rate", "rate_hz", "sample_rate", "f_s"), ("ts", "dt", "t_s")
