@@ -308,9 +308,11 @@ class Filter:
         return np.array([acting.states.index(n) for n in self.driven], dtype=np.int64)
 
     def _aside(self, acting: Acting, lanes: int) -> FloatArray:
+        # What an effect adds at an input or a sensor is as large as that; of a force it is about 1.
         own = {
-            name: effect.scales.sizes.get(effect.port.role, 1.0)  # of an input or an output
+            name: effect.scales.sizes[effect.port.role]
             for effect in acting.effects
+            if effect.port.role in ("input", "output")
             for name in effect.own_states
         }
         sizes = [own.get(n) or acting.sizes.get(n, 1.0) for n in acting.states]
