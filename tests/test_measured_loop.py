@@ -18,6 +18,7 @@ def run(*arguments: object) -> str:
     return result.output
 
 
+@pytest.mark.whole
 def test_a_predictor_trained_on_measured_forces_improves_the_flight(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,7 @@ def rows_in(out: Path) -> list[Row]:
     return rows_of(study)
 
 
+@pytest.mark.whole
 def test_a_killed_worker_loses_one_trial_and_ctrl_c_none(
     data: Path, tmp_path: Path, started: Callable[..., subprocess.Popen[str]]
 ) -> None:

@@ -175,6 +175,7 @@ def chosen(slow: bool) -> list[Path]:
     return [page for page in PAGES if str(page.relative_to(ROOT)) in own]
 
 
+@pytest.mark.whole
 def test_the_commands_of_the_pages_work_in_their_order(
     workshop: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

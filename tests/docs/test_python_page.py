@@ -45,6 +45,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.filterwarnings("ignore::UserWarning")
+@pytest.mark.whole
 def test_the_examples_run_in_their_order(here: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("pandas", reason="the extra notebook is not installed")
     names = executed(HOW_TO / "python.md", slow=False)

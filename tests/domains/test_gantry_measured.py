@@ -37,6 +37,7 @@ def made_of_one(logs: dict[str, RunLog]) -> MeasuredSet:
     return measured_set({"flight0": logs["flight0"]}, RIG)
 
 
+@pytest.mark.whole
 def test_errors_are_small_and_the_stated_sd_is_honest(logs: dict[str, RunLog]) -> None:
     _, measured = measure([log.without_truth() for log in logs.values()], RIG)
     errors, sds, forces = [], [], []

@@ -252,6 +252,7 @@ def test_two_flights_conclude_no_more_than_one(several) -> None:
     assert not (out / "rig.toml").exists()
 
 
+@pytest.mark.whole
 def test_three_flights_name_and_a_fourth_has_to_confirm(flights, several) -> None:
     out, told = several(3)
     assert (told["verdict"], [e["name"] for e in told["effects"]]) == ("named", [HIDDEN])
@@ -404,6 +405,7 @@ def test_what_chance_gives_is_said_to_be_unknown_before_it_is_simulated() -> Non
     assert "gains 4.0 nats in this one flight; chance alone gives up to 6.5." in told
 
 
+@pytest.mark.whole
 def test_nothing_is_added_of_one_flight_unasked(flights, closed) -> None:
     case = open_case(flights["rig"][0], flights[HIDDEN][:1], thresholds=LIMITS)
     with pytest.raises(UnusableInput, match="Cannot tell from one flight"):

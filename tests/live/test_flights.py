@@ -257,6 +257,7 @@ def test_a_replay_waits_for_the_first_page(folder, monkeypatch):
 
 
 @needs.chromium
+@pytest.mark.whole
 def test_a_replay_plays_pauses_seeks_and_has_no_stop(browser, folder):
     with serving("live", Path(folder) / "flight0.mcap") as url:
         browser.open(url)

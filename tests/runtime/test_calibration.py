@@ -214,6 +214,7 @@ def sagging_flights(thrusts):
     ]
 
 
+@pytest.mark.whole
 def test_a_battery_that_sags_from_mass_to_mass_does_not_bend_the_curve():
     volts = np.array([12.1, 12.0, 11.9, 11.8])
     logs = sagging_flights((volts / np.mean(volts)) ** 2)

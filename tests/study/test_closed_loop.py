@@ -95,6 +95,7 @@ def test_memory_is_left_open_where_flights_cannot_tell() -> None:
     )
 
 
+@pytest.mark.whole
 def test_all_fly_the_same_flights_and_the_oracle_is_ahead() -> None:
     always = Always((0.0, -0.5))
     nothing, oracle, constant = track([], 2, 3.0, constant=always)

@@ -68,6 +68,7 @@ def test_a_log_that_begins_in_motion_is_no_less_likely_than_later_parts(lags, ef
     assert float(np.sqrt(np.mean(first.white**2))) < loudest
 
 
+@pytest.mark.whole
 def test_a_slow_pump_is_not_blamed_on_the_sensor():
     model = LogModel(Tank(), [_log(0, 1, cut_s=120.0)])
     told = named(model, fitted_base(model))

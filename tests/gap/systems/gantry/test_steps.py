@@ -72,6 +72,7 @@ def content(out: Path, step: str):
     return json.loads((out / f"{step}.json").read_text("utf-8"))
 
 
+@pytest.mark.whole
 def test_the_result_has_the_promised_shape_and_the_librarys_names(closed):
     out, told = closed
     assert told == content(out, "result")
@@ -90,6 +91,7 @@ def test_the_result_has_the_promised_shape_and_the_librarys_names(closed):
         assert gap["after"] < gap["before"]
 
 
+@pytest.mark.whole
 def test_the_last_flight_is_sealed_and_the_rig_file_is_new(world, closed):
     (rig_path, logs), (out, told) = world, closed
     assert content(out, "find")["split"] == {
@@ -101,6 +103,7 @@ def test_the_last_flight_is_sealed_and_the_rig_file_is_new(world, closed):
     assert read_rig(rig_path).effect == ()
 
 
+@pytest.mark.whole
 def test_show_alone_goes_on_from_what_name_left(world, closed, tmp_path):
     rig_path, logs = world
     out = shutil.copytree(closed[0], tmp_path / "out")
@@ -110,6 +113,7 @@ def test_show_alone_goes_on_from_what_name_left(world, closed, tmp_path):
 
 
 @pytest.mark.parametrize("left", [None, b"", b"PK\x03\x04 cut short"])
+@pytest.mark.whole
 def test_show_without_the_fits_of_name_says_which_step_to_run(world, closed, tmp_path, left):
     rig_path, logs = world
     out = shutil.copytree(closed[0], tmp_path / "out")
@@ -118,6 +122,7 @@ def test_show_without_the_fits_of_name_says_which_step_to_run(world, closed, tmp
         show_gap(open_case(rig_path, logs, thresholds=THRESHOLDS), out)
 
 
+@pytest.mark.whole
 def test_no_step_goes_on_from_other_logs_or_before_its_turn(world, closed, tmp_path):
     rig_path, logs = world
     case = open_case(rig_path, logs, thresholds=THRESHOLDS)
@@ -134,6 +139,7 @@ def test_no_step_goes_on_from_other_logs_or_before_its_turn(world, closed, tmp_p
         required(closed[0], "find", "another rig", case.recordings)
 
 
+@pytest.mark.whole
 def test_an_unusable_log_leaves_an_earlier_run_as_it_was(world, closed, tmp_path):
     out = closed[0]
     before = {p.name: p.read_bytes() for p in out.iterdir() if p.is_file()}
@@ -197,6 +203,7 @@ def test_what_can_come_next_follows_from_what_is_there(tmp_path):
     )  # fmt: skip
 
 
+@pytest.mark.whole
 def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
     out = shutil.copytree(closed[0], tmp_path / "out")
     left = read_steps(out).name
@@ -212,6 +219,7 @@ def test_nothing_of_a_class_is_added_without_a_name(world, closed, tmp_path):
         add(case, out, only="wind")
 
 
+@pytest.mark.whole
 def test_an_effect_asked_for_has_the_size_that_the_gap_is_shown_with(world, closed, tmp_path):
     """Not the one it was ranked with, before all that is sure was found."""
     out = shutil.copytree(closed[0], tmp_path / "out")
@@ -229,12 +237,14 @@ def test_an_effect_asked_for_has_the_size_that_the_gap_is_shown_with(world, clos
     assert error_m == pytest.approx(gap.after, rel=0.02)
 
 
+@pytest.mark.whole
 def test_an_effect_that_was_named_keeps_its_size_if_it_is_asked_for(world, closed, tmp_path):
     out = shutil.copytree(closed[0], tmp_path / "out")
     add(open_case(*world, thresholds=THRESHOLDS), out, only="spool-lag-sufferer")
     assert read_rig(out / "rig.toml").sha256 == read_rig(closed[0] / "rig.toml").sha256
 
 
+@pytest.mark.whole
 def test_add_runs_again_after_it_was_killed_while_it_wrote(world, closed, tmp_path, monkeypatch):
     out = shutil.copytree(closed[0], tmp_path / "out")
     case = open_case(*world, thresholds=THRESHOLDS)

@@ -140,6 +140,7 @@ def some(*names):
     return [manoeuvre(name) for name in names]
 
 
+@pytest.mark.whole
 def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     made = make_plan(
         RIG,

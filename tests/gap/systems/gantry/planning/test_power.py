@@ -72,6 +72,7 @@ def fitted(flown):
     return fitted_base(GantryModel(RIG, flown))
 
 
+@pytest.mark.whole
 def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> None:
     known = {e.name: e for e in told.effects}
     assert known["battery-sag"].verdict == "named"
@@ -89,6 +90,7 @@ def test_strong_effects_are_named_and_look_alikes_are_left_in_a_class(told) -> N
         assert e.nameable is None or e.nameable >= e.detectable
 
 
+@pytest.mark.whole
 def test_what_is_seen_is_known_to_be_seen(told) -> None:
     """The same flights' loss matrix, shares and sizes agree with each other."""
     for i, e in enumerate(told.effects):
@@ -104,6 +106,7 @@ def test_what_is_seen_is_known_to_be_seen(told) -> None:
     assert told.threshold_nats == 4.0
 
 
+@pytest.mark.whole
 def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     path = write_page(told, tmp_path)
     html = path.read_text()
@@ -121,6 +124,7 @@ def test_the_page_is_whole_and_loads_nothing(told, tmp_path) -> None:
     assert any("class" in sentence for sentence in sentences(told))
 
 
+@pytest.mark.whole
 def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -> None:
     never = replace(
         told.effects[0], cost_mm=None, minutes=None, flights=None, detectable=None, nameable=None
@@ -133,6 +137,7 @@ def test_a_flight_that_an_effect_ends_and_a_size_never_named_are_said_so(told) -
     assert "never" in {text.get_text() for text in draw_cost(changed).axes[1].texts}
 
 
+@pytest.mark.whole
 def test_outcomes_follow_the_size(flown, fitted) -> None:
     names = ("coulomb-friction", "viscous-friction", "lost-steps")
     sizes = {n: plausible_size(RIG, n) for n in names} | {"lost-steps": (0.02,)}

@@ -62,6 +62,7 @@ def shown(answer, tmp_path_factory):
     return case, out, show_gap(case, out)
 
 
+@pytest.mark.whole
 def test_an_effect_that_only_stood_for_the_expression_is_dropped(answer) -> None:
     """With it, the expression has a wave besides, which nothing in the flights does."""
     assert answer.rounds[0].found == SPURIOUS
@@ -73,6 +74,7 @@ def test_an_effect_that_only_stood_for_the_expression_is_dropped(answer) -> None
     assert answer.white.passes(LIMITS.whiteness)  # of what the expression leaves
 
 
+@pytest.mark.whole
 def test_the_rig_file_written_errs_as_was_shown(answer, shown) -> None:
     """Noise and calibration are fitted again; equally likely ones err by a few per cent more."""
     case, out, told = shown
@@ -83,6 +85,7 @@ def test_the_rig_file_written_errs_as_was_shown(answer, shown) -> None:
     assert fitted.log_likelihood == pytest.approx(answer.fit.log_likelihood, abs=2.0)
 
 
+@pytest.mark.whole
 def test_what_is_told_is_what_the_file_has(shown) -> None:
     case, out, gap = shown
     told = result(case, out)

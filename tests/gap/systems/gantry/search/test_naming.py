@@ -95,6 +95,7 @@ def late() -> Answer:
     return answered("command-latency", tried=TRIED[:2])
 
 
+@pytest.mark.whole
 def test_a_strong_effect_is_named_with_its_size(late) -> None:
     assert late.verdict == "named"
     assert late.effects == ("command-latency",)
@@ -154,6 +155,7 @@ def beyond_the_library(t_s, state) -> float:
     return 0.15 * state["source_thrust_n"] * state["x_m"]
 
 
+@pytest.mark.whole
 def test_a_force_that_is_no_known_effect_is_unknown_with_its_coordinates() -> None:
     answer = answered(hook=beyond_the_library)
     assert answer.verdict == "unknown"
