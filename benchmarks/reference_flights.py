@@ -54,7 +54,7 @@ def spread_set(seed: int) -> dict[str, Any]:
     return {
         "seed": seed,
         "odd": [[o.flight, o.quantity.name, o.away, o.p_value] for o in learned.odd],
-        "quantities": [_quantity(learned, i, own) for i in range(len(learned.own))],
+        "quantities": [_quantity(learned, i, own) for i in range(len(learned.variations))],
         "named": list(learned.fit.hypothesis),
     }
 
@@ -84,7 +84,7 @@ def _quantity(
     learned: Reference, place: int, own: Mapping[str, np.typing.NDArray[np.float64]]
 ) -> dict[str, Any]:
     """A quantity's variation as it was and as it was found, and how its errors compare."""
-    one = learned.own[place]
+    one = learned.variations[place]
     true = own[one.quantity.name]
     kept = list(learned.kept)
     off = one.values - true

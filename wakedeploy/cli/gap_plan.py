@@ -87,7 +87,7 @@ def plan(
         made = make_plan(rig, members, sizes=sizes, progress=bar.update)
     _tell_plan(made)
     if json_path is not None:
-        write_json(json_path, made.told.as_json())
+        write_json(json_path, made.as_artefact.as_json())
     if out is not None:
         _keep(made, out)
     if reference is not None and made.best is None:
@@ -198,7 +198,7 @@ def _keep(made: "Plan", out: Path) -> None:
     from wakedeploy.gap.report.page import write_report
     from wakedeploy.gap.systems.gantry.workflow import plan_kept
 
-    if plan_kept(out, made.told):
+    if plan_kept(out, made.as_artefact):
         write_report(out)
 
 

@@ -92,12 +92,12 @@ def run(
         )  # fmt: skip
 
     result = close(rig_path, logs, folder, workers=workers, progress=progress, retrain=retrained)
-    told: dict[str, Any] = {"verdict": result.verdict, "tracking": None, "picture": None}
+    summary: dict[str, Any] = {"verdict": result.verdict, "tracking": None, "picture": None}
     if read_steps(folder).add is not None:
-        told |= _flown_again(out, read_rig(folder / "rig.toml"), size, workers, progress)
-    told["effects"] = result.as_json()["effects"]
-    told["ok"] = as_hidden(told)
-    return told | {"seconds": round(time.monotonic() - began, 1)}
+        summary |= _flown_again(out, read_rig(folder / "rig.toml"), size, workers, progress)
+    summary["effects"] = result.as_json()["effects"]
+    summary["ok"] = as_hidden(summary)
+    return summary | {"seconds": round(time.monotonic() - began, 1)}
 
 
 def _refuse_foreign(rig_path: Path, logs: Sequence[Path]) -> None:
@@ -151,12 +151,12 @@ def _example(pilot: Pilot, seed: int, seconds: float) -> Flown:
     return Flown(log["t_s"][flying] - log["t_s"][flying][0], error_mm)
 
 
-def as_hidden(told: dict[str, Any]) -> bool:
+def as_hidden(summary: dict[str, Any]) -> bool:
     """Whether exactly the hidden effects were named and tracking got better with them."""
-    named: Sequence[Any] = told["effects"]
-    if told["verdict"] != "named" or {effect["name"] for effect in named} != set(HIDDEN):
+    named: Sequence[Any] = summary["effects"]
+    if summary["verdict"] != "named" or {effect["name"] for effect in named} != set(HIDDEN):
         return False
-    flown = told["tracking"]["feedforward"]
+    flown = summary["tracking"]["feedforward"]
     before, after = flown["before"]["rmse"] or math.inf, flown["after"]["rmse"] or math.inf
     return bool(after < before)
 

@@ -46,10 +46,10 @@ class Steps(Protocol[Told]):
 
 def run(steps: Steps[Told], last: str) -> Told:
     """The steps up to `last`; what that one told. "close" is all of them."""
-    told = steps.find()
+    artefact = steps.find()
     for step in (steps.name, steps.add, steps.show)[: STEPS.index(_LAST.get(last, last))]:
-        told = step()
-    return told
+        artefact = step()
+    return artefact
 
 
 _LAST = {"close": "show"}
@@ -60,8 +60,8 @@ def concluded(model: Comparison, progress: Progress = quiet) -> Result:
     progress("fitting the baseline")
     base = fitted_base(model)
     found = found_in(model, base)
-    told = named(model, base, progress)
-    return joined(found, answer_of(model, told), before_after(model, base, told.found))
+    outcome = named(model, base, progress)
+    return joined(found, answer_of(model, outcome), before_after(model, base, outcome.found))
 
 
 class Folder:
@@ -93,8 +93,8 @@ class Folder:
         known = read(path, Answer, self.key)
         if known is not None:
             return known
-        told = named(self.model, self.base(), self.progress)
-        answer = answer_of(self.model, told, self.key)
+        outcome = named(self.model, self.base(), self.progress)
+        answer = answer_of(self.model, outcome, self.key)
         answer.write(path)
         return answer
 

@@ -280,7 +280,7 @@ def test_a_plan_made_later_reaches_result_and_report(tmp_path, monkeypatch):
     names = tuple(left["result"]["class"])
     told = Plan(rivals=names, sentence="Fly slow triangles.", manoeuvre="triangles", flights=3,
                 seconds=60.0, is_searched=True)  # fmt: skip
-    made = SimpleNamespace(names=names, best=None, told=told)
+    made = SimpleNamespace(names=names, best=None, as_artefact=told)
     monkeypatch.setattr(
         "wakedeploy.gap.systems.gantry.planning.plan.make_plan", lambda *_, **__: made
     )

@@ -100,5 +100,5 @@ def test_what_was_on_its_way_fades_as_the_column_itself_does(kind, count, discre
             rates = kind.own_rates(tuple(own), tau, dt_s, discrete)
             own = [x + dt_s / fine * rate for x, rate in zip(own, rates, strict=True)]
     np.testing.assert_allclose(shown, after, atol=0.06)  # starts and means of samples
-    left = kind.left(dt_s * np.arange(80), tau, dt_s)
+    left = kind.remaining(dt_s * np.arange(80), tau, dt_s)
     np.testing.assert_allclose(left, shown, atol=0.03)

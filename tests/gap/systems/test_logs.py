@@ -101,7 +101,7 @@ def test_a_linear_system_has_the_likelihood_of_a_kalman_filter():
     f.R = np.array([[np.exp(2 * values["noise.position_m"])]])
     f.x = np.vstack([model._starts[0].states[:, :1], [[0.0]]])
     f.P = np.diag([*model._starts[0].spread ** 2, push**2])
-    first = run.told[:, :, 0, 0, 0]
+    first = run.statistics[:, :, 0, 0, 0]
     for k in range(model.blocks[0].stop):
         f.update(recording.columns["position_m"][k])
         assert first[0, k] == pytest.approx(f.y[0, 0], abs=1e-9, rel=1e-6)

@@ -41,7 +41,7 @@ def _verdict(name, why, gains, error):
 
 
 def _told(*verdicts):
-    return [v.one.name for v in _best(SimpleNamespace(effects={}), None, verdicts)]
+    return [v.candidate.name for v in _best(SimpleNamespace(effects={}), None, verdicts)]
 
 
 def test_what_would_not_be_named_is_a_rival_all_the_same():
@@ -59,7 +59,7 @@ def test_what_every_block_finds_worse_is_no_rival():
 def test_forecasts_tell_apart_what_blocks_do_not():
     gains = [4.0, 1.0, 5.0, 2.0]
     members = [_verdict(n, ACCEPTED, gains, e) for n, e in (("a", 1.0), ("bb", 1.01), ("ccc", 2.0))]
-    assert [v.one.name for v in undecided(SimpleNamespace(), members)] == ["a", "bb"]
+    assert [v.candidate.name for v in undecided(SimpleNamespace(), members)] == ["a", "bb"]
 
 
 @pytest.mark.parametrize(("size", "something"), [(0.0, False), (0.6, True)])

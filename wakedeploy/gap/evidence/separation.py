@@ -118,7 +118,7 @@ def gather(
     nuisances = whitened(base.slopes)
     for name in names:
         target = _Target.of(model, base, name, None if sizes is None else sizes.get(name))
-        if len(target.claimed) == len(target.own):
+        if len(target.claimed) == len(target.places):
             moved = _of_nuisances(model, base, target, nuisances)
         else:
             moved = _directions(model, base, target)
@@ -146,14 +146,14 @@ def _share(column: Column, name: str) -> float:
 class _Target:
     """An effect to be evaluated: its hypothesis with the parameters without it and with it.
 
-    `own` are the places of its parameters. `claimed` are the base's nuisances that it replaces:
+    `places` are the places of its parameters. `claimed` are the base's nuisances that it replaces:
     calibrated constants that it moves further than calibration allows.
     """
 
     name: str
     hypothesis: tuple[str, ...]
     free: tuple[Free, ...]
-    own: tuple[int, ...]
+    places: tuple[int, ...]
     neutral: FloatArray
     there: FloatArray
     claimed: tuple[int, ...]
@@ -188,7 +188,7 @@ def _of_nuisances(
     origin = changes(model, base, hypothesis, neutral)
     whole = [np.zeros(len(o)) for o in origin]
     found = []
-    for i, place in zip(target.own, target.claimed, strict=True):
+    for i, place in zip(target.places, target.claimed, strict=True):
         there, free = neutral.copy(), target.free[i]
         there[i] = target.there[i]
         amount = float(there[i] - neutral[i]) or 1.0
@@ -210,14 +210,14 @@ def _of_nuisances(
 
 def _directions(model: Model, base: Fit, target: _Target) -> list[tuple[Column, list[FloatArray]]]:
     """The effect as a whole first, then its parameters one by one where it has several."""
-    name, hypothesis, free, own = target.name, target.hypothesis, target.free, target.own
+    name, hypothesis, free, places = target.name, target.hypothesis, target.free, target.places
     neutral, there = target.neutral, target.there
     origin = changes(model, base, hypothesis, neutral)
     share, near = _response(model, base, hypothesis, (neutral, there), origin)
     whole = [(n - o) / share for n, o in zip(near, origin, strict=True)]
     at = neutral + share * (there - neutral)
     found = [(replace(_whole_column(target), near=at, share=share), whole)]
-    for i in own[1:]:
+    for i in places[1:]:
         step = -free[i].step if at[i] - free[i].step >= free[i].low else free[i].step
         aside, alone = at.copy(), neutral.copy()
         aside[i] += step
@@ -270,7 +270,7 @@ def _response(
 
 
 def _whole_column(target: _Target) -> Column:
-    first = target.own[0]
+    first = target.places[0]
     free, neutral = target.free[first], target.neutral
     amount = float(target.there[first] - neutral[first]) or 1.0
     bounds = sorted((b - neutral[first]) / amount for b in (free.low, free.high))
@@ -319,7 +319,7 @@ def loss_nats(evidence: Evidence, copies: float = 1.0) -> FloatArray:
     for i, truth in enumerate(evidence.whole):
         for j, rival in enumerate(evidence.names):
             if i != j:
-                loss[i, j] = _left(information, truth, evidence, rival)
+                loss[i, j] = _unexplained_nats(information, truth, evidence, rival)
     return loss
 
 
@@ -389,7 +389,9 @@ def information(
     return np.asarray(rest.T @ rest)
 
 
-def _left(information: FloatArray, truth: FloatArray, evidence: Evidence, rival: str) -> float:
+def _unexplained_nats(
+    information: FloatArray, truth: FloatArray, evidence: Evidence, rival: str
+) -> float:
     rows = evidence.of(rival)
     pull = information[rows] @ truth
     share = fitted_shares(information[np.ix_(rows, rows)], pull[None, :], evidence, rows)[0]

@@ -118,7 +118,7 @@ class _Plain(ast.NodeTransformer):
             ast.arg(argument.arg) for argument in node.args.args if argument.arg != "self"
         ]
         node.returns, node.decorator_list = None, []
-        self._own = {argument.arg for argument in node.args.args} | _assigned(node)
+        self._local = {argument.arg for argument in node.args.args} | _assigned(node)
         node.body = [self.visit(statement) for statement in node.body]
         return node
 
@@ -133,7 +133,7 @@ class _Plain(ast.NodeTransformer):
         return node
 
     def visit_Name(self, node: ast.Name) -> ast.expr:
-        if node.id in self._own or isinstance(node.ctx, ast.Store):
+        if node.id in self._local or isinstance(node.ctx, ast.Store):
             return node
         value = self._known.get(node.id)
         if isinstance(value, int | float):

@@ -207,8 +207,8 @@ class _Writer:
     def _binary(self, node: ast.BinOp) -> str:
         if type(node.op) not in _BINARY:
             raise self._refused(node)
-        left, right = self._value(node.left), self._value(node.right)
-        return f"({left} {_BINARY[type(node.op)]} {right})"
+        left_operand, right_operand = self._value(node.left), self._value(node.right)
+        return f"({left_operand} {_BINARY[type(node.op)]} {right_operand})"
 
     def _unary(self, node: ast.UnaryOp) -> str:
         signs: dict[type[ast.unaryop], str] = {ast.USub: "-", ast.UAdd: "+", ast.Not: "~"}
@@ -219,13 +219,13 @@ class _Writer:
     def _compare(self, node: ast.Compare) -> str:
         if len(node.ops) != 1 or type(node.ops[0]) not in _COMPARED:
             raise self._refused(node)
-        left, right = self._value(node.left), self._value(node.comparators[0])
+        left_operand, right_operand = self._value(node.left), self._value(node.comparators[0])
         if isinstance(node.comparators[0], ast.Constant) and isinstance(
             node.comparators[0].value, str
         ):
-            alike = f"strcmp({left}, {right})"
+            alike = f"strcmp({left_operand}, {right_operand})"
             return alike if isinstance(node.ops[0], ast.Eq) else f"(~{alike})"
-        return f"({left} {_COMPARED[type(node.ops[0])]} {right})"
+        return f"({left_operand} {_COMPARED[type(node.ops[0])]} {right_operand})"
 
     def _boolean(self, node: ast.BoolOp) -> str:
         sign = " && " if isinstance(node.op, ast.And) else " || "

@@ -54,10 +54,12 @@ def draw_spectrum(find: Find, show: Show | None) -> "Figure | None":
     whites = _curves(find.white, None if show is None else show.white)
     if not any(spectrum.density for spectrum, _, _ in spectra):
         return None
-    drawn, (left, right) = figures.figure(1, 2, size=(_WIDTH_IN, 2.9), width_ratios=(1.25, 1.0))
-    _spectrum(left, spectra)
+    drawn, (spectrum_axes, correlation_axes) = figures.figure(
+        1, 2, size=(_WIDTH_IN, 2.9), width_ratios=(1.25, 1.0)
+    )
+    _spectrum(spectrum_axes, spectra)
     used = find.split.fit if show is None or show.white is None else find.split.sealed
-    _autocorrelation(right, whites, _samples(find, used))
+    _autocorrelation(correlation_axes, whites, _samples(find, used))
     return drawn
 
 

@@ -252,8 +252,8 @@ def _of_the_ratio(scores: Retraining) -> str:
     if scores.ratio_interval is None:
         return ""
     low, high = scores.ratio_interval
-    told = f" That is {scores.ratio:.2f} of it, {low:.2f} to {high:.2f} over flights"
-    return f"{told}: they cannot tell whether it helps." if low < 1.0 < high else f"{told}."
+    sentence = f" That is {scores.ratio:.2f} of it, {low:.2f} to {high:.2f} over flights"
+    return f"{sentence}: they cannot tell whether it helps." if low < 1.0 < high else f"{sentence}."
 
 
 def _retraining(summary: Summary) -> list[str]:

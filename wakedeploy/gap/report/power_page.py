@@ -68,7 +68,7 @@ def write_page(power: Power, folder: Path) -> Path:
         figures.save(figure, path)
         pictures[name] = pages.Picture(path, _CAPTIONS[name])
     path = folder / "power.html"
-    text = pages.page("wakedeploy.gap.report", "power.html", pictures=pictures, **_told(power))
+    text = pages.page("wakedeploy.gap.report", "power.html", pictures=pictures, **_contents(power))
     write_text_whole(path, text)
     return path
 
@@ -227,25 +227,25 @@ def draw_confusion(power: Power) -> "Figure":
 def draw_cost(power: Power) -> "Figure":
     """Millimetres that ignoring costs, and minutes until named."""
     with figures.style():
-        drawn, (left, right) = _rows_figure(power, 2)
+        drawn, (cost_axes, minutes_axes) = _rows_figure(power, 2)
         colours = [_COLOURS[e.verdict] for e in power.effects]
         y = np.arange(len(power.effects))
         cost = [0.0 if e.cost_mm is None else e.cost_mm for e in power.effects]
-        left.barh(y, cost, color=colours)
-        left.set_xlabel("added tracking error [mm]")
+        cost_axes.barh(y, cost, color=colours)
+        cost_axes.set_xlabel("added tracking error [mm]")
         minutes = np.array([np.nan if e.minutes is None else e.minutes for e in power.effects])
-        right.barh(y, minutes, color=colours)
+        minutes_axes.barh(y, minutes, color=colours)
         for at in np.flatnonzero(np.isnan(minutes)):
-            right.text(0.32, at, "never", va="center", fontsize=7, color=colours[at])
-        right.axvline(
+            minutes_axes.text(0.32, at, "never", va="center", fontsize=7, color=colours[at])
+        minutes_axes.axvline(
             power.flights * power.flight_s / 60.0, color=figures.REFERENCE, ls="--", lw=0.8
         )
-        right.set_xscale("log")
-        right.set_xlim(left=0.3)
-        right.xaxis.set_major_formatter("{x:g}")
-        right.set_xlabel("minutes until named (dashed: planned)")
+        minutes_axes.set_xscale("log")
+        minutes_axes.set_xlim(left=0.3)
+        minutes_axes.xaxis.set_major_formatter("{x:g}")
+        minutes_axes.set_xlabel("minutes until named (dashed: planned)")
         for at in np.flatnonzero([e.cost_mm is None for e in power.effects]):
-            left.text(0.0, at, "failsafe", va="center", fontsize=7)
+            cost_axes.text(0.0, at, "failsafe", va="center", fontsize=7)
         _explain_colours(drawn)
     return drawn
 
@@ -268,7 +268,7 @@ def _explain_colours(drawn: "Figure") -> None:
     drawn.legend(handles=handles, loc="outside upper left", ncols=3, fontsize=7.5)
 
 
-def _told(power: Power) -> dict[str, Any]:
+def _contents(power: Power) -> dict[str, Any]:
     """What the page says."""
     sensors = ["sensor", "what it is", "noise", "gain known to", "about"]
     classes = ["class", "cheapest sensor that names each", "what splits it"]

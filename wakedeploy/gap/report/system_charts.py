@@ -60,14 +60,21 @@ def _episode(name: str) -> str:
 def draw_autocorrelation(white: WhitePair, channels: Sequence[str]) -> "Figure | None":
     """Of the whitened innovations before and after, one panel per channel."""
     both = ((white.before, BEFORE, "baseline"), (white.after, AFTER, "with what was found"))
-    if not channels or not all(len(told.rows) == len(channels) for told, *_ in both):
+    if not channels or not all(len(innovations.rows) == len(channels) for innovations, *_ in both):
         return None
     drawn, grid = figures.figure(
         1, len(channels), size=(_WIDTH_IN, 2.4), sharey=True, squeeze=False
     )
     for row, (axes, channel) in enumerate(zip(grid[0], channels, strict=True)):
-        for told, colour, label in both:
-            axes.plot(told.lags, told.rows[row], "o-", color=colour, markersize=3, label=label)
+        for innovations, colour, label in both:
+            axes.plot(
+                innovations.lags,
+                innovations.rows[row],
+                "o-",
+                color=colour,
+                markersize=3,
+                label=label,
+            )
         half = 1.96 / math.sqrt(max(white.before.samples, 1))
         axes.axhspan(-half, half, color=figures.SUFFERER, alpha=0.25, linewidth=0)
         axes.axhline(0.0, color=figures.REFERENCE, linewidth=0.7, zorder=1.5)

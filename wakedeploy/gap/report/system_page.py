@@ -64,11 +64,11 @@ def write_page(
     accounts = [_account(title, result, out, "")]
     if result.far is not None:
         accounts.append(_account("The same, where no wake is", result.far, out, "far_"))
-    told = {"title": title, "accounts": accounts, "further": _further(result, out)}
+    contents = {"title": title, "accounts": accounts, "further": _further(result, out)}
     details = list(said).index(DETAILS) if DETAILS in said else len(said)
-    told |= {"next": next_commands, "said": said[:details], "details": said[details + 1 :]}
+    contents |= {"next": next_commands, "said": said[:details], "details": said[details + 1 :]}
     path = out / "report.html"
-    write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **told))
+    write_text_whole(path, pages.page("wakedeploy.gap.report", "system.html", **contents))
     return path
 
 

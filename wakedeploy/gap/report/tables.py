@@ -143,8 +143,8 @@ def whiteness(white: White | None, of: str) -> str:
     """One sentence: whether what is left looks like noise, which is no proof that it is."""
     if white is None:
         return ""
-    left = "cannot be told from noise" if white.passes else "are more than noise"
-    return f"For {of}, the innovations {left} ({whiteness_words(white)})."
+    verdict = "cannot be told from noise" if white.passes else "are more than noise"
+    return f"For {of}, the innovations {verdict} ({whiteness_words(white)})."
 
 
 def log_rows(logs: Sequence[Log], sealed: Sequence[str]) -> list[dict[str, str]]:

@@ -412,7 +412,7 @@ Kind = TypeVar("Kind", bound=Artefact)
 
 def joined(found: Disagreements, answer: Answer, shown: BeforeAfter) -> Result:
     """The three steps as one."""
-    parts = {name: value for one in (found, answer, shown) for name, value in one}
+    parts = {name: value for step in (found, answer, shown) for name, value in step}
     return Result(**parts)
 
 

@@ -51,6 +51,6 @@ def _around(start: FloatArray, free: Sequence[Free], unknown: Sequence[int]) -> 
     spread = qmc.Halton(len(unknown), seed=0).random(_TRIED)
     points = np.tile(start, (_TRIED + 1, 1))
     for column, i in enumerate(unknown):
-        told = start[i] * 10.0 ** (_DECADES * (2.0 * spread[:, column] - 1.0))
-        points[1:, i] = np.clip(told, free[i].low, free[i].high)
+        drawn = start[i] * 10.0 ** (_DECADES * (2.0 * spread[:, column] - 1.0))
+        points[1:, i] = np.clip(drawn, free[i].low, free[i].high)
     return points

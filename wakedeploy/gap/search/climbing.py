@@ -34,7 +34,7 @@ _NEAR_NATS = 15.0  # as near as that none has fallen behind
 
 def raced(model: Comparison, base: Fit, starts: Sequence[Fit]) -> list[Fit]:
     """Fits from all starts; those that soon gain much less than the best one are left there."""
-    fits, rising = [_fresh(model, one, one.theta) for one in starts], [True] * len(starts)
+    fits, rising = [_fresh(model, start, start.theta) for start in starts], [True] * len(starts)
     for step in range(_MOST):
         best = max((f.objective for f in fits), default=0.0) - base.objective
         for i, fitted in enumerate(fits):
@@ -69,7 +69,7 @@ def to_the_end(model: Comparison, base: Fit, points: Sequence[FloatArray], fitte
     known = dict(zip(base.names, base.theta, strict=True))
     reached = [fitted]
     for theta in points:
-        sized = [known.get(f.name, own) for f, own in zip(fitted.free, theta, strict=True)]
+        sized = [known.get(f.name, size) for f, size in zip(fitted.free, theta, strict=True)]
         reached.append(fit(model, fitted.hypothesis, fitted.episodes, np.array(sized)))
     return settled(model, max(reached, key=lambda f: f.objective))[0]
 

@@ -90,14 +90,14 @@ def residual_series(
 ) -> tuple[dict[str, list[Residuals]], Axes]:
     """Residuals of every channel in some episodes, and what they are over."""
     values = model.values(fitted.hypothesis, fitted.theta)
-    left = [model.disagreement(values, e) for e in episodes]
+    residuals = [model.disagreement(values, e) for e in episodes]
     where = [model.coordinates(e) for e in episodes]
     series = {
         name: [
             Residuals(
                 name, model.records[e].time_s, residual[c], {k: v for k, (_, v) in at.items()}
             )
-            for e, residual, at in zip(episodes, left, where, strict=True)
+            for e, residual, at in zip(episodes, residuals, where, strict=True)
         ]
         for c, (name, _) in enumerate(model.channels)
     }

@@ -69,9 +69,9 @@ def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dic
     begun = {}
     for name, scores in together(model, base, best, points):
         density = [np.array([s.log_density.sum() for s in each]) for each in scores]
-        told = [float(d.sum()) + log_prior(frees[name], theta)
+        objectives = [float(d.sum()) + log_prior(frees[name], theta)
                 for d, theta in zip(density, points[name], strict=True)]  # fmt: skip
-        k = int(np.argmax(np.nan_to_num(told, nan=-np.inf)))
+        k = int(np.argmax(np.nan_to_num(objectives, nan=-np.inf)))
         hypothesis, nothing = (*base.hypothesis, name), Slopes((), (), ())
         begun[name] = Fit(
             hypothesis, frees[name], base.episodes, points[name][k], nothing, density[k]
@@ -82,10 +82,10 @@ def _begun(model: Comparison, base: Fit, best: Fit, names: Sequence[str]) -> dic
 def _points(best: Fit, free: Sequence[Free], name: str) -> list[FloatArray]:
     """A candidate at its starts, and as late as the best one is, where both are delays."""
     origin = extended(best, free)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-    points = starts_of(origin, free, own)
+    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    points = starts_of(origin, free, places)
     late = [v for f, v in zip(best.free, best.theta, strict=True) if _is_delay(f, best)]
-    for i in own:
+    for i in places:
         if late and free[i].unit == "s":
             for share in _DELAYS:
                 point = origin.copy()

@@ -100,95 +100,97 @@ def named(model: Comparison, base: Fit, progress: Progress = quiet) -> Named:
     begun = base
     if part is not model:
         begun = settled(part, fit(part, (), base.episodes, base.theta))[0]
-    told = Named(begun, begun, [])
-    while len(told.found.hypothesis) < RULES.most_effects:
-        further = _round(part, told, progress)
+    outcome = Named(begun, begun, [])
+    while len(outcome.found.hypothesis) < RULES.most_effects:
+        further = _round(part, outcome, progress)
         if further is None:
             break
-        told = further
-    told = _still_needed(part, told)
+        outcome = further
+    outcome = _still_needed(part, outcome)
     if part is not model:
         progress("fitting what was found to all samples")
-        told = _on_all(model, base, told)
-    told = _borne_out(model, _with_sizes(model, told))
-    if is_outdone(model, told.found):
-        told = replace(told, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
+        outcome = _on_all(model, base, outcome)
+    outcome = _borne_out(model, _with_sizes(model, outcome))
+    if is_outdone(model, outcome.found):
+        outcome = replace(outcome, found=base, rivals=(), weights={}, unsettled=(), is_outdone=True)
     acting = getattr(model, "leftovers", None)
-    return told if acting is None else replace(told, leftover=acting(told.found))
+    return outcome if acting is None else replace(outcome, leftover=acting(outcome.found))
 
 
-def _on_all(model: Comparison, base: Fit, told: Named) -> Named:
+def _on_all(model: Comparison, base: Fit, outcome: Named) -> Named:
     """What was found in a part of the recordings, fitted to all of them."""
     found, still = base, True
-    if told.found.hypothesis:
-        start = fit(model, told.found.hypothesis, base.episodes, told.found.theta)
+    if outcome.found.hypothesis:
+        start = fit(model, outcome.found.hypothesis, base.episodes, outcome.found.theta)
         found, still = settled(model, start)
     unsettled = () if still else found.hypothesis[-1:]
-    return replace(told, base=base, found=found, unsettled=unsettled)
+    return replace(outcome, base=base, found=found, unsettled=unsettled)
 
 
-def _round(model: Comparison, told: Named, progress: Progress) -> Named | None:
+def _round(model: Comparison, outcome: Named, progress: Progress) -> Named | None:
     """What was named with one more effect, or a pair; None where there is none."""
-    found = told.found
-    verdicts = _judged_round(model, told, found, progress)
-    if not told.alone:
-        told = replace(told, alone=tuple(v.one for v in verdicts))
+    found = outcome.found
+    verdicts = _judged_round(model, outcome, found, progress)
+    if not outcome.alone:
+        outcome = replace(outcome, alone=tuple(v.candidate for v in verdicts))
     best = _best(model, found, verdicts)
     if best:
-        return _with(model, told, best)
+        return _with(model, outcome, best)
     evident = [v for v in verdicts if v.why in (HARDLY, WORSE)]
     if not evident or len(found.hypothesis) + 2 > RULES.most_effects:
         return None
-    return _pair(model, told, evident[0], verdicts, progress)
+    return _pair(model, outcome, evident[0], verdicts, progress)
 
 
-def _judged_round(model: Comparison, told: Named, found: Fit, progress: Progress) -> list[Verdict]:
+def _judged_round(
+    model: Comparison, outcome: Named, found: Fit, progress: Progress
+) -> list[Verdict]:
     """Every candidate on top of a fit, best first, judged; written into the rounds."""
-    left = [n for n in model.effects if n not in found.hypothesis]
+    untried = [n for n in model.effects if n not in found.hypothesis]
     beside = f" beside {', '.join(found.hypothesis)}" if found.hypothesis else ""
     stage = f"ranking effects{beside}"
     progress(stage)
-    ranking, chance = ranked(model, found, left, functools.partial(progress, stage))
+    ranking, chance = ranked(model, found, untried, functools.partial(progress, stage))
     before = crossed(model, found)
-    verdicts = [_judged(model, before, one, chance) for one in ranking[:_TRIED]]
-    verdicts += [Verdict(one, "") for one in ranking[_TRIED:]]
+    verdicts = [_judged(model, before, effect, chance) for effect in ranking[:_TRIED]]
+    verdicts += [Verdict(effect, "") for effect in ranking[_TRIED:]]
     entries = [_entry(c, found) for c in ranking]
     for entry, verdict in zip(entries, verdicts, strict=True):
         if verdict.why:
             entry["judged"] = verdict.why
         if verdict.weight is not None:
             entry["forecast"] = asdict(verdict.weight)
-    told.rounds.append(
+    outcome.rounds.append(
         {"given": list(found.hypothesis), "threshold_nats": chance, "ranking": entries}
     )
     return verdicts
 
 
-def _judged(model: Comparison, before: FloatArray, one: Candidate, chance: float) -> Verdict:
+def _judged(model: Comparison, before: FloatArray, effect: Candidate, chance: float) -> Verdict:
     """Why a candidate is not named, or "accepted"."""
-    if one.gain_nats <= chance:
-        return Verdict(one, CHANCE)
-    if is_absent(one.fit, one.name):  # what it gains is what the fit before it had left to rise
-        return Verdict(one, NO_SIZE)
-    squares = crossed(model, one.fit)
+    if effect.gain_nats <= chance:
+        return Verdict(effect, CHANCE)
+    if is_absent(effect.fit, effect.name):
+        return Verdict(effect, NO_SIZE)  # it gains what the fit before it had left to rise
+    squares = crossed(model, effect.fit)
     weight = weight_of(before, squares)
-    if not is_shared(one, chance):
-        why = NO_SIZE if is_nothing(one.fit, one.name) else ONE_BLOCK
+    if not is_shared(effect, chance):
+        why = NO_SIZE if is_nothing(effect.fit, effect.name) else ONE_BLOCK
     elif weight.matters:
         why = ACCEPTED
     else:
         why = WORSE if weight.high < 0.0 else HARDLY
-    return Verdict(one, why, weight, squares)
+    return Verdict(effect, why, weight, squares)
 
 
-def is_shared(one: Candidate, chance: float) -> bool:
+def is_shared(effect: Candidate, chance: float) -> bool:
     """Whether a gain is more than one block's, and not taken back by others."""
-    gains = one.gains
+    gains = effect.gains
     if len(gains) < 2:
         return False
     least = chance * (len(gains) - 1) / len(gains)
     lost, won = -gains[gains < 0.0].sum(), gains[gains > 0.0].sum()
-    return bool(one.gain_nats - gains.max() > least and lost < 0.5 * won)
+    return bool(effect.gain_nats - gains.max() > least and lost < 0.5 * won)
 
 
 def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Verdict]:
@@ -208,8 +210,8 @@ def _best(model: Comparison, found: Fit, verdicts: Sequence[Verdict]) -> list[Ve
 
 def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
     """What is simpler than a candidate and gains as much, where forecasts get better by it."""
-    plainer = simpler(model, found, leader.one)
-    if plainer is leader.one:
+    plainer = simpler(model, found, leader.candidate)
+    if plainer is leader.candidate:
         return leader
     squares = crossed(model, plainer.fit)
     weight = weight_of(crossed(model, found), squares)
@@ -218,80 +220,84 @@ def _plainer(model: Comparison, found: Fit, leader: Verdict) -> Verdict:
 
 def _rivals(leader: Verdict, verdicts: Sequence[Verdict]) -> list[Verdict]:
     """Those of the fitted that blocks do not tell from a leader; none that only elaborates it."""
-    own = leader.one.name
+    leading = leader.candidate.name
     return [
         v
         for v in verdicts[:_TRIED]
-        if v.one.name != own and not elaborates(v.one.name, own) and rivals_with(leader.one, v.one)
+        if v.candidate.name != leading
+        and not elaborates(v.candidate.name, leading)
+        and rivals_with(leader.candidate, v.candidate)
     ]
 
 
-def _with(model: Comparison, told: Named, best: Sequence[Verdict]) -> Named | None:
+def _with(model: Comparison, outcome: Named, best: Sequence[Verdict]) -> Named | None:
     """One more effect: the first that is accepted and still something once all else has followed.
 
     Its class are those after it. Beside an open class only an effect without rivals is named.
     """
-    searched = told.rounds[-1]
+    searched = outcome.rounds[-1]
     for k, verdict in enumerate(best):
-        one, weight = verdict.one, verdict.weight
+        effect, weight = verdict.candidate, verdict.weight
         if verdict.why != ACCEPTED or weight is None:
             break
-        members = tuple(v.one.name for v in best[k:])
-        if told.rivals and len(members) > 1:
+        members = tuple(v.candidate.name for v in best[k:])
+        if outcome.rivals and len(members) > 1:
             return None
-        better, still = settled(model, one.fit)
-        follows = candidate(told.found, one.name, better)
+        better, still = settled(model, effect.fit)
+        follows = candidate(outcome.found, effect.name, better)
         if not _is_something(follows, searched["threshold_nats"]):
-            _mark(searched, one.name, NO_SIZE if is_nothing(better, one.name) else ONE_BLOCK)
+            _mark(searched, effect.name, NO_SIZE if is_nothing(better, effect.name) else ONE_BLOCK)
             continue
-        searched["chosen"] = one.name
+        searched["chosen"] = effect.name
         searched["class"] = list(members)
-        searched["accepted"] = parameters(better, (one.name,), least_squares(model, better))
+        searched["accepted"] = parameters(better, (effect.name,), least_squares(model, better))
         searched["sealed_error"] = errors(model, better, model.sealed())
-        rivals = members if len(members) > 1 else told.rivals
-        unsettled = told.unsettled if still else (*told.unsettled, one.name)
-        weights = {**told.weights, one.name: weight}
-        return replace(told, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
+        rivals = members if len(members) > 1 else outcome.rivals
+        unsettled = outcome.unsettled if still else (*outcome.unsettled, effect.name)
+        weights = {**outcome.weights, effect.name: weight}
+        return replace(outcome, found=better, rivals=rivals, weights=weights, unsettled=unsettled)
     return None
 
 
-def _is_something(one: Candidate, chance: float) -> bool:
+def _is_something(effect: Candidate, chance: float) -> bool:
     """Whether a gain is more than one block's, and the effect's size or its blocks exclude none."""
-    return is_shared(one, chance) and (
-        not is_nothing(one.fit, one.name)
-        or one.gain_interval()[0] > 0.0
-        or is_steady(np.asarray(one.gains))
+    return is_shared(effect, chance) and (
+        not is_nothing(effect.fit, effect.name)
+        or effect.gain_interval()[0] > 0.0
+        or is_steady(np.asarray(effect.gains))
     )
 
 
 def _pair(
     model: Comparison,
-    told: Named,
+    outcome: Named,
     first: Verdict,
     beside_it: Sequence[Verdict],
     progress: Progress,
 ) -> Named | None:
     """An evident effect that changes no forecast alone, and one that does beside it."""
-    beside, still = settled(model, first.one.fit)
-    verdicts = _judged_round(model, told, beside, progress)
+    beside, still = settled(model, first.candidate.fit)
+    verdicts = _judged_round(model, outcome, beside, progress)
     for verdict in verdicts:
         if verdict.why not in (ACCEPTED, HARDLY):
             continue
-        both = cross_weighed(model, crossed(model, told.found), verdict.one.fit)
+        both = cross_weighed(model, crossed(model, outcome.found), verdict.candidate.fit)
         if not both.matters:
             continue
         alike = undecided(model, [first, *_rivals(first, beside_it)])
-        own = (first.one.name, *(v.one.name for v in alike if v is not first))
-        if told.rivals and len(own) > 1:
+        members = (first.candidate.name, *(v.candidate.name for v in alike if v is not first))
+        if outcome.rivals and len(members) > 1:
             return None
-        company = replace(told, found=beside, rivals=own if len(own) > 1 else told.rivals)
+        company = replace(
+            outcome, found=beside, rivals=members if len(members) > 1 else outcome.rivals
+        )
         second = replace(verdict, why=ACCEPTED, weight=both)
         alike = undecided(model, [second, *_rivals(second, verdicts)])
         further = _with(model, company, [second, *(v for v in alike if v is not second)])
         if further is None:
             continue
-        weights = {**further.weights, first.one.name: both}
-        unsettled = further.unsettled if still else (*further.unsettled, first.one.name)
+        weights = {**further.weights, first.candidate.name: both}
+        unsettled = further.unsettled if still else (*further.unsettled, first.candidate.name)
         return replace(further, weights=weights, unsettled=unsettled)
     return None
 
@@ -302,31 +308,33 @@ def _mark(searched: dict[str, Any], name: str, why: str) -> None:
             entry["judged"] = why
 
 
-def _entry(one: Candidate, base: Fit) -> dict[str, Any]:
-    low, high = one.gain_interval()
+def _entry(effect: Candidate, base: Fit) -> dict[str, Any]:
+    low, high = effect.gain_interval()
     return {
-        "name": one.name,
-        "gain_nats": one.gain_nats,
+        "name": effect.name,
+        "gain_nats": effect.gain_nats,
         "interval": [low, high],
-        "parameters": parameters(one.fit, (one.name,)),
-        "note": _note(one, base),
+        "parameters": parameters(effect.fit, (effect.name,)),
+        "note": _note(effect, base),
     }
 
 
-def _note(one: Candidate, base: Fit) -> str:
+def _note(effect: Candidate, base: Fit) -> str:
     """What a fit shows of itself: that nothing moves, or that it ends at a bound."""
-    own = [i for i, f in enumerate(one.fit.free) if f.name.startswith(f"{one.name}.")]
-    moved = max(float(np.abs(s[:, own]).max()) for s in one.fit.slopes.innovation)
+    places = [i for i, f in enumerate(effect.fit.free) if f.name.startswith(f"{effect.name}.")]
+    moved = max(float(np.abs(s[:, places]).max()) for s in effect.fit.slopes.innovation)
     if moved == 0.0:
         return "moves no output"
-    ends = [one.fit.theta[i] in (one.fit.free[i].low, one.fit.free[i].high) for i in own]
-    return "at a bound" if any(ends) and one.fit.objective > base.objective else ""
+    ends = [
+        effect.fit.theta[i] in (effect.fit.free[i].low, effect.fit.free[i].high) for i in places
+    ]
+    return "at a bound" if any(ends) and effect.fit.objective > base.objective else ""
 
 
-def _still_needed(model: Comparison, told: Named) -> Named:
+def _still_needed(model: Comparison, outcome: Named) -> Named:
     """Without the effects that those found after them have made superfluous."""
-    found = told.found
-    chance = max((r["threshold_nats"] for r in told.rounds), default=0.0)
+    found = outcome.found
+    chance = max((r["threshold_nats"] for r in outcome.rounds), default=0.0)
     for name in found.hypothesis[:-1]:
         if _evident_by_size(found, name) > _PLAINLY * chance:
             continue
@@ -334,33 +342,33 @@ def _still_needed(model: Comparison, told: Named) -> Named:
         again = candidate(without, name, found)
         if held_out(without, found).sum() <= chance or not is_shared(again, chance):
             found = without
-    return _left_of(told, found)
+    return _left_of(outcome, found)
 
 
-def _with_sizes(model: Comparison, told: Named) -> Named:
+def _with_sizes(model: Comparison, outcome: Named) -> Named:
     """Without effects whose size may still be nothing, however closely it is looked at."""
-    found = told.found
-    for name in told.found.hypothesis:
+    found = outcome.found
+    for name in outcome.found.hypothesis:
         if is_nothing(found, name):
             found = profiled(model, found, name)
             if is_nothing(found, name):
-                for searched in told.rounds:
+                for searched in outcome.rounds:
                     _mark(searched, name, NO_SIZE)
                 found = _without(model, found, name)
-    return _left_of(told, found)
+    return _left_of(outcome, found)
 
 
-def _borne_out(model: Comparison, told: Named) -> Named:
+def _borne_out(model: Comparison, outcome: Named) -> Named:
     """Without effects that make forecasts of sealed episodes no better, the last named first."""
-    found = told.found
-    for name in reversed(told.found.hypothesis):
-        without = _without(model, found, name) if len(found.hypothesis) > 1 else told.base
+    found = outcome.found
+    for name in reversed(outcome.found.hypothesis):
+        without = _without(model, found, name) if len(found.hypothesis) > 1 else outcome.base
         if helps(model, without, found, model.sealed()):
             continue
-        for searched in told.rounds:
+        for searched in outcome.rounds:
             _mark(searched, name, UNSEEN_WORSE)
         found = without
-    return _left_of(told, found)
+    return _left_of(outcome, found)
 
 
 def _without(model: Comparison, found: Fit, name: str) -> Fit:
@@ -370,20 +378,20 @@ def _without(model: Comparison, found: Fit, name: str) -> Fit:
     return settled(model, fit(model, rest, found.episodes, start))[0]
 
 
-def _left_of(told: Named, found: Fit) -> Named:
+def _left_of(outcome: Named, found: Fit) -> Named:
     """What was named, as far as a fit still has it."""
-    kept = {n: w for n, w in told.weights.items() if n in found.hypothesis}
-    return replace(told, found=found, rivals=_still_open(found, told.rivals), weights=kept)
+    kept = {n: w for n, w in outcome.weights.items() if n in found.hypothesis}
+    return replace(outcome, found=found, rivals=_still_open(found, outcome.rivals), weights=kept)
 
 
 def _evident_by_size(found: Fit, name: str) -> float:
     """Nats by which an effect's parameters are away from nothing, all else following (Wald)."""
-    own = [i for i, f in enumerate(found.free) if f.name.startswith(f"{name}.")]
-    rest = [i for i in range(len(found.free)) if i not in own]
+    places = [i for i, f in enumerate(found.free) if f.name.startswith(f"{name}.")]
+    rest = [i for i in range(len(found.free)) if i not in places]
     total = found.slopes.fisher().sum(0) + np.diag(prior_precision(found.free))
-    follow = np.linalg.lstsq(total[np.ix_(rest, rest)], total[np.ix_(rest, own)], rcond=1e-12)[0]
-    marginal = total[np.ix_(own, own)] - total[np.ix_(own, rest)] @ follow
-    away = np.array([found.theta[i] - found.free[i].neutral for i in own])
+    follow = np.linalg.lstsq(total[np.ix_(rest, rest)], total[np.ix_(rest, places)], rcond=1e-12)[0]
+    marginal = total[np.ix_(places, places)] - total[np.ix_(places, rest)] @ follow
+    away = np.array([found.theta[i] - found.free[i].neutral for i in places])
     return 0.5 * float(away @ marginal @ away)
 
 
@@ -397,21 +405,21 @@ def _still_open(found: Fit, rivals: tuple[str, ...]) -> tuple[str, ...]:
     """A class without its members' elaborations; () where more than one of it was found."""
     if sum(n in found.hypothesis for n in rivals) != 1:
         return ()
-    own = next(n for n in rivals if n in found.hypothesis)
-    left = tuple(n for n in rivals if n == own or not elaborates(n, own))
-    return left if len(left) > 1 else ()
+    named_member = next(n for n in rivals if n in found.hypothesis)
+    distinct = tuple(n for n in rivals if n == named_member or not elaborates(n, named_member))
+    return distinct if len(distinct) > 1 else ()
 
 
-def verdict_of(told: Named) -> str:
+def verdict_of(outcome: Named) -> str:
     """The answer in a word: named, class, none or unknown."""
-    if told.rivals:
-        return "class" if len(told.rivals) <= RULES.most_in_class else "unknown"
-    if told.found.hypothesis:
+    if outcome.rivals:
+        return "class" if len(outcome.rivals) <= RULES.most_in_class else "unknown"
+    if outcome.found.hypothesis:
         return "named"
-    rejected = [e for r in told.rounds for e in r["ranking"] if "forecast" in e]
+    rejected = [e for r in outcome.rounds for e in r["ranking"] if "forecast" in e]
     doubtful = any(
         e["judged"] in (NO_SIZE, ONE_BLOCK, WORSE, UNSEEN_WORSE)
         or (e["forecast"]["share"] > RULES.unexplained_share and e["forecast"]["low"] > 0.0)
         for e in rejected
     )
-    return "unknown" if doubtful or told.leftover or told.is_outdone else "none"
+    return "unknown" if doubtful or outcome.leftover or outcome.is_outdone else "none"

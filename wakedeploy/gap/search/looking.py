@@ -53,11 +53,11 @@ class Ground:
         root = np.sqrt(prior_precision(base.free))
         known = np.concatenate(whitened(base.slopes))
         q, r = np.linalg.qr(np.vstack([known, np.diag(root)]))
-        told = np.concatenate([white_rest(s) for s in base.slopes.scores])
-        rest = np.concatenate([told, root * (neutral(base.free) - base.theta)])
+        white = np.concatenate([white_rest(s) for s in base.slopes.scores])
+        rest = np.concatenate([white, root * (neutral(base.free) - base.theta)])
         return cls(base, q, r, rest - q @ (q.T @ rest))
 
-    def left(self, columns: FloatArray) -> FloatArray:
+    def residual(self, columns: FloatArray) -> FloatArray:
         """What known directions leave of columns (2n, k): (2n + p, k)."""
         padded = np.vstack([columns, np.zeros((len(self.r), columns.shape[1]))])
         return np.asarray(padded - self.q @ (self.q[: len(columns)].T @ columns))
@@ -108,10 +108,10 @@ class _Plan:
     @classmethod
     def of(cls, model: Comparison, base: Fit, name: str) -> "_Plan":
         free = model.free((*base.hypothesis, name))
-        own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
-        amplitudes = [i for i in own if free[i].neutral == 0.0] or own
+        places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        amplitudes = [i for i in places if free[i].neutral == 0.0] or places
         origin = extended(base, free)
-        starts = starts_of(origin, free, own)
+        starts = starts_of(origin, free, places)
         seeds = _seeds(starts, origin, amplitudes)
         moved = [(i, *_aside(seed, free, i)) for seed in seeds for i in amplitudes]
         return cls(name, free, amplitudes, seeds, moved, starts)
@@ -132,7 +132,7 @@ def looks(
     for name, scores in scored:
         found.append(_look(model, ground, plans[name], scores))
         steps(len(found), len(names))
-    known = {one.name: one for one in found}
+    known = {seen.name: seen for seen in found}
     return [known[name] for name in names]
 
 
@@ -159,8 +159,8 @@ def together(
         for name in group:
             names = [f.name for f in model.free((*base.hypothesis, name))]
             for theta in points[name]:
-                own = {**origin, **dict(zip(names, theta, strict=True))}
-                thetas.append([own[f.name] for f in free])
+                point = {**origin, **dict(zip(names, theta, strict=True))}
+                thetas.append([point[f.name] for f in free])
         scores = scores_of(model, hypothesis, np.array(thetas), base.episodes)
         for name in group:
             yield name, scores[: len(points[name])]
@@ -205,7 +205,7 @@ class _Climb:
         free: tuple[Free, ...],
         amplitudes: Sequence[int],
     ) -> None:
-        self._ground, self._free, self._own = ground, free, list(amplitudes)
+        self._ground, self._free, self._amplitudes = ground, free, list(amplitudes)
         self._hypothesis = (*ground.base.hypothesis, name)
         place = {n: i for i, n in enumerate(ground.base.names)}
         self._shared = [i for i, f in enumerate(free) if f.name in place]
@@ -213,16 +213,16 @@ class _Climb:
 
     def promise(self, seed: FloatArray, slopes: Slopes) -> tuple[float, FloatArray]:
         """Nats that a step promises, and the step (p,)."""
-        columns = np.concatenate(whitened(slopes))[:, self._own]
-        span = self._ground.left(columns)
+        columns = np.concatenate(whitened(slopes))[:, self._amplitudes]
+        span = self._ground.residual(columns)
         pull = span.T @ self._ground.rest
-        own = [self._free[i] for i in self._own]
-        curvature = span.T @ span + np.diag(prior_precision(own))
+        amplitudes = [self._free[i] for i in self._amplitudes]
+        curvature = span.T @ span + np.diag(prior_precision(amplitudes))
         amount = np.linalg.lstsq(curvature, pull, rcond=1e-10)[0]
-        low, high = np.array([f.low for f in own]), np.array([f.high for f in own])
-        amount = np.clip(seed[self._own] + amount, low, high) - seed[self._own]
+        low, high = np.array([f.low for f in amplitudes]), np.array([f.high for f in amplitudes])
+        amount = np.clip(seed[self._amplitudes] + amount, low, high) - seed[self._amplitudes]
         step = np.zeros(len(self._free))
-        step[self._own] = amount
+        step[self._amplitudes] = amount
         step[self._shared] = -(self._ground.followed(columns) @ amount)[self._theirs]
         return float(pull @ amount - 0.5 * amount @ curvature @ amount), np.nan_to_num(step)
 
@@ -234,8 +234,10 @@ class _Climb:
     def at(self, theta: FloatArray, scores: tuple[Score, ...], slopes: Slopes) -> Fit:
         """A point with its scores; slopes of where the step began stand for those there."""
         density = np.array([s.log_density.sum() for s in scores])
-        told = Slopes(scores, slopes.innovation, slopes.variance)
-        return Fit(self._hypothesis, self._free, self._ground.base.episodes, theta, told, density)
+        rescored = Slopes(scores, slopes.innovation, slopes.variance)
+        return Fit(
+            self._hypothesis, self._free, self._ground.base.episodes, theta, rescored, density
+        )
 
 
 def _seeds(
@@ -250,13 +252,13 @@ def _seeds(
     return list(seeds.values())
 
 
-def starts_of(origin: FloatArray, free: Sequence[Free], own: Sequence[int]) -> list[FloatArray]:
-    """An effect, its parameters at `own`, at each of its starts; all else as in `origin`."""
-    count = max(len(free[i].starts) for i in own)
+def starts_of(origin: FloatArray, free: Sequence[Free], places: Sequence[int]) -> list[FloatArray]:
+    """An effect, its parameters at `places`, at each of its starts; all else as in `origin`."""
+    count = max(len(free[i].starts) for i in places)
     starts = []
     for k in range(count):
         start = origin.copy()
-        for i in own:
+        for i in places:
             of = free[i].starts or (free[i].neutral,)
             start[i] = np.clip(of[min(k, len(of) - 1)], free[i].low, free[i].high)
         starts.append(start)
@@ -304,6 +306,6 @@ def _change(base: Fit, scores: Sequence[Score]) -> FloatArray:
     return np.nan_to_num(np.concatenate(parts))[:, None]
 
 
-def _seen(one: Score, other: Score) -> FloatArray:
+def _seen(score: Score, other: Score) -> FloatArray:
     """Samples at which neither filter has lost its track."""
-    return np.asarray((one.log_density > LOST_NATS) & (other.log_density > LOST_NATS))
+    return np.asarray((score.log_density > LOST_NATS) & (other.log_density > LOST_NATS))

@@ -257,9 +257,9 @@ def _centred(value: FloatArray, known: BoolArray, counts: Sequence[int]) -> Floa
     """Values less their own flight's mean, 0 where they are not known: (n,)."""
     result = np.zeros(len(value))
     for stop, count in zip(np.cumsum(counts), counts, strict=True):
-        own = np.arange(stop - count, stop)[known[stop - count : stop]]
-        if len(own):
-            result[own] = value[own] - value[own].mean()
+        samples = np.arange(stop - count, stop)[known[stop - count : stop]]
+        if len(samples):
+            result[samples] = value[samples] - value[samples].mean()
     return result
 
 

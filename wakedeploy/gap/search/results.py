@@ -48,34 +48,34 @@ def found_in(model: Comparison, base: Fit, key: str = "") -> Disagreements:
         episodes=[r.name for r in model.records],
         sealed=[model.records[e].name for e in model.sealed()],
         where=[Place(**place) for place in places],
-        maps=[Map(**one) for one in maps],
+        maps=[Map(**error_map) for error_map in maps],
         constants=_constants(base),
         theta=theta_of(base),
     )
 
 
-def answer_of(model: Comparison, told: Named, key: str = "") -> Answer:
+def answer_of(model: Comparison, outcome: Named, key: str = "") -> Answer:
     """Which effects, and how large they are."""
-    rounds = [Round.model_validate(one) for one in told.rounds]
-    own = _sizes(model, told.found, rounds)
+    rounds = [Round.model_validate(searched) for searched in outcome.rounds]
+    sizes = _sizes(model, outcome.found, rounds)
     return Answer(
         domain=model.name,
         key=key,
-        verdict=verdict_of(told),
-        rivals=list(told.rivals),
+        verdict=verdict_of(outcome),
+        rivals=list(outcome.rivals),
         threshold_nats=rounds[0].threshold_nats if rounds else 0.0,
-        effects=[_effect(told, name, own) for name in told.found.hypothesis],
-        parameters=own,
-        constants=_constants(told.found),
-        moved=_moved(told.found),
-        noise=_noise(told.found),
+        effects=[_effect(outcome, name, sizes) for name in outcome.found.hypothesis],
+        parameters=sizes,
+        constants=_constants(outcome.found),
+        moved=_moved(outcome.found),
+        noise=_noise(outcome.found),
         rounds=rounds,
-        unsettled=list(told.unsettled),
-        unexplained=[Leftover.model_validate(one) for one in told.leftover],
-        sealed_gain_nats=_sealed_gain(model, told.base, told.found),
-        placebo=_placebo(model, told),
-        is_outdone=told.is_outdone,
-        found_theta=theta_of(told.found),
+        unsettled=list(outcome.unsettled),
+        unexplained=[Leftover.model_validate(push) for push in outcome.leftover],
+        sealed_gain_nats=_sealed_gain(model, outcome.base, outcome.found),
+        placebo=_placebo(model, outcome),
+        is_outdone=outcome.is_outdone,
+        found_theta=theta_of(outcome.found),
     )
 
 
@@ -117,35 +117,35 @@ def _sealed_gain(model: Comparison, base: Fit, found: Fit) -> float:
     return after.log_likelihood - before.log_likelihood
 
 
-def _placebo(model: Comparison, told: Named) -> Placebo | None:
+def _placebo(model: Comparison, outcome: Named) -> Placebo | None:
     """The best wrong effect in place of the right ones, of those that nothing confuses with them.
 
     Of the first ranking, without what was found and without the members of any round's class.
     """
-    claimed = {*told.found.hypothesis, *(n for r in told.rounds for n in r.get("class", ()))}
-    wrong = next((c for c in told.alone if c.name not in claimed), None)
-    if not told.found.hypothesis or wrong is None:
+    claimed = {*outcome.found.hypothesis, *(n for r in outcome.rounds for n in r.get("class", ()))}
+    wrong = next((c for c in outcome.alone if c.name not in claimed), None)
+    if not outcome.found.hypothesis or wrong is None:
         return None
     instead = wrong.fit
     if searched_on(model) is not model:  # it was fitted to a part
         instead = fit(model, instead.hypothesis, instead.episodes, instead.theta)
-    before, after = (errors(model, f, model.sealed()) for f in (told.base, instead))
-    gain = _sealed_gain(model, told.base, instead)
+    before, after = (errors(model, f, model.sealed()) for f in (outcome.base, instead))
+    gain = _sealed_gain(model, outcome.base, instead)
     return Placebo(name=wrong.name, before=before, after=after, sealed_gain_nats=gain)
 
 
 def _sizes(model: Comparison, found: Fit, rounds: Sequence[Round]) -> Sizes:
     """Of what was found; wider where the innovations are not white."""
     plain = least_squares(model, found)
-    own = parameters(found, found.hypothesis, plain)
+    sizes = parameters(found, found.hypothesis, plain)
     if plain is None:
-        return own
-    return {name: over_rounds(name, size, rounds) for name, size in own.items()}
+        return sizes
+    return {name: over_rounds(name, size, rounds) for name, size in sizes.items()}
 
 
-def _effect(told: Named, name: str, own: Sizes) -> Effect:
-    sizes = {k.split(".", 1)[1]: v for k, v in own.items() if k.startswith(f"{name}.")}
-    return Effect(name=name, parameters=sizes, forecast=Forecast(**asdict(told.weights[name])))
+def _effect(outcome: Named, name: str, all_sizes: Sizes) -> Effect:
+    sizes = {k.split(".", 1)[1]: v for k, v in all_sizes.items() if k.startswith(f"{name}.")}
+    return Effect(name=name, parameters=sizes, forecast=Forecast(**asdict(outcome.weights[name])))
 
 
 def _constants(fitted: Fit) -> Sizes:

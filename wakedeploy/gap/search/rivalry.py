@@ -28,7 +28,7 @@ class Verdict:
     `squares` are the squared errors of its forecasts of each stretch (stretches, channels).
     """
 
-    one: Candidate
+    candidate: Candidate
     why: str
     weight: Weight | None = None
     squares: FloatArray | None = None
@@ -54,8 +54,8 @@ def undecided(model: Comparison, members: Sequence[Verdict]) -> list[Verdict]:
     best = min(squares, key=lambda each: float((each.sum(0) / usual).sum()))
     return [
         v
-        for v, own in zip(members, squares, strict=True)
-        if own is best or not weight_of(own, best).low > 0.0
+        for v, squared in zip(members, squares, strict=True)
+        if squared is best or not weight_of(squared, best).low > 0.0
     ]
 
 
@@ -76,10 +76,10 @@ def is_nothing(fitted: Fit, name: str) -> bool:
 
 def _sizes(fitted: Fit, name: str) -> list[Free]:
     """The parameters that are 0 without the effect; all of one that has none."""
-    own = [f for f in fitted.free if f.name.startswith(f"{name}.")]
-    return [f for f in own if f.neutral == 0.0] or own
+    parameters = [f for f in fitted.free if f.name.startswith(f"{name}.")]
+    return [f for f in parameters if f.neutral == 0.0] or parameters
 
 
 def _squares(model: Comparison, verdict: Verdict) -> FloatArray:
     known = verdict.squares
-    return np.asarray(crossed(model, verdict.one.fit) if known is None else known)
+    return np.asarray(crossed(model, verdict.candidate.fit) if known is None else known)

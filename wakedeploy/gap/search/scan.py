@@ -39,14 +39,14 @@ def ranked(
     """Candidates on top of `base`, best first, and the gain that chance brings [nats]."""
     ground, total = Ground.of(base), len(names) + CLIMBED
     seen_all = looks(model, ground, names, lambda done, _: steps(done, total))
-    order = sorted(seen_all, key=lambda one: -one.prospect(base))
+    order = sorted(seen_all, key=lambda seen: -seen.prospect(base))
     most = order[0].prospect(base) if order else 0.0
     least = max(RULES.least_nats, WORTH * most)
     chosen = [seen for seen in order if seen.prospect(base) > least][:CLIMBED]
     starts = [seen.fit for seen in chosen]
     fits = raced(model, base, starts)
     fitted = {seen.name: seen.fit for seen in order}
-    fitted |= {seen.name: one for seen, one in zip(chosen, fits, strict=True)}
+    fitted |= {seen.name: raced_fit for seen, raced_fit in zip(chosen, fits, strict=True)}
     ends = {chosen[i].name: f for i, f in finished(model, base, starts, fits).items()}
     ends |= _lookalikes(model, ground, order, fitted, ends)
     fitted |= ends
@@ -74,11 +74,11 @@ def _lookalikes(
         return {}
     best = max(ends, key=lambda n: ends[n].objective)
     lead = next(seen for seen in order if seen.name == best)
-    late = next((v for f, v in _own(ends[best]) if f.unit == "s"), None)
+    late = next((v for f, v in _parameters_of_last(ends[best]) if f.unit == "s"), None)
     found: dict[str, Fit] = {}
     for seen in order:
         known = seen.name in ends
-        is_late = late is not None and any(f.unit == "s" for f, _ in _own(seen.fit))
+        is_late = late is not None and any(f.unit == "s" for f, _ in _parameters_of_last(seen.fit))
         if seen is lead or len(found) == _MOST_ALIKE or (known and not is_late):
             continue
         if seen.promised > 0.0 and _likeness(ground, lead, seen) > _ALIKE:
@@ -89,7 +89,7 @@ def _lookalikes(
     return found
 
 
-def _own(fitted: Fit) -> list[tuple[Free, float]]:
+def _parameters_of_last(fitted: Fit) -> list[tuple[Free, float]]:
     """The parameters of the effect that a fit added last, with their values."""
     prefix = f"{fitted.hypothesis[-1]}."
     named = zip(fitted.free, fitted.theta, strict=True)
@@ -98,13 +98,17 @@ def _own(fitted: Fit) -> list[tuple[Free, float]]:
 
 def _at(fitted: Fit, late_s: float) -> FloatArray:
     """A candidate's point with its times at `late_s` [s]."""
-    times = {f.name: np.clip(late_s, f.low, f.high) for f, _ in _own(fitted) if f.unit == "s"}
+    times = {
+        f.name: np.clip(late_s, f.low, f.high)
+        for f, _ in _parameters_of_last(fitted)
+        if f.unit == "s"
+    }
     return np.array([times.get(f.name, v) for f, v in zip(fitted.free, fitted.theta, strict=True)])
 
 
-def _likeness(ground: Ground, one: Look, other: Look) -> float:
+def _likeness(ground: Ground, look: Look, other: Look) -> float:
     """The largest cosine between what two candidates change, beyond what known directions do."""
-    mine, theirs = ([_basis(own, ground) for own in seen.columns] for seen in (one, other))
+    mine, theirs = ([_basis(columns, ground) for columns in seen.columns] for seen in (look, other))
     return max(
         float(np.linalg.norm(a.T @ b, 2)) if a.size and b.size else 0.0
         for a in mine
@@ -120,11 +124,11 @@ def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: i
     of the best candidate, as what it explains is no noise where it is the truth.
     """
     rng = np.random.default_rng(seed)
-    bases = [_basis(own, ground) for seen in candidates for own in seen.columns]
+    bases = [_basis(columns, ground) for seen in candidates for columns in seen.columns]
     best = np.zeros((2, DRAWS))
     for first in range(0, DRAWS, _AT_ONCE):
         for row, draws in enumerate((_noise(ground, rng), _turned(leader, rng))):
-            gains = [0.5 * ((own.T @ draws) ** 2).sum(0) - own.shape[1] for own in bases]
+            gains = [0.5 * ((basis.T @ draws) ** 2).sum(0) - basis.shape[1] for basis in bases]
             best[row, first : first + _AT_ONCE] = np.max(gains, axis=0, initial=0.0)
     sure = 1.0 - RULES.false_alarms
     return max(*(float(np.quantile(row, sure)) for row in best), RULES.least_nats)
@@ -133,13 +137,13 @@ def chance_nats(ground: Ground, candidates: Sequence[Look], leader: Fit, seed: i
 def _noise(ground: Ground, rng: np.random.Generator) -> FloatArray:
     """Noise in the units of whitened slopes, and nuisances as far off as their priors say."""
     base = ground.base
-    told = np.concatenate([
+    weights = np.concatenate([
         np.concatenate([np.sqrt(s.weight) * (s.log_density != 0.0)] * 2) for s in base.slopes.scores
     ])  # fmt: skip
-    noise = rng.standard_normal((len(told), _AT_ONCE)) * told[:, None]
+    noise = rng.standard_normal((len(weights), _AT_ONCE)) * weights[:, None]
     formal = [i for i, f in enumerate(base.free) if f.name.startswith("form.")]
     sd = np.array([base.free[i].prior_sd for i in formal])
-    known = (ground.q @ ground.r[:, formal])[: len(told)]
+    known = (ground.q @ ground.r[:, formal])[: len(weights)]
     return np.asarray(noise + known @ (sd[:, None] * rng.standard_normal((len(sd), _AT_ONCE))))
 
 
@@ -162,15 +166,15 @@ def _turned(leader: Fit, rng: np.random.Generator) -> FloatArray:
     return np.concatenate(parts)
 
 
-def _basis(own: FloatArray, ground: Ground) -> FloatArray:
+def _basis(columns: FloatArray, ground: Ground) -> FloatArray:
     """Orthonormal directions (2n, k) of what known ones leave of a candidate's columns."""
-    left = ground.left(own)
-    norm = np.linalg.norm(left, axis=0)
-    there = norm > 1e-8 * np.maximum(np.linalg.norm(own, axis=0), 1e-300)
+    residual = ground.residual(columns)
+    norm = np.linalg.norm(residual, axis=0)
+    there = norm > 1e-8 * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     if not there.any():
-        return np.zeros((len(own), 0))
-    basis, _ = np.linalg.qr(left[:, there] / norm[there])
-    return np.asarray(basis[: len(own)])
+        return np.zeros((len(columns), 0))
+    basis, _ = np.linalg.qr(residual[:, there] / norm[there])
+    return np.asarray(basis[: len(columns)])
 
 
 def elaborates(name: str, other: str) -> bool:
@@ -190,7 +194,7 @@ def simpler(model: Comparison, base: Fit, best: Candidate) -> Candidate:
         values = {n.replace(f"{best.name}.", f"{name}."): best.fit.value(n) for n in best.fit.names}
         hypothesis = (*base.hypothesis, name)
         start = np.array([values.get(f.name, f.neutral) for f in model.free(hypothesis)])
-        one = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
-        if one.gain_nats >= RULES.simpler_share * best.gain_nats:
-            return one
+        simple = candidate(base, name, climbed(model, begun(model, hypothesis, base, start)))
+        if simple.gain_nats >= RULES.simpler_share * best.gain_nats:
+            return simple
     return best

@@ -22,11 +22,11 @@ def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = Non
     for i, free in enumerate(fitted.free):
         if free.name.split(".")[0] in effects:
             low, high = fitted.interval(free.name)
-            own = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
+            size = Size(value=fitted.value(free.name), low=low, high=high, unit=free.unit)
             if unweighted is not None:
                 ranges = [_between_episodes(f, i) for f in (fitted, unweighted)]
-                own = Size(
-                    value=own.value,
+                size = Size(
+                    value=size.value,
                     unit=free.unit,
                     low=max(min(r[0] for r in ranges), free.low),
                     high=min(max(r[1] for r in ranges), free.high),
@@ -34,7 +34,7 @@ def parameters(fitted: Fit, effects: Sequence[str], unweighted: Fit | None = Non
                     mean_high=high,
                     least_squares=unweighted.value(free.name),
                 )
-            result[free.name] = own
+            result[free.name] = size
     return result
 
 

@@ -63,8 +63,8 @@ def _forecasts_better(
     if weight.share <= 0.0:
         return False
     was, now = (np.square(errors(model, fitted, episodes)) for fitted in (before, after))
-    told = was > 0.0  # not of a channel that nothing forecasts, or that is always right
-    return not told.any() or float(np.mean(now[told] / was[told])) < 1.0
+    erring = was > 0.0  # not of a channel that nothing forecasts, or that is always right
+    return not erring.any() or float(np.mean(now[erring] / was[erring])) < 1.0
 
 
 def cross_weighed(model: Comparison, before: FloatArray, after: Fit) -> Weight:
@@ -119,10 +119,10 @@ def is_outdone(model: Comparison, fitted: Fit) -> bool:
     asked: Callable[[Sequence[int]], list[list[FloatArray]]] | None = getattr(model, "held", None)
     if asked is None:
         return False
-    own = crossed(model, fitted).sum(0)
+    modelled = crossed(model, fitted).sum(0)
     simple = [_stretches(model, each).sum(0) for each in asked(fitted.episodes)]
     least = np.min(simple, axis=0)
-    return bool(np.mean(own / np.where(least > 0.0, least, np.inf)) >= 1.0)
+    return bool(np.mean(modelled / np.where(least > 0.0, least, np.inf)) >= 1.0)
 
 
 def _stretches(model: Comparison, errors: Sequence[FloatArray]) -> FloatArray:

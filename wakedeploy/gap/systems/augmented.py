@@ -65,8 +65,8 @@ class Acting:
     def depends(self, name: str) -> tuple[str, ...]:
         """The parameters that change an input's column."""
         acting = (e for e in self._of["input"] if e.port.name == name)
-        own = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
-        return (f"clock.{name}", *own)
+        parameters = (f"{e.name}.{p.name}" for e in acting for p in e.kind.parameters)
+        return (f"clock.{name}", *parameters)
 
     def formed(self, values: Arrays) -> dict[str, FloatArray]:
         """Sizes (B, L) of the bumps of each model-form term, of values (1, L) by name."""
@@ -81,12 +81,12 @@ class Acting:
 
     def constants(self, values: Arrays, time_s: FloatArray) -> Point:
         """Values of the constants, with what acts on them."""
-        told = {n: values.get(f"constant.{n}", v) for n, v in self._constants.items()}
+        constants = {n: values.get(f"constant.{n}", v) for n, v in self._constants.items()}
         for effect in self._of["constant"]:
             kind, name = effect.kind, effect.port.name
             assert isinstance(kind, ConstantKind)
-            told[name] = kind.value(told[name], time_s, effect.parameters(values))
-        return Point("constant", told)
+            constants[name] = kind.value(constants[name], time_s, effect.parameters(values))
+        return Point("constant", constants)
 
     def rates(
         self, x: FloatArray, inputs: Arrays, c: Point, values: Arrays, time_s: FloatArray
@@ -94,25 +94,25 @@ class Acting:
         """Derivatives (k, …) of states `x` (k, …), or the next states of a discrete system."""
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
-        own: dict[str, Any] = {}
-        inputs = self._arriving(inputs, named, values, own)
+        own_rates: dict[str, Any] = {}
+        inputs = self._arriving(inputs, named, values, own_rates)
         driven = Point("input", inputs)
         if self.system.takes_forces and self._of["force"]:
-            told = self._loaded(named, state, driven, c, values, own)
+            rates = self._loaded(named, state, driven, c, values, own_rates)
         else:
-            told = self.system.rates(state, driven, c)
-        base = dict(told)
+            rates = self.system.rates(state, driven, c)
+        base = dict(rates)
         for name in self.form:
-            told[name] = told[name] + self._form(name, named, told, values)
+            rates[name] = rates[name] + self._form(name, named, rates, values)
         for effect in () if self.system.takes_forces else self._of["force"]:
-            self._force(effect, named, base, inputs, c, values, told, own)
+            self._force(effect, named, base, inputs, c, values, rates, own_rates)
         for effect in self._of["custom"]:
-            self._custom(effect, state, driven, values, time_s, told)
+            self._custom(effect, state, driven, values, time_s, rates)
         if self._of["output"]:
-            self._sensed(state, driven, c, values, named, own)
+            self._sensed(state, driven, c, values, named, own_rates)
         result = np.empty_like(x)
         for i, name in enumerate(self.states):
-            result[i] = told[name] if name in told else own[name]
+            result[i] = rates[name] if name in rates else own_rates[name]
         return result
 
     def readings(
@@ -122,19 +122,21 @@ class Acting:
         named = dict(zip(self.states, x, strict=True))
         state = Point("state", {n: named[n] for n in self.system.states})
         inputs = self._arriving(inputs, named, values, {})
-        told = self.system.readings(state, Point("input", inputs), c)
+        readings = self.system.readings(state, Point("input", inputs), c)
         for effect in self._of["output"]:
             kind, name = effect.kind, effect.port.name
             assert isinstance(kind, OutputKind)
-            own = tuple(named[n] for n in effect.own_states)
-            told[name] = kind.reading(told[name], own, time_s, effect.parameters(values))
-        result = np.empty((len(told), *x.shape[1:]))
-        for i, value in enumerate(told.values()):
+            own_states = tuple(named[n] for n in effect.own_states)
+            readings[name] = kind.reading(
+                readings[name], own_states, time_s, effect.parameters(values)
+            )
+        result = np.empty((len(readings), *x.shape[1:]))
+        for i, value in enumerate(readings.values()):
             result[i] = value
         return result
 
     def _arriving(
-        self, inputs: Arrays, named: Arrays, values: Arrays, own: dict[str, Any]
+        self, inputs: Arrays, named: Arrays, values: Arrays, own_rates: dict[str, Any]
     ) -> Arrays:
         """Inputs with what reaches the system from before the log; also the rates of that."""
         arriving = dict(inputs)
@@ -149,7 +151,7 @@ class Acting:
                     self.system.has_step,
                 )
                 for name, rate in zip(effect.own_states, rates, strict=True):
-                    own[name] = self._advanced(named[name], rate)
+                    own_rates[name] = self._advanced(named[name], rate)
                 arriving[effect.port.name] = arriving[effect.port.name] + mine[-1]
         return arriving
 
@@ -158,13 +160,13 @@ class Acting:
         """What a rate is multiplied by to be added to what the system returns."""
         return 1.0 / self.system.rate_hz if self.system.has_step else 1.0
 
-    def _base(self, name: str, named: Arrays, told: Arrays) -> Any:
+    def _base(self, name: str, named: Arrays, rates: Arrays) -> Any:
         """The rate that the system itself gives a state."""
         if self.system.has_step:
-            return (told[name] - named[name]) / self._dt_s
-        return told[name]
+            return (rates[name] - named[name]) / self._dt_s
+        return rates[name]
 
-    def _form(self, name: str, named: Arrays, told: Arrays, values: Arrays) -> Any:
+    def _form(self, name: str, named: Arrays, rates: Arrays, values: Arrays) -> Any:
         """A small smooth share of the rate, over the state itself; `formed` has its sizes."""
         at = named[name] / self.sizes[name]
         sizes = values.get(f"form.{name}")
@@ -172,7 +174,7 @@ class Acting:
             return 0.0
         flat = at.reshape(-1, at.shape[-1])
         share = bumped(flat, sizes, _CENTRES, _BUMP_WIDTH, _FARTHEST_BUMP).reshape(at.shape)
-        return self._dt_s * share * self._base(name, named, told)
+        return self._dt_s * share * self._base(name, named, rates)
 
     def _force(
         self,
@@ -182,13 +184,13 @@ class Acting:
         inputs: Arrays,
         c: Point,
         values: Arrays,
-        told: dict[str, Any],
-        own: dict[str, Any],
+        rates: dict[str, Any],
+        own_rates: dict[str, Any],
     ) -> None:
         port = effect.port
         inertia = getattr(c, port.inertia) if port.inertia else 1.0
-        force = self._pull(effect, named, base, inputs, inertia, values, own)
-        told[port.name] = told[port.name] + force / inertia * self._dt_s
+        force = self._pull(effect, named, base, inputs, inertia, values, own_rates)
+        rates[port.name] = rates[port.name] + force / inertia * self._dt_s
 
     def _loaded(
         self,
@@ -197,7 +199,7 @@ class Acting:
         driven: Point,
         c: Point,
         values: Arrays,
-        own: dict[str, Any],
+        own_rates: dict[str, Any],
     ) -> dict[str, Any]:
         """Rates of a system that distributes forces itself, under those of the effects."""
         effects = self._of["force"]
@@ -207,7 +209,7 @@ class Acting:
         forces: dict[str, Any] = {}
         for effect in effects:
             inertia = getattr(c, effect.port.inertia) if effect.port.inertia else 1.0
-            pull = self._pull(effect, named, base, inputs, inertia, values, own)
+            pull = self._pull(effect, named, base, inputs, inertia, values, own_rates)
             forces[effect.port.name] = forces.get(effect.port.name, 0.0) + pull
         return self.system.rates(state, driven, c, forces)
 
@@ -219,7 +221,7 @@ class Acting:
         inputs: Arrays,
         inertia: Any,
         values: Arrays,
-        own: dict[str, Any],
+        own_rates: dict[str, Any],
     ) -> Any:
         """The force of an effect; also the rates of its own states."""
         port, kind = effect.port, effect.kind
@@ -235,12 +237,12 @@ class Acting:
             height=named.get(port.height, speed),
             force=force,
             other=other,
-            own=tuple(named[n] for n in effect.own_states),
+            own_states=tuple(named[n] for n in effect.own_states),
             sizes=effect.scales.sizes,
         )
         p = effect.parameters(values)
         for name, rate in zip(effect.own_states, kind.own_rates(at, p), strict=True):
-            own[name] = self._advanced(named[name], rate)
+            own_rates[name] = self._advanced(named[name], rate)
         return kind.force(at, p)
 
     def _custom(
@@ -250,12 +252,12 @@ class Acting:
         inputs: Point,
         values: Arrays,
         time_s: FloatArray,
-        told: dict[str, Any],
+        rates: dict[str, Any],
     ) -> None:
         assert effect.port.function is not None
         p = Point("parameter", effect.parameters(values))
         for name, increment in effect.port.function(time_s, state, inputs, p).items():
-            told[name] = told[name] + increment
+            rates[name] = rates[name] + increment
 
     def _sensed(
         self,
@@ -264,7 +266,7 @@ class Acting:
         c: Point,
         values: Arrays,
         named: Arrays,
-        own: dict[str, Any],
+        own_rates: dict[str, Any],
     ) -> None:
         """Rates of the sensors' own states."""
         shown = self.system.readings(state, inputs, c)
@@ -274,7 +276,7 @@ class Acting:
             mine = tuple(named[n] for n in effect.own_states)
             rates = kind.own_rates(shown[effect.port.name], mine, effect.parameters(values))
             for name, rate in zip(effect.own_states, rates, strict=True):
-                own[name] = self._advanced(named[name], rate)
+                own_rates[name] = self._advanced(named[name], rate)
 
     def _advanced(self, value: Any, rate: Any) -> Any:
         return value + self._dt_s * rate if self.system.has_step else rate

@@ -61,11 +61,11 @@ class Correction:
     @property
     def values(self) -> dict[str, float]:
         """Constants, the form term and the effects' parameters."""
-        told = {f"constant.{n}": v for n, v in self.document.constants.items()}
-        told |= {f"form.{n}": v for n, v in self.document.form.items()}
+        values = {f"constant.{n}": v for n, v in self.document.constants.items()}
+        values |= {f"form.{n}": v for n, v in self.document.form.items()}
         for effect in self.document.effect:
-            told |= {f"{effect.name}.{n}": v for n, v in effect.parameters.items()}
-        return told
+            values |= {f"{effect.name}.{n}": v for n, v in effect.parameters.items()}
+        return values
 
 
 def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
@@ -86,21 +86,21 @@ def correction_of(model: "LogModel", fitted: "Fit") -> Correction:
 
 def write_correction(correction: Correction, path: Path) -> None:
     """As TOML, for a person to read and a system to load."""
-    told = correction.document
+    document = correction.document
     lines = [
         "# What the logs say about the system; `System.corrected` loads it.",
-        f"version = {told.version}",
-        f'system = "{told.system}"',
-        f"sample_s = {told.sample_s!r}",
-        f"span_s = {told.span_s!r}",
+        f"version = {document.version}",
+        f'system = "{document.system}"',
+        f"sample_s = {document.sample_s!r}",
+        f"span_s = {document.span_s!r}",
     ]
-    for effect in told.effect:
+    for effect in document.effect:
         lines += ["", "[[effect]]", f'name = "{effect.name}"']
         lines += ["[effect.parameters]", *_lines(effect.parameters)]
     for title, values in (
-        ("constants", told.constants),
-        ("form", told.form),
-        ("sizes", told.sizes),
+        ("constants", document.constants),
+        ("form", document.form),
+        ("sizes", document.sizes),
     ):
         lines += ["", f"[{title}]", *_lines(values)]
     write_text_whole(path, "\n".join(lines) + "\n")

@@ -37,12 +37,12 @@ class Start:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What a filter told: `told` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
+    """What a filter told: `statistics` (4, T, m, K, S) and the corrected states (T, k + d, K, S).
 
     The last d of them are the lasting pushes on the driven states.
     """
 
-    told: FloatArray
+    statistics: FloatArray
     states: FloatArray
     pieces: Pieces
 
@@ -124,23 +124,23 @@ class Filter:
         k, m = len(acting.states), len(logged)
         driven = self._places(acting)
         aside = self._aside(acting, lanes)
-        told = np.empty((len(at), 4, m, lanes))
+        statistics = np.empty((len(at), 4, m, lanes))
         states = np.empty((len(at), len(x), lanes))
         names = [i.name for i in acting.system.inputs]
         timeless = not any(e.port.role == "constant" for e in acting.effects)
         c = acting.constants(spread, np.zeros((1, 1)))
         points = np.empty((k, k + 1, lanes))
         times = np.tile(pieces.sample * dt_s, count)
-        told_by = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
-        told_by = np.tile(told_by, (1, 1, count))
+        measured = np.where(pieces.valid[:, None], np.moveaxis(logged[:, at], 0, 1), np.nan)
+        measured = np.tile(measured, (1, 1, count))
         for t, here in enumerate(at):
             time_s = times[t][None, :]
             u = {n: columns[i][:, here].reshape(1, lanes) for i, n in enumerate(names)}
             if not timeless:
                 c = acting.constants(spread, time_s)
             shown = acting.readings(_around(x, aside, points), u, c, spread, time_s)
-            corrected(x, p, shown, aside, told_by[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
-                      told[t])  # fmt: skip
+            corrected(x, p, shown, aside, measured[t], noise.sensor, self.outliers, OUTLIER_SPREAD,
+                      statistics[t])  # fmt: skip
             states[t] = x
             rates = acting.rates(_around(x, aside, points), u, c, spread, time_s)
             stepped(x, p, rates, aside, driven, noise.white, noise.keep, noise.fresh, dt_s,
@@ -148,10 +148,10 @@ class Filter:
             lost = ~(np.abs(x).max(0) < _LOST)
             if lost.any():
                 x[:, lost], p[:, :, lost] = 0.0, 0.0
-                told[t][:, :, lost] = np.array([0.0, 1.0, LOST_NATS, 1.0])[:, None, None]
+                statistics[t][:, :, lost] = np.array([0.0, 1.0, LOST_NATS, 1.0])[:, None, None]
         shape = (len(at), 4, m, count, parts)
         states = states.reshape(len(at), len(x), count, parts)
-        return Run(np.moveaxis(told.reshape(shape), 1, 0), states, pieces)
+        return Run(np.moveaxis(statistics.reshape(shape), 1, 0), states, pieces)
 
     def forecasts(
         self,
@@ -209,8 +209,8 @@ class Filter:
             shown = acting.readings(x[:, None, :], u, c, spread, time_s)[:, 0]
             error = self._outputs[:, here] - shown
             for block in range(len(episodes)):
-                own = inside & (owner == block)
-                result[block][:, sample[own] - first[own]] = error[:, own]
+                of_block = inside & (owner == block)
+                result[block][:, sample[of_block] - first[of_block]] = error[:, of_block]
         return result
 
     def free_run(
@@ -247,9 +247,9 @@ class Filter:
             for k in range(count):
                 key = tuple(float(values[n][k]) for n in names)
                 if key not in known:
-                    own = dict(zip(names, key, strict=True))
+                    parameters = dict(zip(names, key, strict=True))
                     known[key] = np.concatenate([
-                        acting.column(stated.name, self._inputs[i, a:b], own, dt_s)
+                        acting.column(stated.name, self._inputs[i, a:b], parameters, dt_s)
                         for a, b in zip(self._offset[:-1], self._offset[1:], strict=True)
                     ])  # fmt: skip
                 rows.append(known[key])
@@ -271,9 +271,9 @@ class Filter:
             columns = np.split(self._inputs[row], self._offset[1:-1])
             sd = np.empty((count, len(since_s)))
             for k in range(count):
-                own = effect.parameters({n: v[k] for n, v in values.items()})
-                at_start = np.array([kind.unsettled(c, own, dt_s) for c in columns])
-                sd[k] = at_start[pieces.log] * kind.left(since_s, own, dt_s)
+                parameters = effect.parameters({n: v[k] for n, v in values.items()})
+                at_start = np.array([kind.unsettled(c, parameters, dt_s) for c in columns])
+                sd[k] = at_start[pieces.log] * kind.remaining(since_s, parameters, dt_s)
             found |= dict.fromkeys(effect.own_states, sd.reshape(-1))
         return found
 
@@ -281,20 +281,20 @@ class Filter:
         self, acting: Acting, at: FloatArray, count: int, noise: "Noise | None"
     ) -> tuple[FloatArray, FloatArray]:
         """States and covariances at the first sample of every lane, lasting pushes after them."""
-        own = self._states[:, at]  # (n, S)
-        sd = np.tile(self.starts[0].spread[:, None], (1, own.shape[1]))
+        states = self._states[:, at]  # (n, S)
+        sd = np.tile(self.starts[0].spread[:, None], (1, states.shape[1]))
         for effect in acting.effects:
             for _ in effect.own_states:
-                value = np.zeros(own.shape[1])
+                value = np.zeros(states.shape[1])
                 width = 0.0 if effect.port.role == "input" else 0.5
                 if effect.port.role == "output":
                     value = self._outputs[
                         [o.name for o in acting.system.outputs].index(effect.port.name)
                     ][at]
                     value, width = np.nan_to_num(value), effect.scales.sizes["output"]
-                own = np.vstack([own, value[None]])
+                states = np.vstack([states, value[None]])
                 sd = np.vstack([sd, np.full((1, sd.shape[1]), width)])
-        x = own
+        x = states
         x, sd = np.tile(x, (1, count)), np.tile(sd, (1, count))
         if noise is not None:
             x, sd = np.vstack([x, 0.0 * noise.lasting]), np.vstack([sd, noise.lasting])
@@ -309,13 +309,13 @@ class Filter:
 
     def _aside(self, acting: Acting, lanes: int) -> FloatArray:
         # What an effect adds at an input or a sensor is as large as that; of a force it is about 1.
-        own = {
+        port_sizes = {
             name: effect.scales.sizes[effect.port.role]
             for effect in acting.effects
             if effect.port.role in ("input", "output")
             for name in effect.own_states
         }
-        sizes = [own.get(n) or acting.sizes.get(n, 1.0) for n in acting.states]
+        sizes = [port_sizes.get(n) or acting.sizes.get(n, 1.0) for n in acting.states]
         return np.tile(_ASIDE * np.array(sizes)[:, None], (1, lanes))
 
 

@@ -72,12 +72,12 @@ def _explained(missing: list[FloatArray], turning: list[FloatArray]) -> dict[str
     """The z difference against (ω × v)_z: slope, correlation, rms before and after, p value."""
     y, x = np.concatenate(missing)[:, 2], np.concatenate(turning)[:, 2]
     slope = float(x @ y / (x @ x))
-    left = np.concatenate(missing) + np.concatenate(turning)
+    residual = np.concatenate(missing) + np.concatenate(turning)
     return {
         "slope": slope,
         "correlation": _correlation(x, y),
         "rms_mps2": float(np.sqrt(np.mean(y**2))),
-        "rms_left_mps2": float(np.sqrt(np.mean(left[:, 2] ** 2))),
+        "rms_left_mps2": float(np.sqrt(np.mean(residual[:, 2] ** 2))),
         "p_value": _p_value([m[:, 2] * t[:, 2] for m, t in zip(missing, turning, strict=True)]),
     }
 

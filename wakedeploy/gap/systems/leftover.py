@@ -47,7 +47,7 @@ def leftovers(model: "LogModel", fitted: Fit) -> tuple[Leftover, ...]:
             lasts_s = float(np.exp(fitted.value(f"lasting.{name}")))
             against = _followed(model, fitted, k)
             found.append(Leftover(name, sd, unit, lasts_s, share, against))
-    return tuple(sorted(found, key=lambda one: -one.share))
+    return tuple(sorted(found, key=lambda push: -push.share))
 
 
 def _followed(model: "LogModel", fitted: Fit, place: int) -> dict[str, Any] | None:
@@ -55,14 +55,14 @@ def _followed(model: "LogModel", fitted: Fit, place: int) -> dict[str, Any] | No
     push, at = _tracked(model, fitted, place)
     best: dict[str, Any] | None = None
     for name, (unit, values) in at.items():
-        told = ranges(values)
-        if name == "time" or len(told) < 2:
+        bins = ranges(values)
+        if name == "time" or len(bins) < 2:
             continue
-        means = [float(push[inside].mean()) for _, _, inside in told]
-        counts = np.array([np.count_nonzero(inside) for _, _, inside in told])
+        means = [float(push[inside].mean()) for _, _, inside in bins]
+        counts = np.array([np.count_nonzero(inside) for _, _, inside in bins])
         share = float(counts @ (np.array(means) - push.mean()) ** 2 / counts.sum() / push.var())
         if share > _FOLLOWED and (best is None or share > best["share"]):
-            edges = [told[0][0], *(high for _, high, _ in told)]
+            edges = [bins[0][0], *(high for _, high, _ in bins)]
             best = {"coordinate": name, "unit": unit, "share": share}
             best |= {"edges": edges, "means": means}
     return best

@@ -105,8 +105,8 @@ class LogModel:
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
         """Noise, clocks, constants, form, and the effects' parameters."""
-        own = tuple(f for effect in hypothesis for f in self.effects[effect])
-        return (*self._nuisances, *own)
+        parameters = tuple(f for effect in hypothesis for f in self.effects[effect])
+        return (*self._nuisances, *parameters)
 
     def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
         """Parameters by name."""
@@ -166,7 +166,7 @@ class LogModel:
 
     def leftovers(self, fitted: Fit) -> tuple[dict[str, Any], ...]:
         """What still acts and is explained by nothing, as JSON has it."""
-        return tuple(asdict(one) for one in leftovers(self, fitted))
+        return tuple(asdict(push) for push in leftovers(self, fitted))
 
     def crossed_disagreements(
         self, fitted: Fit, thetas: FloatArray, chosen: Sequence[int]
@@ -199,14 +199,14 @@ class LogModel:
         """Where a sample lies: time, inputs, and the states that outputs show."""
         block = self.blocks[episode]
         cut = slice(block.start, block.stop)
-        told: dict[str, tuple[str, FloatArray]] = {"time": ("s", self._time_s(block))}
+        coordinates: dict[str, tuple[str, FloatArray]] = {"time": ("s", self._time_s(block))}
         for i, stated in enumerate(self.system.inputs):
-            told[stated.name] = (stated.unit, self.logs[block.log].inputs[i, cut])
+            coordinates[stated.name] = (stated.unit, self.logs[block.log].inputs[i, cut])
         states = self._starts[block.log].states
         for i, (name, unit) in enumerate(self.system.states.items()):
             if np.ptp(states[i]) > 0.0:
-                told[name] = (unit, states[i, cut])
-        return told
+                coordinates[name] = (unit, states[i, cut])
+        return coordinates
 
     def noise_time_s(self, fitted: Fit, channel: int) -> float:
         """How long what is left may keep its sign: a forecast's length."""
@@ -216,13 +216,13 @@ class LogModel:
         """One block's part of a run, channel after channel, each with all samples of the block."""
         block = self.blocks[episode]
         n, m = block.stop - block.start, len(self.channels)
-        told = np.zeros((4, m, n))
-        told[1] = 1.0
+        statistics = np.zeros((4, m, n))
+        statistics[1] = 1.0
         for s in np.flatnonzero(run.pieces.block == place):
             inside = run.pieces.scored[:, s]
             at = run.pieces.sample[inside, s] - block.start
-            told[:, :, at] = np.moveaxis(run.told[:, :, :, k, s][:, inside], 1, 2)
-        innovation, variance, density, weight = told.reshape(4, m * n)
+            statistics[:, :, at] = np.moveaxis(run.statistics[:, :, :, k, s][:, inside], 1, 2)
+        innovation, variance, density, weight = statistics.reshape(4, m * n)
         channels = tuple(slice(c * n, (c + 1) * n) for c in range(m))
         return Score(density, innovation, variance, weight, channels)
 
@@ -232,21 +232,21 @@ class LogModel:
 
     def _noise(self) -> list[Free]:
         """Logarithms of the noise of sensors and of driven states' rates."""
-        told = []
+        parameters = []
         for output in self.system.outputs:
             size = self.sizes[f"y {output.name}"]
             guess = float(np.log(output.noise or 0.01 * size))
             better = _BETTER if output.noise else _MUCH_BETTER
             name, bounds = f"noise.{output.name}", (guess - better, float(np.log(10.0 * size)))
-            told.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
+            parameters.append(Free(name, output.unit, guess, _LN_SD, *bounds, 0.01))
         for name in self.driven:
             rate = self.sizes[f"d {name}"]
             guess = float(np.log(self.system.process_noise.get(name, 0.2 * rate)))
             unit = f"{self.system.states[name]}/s"
             bounds = float(np.log(1e-7 * rate)), float(np.log(100.0 * rate))
-            told.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
-            told += self._lasting(name, unit, rate)
-        return told
+            parameters.append(Free(f"force.{name}", unit, guess, _LN_SD, *bounds, 0.01))
+            parameters += self._lasting(name, unit, rate)
+        return parameters
 
     def _lasting(self, name: str, unit: str, rate: float) -> list[Free]:
         """Logarithms of sd and time of a push that lasts."""
@@ -267,7 +267,7 @@ class LogModel:
         ]
 
     def _constants(self) -> list[Free]:
-        told = []
+        parameters = []
         for c in self.system.constants:
             if c.spread > 0.0:
                 step = 1e-3 * (abs(c.value) or 1.0)
@@ -276,22 +276,24 @@ class LogModel:
                     if c.keeps_sign:
                         step = min(step, 0.01 * abs(c.value))
                 name, unit = f"constant.{c.name}", self.system.unit_of_constant(c.name)
-                told.append(Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name))
-        return told
+                parameters.append(
+                    Free(name, unit, c.value, c.spread, *c.bounds, step, quantity=c.name)
+                )
+        return parameters
 
     def _form(self) -> list[Free]:
         """Bumps of the model-form term, where the log has been."""
-        told = []
+        bumps = []
         for name in self.driven:
             i = list(self.system.states).index(name)
             at = np.concatenate([s.states[i] for s in self._starts]) / self.sizes[name]
             low, high = at.min() - 0.4, at.max() + 0.4
             for k, centre in enumerate(BUMPS):
                 if low <= centre <= high:
-                    told.append(
+                    bumps.append(
                         Free(f"form.{name}.{k}", "1", 0.0, FORM_EACH, -FORM_MOST, FORM_MOST, 0.002)
                     )
-        return told
+        return bumps
 
     def _guessed(self, log: Log) -> FloatArray:
         """States (n, N) as far as outputs, their slopes and the user's `start` tell."""
@@ -305,8 +307,8 @@ class LogModel:
             for name, other in self._kinematic.items():
                 if name in known and other not in known:
                     known[other] = _smoothed(np.gradient(known[name], self.dt_s))
-        told = self.system.start(Point("output", smooth))
-        for name, value in told.items():
+        start = self.system.start(Point("output", smooth))
+        for name, value in start.items():
             if name not in self.system.states:
                 raise UnusableInput(
                     f"{self.name}.start returns {name!r}, which is no state; there are: "
@@ -357,8 +359,8 @@ class LogModel:
         names = [i.name for i in self.system.inputs]
         driven = Point("input", dict(zip(names, inputs, strict=True)))
         with np.errstate(all="ignore"):
-            told = self.system.rates(state, driven, self.system.values())
-        rates = np.array([np.broadcast_to(v, states.shape[1:]) for v in told.values()])
+            returned = self.system.rates(state, driven, self.system.values())
+        rates = np.array([np.broadcast_to(v, states.shape[1:]) for v in returned.values()])
         return (rates - states) / self.dt_s if self.system.has_step else rates
 
     def _driven(self) -> tuple[str, ...]:
@@ -367,8 +369,8 @@ class LogModel:
         return tuple(n for n in self.system.states if n not in self._kinematic and n not in exact)
 
     def _start_spread(self) -> FloatArray:
-        own = self.system.start_spread
-        return np.array([own.get(n, self.sizes[n]) for n in self.system.states], dtype=float)
+        stated = self.system.start_spread
+        return np.array([stated.get(n, self.sizes[n]) for n in self.system.states], dtype=float)
 
     def _time_s(self, block: Block) -> FloatArray:
         return np.asarray(self.dt_s * np.arange(block.start, block.stop), dtype=np.float64)

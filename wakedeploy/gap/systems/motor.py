@@ -186,6 +186,6 @@ def _decay(since_s: FloatArray, tau_s: float) -> FloatArray:
     return np.asarray(np.exp(-since_s / max(tau_s, 1e-6)))
 
 
-def _joined(one: FloatArray, other: FloatArray) -> FloatArray:
+def _joined(lag: FloatArray, other: FloatArray) -> FloatArray:
     """What is still to go of two lags that act together."""
-    return np.asarray(1.0 - (1.0 - one) * (1.0 - other))
+    return np.asarray(1.0 - (1.0 - lag) * (1.0 - other))

@@ -25,14 +25,14 @@ class OwnFolder(Folder):
 
     def __init__(self, model: LogModel, out: Path, progress: Progress = quiet) -> None:
         super().__init__(model, out, _key(model), model.horizon * model.dt_s, progress)
-        self.own = model
+        self.log_model = model
         self.exported: list[str] = []
 
     def add(self) -> Answer:
         """What was found as a file that the system loads."""
         answer = self.name()
-        write_correction(correction_of(self.own, self.found()), self.out / CORRECTION)
-        self.exported = self.own.system.export(answer.as_json(), self.out)
+        write_correction(correction_of(self.log_model, self.found()), self.out / CORRECTION)
+        self.exported = self.log_model.system.export(answer.as_json(), self.out)
         return answer
 
 

@@ -87,8 +87,8 @@ class ResponseModel(abc.ABC):
 
     def free(self, hypothesis: Hypothesis) -> tuple[Free, ...]:
         """Noise, nuisances, and the parameters of the named effects."""
-        own = tuple(f for effect in hypothesis for f in self.effects[effect])
-        return (*self._noise(), *self.nuisances(), *own)
+        parameters = tuple(f for effect in hypothesis for f in self.effects[effect])
+        return (*self._noise(), *self.nuisances(), *parameters)
 
     def values(self, hypothesis: Hypothesis, theta: FloatArray) -> dict[str, float]:
         """Parameters by name."""

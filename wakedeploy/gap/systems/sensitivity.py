@@ -45,79 +45,79 @@ def rows(model: LogModel, base: Fit, steps: Steps = uncounted) -> list[Row]:
     prior = np.sqrt(prior_precision(base.free))
     ground = Ground.of(base)
     moved: dict[str, FloatArray] = {}
-    left: dict[str, FloatArray] = {}
+    remaining: dict[str, FloatArray] = {}
     for i, free in enumerate(base.free):
         if free.name.startswith("constant."):
             size = free.prior_sd if np.isfinite(free.prior_sd) else 0.1 * abs(free.neutral)
             moved[free.name] = known[:, i] * size
             others = [j for j in range(len(base.free)) if j != i]
-            left[free.name] = _left(moved[free.name], known[:, others], prior[others])
+            remaining[free.name] = _residual(moved[free.name], known[:, others], prior[others])
     for done, name in enumerate(model.library, 1):
         moved[name] = look(model, ground, name).first[:, 0]
-        left[name] = _left(moved[name], known, prior)
+        remaining[name] = _residual(moved[name], known, prior)
         steps(done, len(model.library))
     names = list(moved)
-    alike = _alike(names, left)
+    alike = _alike(names, remaining)
     return [
-        Row(n, float(np.linalg.norm(moved[n])), float(np.linalg.norm(left[n])), alike[n])
+        Row(n, float(np.linalg.norm(moved[n])), float(np.linalg.norm(remaining[n])), alike[n])
         for n in names
     ]
 
 
 def column_notes(model: LogModel) -> list[str]:
     """What the columns themselves show: ends at which they stay, inputs that never change."""
-    told = []
+    notes = []
     logs = model.logs
     if model.episodes < FEWEST_IN_ALL:
-        told.append(
+        notes.append(
             f"too short for a search: these logs make {counted(model.episodes, 'block')} of at "
             f"least {SHORTEST} samples, and {FEWEST_IN_ALL} are needed; record more."
         )
     part = model.thinned()
     if part is not model:
         searched = max(b.stop - b.start for b in part.blocks)
-        told.append(
+        notes.append(
             f"long logs: a search looks at the first {searched} samples of each block; sizes, and "
             "what sealed blocks say, come from all."
         )
     for i, stated in enumerate(model.system.inputs):
-        told += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
+        notes += _notes(f"input {stated.name}", np.concatenate([log.inputs[i] for log in logs]))
     for i, shown in enumerate(model.system.outputs):
         values = np.concatenate([log.outputs[i] for log in logs])
-        told += _notes(f"output {shown.name}", values)
+        notes += _notes(f"output {shown.name}", values)
         missing = float(np.mean(~np.isfinite(values)))
         if missing > 0.0:
-            told.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
-    return told
+            notes.append(f"output {shown.name}: {missing:.1%} of the samples are not measured.")
+    return notes
 
 
 def _notes(what: str, values: FloatArray) -> list[str]:
     values = values[np.isfinite(values)]
     if np.ptp(values) == 0.0:
         return [f"{what} never changes: nothing can be learnt from it."]
-    told = []
+    notes = []
     for end, word in ((values.max(), "most"), (values.min(), "least")):
         share = float(np.mean(values == end))
         if share > _STUCK and len(np.unique(values)) > 20:
-            told.append(f"{what} is at its {word}, {end:.4g}, in {share:.1%} of the samples.")
-    return told
+            notes.append(f"{what} is at its {word}, {end:.4g}, in {share:.1%} of the samples.")
+    return notes
 
 
-def _left(moved: FloatArray, known: FloatArray, prior: FloatArray) -> FloatArray:
+def _residual(moved: FloatArray, known: FloatArray, prior: FloatArray) -> FloatArray:
     """What is left of a change where known directions follow as their priors let them."""
     q, _ = np.linalg.qr(np.vstack([known, np.diag(prior)]))
     padded = np.concatenate([moved, np.zeros(len(prior))])
     return np.asarray(padded - q @ (q.T @ padded))[: len(moved)]
 
 
-def _alike(names: Sequence[str], left: dict[str, FloatArray]) -> dict[str, tuple[str, ...]]:
+def _alike(names: Sequence[str], remaining: dict[str, FloatArray]) -> dict[str, tuple[str, ...]]:
     """Names whose remainders have nearly the same shape."""
-    norm = {n: float(np.linalg.norm(left[n])) for n in names}
+    norm = {n: float(np.linalg.norm(remaining[n])) for n in names}
     there = [n for n in names if norm[n] > 0.0]
-    told: dict[str, tuple[str, ...]] = dict.fromkeys(names, ())
+    alike: dict[str, tuple[str, ...]] = dict.fromkeys(names, ())
     for n in there:
-        told[n] = tuple(
+        alike[n] = tuple(
             m for m in there
-            if m != n and abs(float(left[n] @ left[m])) > LIKE * norm[n] * norm[m]
+            if m != n and abs(float(remaining[n] @ remaining[m])) > LIKE * norm[n] * norm[m]
         )  # fmt: skip
-    return told
+    return alike

@@ -15,16 +15,16 @@ def simulated(system: System, recording: Recording) -> dict[str, FloatArray]:
     model = LogModel(system, [recording])
     acting, values = _acting(model)
     states, shown = model.filter.free_run(acting, {n: np.array([v]) for n, v in values.items()})
-    told = dict(zip(acting.system.states, states, strict=False))
-    return told | {o.name: shown[i] for i, o in enumerate(system.outputs)}
+    series = dict(zip(acting.system.states, states, strict=False))
+    return series | {o.name: shown[i] for i, o in enumerate(system.outputs)}
 
 
 def replay_error(system: System, recording: Recording) -> dict[str, float]:
     """Root mean square of measured less simulated, by output."""
-    told = simulated(system, recording)
+    series = simulated(system, recording)
     logged = LogModel(system, [recording]).logs[0].outputs
     return {
-        o.name: float(np.sqrt(np.nanmean((logged[i] - told[o.name]) ** 2)))
+        o.name: float(np.sqrt(np.nanmean((logged[i] - series[o.name]) ** 2)))
         for i, o in enumerate(system.outputs)
     }
 
@@ -33,8 +33,8 @@ def _acting(model: LogModel) -> tuple[Acting, dict[str, float]]:
     correction = model.system.correction
     if correction is None:
         return Acting(model.system, (), model.sizes), {"nothing": 0.0}
-    told = correction.document
-    library = offered(model.system, told.sizes, (told.sample_s, told.span_s))
+    document = correction.document
+    library = offered(model.system, document.sizes, (document.sample_s, document.span_s))
     effects = [library[name] for name in correction.effects]
-    form = sorted({name.rsplit(".", 1)[0] for name in told.form})
-    return Acting(model.system, effects, told.sizes, form), correction.values
+    form = sorted({name.rsplit(".", 1)[0] for name in document.form})
+    return Acting(model.system, effects, document.sizes, form), correction.values

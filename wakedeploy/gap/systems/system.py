@@ -216,8 +216,8 @@ class System:
 
     def __repr__(self) -> str:
         """Its name and what goes in and out."""
-        given, told = (", ".join(x.name for x in some) for some in (self.inputs, self.outputs))
-        return f"{self.name}({given} -> {told}; {len(self.states)} states)"
+        inputs, outputs = (", ".join(x.name for x in some) for some in (self.inputs, self.outputs))
+        return f"{self.name}({inputs} -> {outputs}; {len(self.states)} states)"
 
     def simulate(self, recording: Recording) -> dict[str, FloatArray]:
         """Every state and output along a recording's inputs, each (n,) at the system's rate.
@@ -228,10 +228,10 @@ class System:
 
         return simulated(self, recording)
 
-    def export(self, told: Mapping[str, Any], out: Path) -> list[str]:
+    def export(self, answer: Mapping[str, Any], out: Path) -> list[str]:
         """Write what `gap name` found in further formats; none unless overridden.
 
-        `told` is what name.json has. Returns a sentence for each file in the folder `out`.
+        `answer` is what name.json has. Returns a sentence for each file in the folder `out`.
         """
         return []
 
@@ -256,9 +256,9 @@ class System:
 
     def constant(self, name: str) -> Constant:
         """A constant by name; UnusableInput for one that is not stated."""
-        for one in self.constants:
-            if one.name == name:
-                return one
+        for constant in self.constants:
+            if constant.name == name:
+                return constant
         known = ", ".join(c.name for c in self.constants) or "none"
         raise UnusableInput(f"{self.name}: no constant {name!r}; there are: {known}.")
 
@@ -268,8 +268,8 @@ class System:
 
     def values(self, constants: Mapping[str, Any] | None = None) -> Point:
         """The constants, some of them replaced."""
-        own = {c.name: c.value for c in self.constants}
-        return Point("constant", own | dict(constants or {}))
+        stated = {c.name: c.value for c in self.constants}
+        return Point("constant", stated | dict(constants or {}))
 
     def unit_of_constant(self, name: str) -> str:
         """As stated, or the one that the constant's name ends in."""
@@ -279,19 +279,19 @@ class System:
         """States that are the derivative of another, by that other: {"position": "speed"}."""
         if self.has_step:
             return {}
-        tried, told = self._probed()
+        tried, rates = self._probed()
         return {
             name: other
             for name in self.states
             for other in self.states
-            if name != other and np.array_equal(told[name], tried[other])
+            if name != other and np.array_equal(rates[name], tried[other])
         }
 
     def drivers(self, state: str) -> set[str]:
         """The inputs and states on which a state's derivative depends."""
-        tried, told = self._probed()
+        tried, rates = self._probed()
         return {
-            name for name in tried if not np.array_equal(self._probed(name)[1][state], told[state])
+            name for name in tried if not np.array_equal(self._probed(name)[1][state], rates[state])
         }
 
     def probed(self) -> dict[str, FloatArray]:
@@ -307,8 +307,8 @@ class System:
             tried[moved] = tried[moved] + 0.5
         state = Point("state", {n: tried[n] for n in self.states})
         inputs = Point("input", {i.name: tried[i.name] for i in self.inputs})
-        told = self.rates(state, inputs, self.values())
-        return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in told.items()}
+        rates = self.rates(state, inputs, self.values())
+        return tried, {n: np.broadcast_to(np.asarray(v, dtype=float), 20) for n, v in rates.items()}
 
     def rates(
         self, state: Point, inputs: Point, c: Point, forces: Mapping[str, Any] | None = None
@@ -321,17 +321,17 @@ class System:
         if forces is not None:
             method = "derivative_under"
         extra = () if forces is None else (forces,)
-        told = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
-        return _complete(told, self.states, f"{self.name}.{method}", "state")
+        returned = _called(f"{self.name}.{method}", getattr(self, method), state, inputs, c, *extra)
+        return _complete(returned, self.states, f"{self.name}.{method}", "state")
 
     def readings(self, state: Point, inputs: Point, c: Point) -> dict[str, Any]:
         """What the sensors would show: `measure`, and states for outputs that it leaves out."""
-        told: dict[str, Any] = {}
+        measured: dict[str, Any] = {}
         if hasattr(self, "measure"):
-            told = dict(_called(f"{self.name}.measure", self.measure, state, inputs, c))
+            measured = dict(_called(f"{self.name}.measure", self.measure, state, inputs, c))
         shown = {o.name: getattr(state, o.name) for o in self.outputs if o.name in self.states}
         names = {o.name: o.unit for o in self.outputs}
-        return _complete(shown | told, names, f"{self.name}.measure", "output")
+        return _complete(shown | measured, names, f"{self.name}.measure", "output")
 
 
 def checked(system: _System) -> _System:
@@ -446,8 +446,8 @@ def _check_functions(system: System) -> None:
         many = _evaluated(system, method, tried, shape)
         for index in ((0, 0), (1, 2), (2, 4)):
             single = {n: np.asarray(v[index]) for n, v in tried.items()}
-            one = _evaluated(system, method, single, ())
-            for name, value in one.items():
+            alone = _evaluated(system, method, single, ())
+            for name, value in alone.items():
                 if not np.allclose(value, many[name][index], rtol=1e-9, atol=1e-12):
                     raise UnusableInput(
                         f"{_method(system, method)} gives another {name!r} for one point than for "
@@ -464,9 +464,9 @@ def _evaluated(
     state = Point("state", {n: tried[n] for n in system.states})
     inputs = Point("input", {i.name: tried[i.name] for i in system.inputs})
     with np.errstate(all="ignore"):
-        told = method(state, inputs, system.values())
+        returned = method(state, inputs, system.values())
     result = {}
-    for name, value in told.items():
+    for name, value in returned.items():
         given = _shape(value)
         if given not in ((), shape):
             raise UnusableInput(
@@ -497,22 +497,22 @@ def _shape_in_words(shape: tuple[int, ...] | None) -> str:
 
 
 def _method(system: System, method: Callable[..., Any]) -> str:
-    own = "step" if system.has_step else "derivative"
-    return f"{system.name}.{'measure' if method == system.readings else own}"
+    dynamics = "step" if system.has_step else "derivative"
+    return f"{system.name}.{'measure' if method == system.readings else dynamics}"
 
 
 def _called(where: str, method: Callable[..., Any], *points: Any) -> Mapping[str, Any]:
     try:
-        told = method(*points)
+        returned = method(*points)
     except UnusableInput:
         raise
     except Exception as error:  # whatever a user's function raises is told by its name
         raise UnusableInput(f"{where}: {_cause(error)}") from error
-    if not isinstance(told, Mapping):
+    if not isinstance(returned, Mapping):
         raise UnusableInput(
-            f"{where} returns {type(told).__name__}; return a dict with a value by name."
+            f"{where} returns {type(returned).__name__}; return a dict with a value by name."
         )
-    return told
+    return returned
 
 
 def _cause(error: Exception) -> str:
@@ -527,18 +527,18 @@ def _cause(error: Exception) -> str:
 
 
 def _complete(
-    told: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
+    returned: Mapping[str, Any], wanted: Mapping[str, str], where: str, what: str
 ) -> dict[str, Any]:
-    """What was told, in the order of what is wanted: nothing missing, nothing unknown."""
-    for name in told:
+    """What was returned, in the order of what is wanted: nothing missing, nothing unknown."""
+    for name in returned:
         if name not in wanted:
             raise UnusableInput(
                 f"{where} returns {name!r}, which is no {what}; there are: {', '.join(wanted)}."
             )
     for name in wanted:
-        if name not in told:
+        if name not in returned:
             raise UnusableInput(f"{where} returns nothing for the {what} {name!r}; add it.")
-    return {name: told[name] for name in wanted}
+    return {name: returned[name] for name in wanted}
 
 
 def _unit_of_end(name: str) -> str:

@@ -19,25 +19,31 @@ from wakedeploy.gap.wording import (
 _MOST_PLACES, _MOST_RANKED = 6, 5
 
 
-def sentences(told: Artefact) -> list[str]:
+def sentences(artefact: Artefact) -> list[str]:
     """The lines that a command prints."""
-    if isinstance(told, Disagreements) and not isinstance(told, Result):
-        return _found(told)
-    assert isinstance(told, Answer)
-    detail = [*_effects(told), *_unexplained(told), *_rejected(told)]
-    if not isinstance(told, Result):
-        return [_verdict(told), *_moved(told), *detail]
-    detail += _gap(told)
+    if isinstance(artefact, Disagreements) and not isinstance(artefact, Result):
+        return _found(artefact)
+    assert isinstance(artefact, Answer)
+    detail = [*_effects(artefact), *_unexplained(artefact), *_rejected(artefact)]
+    if not isinstance(artefact, Result):
+        return [_verdict(artefact), *_moved(artefact), *detail]
+    detail += _gap(artefact)
     answers = [
-        f"Does it matter? {_importance(told)}",
-        f"How sure is that? {_certainty(told)}",
-        f"What next? {_next(told)}",
+        f"Does it matter? {_importance(artefact)}",
+        f"How sure is that? {_certainty(artefact)}",
+        f"What next? {_next(artefact)}",
     ]
-    return [_verdict(told), *_moved(told), *answers, *([DETAILS] if detail else []), *detail]
+    return [
+        _verdict(artefact),
+        *_moved(artefact),
+        *answers,
+        *([DETAILS] if detail else []),
+        *detail,
+    ]
 
 
-def _found(told: Disagreements) -> list[str]:
-    places = told.where
+def _found(disagreements: Disagreements) -> list[str]:
+    places = disagreements.where
     if not places:
         return ["The system and its logs disagree nowhere beyond noise."]
     lines = [f"They disagree in {len(places)} places; the clearest:"]
@@ -49,32 +55,32 @@ def _found(told: Disagreements) -> list[str]:
     return lines
 
 
-def _verdict(told: Answer) -> str:
-    if told.verdict == "class":
-        return f"The system lacks one of {listed(told.rivals, 'or')}: the logs cannot say which."
-    if told.verdict == "named":
-        return f"The system lacks {listed([e.name for e in told.effects])}."
-    if told.verdict == "none":
+def _verdict(answer: Answer) -> str:
+    if answer.verdict == "class":
+        return f"The system lacks one of {listed(answer.rivals, 'or')}: the logs cannot say which."
+    if answer.verdict == "named":
+        return f"The system lacks {listed([e.name for e in answer.effects])}."
+    if answer.verdict == "none":
         return "Nothing that matters is missing from the system."
-    if told.is_outdone:
+    if answer.is_outdone:
         return (
             "The system forecasts no better than its outputs' last readings or their means: its "
             "equations are wrong by more than an effect."
         )
-    if told.rivals:
-        return f"Something is missing; these explain it about as well: {listed(told.rivals)}."
+    if answer.rivals:
+        return f"Something is missing; these explain it about as well: {listed(answer.rivals)}."
     return "Something acts on the system that no known effect explains."
 
 
-def _importance(told: Result) -> str:
+def _importance(result: Result) -> str:
     """How far off forecasts are, and how far with what was found."""
-    shown = [(name, error) for name, error in told.gap.items()]
+    shown = [(name, error) for name, error in result.gap.items()]
     ahead = "Forecasts"
-    if told.forecast_s is not None:
-        ahead += f" {quantity(told.forecast_s, 's')} ahead"
-    if told.effects:
-        names = [e.name for e in told.effects]
-        beside = "it" if told.verdict == "named" and len(names) == 1 else listed(names)
+    if result.forecast_s is not None:
+        ahead += f" {quantity(result.forecast_s, 's')} ahead"
+    if result.effects:
+        names = [e.name for e in result.effects]
+        beside = "it" if result.verdict == "named" and len(names) == 1 else listed(names)
         errors = [
             f"{name} by {quantity(error.before, error.unit)}, with {beside} by "
             f"{quantity(error.after, error.unit)}"
@@ -84,61 +90,61 @@ def _importance(told: Result) -> str:
         return f"{yes}{ahead} of blocks kept apart were off: {listed(errors)}."
     errors = [f"{name} by {quantity(error.before, error.unit)}" for name, error in shown]
     off = f"{ahead} of blocks kept apart are off: {listed(errors)}"
-    if told.verdict == "none":
+    if result.verdict == "none":
         return f"No. {off}, and no effect makes that clearly smaller."
     return f"{off}. Whether that is much, you know best."
 
 
-def _certainty(told: Result) -> str:
+def _certainty(result: Result) -> str:
     """What the answer rests on."""
-    fitted, sealed = len(told.episodes) - len(told.sealed), len(told.sealed)
-    if told.verdict == "none":
+    fitted, sealed = len(result.episodes) - len(result.sealed), len(result.sealed)
+    if result.verdict == "none":
         return "Where nothing is missing, one search in twenty names something; this one did not."
     beyond = "Chance alone brings as much in less than one search of twenty."
-    if told.is_outdone:
+    if result.is_outdone:
         return "It rests on forecasts of all blocks that were fitted, not on a search."
-    if told.verdict == "unknown":
-        evident = any(c.gain_nats > r.threshold_nats for r in told.rounds for c in r.ranking)
+    if result.verdict == "unknown":
+        evident = any(c.gain_nats > r.threshold_nats for r in result.rounds for c in r.ranking)
         noise = "What is left is more than the sensors' noise, and lasts."
         return f"{beyond if evident else noise} What it is, is open."
-    if told.verdict == "class":
+    if result.verdict == "class":
         return f"{beyond} Which of them it is, is open."
     found = f"Found on {counted(fitted, 'block')} of the logs"
     apart = f"readings of {counted(sealed, 'block')} kept apart"
-    if told.sealed_gain_nats > 0.0:
+    if result.sealed_gain_nats > 0.0:
         return f"{beyond} {found}; the {apart} bear it out."
     return f"{beyond} {found}; the {apart} do not confirm it: record more."
 
 
-def _next(told: Result) -> str:
+def _next(result: Result) -> str:
     """What to do; the commands stand below."""
-    if told.moved:
+    if result.moved:
         return "Check those constants and units before anything else."
-    if told.verdict == "class":
+    if result.verdict == "class":
         return "Record the input that tells them apart, and ask again with that log, too."
-    if told.effects and told.verdict == "named":
+    if result.effects and result.verdict == "named":
         return "Replay a log that took no part with the correction, then use the corrected system."
-    if told.is_outdone:
+    if result.is_outdone:
         return "Check equations, units and signs: see what each constant moves."
-    if told.verdict == "unknown":
+    if result.verdict == "unknown":
         return "See what these logs show and what looks alike; record one that excites it more."
     return "Use the system as it is. How small an effect these logs would show, `gap power` says."
 
 
-def _moved(told: Answer) -> list[str]:
+def _moved(answer: Answer) -> list[str]:
     return [
         f"  Doubt this: it holds only with {name} {abs(spreads):.0f} of its spreads away from what "
         "the system states. Check its unit, and those of the log's columns."
-        for name, spreads in told.moved.items()
+        for name, spreads in answer.moved.items()
     ]
 
 
-def _effects(told: Answer) -> list[str]:
+def _effects(answer: Answer) -> list[str]:
     lines = []
-    for effect in told.effects:
-        sizes = ", ".join(_size(*one) for one in effect.parameters.items())
+    for effect in answer.effects:
+        sizes = ", ".join(_size(*parameter) for parameter in effect.parameters.items())
         lines.append(f"  {effect.name}: {sizes}; removes {_share(effect.forecast)}.")
-    for name in told.unsettled:
+    for name in answer.unsettled:
         lines.append(
             f"  The fit with {name} was stopped before it came to rest: its size is less sure than "
             "its interval says."
@@ -146,20 +152,20 @@ def _effects(told: Answer) -> list[str]:
     return lines
 
 
-def _unexplained(told: Answer) -> list[str]:
+def _unexplained(answer: Answer) -> list[str]:
     """What still acts: on which rate, how large, how long, and what it follows."""
     lines = []
-    for one in told.unexplained:
+    for push in answer.unexplained:
         lines.append(
-            f"  Not explained: on {one.state}, {one.sd:.3g} {one.unit} (sd) that last "
-            f"{one.lasts_s:.2g} s, {_percent(one.share)} of the usual rate."
+            f"  Not explained: on {push.state}, {push.sd:.3g} {push.unit} (sd) that last "
+            f"{push.lasts_s:.2g} s, {_percent(push.share)} of the usual rate."
         )
-        at = one.against
+        at = push.against
         if at is not None:
             lines.append(
                 f"    It follows {at.coordinate}, which tells {_percent(at.share)} of it: "
-                f"from {at.means[0]:+.3g} {one.unit} at {at.edges[0]:.3g} {at.unit} "
-                f"to {at.means[-1]:+.3g} {one.unit} at {at.edges[-1]:.3g} {at.unit}."
+                f"from {at.means[0]:+.3g} {push.unit} at {at.edges[0]:.3g} {at.unit} "
+                f"to {at.means[-1]:+.3g} {push.unit} at {at.edges[-1]:.3g} {at.unit}."
             )
     return lines
 
@@ -180,23 +186,23 @@ def _percent(share: float) -> str:
     return "over 99 %" if 0.99 < share < 1.0 else percent(share)
 
 
-def _rejected(told: Answer) -> list[str]:
+def _rejected(answer: Answer) -> list[str]:
     """Of the last round, what was evident and yet not named, and why; and what was withdrawn."""
-    if not told.rounds:
+    if not answer.rounds:
         return []
     judged = {
-        one.name: one.judged
-        for one in told.rounds[-1].ranking[:_MOST_RANKED]
-        if one.judged not in ("", ACCEPTED, CHANCE)
+        effect.name: effect.judged
+        for effect in answer.rounds[-1].ranking[:_MOST_RANKED]
+        if effect.judged not in ("", ACCEPTED, CHANCE)
     }
-    ranked = (one for searched in told.rounds for one in searched.ranking)
-    judged |= {one.name: UNSEEN_WORSE for one in ranked if one.judged == UNSEEN_WORSE}
+    ranked = (effect for searched in answer.rounds for effect in searched.ranking)
+    judged |= {effect.name: UNSEEN_WORSE for effect in ranked if effect.judged == UNSEEN_WORSE}
     return [f"  Not named: {name}: {why}." for name, why in judged.items()]
 
 
-def _gap(told: Result) -> list[str]:
+def _gap(result: Result) -> list[str]:
     return [
         f"  {name}: rms forecast error {quantity(error.before, error.unit)} before, "
         f"{quantity(error.after, error.unit)} after"
-        for name, error in told.gap.items()
+        for name, error in result.gap.items()
     ]

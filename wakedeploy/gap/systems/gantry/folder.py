@@ -107,9 +107,9 @@ def _can_add(name: Name) -> bool:
     return bool(name.to_add) or (name.verdict == "unknown" and unknown)
 
 
-def parts(told: Artefact | None, kind: type[Answer | Judged]) -> dict[str, object]:
+def parts(artefact: Artefact | None, kind: type[Answer | Judged]) -> dict[str, object]:
     """The fields of an artefact that a part of it has, by name."""
-    return {} if told is None else {name: getattr(told, name) for name in kind.model_fields}
+    return {} if artefact is None else {name: getattr(artefact, name) for name in kind.model_fields}
 
 
 def read_plan(folder: Path) -> Plan | None:
@@ -230,8 +230,10 @@ def _read(path: Path, kind: type[Kind]) -> Kind | None:
     return stated(path, content, kind, again)
 
 
-def write(folder: Path, told: Kind) -> Kind:
+def write(folder: Path, artefact: Kind) -> Kind:
     """Write an artefact whole, under the name of its step; what was written."""
     folder.mkdir(parents=True, exist_ok=True)
-    write_text_whole(folder / f"{type(told).__name__.lower()}.json", json_text(told.as_json()))
-    return told
+    write_text_whole(
+        folder / f"{type(artefact).__name__.lower()}.json", json_text(artefact.as_json())
+    )
+    return artefact

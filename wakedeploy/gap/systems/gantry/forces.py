@@ -112,10 +112,10 @@ class Physics:
     def _motor(self, motor: str, constants: Constants, effects: Chain) -> FloatArray:
         """Thrust [N] on the grid, spool lag included."""
         names = ("command.delay_s", "command.window_s", "disturbance.esc_frame_s")
-        own = [f"thrust.{motor}.{c}" for c in ("scale", "exponent")]
+        thrust = [f"thrust.{motor}.{c}" for c in ("scale", "exponent")]
         lags = [f"spool.{motor}.{c}" for c in ("up_s", "down_s")]
         pulses = _key(effects.acting("pulse_us"))
-        key = (*(constants[n] for n in (*names, *own, *lags)), pulses)
+        key = (*(constants[n] for n in (*names, *thrust, *lags)), pulses)
 
         def compute() -> FloatArray:
             pulse_us = self._remembered(
@@ -125,7 +125,7 @@ class Physics:
             )
             curve = getattr(self._rig.thrust, motor)
             table = np.array(curve.thrust_n)
-            moved = moved_thrust(table, constants[own[0]], constants[own[1]], self._weight_n)
+            moved = moved_thrust(table, constants[thrust[0]], constants[thrust[1]], self._weight_n)
             target = np.sqrt(np.interp(pulse_us, curve.pulse_us, moved))
             return np.asarray(spooled_thrust(target, constants[lags[0]], constants[lags[1]], DT_S))
 

@@ -77,7 +77,7 @@ class GantryModel:
         self.extra: Mapping[str, Effect] = extra if extra is not None else {}
         self._physics = [Physics(rig, flight) for flight in self.flights]
         self._layouts: dict[Hypothesis, Layout] = {}
-        self._own = own_effects(rig)
+        self._own_effects = own_effects(rig)
         self._held_s: tuple[float, ...] | None = None
         self._varying = varying(rig)
         self._directions: dict[int, FloatArray] = {}
@@ -112,7 +112,7 @@ class GantryModel:
         score = self._scored(episode, *self._of_flight(constants, effects, episode), theta)
         return freed(score, self._own_directions(episode), self._stood(episode))
 
-    def own(self, fitted: Fit, episode: int) -> dict[str, tuple[float, float]]:
+    def own_deviations(self, fitted: Fit, episode: int) -> dict[str, tuple[float, float]]:
         """What a flight has of its own under a fit: value and standard error, by quantity.
 
         As its own samples alone tell it, without the prior that it is like the others.
@@ -122,8 +122,8 @@ class GantryModel:
         values = alone @ precision @ amounts
         errors = np.sqrt(np.diag(alone))
         return {
-            one.name: (float(v) * one.sd, float(e) * one.sd)
-            for one, v, e in zip(self._varying, values, errors, strict=True)
+            quantity.name: (float(v) * quantity.sd, float(e) * quantity.sd)
+            for quantity, v, e in zip(self._varying, values, errors, strict=True)
         }
 
     def _own_directions(self, episode: int) -> FloatArray:
@@ -136,8 +136,10 @@ class GantryModel:
             at = self._of_flight(*layout.read(theta), episode)
             here = self._scored(episode, *at, theta).innovation
             beside = [
-                self._scored(episode, *one.moved(*at, _OWN_STEP * one.sd), theta).innovation
-                for one in self._varying
+                self._scored(
+                    episode, *quantity.moved(*at, _OWN_STEP * quantity.sd), theta
+                ).innovation
+                for quantity in self._varying
             ]
             columns = [(there - here) / _OWN_STEP for there in beside]
             self._directions[episode] = np.stack(columns, axis=1)
@@ -263,14 +265,14 @@ class GantryModel:
             is_held = any(name.partition(".")[0] in hypothesis for name in replacing(HOLD))
             held_s = self._likely_holds_s() if is_held else ()
             frames_s = self._reported_frames_s()
-            self._layouts[hypothesis] = Layout(self.rig, self._own, named, held_s, frames_s)
+            self._layouts[hypothesis] = Layout(self.rig, self._own_effects, named, held_s, frames_s)
         return self._layouts[hypothesis]
 
     def _reported_frames_s(self) -> tuple[float, ...]:
         """The servo frame that logs tell where it is not the rig file's, the middle one of them."""
         reported = [f.reported_frame_s for f in self.flights]
-        told = [period_s(frames_s) for frames_s in reported if frames_s is not None]
-        return (float(np.median(told)),) if told else ()
+        periods_s = [period_s(frames_s) for frames_s in reported if frames_s is not None]
+        return (float(np.median(periods_s)),) if periods_s else ()
 
     def _likely_holds_s(self) -> tuple[float, ...]:
         """Where a fit of a hold begins: its likelihood is too jagged to climb from anywhere."""

@@ -57,7 +57,7 @@ class Layout:
     def __init__(
         self,
         rig: Rig,
-        own: Sequence[tuple[Effect, Mapping[str, Free]]],
+        of_rig: Sequence[tuple[Effect, Mapping[str, Free]]],
         named: Sequence[Effect],
         held_s: Sequence[float] = (),
         frames_s: Sequence[float] = (),
@@ -65,8 +65,8 @@ class Layout:
         self._base = constants_of(rig)
         spreads = spreads_of(rig)
         names = {effect.name for effect in named}
-        own = [entry for entry in own if entry[0].name not in names]
-        acting = (*named, *(e for e, _ in own))
+        of_rig = [entry for entry in of_rig if entry[0].name not in names]
+        acting = (*named, *(e for e, _ in of_rig))
         claimed = {p.constant for effect in acting for p in effect.parameters} - _ADDED
         free = list(_noise(rig))
         self._constants: list[tuple[int, str]] = []
@@ -78,7 +78,7 @@ class Layout:
         for term in free_terms(rig):
             self._constants.append((len(free), term.name))
             free.append(term)
-        for effect, known in own:
+        for effect, known in of_rig:
             self._add(free, effect, known)
         for effect in named:
             self._add(free, effect, {})
@@ -194,7 +194,7 @@ def _scanned(p: Parameter) -> tuple[float, ...]:
 
 def own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
     """The rig file's effects, each parameter with its interval as a prior."""
-    own = []
+    effects = []
     for entry in rig.effect:
         effect = effect_of(entry)
         known = {}
@@ -212,5 +212,5 @@ def own_effects(rig: Rig) -> list[tuple[Effect, dict[str, Free]]]:
                 p.high,
                 0.2 * spread,
             )
-        own.append((effect, known))
-    return own
+        effects.append((effect, known))
+    return effects

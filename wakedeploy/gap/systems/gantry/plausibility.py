@@ -51,17 +51,17 @@ def require_plausible(log: RunLog, rig: Rig, name: str, flying: npt.NDArray[np.b
 
 def told_of_columns(log: RunLog, rig: Rig, flying: npt.NDArray[np.bool_]) -> list[str]:
     """What was made of columns that are a little beyond what can be, in words."""
-    told = []
+    remarks = []
     low, high = rig.limits.pulse_us
     for column in ("sufferer_cmd_us", "source_cmd_us"):
         share = _beyond(log[column][flying], low, high)
         if share > _SOME:
-            told.append(
+            remarks.append(
                 f"{100 * share:.0f} % of {column} lie beyond limits.pulse_us: taken as clipped"
             )
     if "unfinished" in log.metadata:
-        told.append(log.metadata["unfinished"])
-    return told
+        remarks.append(log.metadata["unfinished"])
+    return remarks
 
 
 def _middle(values: npt.NDArray[np.float64]) -> float:

@@ -128,8 +128,8 @@ def likely_periods_s(
 
     first = np.array([evidence(period_s, _FAR_S, slice(1)) for period_s in _PERIODS_S])
     coarse = np.full(len(first), -np.inf)
-    for left in np.flatnonzero(first > first.max() - _RULED_OUT_NATS).tolist():
-        coarse[left] = first[left] + evidence(_PERIODS_S[left], _FAR_S, slice(1, None))
+    for place in np.flatnonzero(first > first.max() - _RULED_OUT_NATS).tolist():
+        coarse[place] = first[place] + evidence(_PERIODS_S[place], _FAR_S, slice(1, None))
     found = []
     for k in _highest_two(coarse):
         finer = [(evidence(period_s, _WANDER_S), period_s) for period_s in _PERIODS_S[k] + _FINER]
@@ -140,8 +140,8 @@ def likely_periods_s(
 
 def _highest_two(values: FloatArray) -> list[int]:
     """Where (n,) values have their highest two summits, the highest first."""
-    left, right = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)
-    summits = np.flatnonzero((values > left) & (values >= right))
+    before, after = np.append(-np.inf, values[:-1]), np.append(values[1:], -np.inf)
+    summits = np.flatnonzero((values > before) & (values >= after))
     return [int(k) for k in summits[np.argsort(-values[summits])][:2]]
 
 

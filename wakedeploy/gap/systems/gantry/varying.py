@@ -36,7 +36,7 @@ class Varying:
         """Constants and effects where this flight's differs by an amount, in the own unit."""
         if self.name != SAG:
             return {**constants, self.name: constants[self.name] + amount}, effects
-        values = {effect.name: own for effect, own in effects.parts}
+        values = {effect.name: parameters for effect, parameters in effects.parts}
         sag = {"sag_per_s": values.get(SAG, {"sag_per_s": 0.0})["sag_per_s"] + amount}
         parts = [part for part in effects.parts if part[0].name != SAG]
         order = {name: i for i, name in enumerate(LIBRARY)}

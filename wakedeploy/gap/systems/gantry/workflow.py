@@ -100,7 +100,7 @@ def _plan(case: Case, out: Path, named: Name, progress: Progress) -> None:
     stage = "looking for the manoeuvre that would split the class"
     progress(stage)
     sizes, steps = stated_sizes(named, named.rivals), functools.partial(progress, stage)
-    write(out, make_plan(case.rig, named.rivals, sizes=sizes, progress=steps).told)
+    write(out, make_plan(case.rig, named.rivals, sizes=sizes, progress=steps).as_artefact)
 
 
 def _concluded(case: Case, out: Path, report: bool, progress: Progress) -> Result:

@@ -26,7 +26,7 @@ class At:
     height: FloatArray
     force: FloatArray  # what the system itself computes there, without effects
     other: FloatArray  # what a coupling comes from
-    own: tuple[FloatArray, ...]
+    own_states: tuple[FloatArray, ...]
     sizes: Any
 
     @property
@@ -128,11 +128,11 @@ class Presliding(ForceKind):
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """What the bent bristles bear."""
-        return np.asarray(-p["force"] * at.own[0])
+        return np.asarray(-p["force"] * at.own_states[0])
 
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
         """Of the bristles' bending, between −1 and 1."""
-        return ((at.speed - np.abs(at.speed) * at.own[0]) / p["length"],)
+        return ((at.speed - np.abs(at.speed) * at.own_states[0]) / p["length"],)
 
 
 class QuadraticDrag(ForceKind):
@@ -244,11 +244,11 @@ class Hysteresis(ForceKind):
 
     def force(self, at: At, p: Parameters) -> FloatArray:
         """What the memory bears."""
-        return np.asarray(-p["force"] * at.own[0])
+        return np.asarray(-p["force"] * at.own_states[0])
 
     def own_rates(self, at: At, p: Parameters) -> tuple[FloatArray, ...]:
         """Of the memory."""
-        z, v = at.own[0], at.speed
+        z, v = at.own_states[0], at.speed
         return ((v - np.abs(v) * z - p["shape"] * v * np.abs(z)) / p["length"],)
 
 

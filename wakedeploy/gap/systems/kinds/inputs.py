@@ -24,7 +24,7 @@ class InputKind(Kind):
         raise NotImplementedError
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
+        self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Derivatives of the kind's own states; the last is added to the column.
 
@@ -36,7 +36,7 @@ class InputKind(Kind):
         """How far the kind's own states may be from 0 where a logged column (n,) begins, as sd."""
         return 0.0
 
-    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+    def remaining(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """Which share of that is left so long after the log began."""
         return np.zeros_like(since_s)
 
@@ -74,16 +74,16 @@ class Lag(InputKind):
         return lagged(column, p["tau_s"] / dt_s)
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
+        self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Towards 0."""
-        return (-own[0] * _pace(p["tau_s"], dt_s, discrete),)
+        return (-own_states[0] * _pace(p["tau_s"], dt_s, discrete),)
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """As far as the command goes in the time that follows, as it may have gone before."""
         return _moved(column, float(p["tau_s"]) / dt_s)
 
-    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+    def remaining(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """An exponential."""
         return np.exp(-since_s / max(float(p["tau_s"]), dt_s))
 
@@ -105,17 +105,17 @@ class SecondOrderLag(InputKind):
         return lagged(lagged(column, p["tau_s"] / dt_s), p["tau_s"] / dt_s)
 
     def own_rates(
-        self, own: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
+        self, own_states: tuple[FloatArray, ...], p: Parameters, dt_s: float, discrete: bool
     ) -> tuple[FloatArray, ...]:
         """Towards 0, one after the other."""
         pace = _pace(p["tau_s"], dt_s, discrete)
-        return -own[0] * pace, (own[0] - own[1]) * pace
+        return -own_states[0] * pace, (own_states[0] - own_states[1]) * pace
 
     def unsettled(self, column: FloatArray, p: Parameters, dt_s: float) -> float:
         """As of one lag that takes as long."""
         return _moved(column, 2.0 * float(p["tau_s"]) / dt_s)
 
-    def left(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
+    def remaining(self, since_s: FloatArray, p: Parameters, dt_s: float) -> FloatArray:
         """What two equal lags in series leave."""
         along = since_s / max(float(p["tau_s"]), dt_s)
         return np.asarray((1.0 + along) * np.exp(-along))

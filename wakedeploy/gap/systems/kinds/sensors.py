@@ -12,13 +12,17 @@ class OutputKind(Kind):
     """Acts between what the system does and what is logged."""
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """What the sensor shows of a value."""
         raise NotImplementedError
 
     def own_rates(
-        self, value: FloatArray, own: tuple[FloatArray, ...], p: Parameters
+        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
     ) -> tuple[FloatArray, ...]:
         """Derivatives of the kind's own states."""
         return ()
@@ -33,7 +37,11 @@ class SensorGain(OutputKind):
     parameters = (Parameter("error", {}, low=-0.9, high=3.0, starts=(0.05, -0.05), prior=0.3),)
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """Scaled."""
         return np.asarray((1.0 + p["error"]) * value)
@@ -48,7 +56,11 @@ class SensorBias(OutputKind):
     parameters = (Parameter("bias", _OF_OUTPUT, starts=(0.1, -0.1), prior=0.5),)
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """Moved."""
         return np.asarray(value + p["bias"])
@@ -63,7 +75,11 @@ class SensorDrift(OutputKind):
     parameters = (Parameter("rate", {"output": 1, "span": -1}, starts=(0.1, -0.1), prior=0.5),)
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """Moved by a line over time."""
         return np.asarray(value + p["rate"] * time_s)
@@ -81,7 +97,11 @@ class SensorSaturation(OutputKind):
     )  # fmt: skip
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """Cut above."""
         return np.minimum(value, p["limit"])
@@ -100,16 +120,20 @@ class SensorLag(OutputKind):
     )  # fmt: skip
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """The lagged value."""
-        return np.asarray(own[0] + 0.0 * value)
+        return np.asarray(own_states[0] + 0.0 * value)
 
     def own_rates(
-        self, value: FloatArray, own: tuple[FloatArray, ...], p: Parameters
+        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
     ) -> tuple[FloatArray, ...]:
         """Towards the value."""
-        return ((value - own[0]) / np.maximum(p["tau_s"], _SHORTEST_S),)
+        return ((value - own_states[0]) / np.maximum(p["tau_s"], _SHORTEST_S),)
 
 
 class SensorDeadTime(OutputKind):
@@ -125,16 +149,20 @@ class SensorDeadTime(OutputKind):
     )  # fmt: skip
 
     def reading(
-        self, value: FloatArray, own: tuple[FloatArray, ...], time_s: FloatArray, p: Parameters
+        self,
+        value: FloatArray,
+        own_states: tuple[FloatArray, ...],
+        time_s: FloatArray,
+        p: Parameters,
     ) -> FloatArray:
         """The all-pass response."""
-        return np.asarray(2.0 * own[0] - value)
+        return np.asarray(2.0 * own_states[0] - value)
 
     def own_rates(
-        self, value: FloatArray, own: tuple[FloatArray, ...], p: Parameters
+        self, value: FloatArray, own_states: tuple[FloatArray, ...], p: Parameters
     ) -> tuple[FloatArray, ...]:
         """Towards the value, within half the delay."""
-        return ((value - own[0]) / np.maximum(0.5 * p["delay_s"], _SHORTEST_S),)
+        return ((value - own_states[0]) / np.maximum(0.5 * p["delay_s"], _SHORTEST_S),)
 
 
 class ConstantKind(Kind):

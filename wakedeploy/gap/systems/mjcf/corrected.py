@@ -42,52 +42,52 @@ class Range:
         """Its place in the file."""
         return self.element, self.name, self.attribute
 
-    def more(self, told: Told, factor: float = 1.0) -> "Range":
+    def more(self, size: Told, factor: float = 1.0) -> "Range":
         """The same with a found value on top, its interval with it."""
-        nominal, low, high = (factor * float(told[k]) for k in ("value", "low", "high"))
+        nominal, low, high = (factor * float(size[k]) for k in ("value", "low", "high"))
         return replace(
             self, nominal=self.nominal + nominal, low=self.low + low, high=self.high + high
         )
 
 
-def write_corrected(elements: Elements, told: Told, out: Path) -> list[str]:
+def write_corrected(elements: Elements, answer: Told, out: Path) -> list[str]:
     """Write both files into a folder; returns a sentence for each, and for what has no attribute.
 
-    `told` is what `name.json` has: effects and constants with `value`, `low`, `high` and `unit`.
+    `answer` is what `name.json` has: effects and constants with `value`, `low`, `high` and `unit`.
     """
-    ranges, left = ranges_of(elements, told)
+    ranges, inexpressible = ranges_of(elements, answer)
     spec, model = read_spec(elements.path)
-    for one in ranges:
-        _WRITERS.get(one.attribute, _write_number)(spec, model, one)
+    for fitted in ranges:
+        _WRITERS.get(fitted.attribute, _write_number)(spec, model, fitted)
     for folder in ("meshdir", "texturedir"):
         _rebase(spec, folder, elements.path, out)
     spec.compile()
     write_text_whole(out / CORRECTED, spec.to_xml())
-    rows = [{f: getattr(one, f) for f in Range.__dataclass_fields__} for one in ranges]
+    rows = [{f: getattr(fitted, f) for f in Range.__dataclass_fields__} for fitted in ranges]
     write_text_whole(out / RANGES, tomli_w.dumps({"version": 1, "range": rows}))
     lines = [f"MJCF: {out / CORRECTED}, and what to randomise: {out / RANGES}"]
     return lines + [
-        f"  MJCF has no attribute for {name}; {CORRECTED} is without it." for name in left
+        f"  MJCF has no attribute for {name}; {CORRECTED} is without it." for name in inexpressible
     ]
 
 
-def ranges_of(elements: Elements, told: Told) -> tuple[list[Range], list[str]]:
+def ranges_of(elements: Elements, answer: Told) -> tuple[list[Range], list[str]]:
     """Every attribute that was fitted or found, and the effects that MJCF cannot express."""
     found: dict[Key, Range] = {}
-    for name, value in told["constants"].items():
+    for name, value in answer["constants"].items():
         if name in elements.attributes:
-            one = _zero(elements.attributes[name], value["unit"]).more(value)
-            found[one.key] = one
-    left = []
-    for effect in told["effects"]:
+            fitted = _zero(elements.attributes[name], value["unit"]).more(value)
+            found[fitted.key] = fitted
+    inexpressible = []
+    for effect in answer["effects"]:
         kind, _, port = effect["name"].partition("@")
         added = _added(elements, kind, port, effect["parameters"])
         if added is None:
-            left.append(effect["name"])
+            inexpressible.append(effect["name"])
             continue
         start, value, factor = added
         found[start.key] = found.get(start.key, start).more(value, factor)
-    return list(found.values()), left
+    return list(found.values()), inexpressible
 
 
 def _zero(of: Attribute, unit: str) -> Range:
@@ -105,7 +105,7 @@ _OF_ACTUATOR = {"dead-time": ("delay", "delay_s"), "lag": ("lag", "tau_s")}
 
 
 def _added(
-    elements: Elements, kind: str, port: str, told: Told
+    elements: Elements, kind: str, port: str, parameters: Told
 ) -> tuple[Range, Told, float] | None:
     """An attribute as the file has it, what is added to it, and a factor; None for no attribute."""
     for joint in elements.joints:
@@ -114,18 +114,18 @@ def _added(
             is_inertia = kind == "added-inertia"
             factor = joint.inertia if is_inertia else 1.0
             inertia = "kg m²" if joint.turns else "kg"
-            unit = inertia if is_inertia else told[parameter]["unit"]
+            unit = inertia if is_inertia else parameters[parameter]["unit"]
             start = _as_is(
                 "joint", joint.name, attribute, _of_joint(elements, joint.dof, attribute)
             )
-            return replace(start, unit=unit), told[parameter], factor
+            return replace(start, unit=unit), parameters[parameter], factor
     for actuator in elements.actuators:
         if port == actuator.command and kind in _OF_ACTUATOR:
             if kind == "lag" and actuator.act >= 0:
                 return None
             attribute, parameter = _OF_ACTUATOR[kind]
             start = _as_is("actuator", actuator.name, attribute, 0.0)
-            return replace(start, unit="s"), told[parameter], 1.0
+            return replace(start, unit="s"), parameters[parameter], 1.0
     return None
 
 
@@ -139,47 +139,47 @@ def _of_joint(elements: Elements, dof: int, attribute: str) -> float:
     return float(getattr(elements.model, f"dof_{attribute}")[dof])
 
 
-def _write_number(spec: Any, model: Any, one: Range) -> None:
+def _write_number(spec: Any, model: Any, fitted: Range) -> None:
     """A number of an element; in MJCF some are the first of a polynomial's."""
-    element = getattr(spec, one.element)(one.name)
-    if isinstance(getattr(element, one.attribute), np.ndarray):
-        getattr(element, one.attribute)[0] = one.nominal
+    element = getattr(spec, fitted.element)(fitted.name)
+    if isinstance(getattr(element, fitted.attribute), np.ndarray):
+        getattr(element, fitted.attribute)[0] = fitted.nominal
     else:
-        setattr(element, one.attribute, one.nominal)
+        setattr(element, fitted.attribute, fitted.nominal)
 
 
-def _write_kp(spec: Any, model: Any, one: Range) -> None:
-    actuator = spec.actuator(one.name)
-    actuator.gainprm[0], actuator.biasprm[1] = one.nominal, -one.nominal
+def _write_kp(spec: Any, model: Any, fitted: Range) -> None:
+    actuator = spec.actuator(fitted.name)
+    actuator.gainprm[0], actuator.biasprm[1] = fitted.nominal, -fitted.nominal
 
 
-def _write_kv(spec: Any, model: Any, one: Range) -> None:
-    actuator = spec.actuator(one.name)
+def _write_kv(spec: Any, model: Any, fitted: Range) -> None:
+    actuator = spec.actuator(fitted.name)
     if actuator.biasprm[1] == 0.0:  # a velocity servo
-        actuator.gainprm[0] = one.nominal
-    actuator.biasprm[2] = -one.nominal
+        actuator.gainprm[0] = fitted.nominal
+    actuator.biasprm[2] = -fitted.nominal
 
 
-def _write_delay(spec: Any, model: Any, one: Range) -> None:
+def _write_delay(spec: Any, model: Any, fitted: Range) -> None:
     """With as many remembered commands as the delay has steps."""
-    actuator = spec.actuator(one.name)
-    actuator.delay, actuator.interp = max(one.nominal, 0.0), _LINEAR
+    actuator = spec.actuator(fitted.name)
+    actuator.delay, actuator.interp = max(fitted.nominal, 0.0), _LINEAR
     actuator.nsample = math.ceil(actuator.delay / model.opt.timestep) + 1
 
 
-def _write_lag(spec: Any, model: Any, one: Range) -> None:
+def _write_lag(spec: Any, model: Any, fitted: Range) -> None:
     import mujoco
 
-    actuator = spec.actuator(one.name)
+    actuator = spec.actuator(fitted.name)
     actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
-    actuator.dynprm[0] = one.nominal
+    actuator.dynprm[0] = fitted.nominal
 
 
-def _write_mass(spec: Any, model: Any, one: Range) -> None:
+def _write_mass(spec: Any, model: Any, fitted: Range) -> None:
     """The compiled body's inertia, explicit and scaled with the mass."""
-    body, compiled = spec.body(one.name), model.body(one.name)
-    share = one.nominal / float(compiled.mass[0])
-    body.explicitinertial, body.mass = True, one.nominal
+    body, compiled = spec.body(fitted.name), model.body(fitted.name)
+    share = fitted.nominal / float(compiled.mass[0])
+    body.explicitinertial, body.mass = True, fitted.nominal
     body.ipos, body.iquat = compiled.ipos, compiled.iquat
     body.inertia = share * compiled.inertia
 

@@ -136,16 +136,16 @@ def read_spec(path: Path) -> tuple[Any, Any]:
         spec = library.MjSpec.from_file(str(path))
         return spec, spec.compile()
     except ValueError as error:
-        told = re.sub(r"^Error:\s*", "", one_line(error)).rstrip(". ")
-        raise UnusableInput(f"{path}: MuJoCo cannot read it ({told}); mend the file.") from error
+        reason = re.sub(r"^Error:\s*", "", one_line(error)).rstrip(". ")
+        raise UnusableInput(f"{path}: MuJoCo cannot read it ({reason}); mend the file.") from error
 
 
 def word(path: Path, name: str, what: str) -> str:
     """An element's name as part of a Python name; UnusableInput for an element without one."""
-    told = re.sub(r"\W+", "_", name).strip("_").lower()
-    if not told:
+    identifier = re.sub(r"\W+", "_", name).strip("_").lower()
+    if not identifier:
         raise UnusableInput(f"{path}: a {what} has no name; give it one, as logs refer to it.")
-    return told if told[0].isalpha() else f"{what}_{told}"
+    return identifier if identifier[0].isalpha() else f"{what}_{identifier}"
 
 
 def _refuse_unfit(library: Any, path: Path, model: Any) -> None:
@@ -181,7 +181,7 @@ def _joints(library: Any, path: Path, model: Any) -> tuple[Joint, ...]:
         dof = int(model.jnt_dofadr[i])
         place = int(model.jnt_qposadr[i])
         found.append(Joint(name, word(path, name, "joint"), turns, place, dof, inertias[dof]))
-    _require_distinct(path, [one.word for one in found])
+    _require_distinct(path, [joint.word for joint in found])
     return tuple(found)
 
 
@@ -204,7 +204,7 @@ def _actuators(library: Any, path: Path, model: Any) -> tuple[Actuator, ...]:
         act = int(model.actuator_actadr[i]) if model.actuator_actnum[i] else -1
         kind = _kind(library, model, i)
         found.append(Actuator(name, word(path, name, "actuator"), i, act, kind, at))
-    _require_distinct(path, [one.word for one in found])
+    _require_distinct(path, [actuator.word for actuator in found])
     return tuple(found)
 
 
@@ -225,9 +225,9 @@ def _kind(library: Any, model: Any, i: int) -> str:
 
 
 def _require_distinct(path: Path, words: list[str]) -> None:
-    for told in words:
-        if words.count(told) > 1:
-            raise UnusableInput(f"{path}: two elements are called {told!r}; rename one.")
+    for identifier in words:
+        if words.count(identifier) > 1:
+            raise UnusableInput(f"{path}: two elements are called {identifier!r}; rename one.")
 
 
 def _attributes(
@@ -292,8 +292,8 @@ def _masses(model: Any) -> Iterator[tuple[str, Attribute]]:
         if mass <= 0.0 or not name or not model.body_weldid[i]:
             continue
         setter = functools.partial(_set_mass, i)
-        told = f"{word(Path(name), name, 'body')}_mass_kg"
-        yield told, Attribute("body", name, "mass", mass, 0.05, "kg", setter)
+        constant = f"{word(Path(name), name, 'body')}_mass_kg"
+        yield constant, Attribute("body", name, "mass", mass, 0.05, "kg", setter)
 
 
 def _set(field: str, at: tuple[int, ...], model: Any, value: float) -> None:

@@ -74,11 +74,11 @@ class MjcfSystem(System):
         later = [*(j.speed for j in joints), *(a.state for a in acting)]
         return first | {name: rates[..., len(joints) + i] for i, name in enumerate(later)}
 
-    def export(self, told: Mapping[str, Any], out: Path) -> list[str]:
+    def export(self, answer: Mapping[str, Any], out: Path) -> list[str]:
         """An answer as a corrected MJCF with ranges, in a folder; sentences about what is there."""
         from wakedeploy.gap.systems.mjcf.corrected import write_corrected
 
-        return write_corrected(self._elements, told, out)
+        return write_corrected(self._elements, answer, out)
 
     def _advanced(self, x: FloatArray, u: FloatArray, constants: FloatArray) -> FloatArray:
         """Rates (N, n) of states (N, n) under commands and forces (N, m) and constants (N, k)."""
@@ -106,14 +106,14 @@ class MjcfSystem(System):
         if len(self._models) > _MOST_MODELS:
             self._models.clear()
         rows = np.ascontiguousarray(constants)
-        told, known = [], self._models
+        models, known = [], self._models
         for row in rows:
             key = row.tobytes()
             model = known.get(key)
             if model is None:
                 model = known[key] = self._with(row)
-            told.append(model)
-        return told
+            models.append(model)
+        return models
 
     def _with(self, values: FloatArray) -> Any:
         """A model with other constants."""

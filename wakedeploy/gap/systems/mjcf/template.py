@@ -55,12 +55,12 @@ def mjcf_template(model: Path, target: Path) -> str:
     elements = read_elements(model)
     file = os.path.relpath(model.resolve(), target.resolve().parent)
     shown = _outputs(elements)
-    told = {
+    sections = {
         "INPUTS": [f'Input("{a.command}", "{_unit(a, elements)}"),' for a in elements.actuators],
         "STATES": [f'"{name}": "{unit}",' for name, unit in _states(elements)],
         "OUTPUTS": [f'Output("{n}", "{u}", noise={_noise(n):g}),' for n, u in shown],
         "CONSTANTS": [
-            *(_constant(name, one) for name, one in elements.attributes.items()),
+            *(_constant(name, attribute) for name, attribute in elements.attributes.items()),
             *(_inertia(j) for j in elements.joints),
         ],
         "PORTS": [
@@ -70,7 +70,7 @@ def mjcf_template(model: Path, target: Path) -> str:
         ],
     }
     text = _TEXT.replace("STEM", target.stem).replace("CLASS", class_name(target.stem))
-    for part, lines in told.items():
+    for part, lines in sections.items():
         text = text.replace(part, "\n".join(f"        {line}" for line in lines))
     return text.replace("FILE", file)
 
@@ -78,9 +78,9 @@ def mjcf_template(model: Path, target: Path) -> str:
 def _states(elements: Elements) -> list[tuple[str, str]]:
     """Positions, speeds and activations with their units."""
     joints = elements.joints
-    told = [(j.position, "rad" if j.turns else "m") for j in joints]
-    told += [(j.speed, "rad/s" if j.turns else "m/s") for j in joints]
-    return told + [(a.state, "1") for a in elements.actuators if a.act >= 0]
+    states = [(j.position, "rad" if j.turns else "m") for j in joints]
+    states += [(j.speed, "rad/s" if j.turns else "m/s") for j in joints]
+    return states + [(a.state, "1") for a in elements.actuators if a.act >= 0]
 
 
 def _outputs(elements: Elements) -> list[tuple[str, str]]:
@@ -105,10 +105,10 @@ def _noise(name: str) -> float:
     return next(sd for end, sd in _NOISE.items() if name.endswith(end))
 
 
-def _constant(name: str, one: Attribute) -> str:
-    unit = "" if name.endswith("_kg") else f', unit="{one.unit}"'
-    spread = abs(one.spread * one.value)
-    return f'Constant("{name}", {one.value:.6g}, spread={spread:.2g}{unit}),'
+def _constant(name: str, attribute: Attribute) -> str:
+    unit = "" if name.endswith("_kg") else f', unit="{attribute.unit}"'
+    spread = abs(attribute.spread * attribute.value)
+    return f'Constant("{name}", {attribute.value:.6g}, spread={spread:.2g}{unit}),'
 
 
 def _inertia(joint: Joint) -> str:

@@ -40,14 +40,14 @@ def imagined(
         first[acting.states.index(speed)] = 0.0
     x = np.repeat(first[:, None], lanes, axis=1)
     shown = np.empty((len(noise), lanes, count))
-    one = {n: np.full(lanes, v) for n, v in values.items()}
-    one |= acting.formed({n: v[None, :] for n, v in one.items()})
+    spread = {n: np.full(lanes, v) for n, v in values.items()}
+    spread |= acting.formed({n: v[None, :] for n, v in spread.items()})
     with np.errstate(all="ignore"):
         for t in range(count):
             x[:, ~(np.abs(x).max(0) < _LOST)] = np.nan
             time_s = np.full(lanes, t * model.dt_s)
             u = {n: rows[:, t] for n, rows in driven.items()}
-            given = (u, acting.constants(one, time_s), one, time_s)
+            given = (u, acting.constants(spread, time_s), spread, time_s)
             shown[:, :, t] = acting.readings(x, *given)
             x = _advanced(acting, x, given, pushes[:, t : t + 1])
     shown += noise[:, None, None] * random.standard_normal((len(noise), 1, count))
@@ -86,9 +86,9 @@ def _advanced(
         return rates(x) + dt_s * push
     h = dt_s / _FINE
     for _ in range(_FINE):
-        one = rates(x)
-        two = rates(x + 0.5 * h * one)
-        three = rates(x + 0.5 * h * two)
-        four = rates(x + h * three)
-        x = x + h * ((one + 2.0 * two + 2.0 * three + four) / 6.0 + push)
+        k1 = rates(x)
+        k2 = rates(x + 0.5 * h * k1)
+        k3 = rates(x + 0.5 * h * k2)
+        k4 = rates(x + h * k3)
+        x = x + h * ((k1 + 2.0 * k2 + 2.0 * k3 + k4) / 6.0 + push)
     return x

@@ -84,9 +84,9 @@ def plan(
     samples = min(max(log.inputs.shape[1] for log in model.logs), _LONGEST)
     tried = _imagined(model, base, samples)
     options = []
-    for done, one in enumerate(tried, 1):
-        nats = _nats(*_at_base(model, base, one.columns), known)
-        options.append(replace(one, nats=nats))
+    for done, option in enumerate(tried, 1):
+        nats = _nats(*_at_base(model, base, option.columns), known)
+        options.append(replace(option, nats=nats))
         steps(done, len(tried))
     order = sorted(options, key=lambda o: -o.nats)
     share = samples / sum(log.inputs.shape[1] for log in model.logs)
@@ -107,7 +107,7 @@ def _imagined(model: LogModel, base: Fit, samples: int) -> list[Option]:
     """
     tried = list(itertools.product(_candidates(model), _SHARES))
     each = [_columns(model, *candidate, share, samples) for candidate, share in tried]
-    columns = {i.name: np.array([one[i.name] for one in each]) for i in model.system.inputs}
+    columns = {i.name: np.array([driven[i.name] for driven in each]) for i in model.system.inputs}
     shown = imagined(model, base, columns)
     longest: dict[tuple[str, tuple[str, ...]], Option] = {}
     for k, ((excitation, moved), share) in enumerate(tried):
@@ -144,8 +144,8 @@ def _stays(model: LogModel, shown: Mapping[str, FloatArray]) -> int:
         logged = np.concatenate([log.outputs[i] for log in model.logs])
         low, high = float(np.nanmin(logged)), float(np.nanmax(logged))
         more = _BEYOND * (high - low)
-        left = ~((shown[output.name] >= low - more) & (shown[output.name] <= high + more))
-        stays = min(stays, int(np.argmax(left)) if left.any() else stays)
+        outside = ~((shown[output.name] >= low - more) & (shown[output.name] <= high + more))
+        stays = min(stays, int(np.argmax(outside)) if outside.any() else stays)
     return stays
 
 

@@ -66,8 +66,8 @@ def power(
     curves: dict[str, FloatArray] = {}
     for done, name in enumerate(chosen, 1):
         points = responses.scaled(name, responses.usual(name), GRID)
-        told = responses.of(name, points.reshape(-1, points.shape[-1]))
-        curves[name] = told.reshape(*points.shape[:2], -1)
+        changes = responses.of(name, points.reshape(-1, points.shape[-1]))
+        curves[name] = changes.reshape(*points.shape[:2], -1)
         steps(done, len(chosen))
     threshold = chance(curves)
     return Power(threshold, tuple(_of(responses, curves, n, threshold) for n in chosen))
@@ -134,10 +134,10 @@ def _mattering(responses: Responses, name: str, first: FloatArray) -> float:
     model, base = responses.model, responses.base
     hypothesis = (*base.hypothesis, name)
     free = model.free(hypothesis)
-    own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+    places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
     far = int(np.argmin(np.abs(GRID - 0.03)))
     there = extended(base, free)
-    there[own] = responses.scaled(name, first, GRID)[0, far]
+    there[places] = responses.scaled(name, first, GRID)[0, far]
     with_it = replace(base, hypothesis=hypothesis, free=free, theta=there)
     parts = [np.concatenate(model.disagreements(f, base.episodes), 1) for f in (with_it, base)]
     error = np.nanmean(parts[1] ** 2, axis=1)

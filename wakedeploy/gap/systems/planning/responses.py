@@ -43,22 +43,22 @@ class Responses:
     def scaled(self, name: str, points: FloatArray, factors: FloatArray) -> FloatArray:
         """Points (S, p) at multiples of their sizes, shapes as they are, (S, g, p), in bounds."""
         free = self.model.effects[name]
-        told = np.repeat(points[:, None, :], len(factors), axis=1)
+        multiples = np.repeat(points[:, None, :], len(factors), axis=1)
         for k, f in enumerate(free):
             if f.neutral == 0.0:
-                told[:, :, k] *= factors
-            told[:, :, k] = np.clip(told[:, :, k], f.low, f.high)
-        return told
+                multiples[:, :, k] *= factors
+            multiples[:, :, k] = np.clip(multiples[:, :, k], f.low, f.high)
+        return multiples
 
     def of(self, name: str, points: FloatArray) -> FloatArray:
         """What is left of the changes at parameters (K, p): (K, 2n + nuisances)."""
         base, hypothesis = self.base, (*self.base.hypothesis, name)
         free = self.model.free(hypothesis)
-        own = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
+        places = [i for i, f in enumerate(free) if f.name.startswith(f"{name}.")]
         thetas = np.tile(extended(base, free), (len(points) + 1, 1))  # the last is without it
-        thetas[:-1, own] = points
+        thetas[:-1, places] = points
         *moved, without = scores_of(self.model, hypothesis, thetas, base.episodes)
-        return np.array([self._left(self._change(without, scores)) for scores in moved])
+        return np.array([self._residual(self._change(without, scores)) for scores in moved])
 
     def _change(self, without: Sequence[Score], moved: Sequence[Score]) -> FloatArray:
         parts = []
@@ -69,7 +69,7 @@ class Responses:
             parts += [root * innovation / np.sqrt(score.variance), root * stretch / 2.0**0.5]
         return np.concatenate(parts)
 
-    def _left(self, row: FloatArray) -> FloatArray:
+    def _residual(self, row: FloatArray) -> FloatArray:
         """A change less what nuisances make of it; what that costs their priors comes behind it."""
         padded = np.concatenate([row, np.zeros(len(self._known) - len(row))])
         return np.asarray(padded - self._known @ (self._known[: len(row)].T @ row))

@@ -152,7 +152,7 @@ def test_triangles_split_coulomb_from_viscous_friction(tmp_path) -> None:
     assert best.manoeuvre.name == "triangles-both"
     assert best.worst_nats > 2.0 * made.options[1].worst_nats
     assert "triangles-both" in made.sentence
-    assert made.told.manoeuvre == "triangles-both"
+    assert made.as_artefact.manoeuvre == "triangles-both"
     written = write_plan_reference(tmp_path / "fly.csv", RIG, best)
     back = read_reference(tmp_path / "fly.csv", RIG)
     np.testing.assert_allclose(back.z_m, written.z_m, atol=1e-6)
@@ -162,7 +162,7 @@ def test_without_the_source_nothing_tells_its_lag_from_its_way() -> None:
     made = make_plan(RIG, ["spool-lag-source", "transport-speed"], manoeuvres=some("height-steps"))
     assert made.best is None
     assert "source steps at two separations" in made.sentence
-    assert made.told.flights is None
+    assert made.as_artefact.flights is None
 
 
 def test_more_flights_of_a_kind_add_up(evidence) -> None:

@@ -175,7 +175,7 @@ def test_a_promise_is_what_a_full_fit_gains():
 def test_the_rig_file_s_force_is_the_one_that_was_fitted():
     model, found = found_in(lambda m: 0.2 * np.sin(9.0 * m.time_s) + 0.9 * (m.z_m - 0.4) ** 2)
     entry = to_effect(found, data_sha256="ab", date="2026-11-21")
-    assert to_effect(found.told).parameters == entry.parameters
+    assert to_effect(found.as_artefact).parameters == entry.parameters
     written = default_rig().model_copy(update={"effect": (entry,)}).text
     effect = symbolic_effect(entry)
     values = {name: p.value for name, p in entry.parameters.items()}

@@ -61,7 +61,7 @@ class Option:
         return float(_pairs(self.loss).min())
 
     @property
-    def told(self) -> artefacts.Option:
+    def as_artefact(self) -> artefacts.Option:
         """As plan.json has it."""
         return artefacts.Option(
             manoeuvre=self.manoeuvre.name,
@@ -112,7 +112,7 @@ class Plan:
         )
 
     @property
-    def told(self) -> artefacts.Plan:
+    def as_artefact(self) -> artefacts.Plan:
         """As plan.json has it."""
         best = self.best
         return artefacts.Plan(
@@ -124,7 +124,7 @@ class Plan:
             split_by=self.sensors,
             is_searched=True,
             margin_nats=MARGIN_NATS,
-            options=[option.told for option in (*self.options, self.random)],
+            options=[option.as_artefact for option in (*self.options, self.random)],
         )
 
 

@@ -97,7 +97,7 @@ def corrected(reference: Reference) -> Rig:
     date = datetime.datetime.now(datetime.UTC).date().isoformat()
     rig = updated(reference.rig, _calibrated(reference), date)
     rig = rig.changed(
-        discrepancy={"fitted": {n: list(told) for n, told in form_learned(reference).items()}},
+        discrepancy={"fitted": {n: list(term) for n, term in form_learned(reference).items()}},
         repeatability=reference.repeatability.model_dump(),
     )
     digest = sha256_of("".join(f.sha256 for f in reference.flights).encode())

@@ -67,7 +67,7 @@ class Reference:
     rig: Rig
     flights: tuple[Flight, ...]
     kept: tuple[int, ...]
-    own: tuple[Own, ...]
+    variations: tuple[Own, ...]
     odd: tuple[Odd, ...]
     model: GantryModel
     fit: Fit
@@ -75,7 +75,9 @@ class Reference:
     @property
     def repeatability(self) -> Repeatability:
         """The variation that is sure, of each quantity."""
-        sure = {_FIELDS[o.quantity.name]: o.between.sd for o in self.own if o.between.is_sure}
+        sure = {
+            _FIELDS[o.quantity.name]: o.between.sd for o in self.variations if o.between.is_sure
+        }
         return Repeatability(**sure)
 
 
@@ -96,27 +98,27 @@ def learn(rig: Rig, flights: Sequence[Flight], progress: Progress = quiet) -> Re
         model = model.around_own_motion(model.neutral())
     start = model.neutral().theta
     model, base = refitted(model, fit(model, (), range(model.episodes), start))
-    told = [model.own(base, episode) for episode in range(len(flights))]
-    odd = odd_flights(varying(loose), told)
+    deviations = [model.own_deviations(base, episode) for episode in range(len(flights))]
+    odd = odd_flights(varying(loose), deviations)
     kept = tuple(i for i in range(len(flights)) if i not in {o.flight for o in odd})
-    own = tuple(_own(one, told, kept) for one in varying(loose))
-    first = Reference(rig, tuple(flights), kept, own, odd, model, base)
+    variations = tuple(_variation(quantity, deviations, kept) for quantity in varying(loose))
+    first = Reference(rig, tuple(flights), kept, variations, odd, model, base)
     progress("fitting what they have in common")
     return _settled(first)
 
 
 def odd_flights(
-    quantities: Sequence[Varying], told: Sequence[Mapping[str, tuple[float, float]]]
+    quantities: Sequence[Varying], deviations: Sequence[Mapping[str, tuple[float, float]]]
 ) -> tuple[Odd, ...]:
     """The flights that are unlike the others, the oddest first, as long as enough are left.
 
-    `told` are value and standard error per flight, by quantity.
+    `deviations` are value and standard error per flight, by quantity.
     """
     found: list[Odd] = []
-    while len(told) - len(found) > RULES.fewest_flights:
-        left = [i for i in range(len(told)) if i not in {o.flight for o in found}]
-        tried = len(left) * len(quantities)
-        each = [_farthest(one, told, left, tried) for one in quantities]
+    while len(deviations) - len(found) > RULES.fewest_flights:
+        remaining = [i for i in range(len(deviations)) if i not in {o.flight for o in found}]
+        tried = len(remaining) * len(quantities)
+        each = [_farthest(quantity, deviations, remaining, tried) for quantity in quantities]
         oddest = min(each, key=lambda o: o.p_value)
         if oddest.p_value > ODD:
             break
@@ -126,20 +128,20 @@ def odd_flights(
 
 def _farthest(
     quantity: Varying,
-    told: Sequence[Mapping[str, tuple[float, float]]],
-    left: Sequence[int],
+    deviations: Sequence[Mapping[str, tuple[float, float]]],
+    remaining: Sequence[int],
     tried: int,
 ) -> Odd:
-    pairs = np.array([told[i][quantity.name] for i in left])
+    pairs = np.array([deviations[i][quantity.name] for i in remaining])
     apart: Apart = farthest(pairs[:, 0], pairs[:, 1], tried)
-    return Odd(left[apart.flight], quantity, apart.away, apart.p_value)
+    return Odd(remaining[apart.flight], quantity, apart.away, apart.p_value)
 
 
-def _own(
-    quantity: Varying, told: Sequence[Mapping[str, tuple[float, float]]], kept: Sequence[int]
+def _variation(
+    quantity: Varying, deviations: Sequence[Mapping[str, tuple[float, float]]], kept: Sequence[int]
 ) -> Own:
-    pairs = np.array([one[quantity.name] for one in told])
-    odd = [i for i in range(len(told)) if i not in kept]
+    pairs = np.array([of_flight[quantity.name] for of_flight in deviations])
+    odd = [i for i in range(len(deviations)) if i not in kept]
     between = variation(without(pairs[:, 0], odd), without(pairs[:, 1], odd))
     return Own(quantity, pairs[:, 0], pairs[:, 1], between)
 

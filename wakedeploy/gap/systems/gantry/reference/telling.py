@@ -23,7 +23,7 @@ def as_json(reference: Reference) -> dict[str, Any]:
     return {
         "flights": names,
         "learned_from": [names[i] for i in reference.kept],
-        "repeatability": [_own(quantity, names) for quantity in reference.own],
+        "repeatability": [_variation_as_json(quantity, names) for quantity in reference.variations],
         "odd": [
             {
                 "flight": names[o.flight],
@@ -44,7 +44,7 @@ def as_json(reference: Reference) -> dict[str, Any]:
     }
 
 
-def _own(learned: Own, names: Sequence[str]) -> dict[str, Any]:
+def _variation_as_json(learned: Own, names: Sequence[str]) -> dict[str, Any]:
     values = zip(names, learned.values, learned.errors, strict=True)
     return {
         "quantity": learned.quantity.name,
@@ -60,7 +60,7 @@ def _own(learned: Own, names: Sequence[str]) -> dict[str, Any]:
 def sentences(reference: Reference) -> list[str]:
     """The same in plain words, the flights that are unlike the others first."""
     lines = [_odd(odd, Path(reference.flights[odd.flight].name).name) for odd in reference.odd]
-    lines += [_variation(quantity) for quantity in reference.own]
+    lines += [_variation(quantity) for quantity in reference.variations]
     for name in reference.fit.hypothesis:
         for parameter, size in sizes_of(reference.fit, name).items():
             ends = f"[{size.low:.3g}, {size.high:.3g}]"

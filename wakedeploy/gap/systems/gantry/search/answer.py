@@ -54,7 +54,7 @@ def told_of(answer: Answer, started_s: float, is_simulated: bool = True) -> Name
         rounds=[_round(r, concluded, is_simulated) for r in answer.rounds],
         confusion=_confusion(answer) if concluded else Confusion(),
         detectable=detectable(answer) if concluded else {},
-        unknown=answer.unknown.told if answer.unknown is not None else None,
+        unknown=answer.unknown.as_artefact if answer.unknown is not None else None,
         rest=_rest(answer),
         closest=_closest(answer),
         form_exact=answer.rest is None and answer.white.passes(answer.thresholds.whiteness),
@@ -131,7 +131,7 @@ def _rest(answer: Answer) -> Expression | None:
     if answer.rest is None:
         return None
     force_n = force_of(answer.model, answer.rest.fit, answer.rest.terms)
-    return answer.rest.told.model_copy(update={"force_n": force_n})
+    return answer.rest.as_artefact.model_copy(update={"force_n": force_n})
 
 
 def unsettled(answer: Answer) -> list[str]:

@@ -41,9 +41,9 @@ def explainable(model: GantryModel, fitted: Fit, judging: GantryModel | None) ->
 
     Without any that judge, each flight is told by the others.
     """
-    known = [_told(model, fitted, i) for i in range(model.episodes)]
+    known = [_errors_ahead(model, fitted, i) for i in range(model.episodes)]
     if judging is not None:
-        other = [_told(judging, fitted, i) for i in range(judging.episodes)]
+        other = [_errors_ahead(judging, fitted, i) for i in range(judging.episodes)]
         return _removed(known, other)
     return _joined([(known[:i] + known[i + 1 :], [known[i]]) for i in range(len(known))])
 
@@ -74,7 +74,7 @@ def _blocks(known: list[_Told], other: list[_Told]) -> tuple[list[FloatArray], l
     return old, new
 
 
-def _told(model: GantryModel, fitted: Fit, episode: int) -> _Told:
+def _errors_ahead(model: GantryModel, fitted: Fit, episode: int) -> _Told:
     found = residuals(model, fitted, _CHANNEL, episode)
     flight = model.flights[episode]
     times = flight.sample_s[flight.counted]

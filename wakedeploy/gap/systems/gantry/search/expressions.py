@@ -103,7 +103,7 @@ class Symbolic:
         return float(self.gains.sum()) + self.prior_gain
 
     @property
-    def told(self) -> findings.Expression:
+    def as_artefact(self) -> findings.Expression:
         """What `name.json` says under "unknown"."""
         return findings.Expression(
             coordinates=list(self.coordinates),
@@ -146,7 +146,7 @@ def search(
     searched.drop_idle()
     if not searched.chosen:
         return None
-    return told(base, searched.current, tuple(searched.chosen), setting, terms)
+    return symbolic_of(base, searched.current, tuple(searched.chosen), setting, terms)
 
 
 def to_effect(
@@ -160,7 +160,7 @@ def to_effect(
     `onto` is the symbolic force that the rig has already; both are summed. Raises UnusableInput for
     what is no expression in the variables and its own parameters.
     """
-    known = symbolic.told if isinstance(symbolic, Symbolic) else symbolic
+    known = symbolic.as_artefact if isinstance(symbolic, Symbolic) else symbolic
     try:
         stated = known.entries()
         expression = expression_of(known.expression, stated)
@@ -308,7 +308,7 @@ def _simplest(ranked: Sequence[Candidate], terms: Mapping[str, ExpressionForce])
     return min(equal, key=lambda c: (len(list(nodes(terms[c.name].formula.root))), -c.gain_nats))
 
 
-def told(
+def symbolic_of(
     base: Fit,
     fitted: Fit,
     names: Sequence[str],

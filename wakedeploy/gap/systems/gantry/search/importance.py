@@ -45,7 +45,7 @@ class Removed:
         return self.share >= RULES.least_share and self.low > 0.0
 
     @property
-    def told(self) -> Forecast:
+    def as_artefact(self) -> Forecast:
         """As `name.json` holds it."""
         return Forecast(share=self.share, low=self.low, high=self.high)
 
@@ -96,13 +96,13 @@ class Mattering:
         return self.helps and not spoils and bool(counts) and surely
 
     @property
-    def told(self) -> Worth:
+    def as_artefact(self) -> Worth:
         """As `name.json` holds it."""
         wrong = self.placebo_shares
         return Worth(
             matters=self.matters,
             confirmed=self.is_confirmed,
-            removed={f"{h:g} s ahead": r.told for h, r in self.removed.items()},
+            removed={f"{h:g} s ahead": r.as_artefact for h, r in self.removed.items()},
             sealed_gain_nats=self.gain_nats,
             force_n=self.cost.force_n,
             tracking_m=Tracking(

@@ -37,14 +37,14 @@ def judged(named: Name, parts: Sequence[Sequence[str]], worth: Sequence[Matterin
 def unexplained(named: Name, worth: Removed) -> Name:
     """Where flights disagree and nothing was found: unknown only if knowing it would help."""
     verdict = "unknown" if worth.clearly else "none"
-    return named.model_copy(update={"verdict": verdict, "explainable": worth.told})
+    return named.model_copy(update={"verdict": verdict, "explainable": worth.as_artefact})
 
 
 def _of_names(named: Name, labels: Mapping[str, Mattering]) -> Name:
     kept, gone = list[Effect](), list[Effect]()
     for effect in named.effects:
         label = labels[effect.name]
-        entry = effect.model_copy(update={"worth": label.told})
+        entry = effect.model_copy(update={"worth": label.as_artefact})
         (kept if label.is_confirmed else gone).append(entry)
     verdict = "named" if kept else "none"
     return named.model_copy(update={"verdict": verdict, "effects": kept, "withdrawn": gone})
@@ -53,7 +53,7 @@ def _of_names(named: Name, labels: Mapping[str, Mattering]) -> Name:
 def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
     """A class whose best member does not matter need not be split; what helps none is gone."""
     if worth.matters:
-        return named.model_copy(update={"worth": worth.told})
+        return named.model_copy(update={"worth": worth.as_artefact})
     nothing: dict[str, object] = {
         "verdict": "none",
         "effects": [],
@@ -62,16 +62,16 @@ def _of_class(named: Name, part: Sequence[str], worth: Mattering) -> Name:
         "others": [],
     }
     if worth.is_confirmed:
-        small = Expression(text=" or ".join(named.rivals), worth=worth.told)
+        small = Expression(text=" or ".join(named.rivals), worth=worth.as_artefact)
         return named.model_copy(update={**nothing, "small": small})
-    gone = [Effect(name=name, worth=worth.told) for name in part]
+    gone = [Effect(name=name, worth=worth.as_artefact) for name in part]
     return named.model_copy(update={**nothing, "withdrawn": gone})
 
 
 def _of_unknown(named: Name, worth: Mattering) -> Name:
     """An expression that does not matter is no answer: what it tells of is a little rest."""
     if worth.matters or named.unknown is None:
-        return named.model_copy(update={"worth": worth.told})
-    small = named.unknown.model_copy(update={"worth": worth.told})
+        return named.model_copy(update={"worth": worth.as_artefact})
+    small = named.unknown.model_copy(update={"worth": worth.as_artefact})
     nothing: dict[str, object] = {"unknown": None, "beside": [], "rest": None}
     return named.model_copy(update={**nothing, "verdict": "none", "small": small})

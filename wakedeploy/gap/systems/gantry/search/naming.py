@@ -364,8 +364,8 @@ def _form_nats(name: str, found: Mapping[str, float]) -> float:
     )
 
 
-def _related(one: str, other: str) -> bool:
-    return other in LIBRARY[one].confused_with or one in LIBRARY[other].confused_with
+def _related(name: str, other: str) -> bool:
+    return other in LIBRARY[name].confused_with or name in LIBRARY[other].confused_with
 
 
 def with_terms(model: GantryModel) -> GantryModel:

@@ -10,7 +10,7 @@ import numpy as np
 from wakedeploy.gap.evidence.inference import Fit, Hypothesis, applied, fit
 from wakedeploy.gap.evidence.ranking import candidate
 from wakedeploy.gap.systems.gantry.likelihood import GantryModel
-from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, told
+from wakedeploy.gap.systems.gantry.search.expressions import Symbolic, symbolic_of
 from wakedeploy.physics.effects.chain import setting_of
 
 STILL_NATS = 0.3  # a fit that gains less around a new motion has found its own
@@ -61,7 +61,7 @@ def without_idle(
 def expressed_by_own_motion(model: GantryModel, on: Fit, found: Symbolic) -> Symbolic:
     """An expression that was found on top of a fit, around the motion that it explains itself."""
     _, fitted = refitted(model, found.fit)
-    return _told(model, on, fitted, found.terms)
+    return _symbolic(model, on, fitted, found.terms)
 
 
 def joined(
@@ -88,7 +88,7 @@ def joined(
         model, on = base
     elif remaining != effects:
         model, on = reduced(near, joint, remaining)
-    here = _told(near, on, joint, found.terms)
+    here = _symbolic(near, on, joint, found.terms)
     again = search(model, on) if remaining != effects else None
     if again is None or _merit(again, least_nats) <= _merit(here, least_nats):
         return near, here
@@ -99,5 +99,5 @@ def _merit(symbolic: Symbolic, least_nats: float) -> float:
     return symbolic.gain_nats - least_nats * len(symbolic.terms)
 
 
-def _told(model: GantryModel, on: Fit, fitted: Fit, terms: Sequence[str]) -> Symbolic:
-    return told(on, fitted, terms, vars(setting_of(model.rig)))
+def _symbolic(model: GantryModel, on: Fit, fitted: Fit, terms: Sequence[str]) -> Symbolic:
+    return symbolic_of(on, fitted, terms, vars(setting_of(model.rig)))

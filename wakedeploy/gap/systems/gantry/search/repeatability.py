@@ -56,10 +56,10 @@ def _half(answer: Answer, flights: Sequence[Flight], found: str, wanted: Sequenc
     most = sorted(others, key=lambda n: -promised[n])[:_PROMISING]
     base, ranked = rank_fairly(model, base, [*wanted, *most])
     near = [c for c in ranked if c.gain_nats > ranked[0].gain_nats - RULES.class_nats]
-    return _told(flights, near, found)
+    return _half_of(flights, near, found)
 
 
-def _told(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> Half:
+def _half_of(flights: Sequence[Flight], near: Sequence[Candidate], found: str) -> Half:
     """The half's answer by the effect that the whole search found, where it is near the best."""
     leading = next((c for c in near if c.name == found), near[0])
     parameter = LIBRARY[leading.name].parameters[0]
